@@ -1,0 +1,187 @@
+"""Bodies: what is known of a robot's parts, and batches of ways to hang them together.
+
+Frames: torso x forward, y left, z up. A part's frame has its origin at its joint
+and x along the part; at zero joint angles all parts lie in one horizontal plane.
+Part 0 is the torso, parts 1..P are the moving ones; arrays over parts have P columns.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Anatomy:
+    """What a robot knows of its parts before it asks how they hang together.
+
+    Attributes:
+        name: of the robot.
+        parts: (P) names of parts 1..P.
+        joints: (P) names of the joints that move them.
+        torso_half: (3) half sizes of the torso box [m].
+        torso_mass: [kg].
+        rim: (3) half width in x, in y of the rectangle on whose perimeter parts
+            attach to the torso, and its height above the torso's center [m].
+        length: (P) [m].
+        radius: (P) of the capsule [m].
+        mass: (P) of the capsule [kg].
+        block_half: (P, 3) half sizes of the housing at the part's joint [m]; 0 = none.
+        block_center: (P) where the housing's center is along the part [m].
+        block_mass: (P) [kg].
+        feet: the parts (1..P) whose tips feel the floor.
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    joints: tuple[str, ...]
+    torso_half: Floats
+    torso_mass: float
+    rim: Floats
+    length: Floats
+    radius: Floats
+    mass: Floats
+    block_half: Floats
+    block_center: Floats
+    block_mass: Floats
+    feet: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """The number of moving parts P."""
+        return len(self.parts)
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """A batch of N bodies made of one anatomy's parts.
+
+    Attributes:
+        anatomy: the parts.
+        parent: (N, P) parent of part 1..P; 0 is the torso, k < i is part k.
+        anchor: (N, P, 3) the joint in the parent's frame [m].
+        heading: (N, P) turn about z from the parent's frame to the part's [rad].
+        axis: (N, P, 3) unit hinge axis in the part's frame.
+        length: (N, P) [m].
+        thickness: (N, P) factor on the radius and on the housing's size and mass [1].
+        mass: (N, P) of the capsule [kg].
+    """
+
+    anatomy: Anatomy
+    parent: Ints
+    anchor: Floats
+    heading: Floats
+    axis: Floats
+    length: Floats
+    thickness: Floats
+    mass: Floats
+
+    def __len__(self) -> int:
+        return len(self.parent)
+
+    def __getitem__(self, rows: slice | Ints | NDArray[np.bool_]) -> "Bodies":
+        """The bodies of these rows, as a batch."""
+        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]}
+        return replace(self, **columns)
+
+
+def concatenate(*batches: Bodies) -> Bodies:
+    """All bodies of several batches of one anatomy, in order."""
+    names = [f.name for f in fields(Bodies)[1:]]
+    columns = {n: np.concatenate([getattr(b, n) for b in batches]) for n in names}
+    return replace(batches[0], **columns)
+
+
+def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:
+    """Shrink or grow parts as in paper A after damage.
+
+    Args:
+        bodies: N bodies.
+        scale: (N, P) factor on length, diameter, mass and housing of each part
+            [1], 0.1 to 2 in the paper. A joint on a scaled part moves with it.
+
+    Returns:
+        N new bodies.
+    """
+    scale = np.broadcast_to(np.asarray(scale, float), bodies.length.shape)
+    on_torso = np.ones((len(bodies), 1))
+    of_parent = np.take_along_axis(np.hstack([on_torso, scale]), bodies.parent, axis=1)
+    return replace(
+        bodies,
+        anchor=bodies.anchor * of_parent[..., None],
+        length=bodies.length * scale,
+        thickness=bodies.thickness * scale,
+        mass=bodies.mass * scale,
+    )
+
+
+def planar_frames(bodies: Bodies) -> tuple[Floats, Floats]:
+    """Where parts are at zero joint angles.
+
+    Args:
+        bodies: N bodies.
+
+    Returns:
+        origin: (N, P + 1, 3) of the torso and each part, in the torso's frame [m].
+        heading: (N, P + 1) direction of each part from the torso's x axis [rad].
+    """
+    n, p = bodies.parent.shape
+    row = np.arange(n)
+    origin, heading = np.zeros((n, p + 1, 3)), np.zeros((n, p + 1))
+    for i in range(p):
+        parent, anchor = bodies.parent[:, i], bodies.anchor[:, i]
+        turn = heading[row, parent]
+        c, s = np.cos(turn), np.sin(turn)
+        x = c * anchor[:, 0] - s * anchor[:, 1]
+        y = s * anchor[:, 0] + c * anchor[:, 1]
+        offset = np.stack([x, y, anchor[:, 2]], axis=1)
+        origin[:, i + 1] = origin[row, parent] + offset
+        heading[:, i + 1] = turn + bodies.heading[:, i]
+    return origin, heading
+
+
+def part_points(bodies: Bodies, along: float) -> Floats:
+    """(N, P, 3) point on each part's axis, zero angles, torso frame [m].
+
+    Args:
+        bodies: N bodies.
+        along: 0 = the joint, 0.5 = the part's center, 1 = its tip.
+    """
+    origin, heading = planar_frames(bodies)
+    reach = along * bodies.length
+    flat = np.stack([np.cos(heading[:, 1:]), np.sin(heading[:, 1:])], axis=2)
+    points = origin[:, 1:].copy()
+    points[..., :2] += reach[..., None] * flat
+    return points
+
+
+def center_distance(bodies: Bodies, truth: Bodies) -> Floats:
+    """(N) body distance [cm]: mean over parts of |center_i - true center_i| * 100.
+
+    Centers at zero joint angles. Paper A's "model error" fits this formula
+    (papers.md 1.6): 20.8 cm for random genomes.
+    """
+    gap = part_points(bodies, 0.5) - part_points(truth, 0.5)
+    return 100 * np.linalg.norm(gap, axis=2).mean(axis=1)
+
+
+def tip_distance(bodies: Bodies, truth: Bodies) -> Floats:
+    """(N) mean over parts of |tip_i - true tip_i| * 100 [cm], zero joint angles."""
+    gap = part_points(bodies, 1.0) - part_points(truth, 1.0)
+    return 100 * np.linalg.norm(gap, axis=2).mean(axis=1)
+
+
+def length_error(bodies: Bodies, truth: Bodies) -> Floats:
+    """(N) mean over parts of |length_i - true length_i| * 100 [cm] (paper C)."""
+    return 100 * np.abs(bodies.length - truth.length).mean(axis=1)
+
+
+def edge_f1(bodies: Bodies, truth: Bodies) -> Floats:
+    """(N) F1 of the labelled edges {(parent_i, i)}: 2 |E n T| / (|E| + |T|) [1].
+
+    Every body has exactly P edges, so precision = recall = F1 = share of right parents.
+    """
+    return (bodies.parent == truth.parent).mean(axis=1)

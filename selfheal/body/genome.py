@@ -1,0 +1,169 @@
+"""Genomes: batched encodings of bodies, and how a genome becomes a body.
+
+One batch holds every gene of all three encodings; a space (see `selfmodel`) says which
+of them may vary. Paper A: parent and placement. Paper C: parent, side, hinge and length.
+"""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .body import Anatomy, Bodies, Floats, Ints
+
+# Paper A maps a gene v of part i to t = v (i - 1 + 0.9999); papers.md 1.3.
+_PAPER_SPAN = 0.9999
+# Paper C's six hinge kinds as axes in the part's frame: turn left, right (about z),
+# up, down (about y), roll either way about the part's own axis. papers.md 2, C.
+HINGE_AXES = np.array(
+    [[0, 0, 1], [0, 0, -1], [0, -1, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0]], float
+)
+HINGE_NAMES = ("left", "right", "up", "down", "roll_left", "roll_right")
+UP = HINGE_NAMES.index("up")
+LENGTH_RANGE = (0.01, 0.20)  # [m], paper C
+
+
+@dataclass(frozen=True)
+class Genomes:
+    """A batch of N genomes for P parts.
+
+    Attributes:
+        parent: (N, P) 0..i-1 for part i.
+        placement: (N, P) in [0, 1), clockwise round the parent's perimeter from its
+            back left corner: quarters left, front, right, back (paper A).
+        hinge: (N, P) 0..5, index into HINGE_NAMES. UP means paper A's hinge.
+        length: (N, P) [m].
+    """
+
+    parent: Ints
+    placement: Floats
+    hinge: Ints
+    length: Floats
+
+    def __len__(self) -> int:
+        return len(self.parent)
+
+    def __getitem__(self, rows: slice | Ints | NDArray[np.bool_]) -> "Genomes":
+        """The genomes of these rows, as a batch."""
+        return Genomes(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    @property
+    def side(self) -> Ints:
+        """(N, P) the perimeter's quarter: 0 left, 1 front, 2 right, 3 back."""
+        return np.minimum(self.placement * 4, 3).astype(np.int64)
+
+
+def concatenate(*batches: Genomes) -> Genomes:
+    """All genomes of several batches, in order."""
+    names = [f.name for f in fields(Genomes)]
+    return Genomes(*(np.concatenate([getattr(b, n) for b in batches]) for n in names))
+
+
+def from_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
+    """Genomes of paper A's encoding: known lengths, hinges that lift the part."""
+    parent = np.atleast_2d(np.asarray(parent, np.int64))
+    length = np.broadcast_to(anatomy.length, parent.shape).copy()
+    placement = np.broadcast_to(np.asarray(placement, float), parent.shape).copy()
+    return Genomes(parent, placement, np.full(parent.shape, UP), length)
+
+
+def from_unit(anatomy: Anatomy, genes: Floats) -> Genomes:
+    """Genomes from paper A's eight genes in [0, 1] (papers.md 1.3).
+
+    Args:
+        anatomy: the parts.
+        genes: (N, P) in [0, 1]; parent = floor(t), placement = t - parent with
+            t = gene * (i - 1 + 0.9999) for part i = 1..P.
+    """
+    t = np.atleast_2d(genes) * (np.arange(anatomy.size) + _PAPER_SPAN)
+    parent = np.floor(t).astype(np.int64)
+    return from_tree(anatomy, parent, t - parent)
+
+
+def to_unit(genomes: Genomes) -> Floats:
+    """(N, P) paper A's genes in [0, 1]; the inverse of `from_unit`."""
+    t = genomes.parent + genomes.placement
+    return t / (np.arange(genomes.parent.shape[1]) + _PAPER_SPAN)
+
+
+def from_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
+    """Genomes from paper C's 8 x 4 matrices.
+
+    Args:
+        anatomy: the parts.
+        matrix: (N, P, 4) in [0, 1]: parent scaled to 0..i-1, side to 0..3, hinge kind
+            to 0..5, length to LENGTH_RANGE.
+    """
+    below_one = np.clip(matrix, 0.0, np.nextafter(1.0, 0.0))
+    parent = np.floor(below_one[..., 0] * np.arange(1, anatomy.size + 1))
+    side = np.floor(below_one[..., 1] * 4)
+    hinge = np.floor(below_one[..., 2] * 6)
+    low, high = LENGTH_RANGE
+    length = low + matrix[..., 3] * (high - low)
+    return Genomes(
+        parent.astype(np.int64), (side + 0.5) / 4, hinge.astype(np.int64), length
+    )
+
+
+def at_sides(genomes: Genomes) -> Genomes:
+    """The same trees with every attachment moved to the middle of its side."""
+    return replace(genomes, placement=(genomes.side + 0.5) / 4)
+
+
+def _anchors(half: Floats, placement: Floats) -> tuple[Floats, Floats]:
+    """Point on a rectangle's perimeter, (..., 2), for half sizes (..., 2)."""
+    quarter = np.minimum(np.floor(placement * 4), 3)
+    along = 2 * (placement * 4 - quarter) - 1
+    x = np.choose(quarter.astype(int), [along, np.ones_like(along), -along, -1.0])
+    y = np.choose(quarter.astype(int), [1.0, -along, -np.ones_like(along), along])
+    return x * half[..., 0], y * half[..., 1]
+
+
+def build(anatomy: Anatomy, genomes: Genomes) -> Bodies:
+    """The bodies that genomes stand for (papers.md 1.3 and 2, C).
+
+    A part leaves its parent at the perimeter point `placement`, in the direction
+    parent's direction - (2 pi placement - 3 pi / 4), so that the middle of a side
+    means straight out of it. A hinge of kind `up` is paper A's: horizontal, normal
+    to the line from the parent's center to the part's, positive lifts the outer end.
+    Mass is in proportion to length.
+    """
+    n, p = genomes.parent.shape
+    radius = np.hstack([np.zeros((n, 1)), np.broadcast_to(anatomy.radius, (n, p))])
+    reach = np.hstack([np.zeros((n, 1)), genomes.length])
+    half = np.stack(
+        [
+            np.take_along_axis(reach / 2, genomes.parent, axis=1),
+            np.take_along_axis(radius, genomes.parent, axis=1),
+        ],
+        axis=2,
+    )
+    on_torso = (genomes.parent == 0)[..., None]
+    half = np.where(on_torso, anatomy.rim[:2], half)
+    x, y = _anchors(half, genomes.placement)
+    center = np.where(on_torso[..., 0], 0.0, half[..., 0])
+    height = np.where(on_torso[..., 0], anatomy.rim[2], 0.0)
+    heading = 0.75 * np.pi - 2 * np.pi * genomes.placement
+    out_x = x + genomes.length / 2 * np.cos(heading)
+    out_y = y + genomes.length / 2 * np.sin(heading)
+    slant = np.arctan2(out_y, out_x) - heading
+    lift = np.stack([np.sin(slant), -np.cos(slant), np.zeros((n, p))], axis=2)
+    axis = np.where((genomes.hinge == UP)[..., None], lift, HINGE_AXES[genomes.hinge])
+    return Bodies(
+        anatomy=anatomy,
+        parent=genomes.parent,
+        anchor=np.stack([x + center, y, height], axis=2),
+        heading=heading,
+        axis=axis,
+        length=genomes.length,
+        thickness=np.ones((n, p)),
+        mass=anatomy.mass * genomes.length / anatomy.length,
+    )
+
+
+def random_genomes(
+    anatomy: Anatomy, count: int, rng: np.random.Generator, sides: bool
+) -> Genomes:
+    """`count` random attachment trees: gene i uniform, so parent uniform in 0..i-1."""
+    genomes = from_unit(anatomy, rng.random((count, anatomy.size)))
+    return at_sides(genomes) if sides else genomes

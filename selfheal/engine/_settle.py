@@ -1,0 +1,324 @@
+"""Quasi-static settling of one posed body on a floor, compiled with numba.
+
+A body at rest on a frictionless floor sits in a local minimum of its center of mass's
+height H(n) = max_k(r_k - n . (p_k - c)), the support function of its hull of spheres
+(points p_k, radii r_k) over the direction n of "up" in the torso's frame. While its
+contacts do not carry the center of mass it tips about the nearest point of their hull
+to the next contact, an exact rotation each. Joints move in sub-steps, each settled from
+the last one's rest.
+"""
+
+import numba
+import numpy as np
+
+_TOUCH = 1e-5  # [m] points within this of the floor are contacts; chosen
+_INSIDE = 1e-7  # [m] the center of mass is carried when this close to the hull; chosen
+_TURNS = 60  # at most this many tips a sub-step; chosen (2 on average)
+_JIT = dict(cache=True, nogil=True, fastmath=False, error_model="numpy")
+
+
+@numba.njit(inline="always", **_JIT)
+def _rotate_about(axis, angle, out):
+    """Rotation matrix about a unit axis (Rodrigues)."""
+    c, s = np.cos(angle), np.sin(angle)
+    x, y, z = axis[0], axis[1], axis[2]
+    d = 1.0 - c
+    out[0, 0] = c + x * x * d
+    out[0, 1] = x * y * d - z * s
+    out[0, 2] = x * z * d + y * s
+    out[1, 0] = y * x * d + z * s
+    out[1, 1] = c + y * y * d
+    out[1, 2] = y * z * d - x * s
+    out[2, 0] = z * x * d - y * s
+    out[2, 1] = z * y * d + x * s
+    out[2, 2] = c + z * z * d
+
+
+@numba.njit(**_JIT)
+def _pose(body, known, q, points, com, frames, spots):
+    """Points of contact and center of mass for joint angles q, torso frame."""
+    parent, anchor, heading, axis, length, thickness, mass = body
+    torso_half, torso_mass, block_half, block_center, block_mass = known
+    p = parent.shape[0]
+    for i in range(3):
+        com[i] = 0.0
+        spots[0, i] = 0.0
+        for j in range(3):
+            frames[0, i, j] = 1.0 if i == j else 0.0
+    total = torso_mass
+    k = 8  # the torso's corners never move in its own frame
+    turn = np.empty((3, 3))
+    for i in range(p):
+        up = frames[parent[i]]
+        ch, sh = np.cos(heading[i]), np.sin(heading[i])
+        _rotate_about(axis[i], q[i], turn)
+        own = frames[i + 1]
+        for r in range(3):
+            ax = up[r, 0] * ch + up[r, 1] * sh
+            ay = -up[r, 0] * sh + up[r, 1] * ch
+            for c in range(3):
+                own[r, c] = ax * turn[0, c] + ay * turn[1, c] + up[r, 2] * turn[2, c]
+            spots[i + 1, r] = (
+                spots[parent[i], r]
+                + up[r, 0] * anchor[i, 0]
+                + up[r, 1] * anchor[i, 1]
+                + up[r, 2] * anchor[i, 2]
+            )
+        block = block_mass[i] * thickness[i]
+        weight = mass[i] + block
+        lever = 0.5 * length[i] * mass[i] + block * block_center[i] * thickness[i]
+        total += weight
+        for r in range(3):
+            com[r] += weight * spots[i + 1, r] + lever * own[r, 0]
+            points[k, r] = spots[i + 1, r]
+            points[k + 1, r] = spots[i + 1, r] + length[i] * own[r, 0]
+        k += 2
+        if block_mass[i] > 0.0:
+            for corner in range(8):
+                x = block_half[i, 0] * (1 if corner & 1 else -1) + block_center[i]
+                y = block_half[i, 1] * (1 if corner & 2 else -1)
+                z = block_half[i, 2] * (1 if corner & 4 else -1)
+                for r in range(3):
+                    points[k, r] = spots[i + 1, r] + thickness[i] * (
+                        own[r, 0] * x + own[r, 1] * y + own[r, 2] * z
+                    )
+                k += 1
+    for r in range(3):
+        com[r] /= total
+    return k
+
+
+@numba.njit(**_JIT)
+def _nearest_on_hull(flat, m, simplex):
+    """GJK in the plane: nearest point of a hull of m points to the origin.
+
+    Returns the size of the simplex that carries it: 1 vertex, 2 edge, 3 inside.
+    """
+    best = 0
+    for i in range(1, m):
+        if flat[i, 0] ** 2 + flat[i, 1] ** 2 < flat[best, 0] ** 2 + flat[best, 1] ** 2:
+            best = i
+    simplex[0] = best
+    x, y = flat[best, 0], flat[best, 1]
+    size = 1
+    for _ in range(m + 4):
+        norm = x * x + y * y
+        if norm < _INSIDE * _INSIDE:
+            return 3
+        far, low = -1, norm - 1e-10
+        for i in range(m):
+            dot = flat[i, 0] * x + flat[i, 1] * y
+            if dot < low:
+                far, low = i, dot
+        if far < 0:
+            return size
+        # nearest point over the segments far-s, and the triangle if there is one
+        a = simplex[0]
+        b = simplex[1] if size == 2 else -1
+        if size == 2 and _holds_origin(flat, a, b, far):
+            return 3
+        keep, kx, ky, kn, is_edge = a, 0.0, 0.0, 1e30, False
+        for s in range(size):
+            v = simplex[s]
+            ex, ey = flat[far, 0] - flat[v, 0], flat[far, 1] - flat[v, 1]
+            t = -(flat[v, 0] * ex + flat[v, 1] * ey) / (ex * ex + ey * ey)
+            edge = True
+            if t <= 0.0:
+                t, edge = 0.0, False
+            elif t >= 1.0:
+                t, edge = 1.0, False
+            px, py = flat[v, 0] + t * ex, flat[v, 1] + t * ey
+            if px * px + py * py < kn:
+                kn, kx, ky, is_edge = px * px + py * py, px, py, edge
+                keep = v if (edge or t == 0.0) else far
+        simplex[0] = keep
+        size = 1
+        if is_edge:
+            simplex[1] = far
+            size = 2
+        x, y = kx, ky
+    return size
+
+
+@numba.njit(inline="always", **_JIT)
+def _holds_origin(flat, a, b, c):
+    """Whether the triangle a b c holds the origin."""
+    d1 = flat[a, 0] * flat[b, 1] - flat[a, 1] * flat[b, 0]
+    d2 = flat[b, 0] * flat[c, 1] - flat[b, 1] * flat[c, 0]
+    d3 = flat[c, 0] * flat[a, 1] - flat[c, 1] * flat[a, 0]
+    return (d1 >= 0 and d2 >= 0 and d3 >= 0) or (d1 <= 0 and d2 <= 0 and d3 <= 0)
+
+
+@numba.njit(**_JIT)
+def _tip_over(points, radii, com, m, n, touching, flat, simplex):
+    """Tip in place until the contacts carry the center of mass. Returns H(n)."""
+    base, v, e1, e2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    height = 0.0
+    for _ in range(_TURNS):
+        height = -1e30
+        for k in range(m):
+            h = radii[k] - (
+                n[0] * (points[k, 0] - com[0])
+                + n[1] * (points[k, 1] - com[1])
+                + n[2] * (points[k, 2] - com[2])
+            )
+            touching[k, 1] = h
+            if h > height:
+                height = h
+        # a frame of the floor
+        if abs(n[2]) < 0.7:
+            e1[0], e1[1], e1[2] = n[1], -n[0], 0.0
+        else:
+            e1[0], e1[1], e1[2] = 0.0, n[2], -n[1]
+        s = 1.0 / np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
+        for r in range(3):
+            e1[r] *= s
+        e2[0] = n[1] * e1[2] - n[2] * e1[1]
+        e2[1] = n[2] * e1[0] - n[0] * e1[2]
+        e2[2] = n[0] * e1[1] - n[1] * e1[0]
+        c = 0
+        for k in range(m):
+            if touching[k, 1] > height - _TOUCH:
+                touching[c, 0] = k
+                flat[c, 0] = flat[c, 1] = 0.0
+                for r in range(3):
+                    d = points[k, r] - com[r]
+                    flat[c, 0] += d * e1[r]
+                    flat[c, 1] += d * e2[r]
+                c += 1
+        size = _nearest_on_hull(flat, c, simplex)
+        if size == 3:
+            return height
+        # rotation n(t) = base + u cos t + v sin t that lowers the center of mass
+        i0 = int(touching[simplex[0], 0])
+        if size == 1:
+            px, py = flat[simplex[0], 0], flat[simplex[0], 1]
+            s = 1.0 / np.sqrt(px * px + py * py)
+            for r in range(3):
+                base[r] = 0.0
+                v[r] = (px * e1[r] + py * e2[r]) * s
+        else:
+            i1 = int(touching[simplex[1], 0])
+            dd, dn = 0.0, 0.0
+            for r in range(3):
+                base[r] = points[i1, r] - points[i0, r]
+                dd += base[r] ** 2
+            s = 1.0 / np.sqrt(dd)
+            for r in range(3):
+                base[r] *= s
+                dn += base[r] * n[r]
+            v[0] = base[1] * n[2] - base[2] * n[1]
+            v[1] = base[2] * n[0] - base[0] * n[2]
+            v[2] = base[0] * n[1] - base[1] * n[0]
+            rise = 0.0
+            for r in range(3):
+                rise += v[r] * (points[i0, r] - com[r])
+                base[r] *= dn
+            if rise < 0.0:
+                for r in range(3):
+                    v[r] = -v[r]
+        # the first other point to touch: gap(t) = g - a cos t - b sin t falls to zero
+        angle = np.pi
+        for j in range(m):
+            a, b, g = 0.0, 0.0, radii[i0] - radii[j]
+            for r in range(3):
+                d = points[i0, r] - points[j, r]
+                a += (n[r] - base[r]) * d
+                b += v[r] * d
+                g -= base[r] * d
+            norm = np.sqrt(a * a + b * b)
+            if norm <= abs(g) or norm < 1e-12:
+                continue
+            # the closing root is the one where a sin t - b cos t < 0
+            t = np.arctan2(b, a) - np.arccos(g / norm)
+            t -= 2 * np.pi * np.floor(t / (2 * np.pi))
+            already = touching[j, 1] > height - _TOUCH
+            if t < angle and not (already and t < 1e-6):
+                angle = t
+        if angle >= np.pi:
+            return height
+        ct, st = np.cos(angle), np.sin(angle)
+        s = 0.0
+        for r in range(3):
+            n[r] = base[r] + (n[r] - base[r]) * ct + v[r] * st
+            s += n[r] ** 2
+        s = 1.0 / np.sqrt(s)
+        for r in range(3):
+            n[r] *= s
+    return height
+
+
+@numba.njit(**_JIT)
+def _contact_points(known, radius, thickness, points, radii):
+    """Fill in the torso's corners and the radius of every contact sphere."""
+    torso_half, block_mass = known[0], known[4]
+    for corner in range(8):
+        points[corner, 0] = torso_half[0] * (1 if corner & 1 else -1)
+        points[corner, 1] = torso_half[1] * (1 if corner & 2 else -1)
+        points[corner, 2] = torso_half[2] * (1 if corner & 4 else -1)
+        radii[corner] = 0.0
+    k = 8
+    for i in range(radius.shape[0]):
+        radii[k] = radii[k + 1] = radius[i] * thickness[i]
+        k += 2
+        if block_mass[i] > 0.0:
+            radii[k : k + 8] = 0.0
+            k += 8
+
+
+@numba.njit(**_JIT)
+def settle(body, known, q, steps, radii, work):
+    """Settle one body while its joints move from 0 to q in sub-steps.
+
+    Leaves up in `work`; returns the torso's height above the floor [m].
+    """
+    points, com, frames, spots, touching, flat, simplex, n, angles = work
+    n[0], n[1], n[2] = 0.0, 0.0, 1.0
+    height = 0.0
+    for step in range(1, steps + 1):
+        for i in range(q.shape[0]):
+            angles[i] = q[i] * step / steps
+        m = _pose(body, known, angles, points, com, frames, spots)
+        height = _tip_over(points, radii, com, m, n, touching, flat, simplex)
+    return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
+
+
+@numba.njit(parallel=True, **_JIT)
+def settle_batch(
+    parent, anchor, heading, axis, length, thickness, mass, known, radius, q, steps, out
+):
+    """Settle N posed bodies; row i of every array is one simulation.
+
+    Args:
+        parent, anchor, heading, axis, length, thickness, mass: fields of `Bodies`.
+        known: torso_half, torso_mass, block_half, block_center, block_mass.
+        radius: (P) [m].
+        q: (N, P) joint angles after the ramp [rad].
+        steps: sub-steps of the ramp.
+        out: (N, 4 + P) to fill: up in the torso's frame (3), height of the torso's
+            center (1) [m], height of each part's tip above the floor (P) [m].
+    """
+    chunks = numba.get_num_threads()
+    for chunk in numba.prange(chunks):
+        p = q.shape[1]
+        size = 8 + 10 * p
+        points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
+        frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
+        touching, flat = np.empty((size, 2)), np.empty((size, 2))
+        simplex, n, angles = np.empty(2, np.int64), np.empty(3), np.empty(p)
+        for row in range(chunk, q.shape[0], chunks):
+            body = (
+                parent[row], anchor[row], heading[row], axis[row], length[row],
+                thickness[row], mass[row],
+            )  # fmt: skip
+            work = (points, com, frames, spots, touching, flat, simplex, n, angles)
+            _contact_points(known, radius, thickness[row], points, radii)
+            height = settle(body, known, q[row], steps, radii, work)
+            for r in range(3):
+                out[row, r] = n[r]
+            out[row, 3] = height
+            for i in range(p):
+                tip = height - radius[i] * thickness[row, i]
+                for r in range(3):
+                    tip += n[r] * (spots[i + 1, r] + length[row, i] * frames[i + 1, r, 0])
+                out[row, 4 + i] = tip

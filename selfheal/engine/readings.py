@@ -1,0 +1,68 @@
+"""Readings: what the robot's sensors say at rest, in batches."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..body.body import Floats
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Sensor values at rest; every array has the same leading shape B.
+
+    Attributes:
+        tilt: (*B, 2) left/right and forward/back tilt [rad]: with u = world vertical
+            in the torso's frame, left/right = -asin(u_y), forward/back = asin(u_x).
+        clearance: (*B) belly to floor along the torso's z [m].
+        touch: (*B, F) 1 where a foot touches the floor, else 0.
+        angles: (*B, P) joint angles reached [rad].
+        failed: (*B) True where the simulation diverged; the rest is NaN there.
+    """
+
+    tilt: Floats
+    clearance: Floats
+    touch: Floats
+    angles: Floats
+    failed: np.ndarray
+
+    def __getitem__(self, rows) -> "Readings":
+        """These rows of the leading axis."""
+        return Readings(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def reshape(self, *shape: int) -> "Readings":
+        """The same readings with another leading shape; B must be one axis."""
+        values = (getattr(self, f.name) for f in fields(self))
+        return Readings(*(v.reshape(*shape, *v.shape[1:]) for v in values))
+
+
+def from_rest(
+    up: Floats, height: Floats, tips: Floats, angles: Floats, belly: float
+) -> Readings:
+    """Readings of bodies at rest.
+
+    Args:
+        up: (N, 3) world vertical in the torso's frame.
+        height: (N) of the torso's center above the floor [m].
+        tips: (N, F) height of each foot's lowest point [m].
+        angles: (N, P) [rad].
+        belly: torso's center to its belly [m].
+    """
+    up = np.clip(np.asarray(up, float), -1, 1)
+    height, tips = np.asarray(height, float), np.asarray(tips, float)
+    failed = ~(np.isfinite(up).all(1) & np.isfinite(height) & np.isfinite(tips).all(1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        clearance = height / up[:, 2] - belly
+    # a robot on its side or back has no floor below its belly: out of range
+    clearance = np.where(up[:, 2] > 1e-3, np.minimum(clearance, MAX_CLEARANCE), np.nan)
+    clearance = np.where(np.isnan(clearance), MAX_CLEARANCE, np.maximum(clearance, 0))
+    tilt = np.stack([-np.arcsin(up[:, 1]), np.arcsin(up[:, 0])], axis=1)
+    touch = (tips < TOUCH_HEIGHT).astype(float)
+    blank = [tilt, clearance, touch, np.array(angles, float)]
+    for values in blank:
+        values[failed] = np.nan
+    return Readings(*blank, failed)
+
+
+MAX_CLEARANCE = 0.5  # [m] range of the belly sensor; chosen, no pose reaches it upright
+TOUCH_HEIGHT = 0.002  # [m] a foot this close to the floor touches it; chosen

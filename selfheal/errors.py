@@ -1,0 +1,44 @@
+"""The exceptions a user can meet, as one tree.
+
+SelfhealError
+ +-- InputError            what was given cannot be used; exit code 2
+ |    +-- UnknownNameError a name that is not on the list; the message has the list
+ |    +-- RecordingError   a recording file that breaks the contract
+ |    +-- RunFileError     a run file that cannot be read, resumed or written
+ |    +-- ModelError       a body or MJCF that does not make sense
+ +-- EngineError           an engine could not do its work at all
+"""
+
+from collections.abc import Iterable
+
+
+class SelfhealError(Exception):
+    """Base of everything this package raises on purpose."""
+
+
+class InputError(SelfhealError):
+    """What was given cannot be used; the message says what would be right."""
+
+
+class UnknownNameError(InputError):
+    """A name that is not on the list of valid ones."""
+
+    def __init__(self, what: str, name: str, valid: Iterable[str]) -> None:
+        """Say that `name` is no `what`, and list what is."""
+        super().__init__(f"unknown {what} {name!r}; valid: {', '.join(sorted(valid))}")
+
+
+class RecordingError(InputError):
+    """A recording that breaks the contract (section 1)."""
+
+
+class RunFileError(InputError):
+    """A run file that cannot be read, resumed or written."""
+
+
+class ModelError(InputError):
+    """A body or an MJCF that does not make sense."""
+
+
+class EngineError(SelfhealError):
+    """An engine could not do its work at all."""
