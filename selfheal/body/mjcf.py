@@ -1,0 +1,262 @@
+"""Body to MJCF and back: the one room that writes MuJoCo models of bodies."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ..errors import ModelError
+from .body import Anatomy, Bodies
+
+BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Constants of the articulated simulation that a body does not fix.
+
+    Attributes:
+        timestep: [s].
+        friction: sliding friction of every contact with the floor [1].
+        kp: servo stiffness [N m/rad].
+        kv: servo damping [N m s/rad].
+        damping: of each joint [N m s/rad].
+        armature: of each joint [kg m^2].
+        density: factor on every mass [1].
+
+    Defaults are chosen: servo and joint as in starfish_2006/published_body.xml,
+    which reproduces the real readings.
+    """
+
+    timestep: float = 0.002
+    friction: float = 1.0
+    kp: float = 40.0
+    kv: float = 0.6
+    damping: float = 0.02
+    armature: float = 0.002
+    density: float = 1.0
+
+
+def _torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
+    """Add the free torso, its level and its belly sensor to a model."""
+    half = anatomy.torso_half
+    torso = spec.worldbody.add_body(name="torso", pos=[0, 0, half[2] + 1e-4])
+    torso.add_freejoint(name="torso_free")
+    torso.add_geom(
+        name="torso",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=half,
+        mass=anatomy.torso_mass * physics.density,
+    )
+    torso.add_site(
+        name="belly_sensor",
+        pos=[0, 0, BELLY_SENSOR - half[2]],
+        quat=[0, 1, 0, 0],  # looking down
+    )
+    return torso
+
+
+def _part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
+    """Hang part i + 1 of body `row` on its parent."""
+    a, scale = bodies.anatomy, bodies.thickness[row, i]
+    half_turn = bodies.heading[row, i] / 2
+    part = parent.add_body(
+        name=a.parts[i],
+        pos=bodies.anchor[row, i],
+        quat=[np.cos(half_turn), 0, 0, np.sin(half_turn)],
+    )
+    part.add_joint(
+        name=a.joints[i],
+        type=mujoco.mjtJoint.mjJNT_HINGE,
+        axis=bodies.axis[row, i],
+        damping=[physics.damping, 0, 0],
+        armature=physics.armature,
+    )
+    if a.block_mass[i] > 0:
+        part.add_geom(
+            name=f"{a.parts[i]}_block",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[a.block_center[i] * scale, 0, 0],
+            size=a.block_half[i] * scale,
+            mass=a.block_mass[i] * scale * physics.density,
+        )
+    length = bodies.length[row, i]
+    part.add_geom(
+        name=a.parts[i],
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0, 0, 0, length, 0, 0],
+        size=[a.radius[i] * scale, 0, 0],
+        mass=bodies.mass[row, i] * physics.density,
+    )
+    if i + 1 in a.feet:
+        part.add_site(name=f"{a.parts[i]}_tip", pos=[length, 0, 0])
+    return part
+
+
+def _outfit(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics) -> None:
+    """Add the servos and the sensors: vertical, clearance, angles, foot tips."""
+    kp, kv = physics.kp, physics.kv
+    for joint in anatomy.joints:
+        servo = spec.add_actuator(
+            name=f"{joint}_servo",
+            target=joint,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+        )
+        servo.set_to_position(kp=kp, kv=kv)
+    sensor, kind = mujoco.mjtSensor, mujoco.mjtObj
+    spec.add_sensor(
+        name="vertical",
+        type=sensor.mjSENS_FRAMEZAXIS,
+        objtype=kind.mjOBJ_SITE,
+        objname="level",
+        reftype=kind.mjOBJ_XBODY,
+        refname="torso",
+    )
+    spec.add_sensor(
+        name="clearance",
+        type=sensor.mjSENS_RANGEFINDER,
+        objtype=kind.mjOBJ_SITE,
+        objname="belly_sensor",
+        intprm=[1, 0, 0],
+    )
+    for joint in anatomy.joints:
+        spec.add_sensor(
+            name=f"{joint}_position",
+            type=sensor.mjSENS_JOINTPOS,
+            objtype=kind.mjOBJ_JOINT,
+            objname=joint,
+        )
+    for foot in anatomy.feet:
+        spec.add_sensor(
+            name=f"{anatomy.parts[foot - 1]}_tip",
+            type=sensor.mjSENS_FRAMEPOS,
+            objtype=kind.mjOBJ_SITE,
+            objname=f"{anatomy.parts[foot - 1]}_tip",
+        )
+
+
+def to_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
+    """The articulated model of one body.
+
+    Args:
+        bodies: a batch of bodies.
+        row: which of them.
+        physics: None = the defaults.
+
+    Returns:
+        An MjSpec: a free torso on a floor, one hinge and servo a part. Only contacts
+        with the floor make forces (papers.md 1.1).
+    """
+    physics = physics or Physics()
+    spec = mujoco.MjSpec()
+    spec.modelname = bodies.anatomy.name
+    spec.option.timestep = physics.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    geom = spec.default.geom
+    geom.contype, geom.conaffinity = 1, 0
+    geom.friction = [physics.friction, 0.005, 0.0001]
+    spec.worldbody.add_light(pos=[0, 0, 2])
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[2, 2, 0.1],
+        contype=0,
+        conaffinity=1,
+    )
+    spec.worldbody.add_site(name="level")
+    hung = [_torso(spec, bodies.anatomy, physics)]
+    for i in range(bodies.anatomy.size):
+        hung.append(_part(hung[bodies.parent[row, i]], bodies, row, i, physics))
+    _outfit(spec, bodies.anatomy, physics)
+    return spec
+
+
+def to_xml(bodies: Bodies, row: int = 0, physics: Physics | None = None) -> str:
+    """MJCF text of one body; opens in any MuJoCo viewer. See `to_spec`."""
+    spec = to_spec(bodies, row, physics)
+    spec.compile()
+    return spec.to_xml()
+
+
+def load(path: str | Path) -> Bodies:
+    """Read a robot's anatomy and true body from an MJCF.
+
+    Args:
+        path: an MJCF with one free body (the torso, a box) and parts below it, each
+            with one hinge, one capsule along x that starts at the joint, and at most
+            one box (its housing), all with explicit masses. The actuators list the
+            joints in the order of the parts. A part with a site `<part>_tip` is a foot.
+
+    Returns:
+        A batch of one body with its anatomy.
+
+    Raises:
+        ModelError: the file is missing, does not compile or is not such a robot.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        model = spec.compile()
+    except (ValueError, OSError) as error:
+        raise ModelError(f"{path}: MuJoCo cannot read it: {error}") from error
+    joints = [a.target for a in spec.actuators]
+    if not joints:
+        raise ModelError(f"{path}: no actuators, so no moving parts")
+    ids = [int(model.joint(j).bodyid[0]) for j in joints]
+    known = {int(model.body_parentid[ids[0]]): 0}
+    for i, body in enumerate(ids):
+        if int(model.body_parentid[body]) not in known:
+            name = model.body(body).name
+            raise ModelError(f"{path}: actuator {i} moves {name!r} before its parent")
+        known[body] = i + 1
+    parent = np.array([known[int(model.body_parentid[b])] for b in ids])
+    anatomy = _anatomy(str(path), spec, model, joints, ids, parent)
+    quat = model.body_quat[ids]
+    return Bodies(
+        anatomy=anatomy,
+        parent=parent[None],
+        anchor=model.body_pos[ids][None].copy(),
+        heading=2 * np.arctan2(quat[:, 3], quat[:, 0])[None],
+        axis=model.jnt_axis[model.body_jntadr[ids]][None].copy(),
+        length=anatomy.length[None].copy(),
+        thickness=np.ones((1, len(ids))),
+        mass=anatomy.mass[None].copy(),
+    )
+
+
+def _geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
+    """A body's one geom of this kind; None if it has none and needs none."""
+    found = [g for g in body.geoms if g.type == kind]
+    shape = kind.name[7:].lower()
+    if len(found) > 1 or (needed and not found):
+        raise ModelError(f"{path}: body {body.name!r} has {len(found)} {shape} geoms; "
+                         "it needs exactly one")  # fmt: skip
+    if found and not found[0].mass > 0:
+        raise ModelError(f"{path}: the {shape} of {body.name!r} needs a positive mass")
+    return found[0] if found else None
+
+
+def _anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
+    """What the parts are, without how they hang together."""
+    box, capsule = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE
+    bodies = [spec.body(model.body(b).name) for b in ids]
+    torso = _geom(path, bodies[int(np.argmin(parent))].parent, box, True)
+    rods = [_geom(path, b, capsule, True) for b in bodies]
+    blocks = [_geom(path, b, box, False) for b in bodies]
+    hips = model.body_pos[ids][parent == 0]
+    sites = {site.name for site in spec.sites}
+    return Anatomy(
+        name=spec.modelname,
+        parts=tuple(b.name for b in bodies),
+        joints=tuple(joints),
+        torso_half=np.array(torso.size),
+        torso_mass=float(torso.mass),
+        rim=np.array([*np.abs(hips[:, :2]).max(axis=0), hips[0, 2]]),
+        length=np.array([2 * model.geom(g.name).size[1] for g in rods]),
+        radius=np.array([model.geom(g.name).size[0] for g in rods]),
+        mass=np.array([g.mass for g in rods]),
+        block_half=np.array([g.size if g else np.zeros(3) for g in blocks]),
+        block_center=np.array([g.pos[0] if g else 0.0 for g in blocks]),
+        block_mass=np.array([g.mass if g else 0.0 for g in blocks]),
+        feet=tuple(i + 1 for i, b in enumerate(bodies) if f"{b.name}_tip" in sites),
+    )
