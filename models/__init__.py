@@ -1,0 +1,1 @@
+"""Robots as data: one folder each, an MJCF and a README with its sources."""

@@ -1,0 +1,59 @@
+"""Files that are whole or absent: takes paths, gives safe places to write."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from .errors import InputError
+
+
+def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
+    """Make `folder` if it is missing and prove that a file can be written there.
+
+    Raises:
+        InputError: nothing can be written there; the message says why.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        # permission bits do not tell: root passes them, read-only mounts ignore them
+        probe = _temporary(folder / "probe")
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"cannot write into {folder}: {_reason(error)}") from error
+    return folder
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary path beside `path`; on success it takes that name at once.
+
+    A reader, or a process killed half-way, finds the old file or the new one, never
+    a part. After an exception the old file stands and the temporary one is gone.
+
+    Raises:
+        InputError: the folder is missing or nothing can be written at `path`.
+    """
+    target = Path(os.path.realpath(path))  # a link keeps pointing where it did
+    temporary = _temporary(target)
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(None, "it is a folder")
+        temporary.touch(exist_ok=False)
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {_reason(error)}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{uuid4().hex[:8]}.tmp")
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error)
