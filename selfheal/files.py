@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-from .errors import InputError
+from .errors import InputError, SelfhealError
 
 
 def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
@@ -35,7 +35,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     a part. After an exception the old file stands and the temporary one is gone.
 
     Raises:
-        InputError: the folder is missing or nothing can be written at `path`.
+        InputError: nothing can be written at `path`; said before the body runs.
+        SelfhealError: writing failed later, on a full disk say.
     """
     target = Path(os.path.realpath(path))  # a link keeps pointing where it did
     temporary = _temporary(target)
@@ -43,10 +44,13 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.is_dir():
             raise IsADirectoryError(None, "it is a folder")
         temporary.touch(exist_ok=False)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {_reason(error)}") from error
+    try:
         yield temporary
         os.replace(temporary, target)
     except OSError as error:
-        raise InputError(f"cannot write {path}: {_reason(error)}") from error
+        raise SelfhealError(f"cannot write {path}: {error}") from error
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -25,14 +25,14 @@ class Physics:
         armature: of each joint [kg m^2].
         density: factor on every mass [1].
 
-    Defaults are chosen: servo and joint as in starfish_2006/published_body.xml,
-    which reproduces the real readings.
+    Defaults are chosen. The 2006 program's servos are "in effect kinematic"
+    (papers.md 1.1): kp = 200 holds a part within 0.3 degrees of its target.
     """
 
     timestep: float = 0.002
     friction: float = 1.0
-    kp: float = 40.0
-    kv: float = 0.6
+    kp: float = 200.0
+    kv: float = 3.0
     damping: float = 0.02
     armature: float = 0.002
     density: float = 1.0

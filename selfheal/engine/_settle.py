@@ -37,7 +37,7 @@ def _rotate_about(axis, angle, out):
 @numba.njit(**_JIT)
 def _pose(body, known, q, points, com, frames, spots):
     """Points of contact and center of mass for joint angles q, torso frame."""
-    parent, anchor, heading, axis, length, thickness, mass = body
+    parent, anchor, turn_in, axis, length, thickness, mass = body
     torso_half, torso_mass, block_half, block_center, block_mass = known
     p = parent.shape[0]
     for i in range(3):
@@ -50,7 +50,7 @@ def _pose(body, known, q, points, com, frames, spots):
     turn = np.empty((3, 3))
     for i in range(p):
         up = frames[parent[i]]
-        ch, sh = np.cos(heading[i]), np.sin(heading[i])
+        ch, sh = turn_in[i, 0], turn_in[i, 1]
         _rotate_about(axis[i], q[i], turn)
         own = frames[i + 1]
         for r in range(3):
@@ -150,19 +150,17 @@ def _holds_origin(flat, a, b, c):
 
 
 @numba.njit(**_JIT)
-def _tip_over(points, radii, com, m, n, touching, flat, simplex):
+def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
     """Tip in place until the contacts carry the center of mass. Returns H(n)."""
     base, v, e1, e2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     height = 0.0
     for _ in range(_TURNS):
         height = -1e30
+        lift = n[0] * com[0] + n[1] * com[1] + n[2] * com[2]
         for k in range(m):
-            h = radii[k] - (
-                n[0] * (points[k, 0] - com[0])
-                + n[1] * (points[k, 1] - com[1])
-                + n[2] * (points[k, 2] - com[2])
-            )
-            touching[k, 1] = h
+            h = radii[k] + lift
+            h -= n[0] * points[k, 0] + n[1] * points[k, 1] + n[2] * points[k, 2]
+            heights[k] = h
             if h > height:
                 height = h
         # a frame of the floor
@@ -178,8 +176,8 @@ def _tip_over(points, radii, com, m, n, touching, flat, simplex):
         e2[2] = n[0] * e1[1] - n[1] * e1[0]
         c = 0
         for k in range(m):
-            if touching[k, 1] > height - _TOUCH:
-                touching[c, 0] = k
+            if heights[k] > height - _TOUCH:
+                touching[c] = k
                 flat[c, 0] = flat[c, 1] = 0.0
                 for r in range(3):
                     d = points[k, r] - com[r]
@@ -190,7 +188,7 @@ def _tip_over(points, radii, com, m, n, touching, flat, simplex):
         if size == 3:
             return height
         # rotation n(t) = base + u cos t + v sin t that lowers the center of mass
-        i0 = int(touching[simplex[0], 0])
+        i0 = touching[simplex[0]]
         if size == 1:
             px, py = flat[simplex[0], 0], flat[simplex[0], 1]
             s = 1.0 / np.sqrt(px * px + py * py)
@@ -198,7 +196,7 @@ def _tip_over(points, radii, com, m, n, touching, flat, simplex):
                 base[r] = 0.0
                 v[r] = (px * e1[r] + py * e2[r]) * s
         else:
-            i1 = int(touching[simplex[1], 0])
+            i1 = touching[simplex[1]]
             dd, dn = 0.0, 0.0
             for r in range(3):
                 base[r] = points[i1, r] - points[i0, r]
@@ -218,26 +216,28 @@ def _tip_over(points, radii, com, m, n, touching, flat, simplex):
                 for r in range(3):
                     v[r] = -v[r]
         # the first other point to touch: gap(t) = g - a cos t - b sin t falls to zero
-        angle = np.pi
+        first, ct, st = 2.0, -1.0, 0.0
+        wx, wy, wz = n[0] - base[0], n[1] - base[1], n[2] - base[2]
         for j in range(m):
-            a, b, g = 0.0, 0.0, radii[i0] - radii[j]
-            for r in range(3):
-                d = points[i0, r] - points[j, r]
-                a += (n[r] - base[r]) * d
-                b += v[r] * d
-                g -= base[r] * d
-            norm = np.sqrt(a * a + b * b)
-            if norm <= abs(g) or norm < 1e-12:
+            dx = points[i0, 0] - points[j, 0]
+            dy = points[i0, 1] - points[j, 1]
+            dz = points[i0, 2] - points[j, 2]
+            a = wx * dx + wy * dy + wz * dz
+            b = v[0] * dx + v[1] * dy + v[2] * dz
+            g = radii[i0] - radii[j] - base[0] * dx - base[1] * dy - base[2] * dz
+            norm2 = a * a + b * b
+            if norm2 <= g * g or norm2 < 1e-18:
                 continue
-            # the closing root is the one where a sin t - b cos t < 0
-            t = np.arctan2(b, a) - np.arccos(g / norm)
-            t -= 2 * np.pi * np.floor(t / (2 * np.pi))
-            already = touching[j, 1] > height - _TOUCH
-            if t < angle and not (already and t < 1e-6):
-                angle = t
-        if angle >= np.pi:
+            # t = atan2(b, a) - acos(g / norm) is the root where the gap closes
+            root = np.sqrt(norm2 - g * g)
+            cj, sj = (a * g + b * root) / norm2, (b * g - a * root) / norm2
+            order = 1.0 - cj if sj >= 0.0 else 3.0 + cj  # grows with t in [0, 2 pi)
+            if order < first:
+                if order < 1e-12 and heights[j] > height - _TOUCH:
+                    continue  # already touching, and rolling along
+                first, ct, st = order, cj, sj
+        if first >= 2.0:
             return height
-        ct, st = np.cos(angle), np.sin(angle)
         s = 0.0
         for r in range(3):
             n[r] = base[r] + (n[r] - base[r]) * ct + v[r] * st
@@ -272,53 +272,53 @@ def settle(body, known, q, steps, radii, work):
 
     Leaves up in `work`; returns the torso's height above the floor [m].
     """
-    points, com, frames, spots, touching, flat, simplex, n, angles = work
+    points, com, frames, spots, heights, touching, flat, simplex, n, angles = work
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
     height = 0.0
     for step in range(1, steps + 1):
         for i in range(q.shape[0]):
             angles[i] = q[i] * step / steps
         m = _pose(body, known, angles, points, com, frames, spots)
-        height = _tip_over(points, radii, com, m, n, touching, flat, simplex)
+        height = _tip_over(points, radii, com, m, n, heights, touching, flat, simplex)
     return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
-@numba.njit(parallel=True, **_JIT)
+@numba.njit(**_JIT)
 def settle_batch(
-    parent, anchor, heading, axis, length, thickness, mass, known, radius, q, steps, out
+    parent, anchor, turn, axis, length, thickness, mass, known, radius, q, steps, out
 ):
     """Settle N posed bodies; row i of every array is one simulation.
 
     Args:
-        parent, anchor, heading, axis, length, thickness, mass: fields of `Bodies`.
+        parent, anchor, axis, length, thickness, mass: fields of `Bodies`.
+        turn: (N, P, 2) cosine and sine of the heading.
         known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P) [m].
         q: (N, P) joint angles after the ramp [rad].
         steps: sub-steps of the ramp.
         out: (N, 4 + P) to fill: up in the torso's frame (3), height of the torso's
-            center (1) [m], height of each part's tip above the floor (P) [m].
+            center (1) [m], height of each part's lowest tip point (P) [m].
     """
-    chunks = numba.get_num_threads()
-    for chunk in numba.prange(chunks):
-        p = q.shape[1]
-        size = 8 + 10 * p
-        points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
-        frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
-        touching, flat = np.empty((size, 2)), np.empty((size, 2))
-        simplex, n, angles = np.empty(2, np.int64), np.empty(3), np.empty(p)
-        for row in range(chunk, q.shape[0], chunks):
-            body = (
-                parent[row], anchor[row], heading[row], axis[row], length[row],
-                thickness[row], mass[row],
-            )  # fmt: skip
-            work = (points, com, frames, spots, touching, flat, simplex, n, angles)
-            _contact_points(known, radius, thickness[row], points, radii)
-            height = settle(body, known, q[row], steps, radii, work)
+    p = q.shape[1]
+    size = 8 + 10 * p
+    points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
+    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
+    heights, touching = np.empty(size), np.empty(size, np.int64)
+    flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
+    n, angles = np.empty(3), np.empty(p)
+    work = (points, com, frames, spots, heights, touching, flat, simplex, n, angles)
+    for row in range(q.shape[0]):
+        body = (
+            parent[row], anchor[row], turn[row], axis[row], length[row],
+            thickness[row], mass[row],
+        )  # fmt: skip
+        _contact_points(known, radius, thickness[row], points, radii)
+        height = settle(body, known, q[row], steps, radii, work)
+        for r in range(3):
+            out[row, r] = n[r]
+        out[row, 3] = height
+        for i in range(p):
+            tip = height - radius[i] * thickness[row, i]
             for r in range(3):
-                out[row, r] = n[r]
-            out[row, 3] = height
-            for i in range(p):
-                tip = height - radius[i] * thickness[row, i]
-                for r in range(3):
-                    tip += n[r] * (spots[i + 1, r] + length[row, i] * frames[i + 1, r, 0])
-                out[row, 4 + i] = tip
+                tip += n[r] * (spots[i + 1, r] + length[row, i] * frames[i + 1, r, 0])
+            out[row, 4 + i] = tip

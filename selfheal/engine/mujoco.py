@@ -8,8 +8,10 @@ import numpy as np
 from ..body.body import Bodies, Floats
 from .readings import Readings, from_rest
 
-RAMP = 0.5  # [s] joints move from 0 to their target; papers.md 1.1
-HOLD = 1.0  # [s] then hold; chosen: 2 x the paper's 0.5 s, so that bodies come to rest
+# Joints move from 0 to their target, then hold [s]. Chosen: 15 degrees a second, a
+# quarter of the real servos' speed, so that a body rests where it is set down and not
+# where its momentum threw it. The 2006 program took 0.5 s and 0.5 s (papers.md 1.1).
+RAMP, HOLD = 2.0, 1.0
 
 
 class MuJoCo:

@@ -1,0 +1,119 @@
+"""The nouns of contract section 1: arrays in, frozen records of one robot out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import RecordingError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """What one sensor said.
+
+    Attributes:
+        values: (T) or (T, d) [unit]; NaN where a sample is missing.
+        kind: a name of `KINDS`.
+        target: joint, actuator, body or sensor of the model, as the kind says; may be
+            empty for supply voltage and temperature.
+        unit: one that fits the kind.
+    """
+
+    values: Floats
+    kind: str
+    target: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One uninterrupted run.
+
+    Attributes:
+        time: (T) [s] strictly increasing, perhaps irregular.
+        ctrl: (T, nu) command per actuator, held from its sample to the next.
+        ctrl_names: actuator of each column of `ctrl`.
+        signals: by name.
+        qpos0: (nq) or None, position at time[0].
+        qvel0: (nv) or None, velocity at time[0].
+        motion: label or None.
+    """
+
+    time: Floats
+    ctrl: Floats
+    ctrl_names: tuple[str, ...]
+    signals: Mapping[str, Signal]
+    qpos0: Floats | None = None
+    qvel0: Floats | None = None
+    motion: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What one robot did and felt.
+
+    Attributes:
+        episodes: by id.
+        robot: label or None.
+        source: where the data come from, or None.
+        file: the file it was read from, for messages and for names of held-out
+            episodes; not stored.
+    """
+
+    episodes: Mapping[str, Episode]
+    robot: str | None = None
+    source: str | None = None
+    file: str = "recording"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the contract says of one kind of signal.
+
+    Attributes:
+        target: the sort of thing it belongs to.
+        units: those that fit; empty where the model's sensor decides.
+        width: columns; 0 for a plain (T) signal, None where the sensor decides.
+        may_lack_target: True where an empty target has a meaning.
+    """
+
+    target: str
+    units: tuple[str, ...]
+    width: int | None = 0
+    may_lack_target: bool = False
+
+
+KINDS: Mapping[str, Kind] = {
+    "joint_position": Kind("joint", ("rad", "m")),
+    "joint_velocity": Kind("joint", ("rad/s", "m/s")),
+    "joint_torque": Kind("actuator", ("N m", "N")),
+    "body_position": Kind("body", ("m",), 3),
+    "body_orientation": Kind("body", ("quaternion", "unit quaternion", "1"), 4),
+    "body_linear_velocity": Kind("body", ("m/s",), 3),
+    "body_angular_velocity": Kind("body", ("rad/s",), 3),
+    "sensor": Kind("sensor", (), None),
+    "supply_voltage": Kind("actuator", ("V",), may_lack_target=True),
+    "temperature": Kind("actuator", ("degC",), may_lack_target=True),
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a recording something is; every complaint starts with it."""
+
+    file: str
+    episode: str | None = None
+    signal: str | None = None
+
+    def error(self, problem: str) -> RecordingError:
+        """The exception that says `problem` of this place."""
+        place = self.file
+        if self.episode is not None:
+            place += f", episode {self.episode!r}"
+        if self.signal is not None:
+            place += f", signal {self.signal!r}"
+        return RecordingError(f"{place}: {problem}")

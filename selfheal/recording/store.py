@@ -1,0 +1,211 @@
+"""Recordings on disk: takes a path, gives a checked Recording, and the other way."""
+
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ..files import atomic_path
+from .check import listed, validate
+from .data import Episode, Floats, Place, Recording, Signal
+
+FORMAT = "selfheal-recording"
+VERSION = 1
+# 0.8 GB as float64; chosen: a day at 1 kHz of one signal, or an hour of 27
+MAX_VALUES = 100_000_000
+EPISODE_MEMBERS = ("time", "ctrl", "qpos0", "qvel0", "signals")
+
+
+def read(path: str | os.PathLike[str]) -> Recording:
+    """Read and check a recording; nothing outside the file is ever opened.
+
+    Raises:
+        RecordingError: it breaks the contract: file, episode, signal and what would
+            fit. The size is checked from the headers, before any array is read.
+    """
+    file = Place(os.fspath(path))
+    if not Path(path).is_file():
+        raise file.error("there is no such file")
+    try:
+        with h5py.File(path, "r") as root:
+            recording = _recording(root, file)
+    except BlockingIOError as error:
+        raise file.error("another process holds it open for writing") from error
+    except PermissionError as error:
+        raise file.error("it may not be read: permission denied") from error
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        # what h5py raises of a file that is damaged or no HDF5 at all
+        raise file.error(f"it is damaged or not HDF5 ({error})") from error
+    validate(recording)
+    return recording
+
+
+def write(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Check a recording and write it; the file appears whole or not at all.
+
+    Raises:
+        RecordingError: the recording breaks the contract; nothing is written.
+        InputError: nothing can be written at `path`.
+    """
+    validate(replace(recording, file=os.fspath(path)))
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as root:
+        root.attrs.update(format=FORMAT, version=VERSION)
+        _label(root, robot=recording.robot, source=recording.source)
+        episodes = root.create_group("episodes", track_order=True)
+        for name, episode in recording.episodes.items():
+            _write_episode(episodes.create_group(name), episode)
+
+
+def _write_episode(group: h5py.Group, episode: Episode) -> None:
+    _label(group, motion=episode.motion)
+    _put(group, "time", episode.time)
+    ctrl = _put(group, "ctrl", episode.ctrl)
+    ctrl.attrs["names"] = np.array(episode.ctrl_names, dtype=h5py.string_dtype())
+    for name, state in (("qpos0", episode.qpos0), ("qvel0", episode.qvel0)):
+        if state is not None:
+            _put(group, name, state)
+    signals = group.create_group("signals", track_order=True)
+    for name, signal in episode.signals.items():
+        dataset = _put(signals, name, signal.values)
+        _label(dataset, kind=signal.kind, target=signal.target, unit=signal.unit)
+
+
+def _label(item: Any, **texts: str | None) -> None:
+    item.attrs.update({name: text for name, text in texts.items() if text is not None})
+
+
+def _put(group: h5py.Group, name: str, values: Floats) -> h5py.Dataset:
+    # an array without elements cannot be chunked, so not compressed either
+    return group.create_dataset(
+        name, data=values, dtype="f8", compression="gzip" if values.size else None
+    )
+
+
+def _recording(root: h5py.File, file: Place) -> Recording:
+    found = _text(root, "format", file, needed=False)
+    if found != FORMAT:
+        raise file.error(f"format is {found!r}; would fit: {FORMAT!r}")
+    version = root.attrs.get("version")
+    if not isinstance(version, (int, np.integer)) or version != VERSION:
+        raise file.error(f"version is {version!r}; this program reads {VERSION}")
+    groups = {
+        name: _group(episodes, name, Place(file.file, name))
+        for episodes in [_group(root, "episodes", file)]
+        for name in episodes
+    }
+    _check_size(groups, file)
+    return Recording(
+        {name: _episode(group, Place(file.file, name)) for name, group in groups.items()},
+        robot=_text(root, "robot", file, needed=False),
+        source=_text(root, "source", file, needed=False),
+        file=file.file,
+    )
+
+
+def _check_size(groups: dict[str, h5py.Group], file: Place) -> None:
+    total = 0
+    for name, group in groups.items():
+        for dataset in _datasets(group, Place(file.file, name)):
+            # one chunk is unpacked whole, even where it reaches beyond the data
+            total += max(dataset.size or 0, math.prod(dataset.chunks or (0,)))
+    if total > MAX_VALUES:
+        raise file.error(
+            f"it holds {total} values; at most {MAX_VALUES} are read: cut it into "
+            "several files"
+        )
+
+
+def _datasets(group: h5py.Group, place: Place) -> Iterator[h5py.Dataset]:
+    for name in group:
+        if name not in EPISODE_MEMBERS:
+            raise place.error(
+                f"unknown member {name!r}; would fit: {', '.join(EPISODE_MEMBERS)}"
+            )
+        if name != "signals":
+            yield _dataset(group, name, place)
+    signals = _group(group, "signals", place)
+    for name in signals:
+        yield _dataset(signals, name, replace(place, signal=name))
+
+
+def _episode(group: h5py.Group, place: Place) -> Episode:
+    ctrl = _dataset(group, "ctrl", place)
+    signals = _group(group, "signals", place)
+    state = {
+        name: _floats(_dataset(group, name, place))
+        for name in ("qpos0", "qvel0")
+        if name in group
+    }
+    return Episode(
+        _floats(_dataset(group, "time", place)),
+        _floats(ctrl),
+        _names(ctrl, place),
+        {name: _signal(signals, name, replace(place, signal=name)) for name in signals},
+        motion=_text(group, "motion", place, needed=False),
+        **state,
+    )
+
+
+def _signal(signals: h5py.Group, name: str, place: Place) -> Signal:
+    dataset = _dataset(signals, name, place)
+    kind, target, unit = (_text(dataset, n, place) for n in ("kind", "target", "unit"))
+    return Signal(_floats(dataset), kind or "", target or "", unit or "")
+
+
+def _member(parent: h5py.Group, name: str, place: Place) -> Any:
+    link = parent.get(name, getlink=True)
+    if link is None:
+        raise place.error(f"{name} is missing; {parent.name} holds {listed(parent)}")
+    if not isinstance(link, h5py.HardLink):
+        raise place.error(f"{name} is a link to elsewhere; links are not followed")
+    return parent[name]
+
+
+def _group(parent: h5py.Group, name: str, place: Place) -> h5py.Group:
+    member = _member(parent, name, place)
+    if not isinstance(member, h5py.Group):
+        raise place.error(f"{name} must be a group")
+    return member
+
+
+def _dataset(parent: h5py.Group, name: str, place: Place) -> h5py.Dataset:
+    member = _member(parent, name, place)
+    if not isinstance(member, h5py.Dataset):
+        raise place.error(f"{name} must be a dataset")
+    if member.dtype.kind not in "fiu" or member.dtype.itemsize > 8:
+        raise place.error(f"{name} has type {member.dtype}; would fit: float64")
+    if member.shape is None:
+        raise place.error(f"{name} is empty; would fit: an array")
+    if member.is_virtual or member.external:
+        raise place.error(f"{name} keeps its data elsewhere; links are not followed")
+    return member
+
+
+def _floats(dataset: h5py.Dataset) -> Floats:
+    return np.asarray(dataset[()], dtype=np.float64)
+
+
+def _text(item: Any, name: str, place: Place, *, needed: bool = True) -> str | None:
+    value = item.attrs.get(name)
+    if value is None and not needed:
+        return None
+    if isinstance(value, bytes):
+        return value.decode()
+    if not isinstance(value, str):
+        raise place.error(f"attribute {name} is {value!r}; it must be a text")
+    return value
+
+
+def _names(ctrl: h5py.Dataset, place: Place) -> tuple[str, ...]:
+    names = ctrl.attrs.get("names")
+    if names is None:
+        raise place.error("ctrl lacks the attribute names: the actuator of each column")
+    texts = [n.decode() if isinstance(n, bytes) else n for n in np.atleast_1d(names)]
+    if not all(isinstance(text, str) for text in texts):
+        raise place.error(f"attribute names of ctrl is {names!r}; it must be texts")
+    return tuple(texts)
