@@ -55,14 +55,14 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     validate(replace(recording, file=os.fspath(path)))
     with atomic_path(path) as temporary, h5py.File(temporary, "w") as root:
         root.attrs.update(format=FORMAT, version=VERSION)
-        _label(root, robot=recording.robot, source=recording.source)
+        _set_labels(root, robot=recording.robot, source=recording.source)
         episodes = root.create_group("episodes", track_order=True)
         for name, episode in recording.episodes.items():
             _write_episode(episodes.create_group(name), episode)
 
 
 def _write_episode(group: h5py.Group, episode: Episode) -> None:
-    _label(group, motion=episode.motion)
+    _set_labels(group, motion=episode.motion)
     _put(group, "time", episode.time)
     ctrl = _put(group, "ctrl", episode.ctrl)
     ctrl.attrs["names"] = np.array(episode.ctrl_names, dtype=h5py.string_dtype())
@@ -72,10 +72,10 @@ def _write_episode(group: h5py.Group, episode: Episode) -> None:
     signals = group.create_group("signals", track_order=True)
     for name, signal in episode.signals.items():
         dataset = _put(signals, name, signal.values)
-        _label(dataset, kind=signal.kind, target=signal.target, unit=signal.unit)
+        _set_labels(dataset, kind=signal.kind, target=signal.target, unit=signal.unit)
 
 
-def _label(item: Any, **texts: str | None) -> None:
+def _set_labels(item: Any, **texts: str | None) -> None:
     item.attrs.update({name: text for name, text in texts.items() if text is not None})
 
 
@@ -87,22 +87,20 @@ def _put(group: h5py.Group, name: str, values: Floats) -> h5py.Dataset:
 
 
 def _recording(root: h5py.File, file: Place) -> Recording:
-    found = _text(root, "format", file, needed=False)
+    found = _label(root, "format", file)
     if found != FORMAT:
         raise file.error(f"format is {found!r}; would fit: {FORMAT!r}")
     version = root.attrs.get("version")
     if not isinstance(version, (int, np.integer)) or version != VERSION:
         raise file.error(f"version is {version!r}; this program reads {VERSION}")
-    groups = {
-        name: _group(episodes, name, Place(file.file, name))
-        for episodes in [_group(root, "episodes", file)]
-        for name in episodes
-    }
+    episodes = _group(root, "episodes", file)
+    places = {name: Place(file.file, name) for name in episodes}
+    groups = {name: _group(episodes, name, place) for name, place in places.items()}
     _check_size(groups, file)
     return Recording(
-        {name: _episode(group, Place(file.file, name)) for name, group in groups.items()},
-        robot=_text(root, "robot", file, needed=False),
-        source=_text(root, "source", file, needed=False),
+        {name: _episode(group, places[name]) for name, group in groups.items()},
+        robot=_label(root, "robot", file),
+        source=_label(root, "source", file),
         file=file.file,
     )
 
@@ -146,7 +144,7 @@ def _episode(group: h5py.Group, place: Place) -> Episode:
         _floats(ctrl),
         _names(ctrl, place),
         {name: _signal(signals, name, replace(place, signal=name)) for name in signals},
-        motion=_text(group, "motion", place, needed=False),
+        motion=_label(group, "motion", place),
         **state,
     )
 
@@ -154,14 +152,14 @@ def _episode(group: h5py.Group, place: Place) -> Episode:
 def _signal(signals: h5py.Group, name: str, place: Place) -> Signal:
     dataset = _dataset(signals, name, place)
     kind, target, unit = (_text(dataset, n, place) for n in ("kind", "target", "unit"))
-    return Signal(_floats(dataset), kind or "", target or "", unit or "")
+    return Signal(_floats(dataset), kind, target, unit)
 
 
 def _member(parent: h5py.Group, name: str, place: Place) -> Any:
-    link = parent.get(name, getlink=True)
-    if link is None:
+    if name not in list(parent):
         raise place.error(f"{name} is missing; {parent.name} holds {listed(parent)}")
-    if not isinstance(link, h5py.HardLink):
+    # asked of the link itself: `name in parent` would open the file it points to
+    if parent.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
         raise place.error(f"{name} is a link to elsewhere; links are not followed")
     return parent[name]
 
@@ -190,10 +188,12 @@ def _floats(dataset: h5py.Dataset) -> Floats:
     return np.asarray(dataset[()], dtype=np.float64)
 
 
-def _text(item: Any, name: str, place: Place, *, needed: bool = True) -> str | None:
+def _label(item: Any, name: str, place: Place) -> str | None:
+    return _text(item, name, place) if name in item.attrs else None
+
+
+def _text(item: Any, name: str, place: Place) -> str:
     value = item.attrs.get(name)
-    if value is None and not needed:
-        return None
     if isinstance(value, bytes):
         return value.decode()
     if not isinstance(value, str):

@@ -1,0 +1,24 @@
+"""Recordings (contract section 1): takes HDF5 files, gives checked arrays, and back."""
+
+from .check import validate
+from .data import KINDS, Episode, Recording, Signal
+from .model import ModelNames, Target, check_against_model
+from .names import names_of, read_names
+from .split import split
+from .store import read, write
+
+__all__ = [
+    "KINDS",
+    "Episode",
+    "ModelNames",
+    "Recording",
+    "Signal",
+    "Target",
+    "check_against_model",
+    "names_of",
+    "read",
+    "read_names",
+    "split",
+    "validate",
+    "write",
+]

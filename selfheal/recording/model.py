@@ -1,0 +1,97 @@
+"""A recording against a model: takes both, refuses what the model does not have."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from .check import listed
+from .data import KINDS, Episode, Place, Recording, Signal
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a model says of something that a signal can belong to.
+
+    Attributes:
+        units: of its signals, by kind; a kind that is not in it is not known.
+        width: columns of its signal, 0 for a plain (T) one; None: the kind decides.
+    """
+
+    units: Mapping[str, str]
+    width: int | None = None
+
+
+@dataclass(frozen=True)
+class ModelNames:
+    """What a recording can refer to in a model.
+
+    Attributes:
+        targets: of each sort (joint, actuator, body, sensor), by name.
+        nq: length of qpos0.
+        nv: length of qvel0.
+    """
+
+    targets: Mapping[str, Mapping[str, Target]]
+    nq: int
+    nv: int
+
+
+def check_against_model(recording: Recording, names: ModelNames) -> None:
+    """Refuse a recording that speaks of what the model does not have.
+
+    Raises:
+        RecordingError: the first problem: file, episode, signal and what would fit.
+    """
+    for name, episode in recording.episodes.items():
+        place = Place(recording.file, name)
+        _check_actuators(episode, names, place)
+        for what, state, size in (
+            ("qpos0", episode.qpos0, names.nq),
+            ("qvel0", episode.qvel0, names.nv),
+        ):
+            if state is not None and state.size != size:
+                raise place.error(
+                    f"{what} has {state.size} values; the model has {size}"
+                )
+        for signal_name, signal in episode.signals.items():
+            _check_target(signal, names, Place(recording.file, name, signal_name))
+
+
+def _check_actuators(episode: Episode, names: ModelNames, place: Place) -> None:
+    model, given = names.targets["actuator"], episode.ctrl_names
+    if unknown := [name for name in given if name not in model]:
+        raise place.error(
+            f"the model has no actuator {listed(unknown)}; would fit: {listed(model)}"
+        )
+    if missing := [name for name in model if name not in given]:
+        raise place.error(
+            f"ctrl has no column for actuator {listed(missing)} of the model; each "
+            "actuator needs its command"
+        )
+
+
+def _check_target(signal: Signal, names: ModelNames, place: Place) -> None:
+    kind = KINDS[signal.kind]
+    if not signal.target and kind.may_lack_target:
+        return
+    target = names.targets[kind.target].get(signal.target)
+    if target is None:
+        raise place.error(
+            f"the model has no {kind.target} {signal.target!r} for kind "
+            f"{signal.kind!r}; would fit: {listed(names.targets[kind.target])}"
+        )
+    unit = target.units.get(signal.kind, signal.unit)
+    if unit != signal.unit:
+        raise place.error(
+            f"unit {signal.unit!r} does not fit {kind.target} {signal.target!r}; would "
+            f"fit: {unit!r}"
+        )
+    width = signal.values.shape[1] if signal.values.ndim > 1 else 0
+    if target.width not in (None, width):
+        raise place.error(
+            f"shape {signal.values.shape} does not fit {kind.target} "
+            f"{signal.target!r}; would fit: {_shape(len(signal.values), target.width)}"
+        )
+
+
+def _shape(samples: int, width: int | None) -> str:
+    return f"({samples}, {width})" if width else f"({samples},)"

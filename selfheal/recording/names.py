@@ -1,0 +1,111 @@
+"""What a model can be asked about: takes an MJCF, gives the names and their units."""
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from ..errors import ModelError
+from .model import ModelNames, Target
+
+if TYPE_CHECKING:
+    import mujoco
+
+# by MuJoCo's name of the sensor, without mjSENS_; a sensor that is not here may have
+# any unit: MuJoCo does not say one
+SENSOR_UNITS: Mapping[str, str] = {
+    "ACCELEROMETER": "m/s^2",
+    "BALLANGVEL": "rad/s",
+    "BALLQUAT": "1",
+    "CLOCK": "s",
+    "FORCE": "N",
+    "FRAMEANGACC": "rad/s^2",
+    "FRAMEANGVEL": "rad/s",
+    "FRAMELINACC": "m/s^2",
+    "FRAMELINVEL": "m/s",
+    "FRAMEPOS": "m",
+    "FRAMEQUAT": "1",
+    "FRAMEXAXIS": "1",
+    "FRAMEYAXIS": "1",
+    "FRAMEZAXIS": "1",
+    "GEOMDIST": "m",
+    "GYRO": "rad/s",
+    "RANGEFINDER": "m",
+    "SUBTREECOM": "m",
+    "SUBTREELINVEL": "m/s",
+    "TORQUE": "N m",
+    "TOUCH": "N",
+    "VELOCIMETER": "m/s",
+}
+
+
+def read_names(model: str | os.PathLike[str]) -> ModelNames:
+    """The names, units and sizes of an MJCF or URDF file.
+
+    Raises:
+        ModelError: MuJoCo cannot load it.
+    """
+    import mujoco
+
+    path = os.fspath(model)
+    try:
+        return names_of(mujoco.MjModel.from_xml_path(path))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise ModelError(f"{path}: MuJoCo cannot load it: {reason}") from error
+
+
+def names_of(model: "mujoco.MjModel") -> ModelNames:
+    """The same of a compiled model; free and ball joints have no signal."""
+    targets = {
+        "joint": {
+            model.joint(j).name: Target(units)
+            for j in range(model.njnt)
+            if (units := _joint_units(model, j))
+        },
+        "actuator": {
+            model.actuator(a).name: Target(_force_units(model, a))
+            for a in range(model.nu)
+        },
+        "body": {model.body(b).name: Target({}) for b in range(model.nbody)},
+        "sensor": {
+            model.sensor(s).name: _sensor(model, s) for s in range(model.nsensor)
+        },
+    }
+    # what has no name cannot be asked about
+    for things in targets.values():
+        things.pop("", None)
+    return ModelNames(targets, model.nq, model.nv)
+
+
+def _joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:
+    import mujoco
+
+    kind = mujoco.mjtJoint(model.jnt_type[joint])
+    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+        return {"joint_position": "rad", "joint_velocity": "rad/s"}
+    if kind == mujoco.mjtJoint.mjJNT_SLIDE:
+        return {"joint_position": "m", "joint_velocity": "m/s"}
+    return {}
+
+
+def _force_units(model: "mujoco.MjModel", actuator: int) -> dict[str, str]:
+    import mujoco
+
+    at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    if mujoco.mjtTrn(model.actuator_trntype[actuator]) not in at_joint:
+        return {}
+    units = _joint_units(model, model.actuator_trnid[actuator, 0])
+    force = {"rad": "N m", "m": "N"}.get(units.get("joint_position", ""))
+    return {"joint_torque": force} if force else {}
+
+
+def _sensor(model: "mujoco.MjModel", sensor: int) -> Target:
+    import mujoco
+
+    kind = mujoco.mjtSensor(model.sensor_type[sensor]).name.removeprefix("mjSENS_")
+    unit = SENSOR_UNITS.get(kind)
+    if kind in ("JOINTPOS", "JOINTVEL"):
+        units = _joint_units(model, model.sensor_objid[sensor])
+        unit = units["joint_position" if kind == "JOINTPOS" else "joint_velocity"]
+    width = int(model.sensor_dim[sensor])
+    return Target({"sensor": unit} if unit else {}, 0 if width == 1 else width)

@@ -1,0 +1,152 @@
+"""Held-out parts (contract section 2): takes a Recording, gives two of them."""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError
+from .data import Episode, Floats, Place, Recording
+
+# of an episode's duration, left out beside each held-out piece; chosen: both sides of
+# a cut share the same motion, and a fit that saw one has nearly seen the other
+GAP = 0.05
+HELD_OUT_PART = 1 / 3  # of a lone episode, its end; the contract's
+_PIECE = re.compile(r"(?P<id>.+)\[(?P<start>[^\],]+),(?P<end>[^\],]+)\]")
+
+
+def split(
+    recording: Recording, *, held_out: Sequence[str] = ()
+) -> tuple[Recording, Recording]:
+    """Part a recording into what a fit may see and what it is judged on.
+
+    A piece of an episode becomes an episode `id[t0,t1]`, and a gap on either side of
+    it goes to neither part. A piece that does not begin with its episode has no qpos0
+    and qvel0: its initial state was not recorded.
+
+    Args:
+        recording: one or more episodes.
+        held_out: `id`, `id[t0,t1]` [s], `file.h5`, `file.h5:id` or `file.h5:id[t0,t1]`.
+            Without any: of one episode the last third, of several each third one, or
+            the last of two.
+
+    Returns:
+        What may be fitted, what is held out.
+
+    Raises:
+        UnknownNameError: a name that is no episode of this file.
+        RecordingError: a piece without samples, or nothing left to fit.
+    """
+    windows = _windows(recording, held_out) if held_out else _usual(recording)
+    fit: dict[str, Episode] = {}
+    held: dict[str, Episode] = {}
+    for name, episode in recording.episodes.items():
+        _part(name, episode, windows.get(name, []), fit, held)
+    if not fit:
+        raise Place(recording.file).error("held out is everything; nothing is left")
+    return replace(recording, episodes=fit), replace(recording, episodes=held)
+
+
+_Windows = dict[str, list[tuple[float, float] | None]]  # None: the whole episode
+
+
+def _usual(recording: Recording) -> _Windows:
+    names = list(recording.episodes)
+    if len(names) > 1:
+        return {name: [None] for name in names[2::3] or names[-1:]}
+    name, time = names[0], recording.episodes[names[0]].time
+    if time.size < 3:
+        raise Place(recording.file, name).error(
+            f"{time.size} samples are too few to hold out the last third"
+        )
+    start = time[-1] - HELD_OUT_PART * (time[-1] - time[0])
+    return {name: [(float(start), float(time[-1]))]}
+
+
+def _windows(recording: Recording, held_out: Sequence[str]) -> _Windows:
+    windows: _Windows = {}
+    for entry in held_out:
+        for name, window in _parse(entry, recording):
+            windows.setdefault(name, []).append(window)
+    return windows
+
+
+def _parse(
+    entry: str, recording: Recording
+) -> Iterator[tuple[str, tuple[float, float] | None]]:
+    """The episodes, each with its window, that one entry names."""
+    file = Path(recording.file).name
+    if entry in (recording.file, file):
+        yield from ((name, None) for name in recording.episodes)
+        return
+    name = entry
+    for prefix in (f"{recording.file}:", f"{file}:"):
+        name = name.removeprefix(prefix)
+    if name in recording.episodes:
+        yield name, None
+        return
+    piece = _PIECE.fullmatch(name)
+    if piece is None or piece["id"] not in recording.episodes:
+        raise UnknownNameError(f"episode of {recording.file}", name, recording.episodes)
+    place = Place(recording.file, piece["id"])
+    yield piece["id"], _window(piece, recording.episodes[piece["id"]].time, place)
+
+
+def _window(piece: re.Match[str], time: Floats, place: Place) -> tuple[float, float]:
+    try:
+        start, end = float(piece["start"]), float(piece["end"])
+    except ValueError:
+        raise place.error(
+            f"held-out piece {piece[0]!r}; would fit: id[t0,t1] with two times in s"
+        ) from None
+    if not ((time >= start) & (time <= end)).any():
+        raise place.error(
+            f"held-out piece {piece[0]!r} has no sample; the episode lasts from "
+            f"{time[0]} to {time[-1]} s"
+        )
+    return start, end
+
+
+def _part(
+    name: str,
+    episode: Episode,
+    windows: Sequence[tuple[float, float] | None],
+    fit: dict[str, Episode],
+    held: dict[str, Episode],
+) -> None:
+    """Sort the pieces of one episode into `fit` and `held`."""
+    if None in windows:
+        held[name] = episode
+        return
+    time = episode.time
+    gap = GAP * (time[-1] - time[0])
+    seen = np.ones(time.size, bool)
+    for start, end in filter(None, windows):
+        held.update([_piece(name, episode, (time >= start) & (time <= end))])
+        seen &= (time < start - gap) | (time > end + gap)
+    fit.update(_piece(name, episode, run) for run in _runs(seen))
+
+
+def _runs(mask: NDArray[np.bool_]) -> Iterator[NDArray[np.bool_]]:
+    """Each unbroken stretch of True, as a mask of its own."""
+    label = np.cumsum(np.diff(mask, prepend=False) != 0)
+    for run in np.unique(label[mask]):
+        yield mask & (label == run)
+
+
+def _piece(name: str, episode: Episode, rows: NDArray[np.bool_]) -> tuple[str, Episode]:
+    """The samples `rows` (T) of an episode, under the name that says where they are."""
+    if rows.all():
+        return name, episode
+    time = episode.time[rows]
+    signals = {
+        key: replace(signal, values=signal.values[rows])
+        for key, signal in episode.signals.items()
+    }
+    piece = replace(episode, time=time, ctrl=episode.ctrl[rows], signals=signals)
+    if not rows[0]:
+        piece = replace(piece, qpos0=None, qvel0=None)
+    return f"{name}[{float(time[0])!r},{float(time[-1])!r}]", piece

@@ -1,0 +1,104 @@
+"""`selfheal recording check`: a table or JSON on stdout, refusals on stderr, codes."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from selfheal import __version__
+from selfheal.cli import app
+from selfheal.errors import EngineError, InputError
+from selfheal.recording import write
+
+
+@pytest.fixture
+def file(recording, tmp_path):
+    path = tmp_path / "arm.h5"
+    write(recording, path)
+    return path
+
+
+def _run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def _check(*arguments):
+    return _run("recording", "check", *arguments)
+
+
+def test_the_version_is_said():
+    assert _run("--version").stdout.split() == ["selfheal", __version__]
+
+
+def test_the_tables_name_every_episode_signal_and_kind(recording, file, model):
+    result = _check(file, "--model", model)
+    assert result.exit_code == 0
+    for episode, content in recording.episodes.items():
+        assert episode in result.stdout
+        for name, signal in content.signals.items():
+            assert name in result.stdout
+            assert signal.unit in result.stdout
+    assert "fits" in result.stdout
+
+
+def test_json_is_one_object_and_nothing_else(recording, file):
+    result = _check(file, "--json")
+    summary = json.loads(result.stdout)
+    assert (summary["format"], summary["version"]) == ("selfheal-recording-check", 1)
+    for episode in summary["episodes"]:
+        content = recording.episodes[episode["id"]]
+        assert episode["samples"] == content.time.size
+        assert episode["seconds"] == content.time[-1] - content.time[0]
+        shares = {signal["missing"] for signal in episode["signals"]}
+        assert shares == {1 / content.time.size}
+    assert result.stderr == ""
+
+
+def test_square_brackets_in_a_name_are_no_markup(recording, tmp_path):
+    episodes = {"[red]a[1.0,2.0]": recording.episodes["alpha"]}
+    write(type(recording)(episodes), tmp_path / "a.h5")
+    result = _check(tmp_path / "a.h5")
+    assert result.exit_code == 0
+    assert "[red]a[1" in result.stdout
+
+
+def test_a_refused_file_is_one_message_and_code_2(tmp_path):
+    (tmp_path / "bad.h5").write_text("no HDF5")
+    for arguments in ([], ["--json"]):
+        result = _check(tmp_path / "bad.h5", *arguments)
+        assert result.exit_code == 2
+        assert result.stdout == ""
+        assert result.stderr.startswith(f"selfheal: {tmp_path}/bad.h5: it is damaged")
+        assert "Traceback" not in result.stderr
+
+
+def test_a_model_that_does_not_fit_is_code_2(file, tmp_path):
+    (tmp_path / "other.xml").write_text("<mujoco/>")
+    result = _check(file, "--model", tmp_path / "other.xml")
+    assert result.exit_code == 2
+    assert "the model has no actuator" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(InputError("no"), 2), (EngineError("no"), 1), (KeyboardInterrupt(), 130)],
+)
+def test_expected_failures_have_a_code_and_no_traceback(monkeypatch, error, code):
+    monkeypatch.setattr("selfheal.recording.read", _raiser(error))
+    result = _check("a.h5")
+    assert result.exit_code == code
+    assert isinstance(result.exception, SystemExit)
+
+
+def test_what_nobody_expected_keeps_its_traceback(monkeypatch):
+    monkeypatch.setattr("selfheal.recording.read", _raiser(ZeroDivisionError()))
+    result = _check("a.h5")
+    assert result.exit_code == 1
+    assert isinstance(result.exception, ZeroDivisionError)
+
+
+def _raiser(error):
+    def fail(*_):
+        raise error
+
+    return fail

@@ -1,0 +1,70 @@
+"""Files are whole or absent, and a folder that cannot be written is refused first."""
+
+from pathlib import Path
+
+import pytest
+
+from selfheal.errors import InputError, SelfhealError
+from selfheal.files import atomic_path, check_writable_folder
+
+
+def _leftovers(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_gets_its_name_only_when_it_is_whole(tmp_path):
+    path = tmp_path / "run.h5"
+    with atomic_path(path) as temporary:
+        temporary.write_text("new")
+        assert not path.exists()
+        assert temporary.parent == path.parent
+    assert path.read_text() == "new"
+    assert _leftovers(tmp_path) == ["run.h5"]
+
+
+def test_after_an_exception_the_old_file_stands(tmp_path):
+    path = tmp_path / "run.h5"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:
+        temporary.write_text("half")
+        raise ZeroDivisionError
+    assert path.read_text() == "old"
+    assert _leftovers(tmp_path) == ["run.h5"]
+
+
+def test_a_full_disk_is_a_failure_with_the_name_of_the_file(tmp_path):
+    path = tmp_path / "run.h5"
+    with pytest.raises(SelfhealError, match=r"run\.h5.*No space"), atomic_path(path):
+        raise OSError(28, "No space left on device")
+    assert _leftovers(tmp_path) == []
+
+
+def test_a_link_keeps_pointing_where_it_did(tmp_path):
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    with atomic_path(tmp_path / "link") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+
+
+@pytest.mark.parametrize("place", ["missing/run.h5", "file/run.h5", "folder"])
+def test_where_nothing_can_be_written_the_body_never_runs(tmp_path, place):
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="cannot write"), atomic_path(tmp_path / place):
+        pytest.fail("the body ran")
+
+
+def test_a_missing_folder_is_made_and_left_empty(tmp_path):
+    folder = check_writable_folder(tmp_path / "a" / "b")
+    assert folder.is_dir()
+    assert _leftovers(folder) == []
+
+
+# root may write anywhere but into a file and into /proc
+@pytest.mark.parametrize("folder", ["{tmp}/file", "{tmp}/file/b", "/proc/selfheal"])
+def test_a_folder_that_cannot_be_written_is_refused(tmp_path, folder):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot write into"):
+        check_writable_folder(folder.format(tmp=tmp_path))
