@@ -83,9 +83,10 @@ def test_of_several_episodes_whole_ones_are_held_out():
     assert {**fit.episodes, **held.episodes} == dict(recording.episodes)
 
 
-def test_a_file_name_holds_out_nothing_else_than_everything():
+@pytest.mark.parametrize("held_out", [["a", "b"], ["a[0,3]", "b[0,3]"]])
+def test_something_must_be_left_to_fit(held_out):
     with pytest.raises(RecordingError, match="nothing is left"):
-        split(_recording("a", "b"), held_out=["arm.h5"])
+        split(_recording("a", "b"), held_out=held_out)
 
 
 def test_only_a_piece_that_starts_with_its_episode_knows_its_state():

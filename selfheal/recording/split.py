@@ -29,9 +29,9 @@ def split(
 
     Args:
         recording: one or more episodes.
-        held_out: `id`, `id[t0,t1]` [s], `file.h5`, `file.h5:id` or `file.h5:id[t0,t1]`.
-            Without any: of one episode the last third, of several each third one, or
-            the last of two.
+        held_out: `id`, `id[t0,t1]` [s], `file.h5:id` or `file.h5:id[t0,t1]`. Without
+            any: of one episode the last third, of several each third one, or the last
+            of two.
 
     Returns:
         What may be fitted, what is held out.
@@ -69,30 +69,23 @@ def _usual(recording: Recording) -> _Windows:
 def _windows(recording: Recording, held_out: Sequence[str]) -> _Windows:
     windows: _Windows = {}
     for entry in held_out:
-        for name, window in _parse(entry, recording):
-            windows.setdefault(name, []).append(window)
+        name, window = _parse(entry, recording)
+        windows.setdefault(name, []).append(window)
     return windows
 
 
-def _parse(
-    entry: str, recording: Recording
-) -> Iterator[tuple[str, tuple[float, float] | None]]:
-    """The episodes, each with its window, that one entry names."""
-    file = Path(recording.file).name
-    if entry in (recording.file, file):
-        yield from ((name, None) for name in recording.episodes)
-        return
+def _parse(entry: str, recording: Recording) -> tuple[str, tuple[float, float] | None]:
+    """The episode that an entry names, and its window if it names one."""
     name = entry
-    for prefix in (f"{recording.file}:", f"{file}:"):
+    for prefix in (f"{recording.file}:", f"{Path(recording.file).name}:"):
         name = name.removeprefix(prefix)
     if name in recording.episodes:
-        yield name, None
-        return
+        return name, None
     piece = _PIECE.fullmatch(name)
     if piece is None or piece["id"] not in recording.episodes:
         raise UnknownNameError(f"episode of {recording.file}", name, recording.episodes)
     place = Place(recording.file, piece["id"])
-    yield piece["id"], _window(piece, recording.episodes[piece["id"]].time, place)
+    return piece["id"], _window(piece, recording.episodes[piece["id"]].time, place)
 
 
 def _window(piece: re.Match[str], time: Floats, place: Place) -> tuple[float, float]:

@@ -2,8 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,23 +93,54 @@ def _recording(root: h5py.File, file: Place) -> Recording:
     if not isinstance(version, (int, np.integer)) or version != VERSION:
         raise file.error(f"version is {version!r}; this program reads {VERSION}")
     episodes = _group(root, "episodes", file)
-    places = {name: Place(file.file, name) for name in episodes}
-    groups = {name: _group(episodes, name, place) for name, place in places.items()}
-    _check_size(groups, file)
+    opened = [_open(episodes, name, Place(file.file, name)) for name in episodes]
+    _check_size(opened, file)
     return Recording(
-        {name: _episode(group, places[name]) for name, group in groups.items()},
+        {str(episode.place.episode): _episode(episode) for episode in opened},
         robot=_label(root, "robot", file),
         source=_label(root, "source", file),
         file=file.file,
     )
 
 
-def _check_size(groups: dict[str, h5py.Group], file: Place) -> None:
-    total = 0
-    for name, group in groups.items():
-        for dataset in _datasets(group, Place(file.file, name)):
-            # one chunk is unpacked whole, even where it reaches beyond the data
-            total += max(dataset.size or 0, math.prod(dataset.chunks or (0,)))
+@dataclass(frozen=True)
+class _Opened:
+    """An episode whose headers were checked and whose arrays were not read yet."""
+
+    place: Place
+    group: h5py.Group
+    arrays: dict[str, h5py.Dataset]
+    signals: dict[str, h5py.Dataset]
+
+
+def _open(episodes: h5py.Group, name: str, place: Place) -> _Opened:
+    group = _group(episodes, name, place)
+    members = list(group)
+    for member in members:
+        if member not in EPISODE_MEMBERS:
+            raise place.error(
+                f"unknown member {member!r}; would fit: {', '.join(EPISODE_MEMBERS)}"
+            )
+    names = ["time", "ctrl", *(name for name in ("qpos0", "qvel0") if name in members)]
+    signals = _group(group, "signals", place)
+    return _Opened(
+        place,
+        group,
+        {name: _dataset(group, name, place) for name in names},
+        {
+            name: _dataset(signals, name, replace(place, signal=name))
+            for name in signals
+        },
+    )
+
+
+def _check_size(episodes: list[_Opened], file: Place) -> None:
+    total = sum(
+        # one chunk is unpacked whole, even where it reaches beyond the data
+        max(dataset.size, math.prod(dataset.chunks or (0,)))
+        for episode in episodes
+        for dataset in (*episode.arrays.values(), *episode.signals.values())
+    )
     if total > MAX_VALUES:
         raise file.error(
             f"it holds {total} values; at most {MAX_VALUES} are read: cut it into "
@@ -118,48 +148,30 @@ def _check_size(groups: dict[str, h5py.Group], file: Place) -> None:
         )
 
 
-def _datasets(group: h5py.Group, place: Place) -> Iterator[h5py.Dataset]:
-    for name in group:
-        if name not in EPISODE_MEMBERS:
-            raise place.error(
-                f"unknown member {name!r}; would fit: {', '.join(EPISODE_MEMBERS)}"
-            )
-        if name != "signals":
-            yield _dataset(group, name, place)
-    signals = _group(group, "signals", place)
-    for name in signals:
-        yield _dataset(signals, name, replace(place, signal=name))
-
-
-def _episode(group: h5py.Group, place: Place) -> Episode:
-    ctrl = _dataset(group, "ctrl", place)
-    signals = _group(group, "signals", place)
-    state = {
-        name: _floats(_dataset(group, name, place))
-        for name in ("qpos0", "qvel0")
-        if name in group
-    }
+def _episode(opened: _Opened) -> Episode:
+    arrays, place = opened.arrays, opened.place
     return Episode(
-        _floats(_dataset(group, "time", place)),
-        _floats(ctrl),
-        _names(ctrl, place),
-        {name: _signal(signals, name, replace(place, signal=name)) for name in signals},
-        motion=_label(group, "motion", place),
-        **state,
+        **{name: _floats(dataset) for name, dataset in arrays.items()},
+        ctrl_names=_names(arrays["ctrl"], place),
+        signals={
+            name: _signal(dataset, replace(place, signal=name))
+            for name, dataset in opened.signals.items()
+        },
+        motion=_label(opened.group, "motion", place),
     )
 
 
-def _signal(signals: h5py.Group, name: str, place: Place) -> Signal:
-    dataset = _dataset(signals, name, place)
+def _signal(dataset: h5py.Dataset, place: Place) -> Signal:
     kind, target, unit = (_text(dataset, n, place) for n in ("kind", "target", "unit"))
     return Signal(_floats(dataset), kind, target, unit)
 
 
 def _member(parent: h5py.Group, name: str, place: Place) -> Any:
-    if name not in list(parent):
-        raise place.error(f"{name} is missing; {parent.name} holds {listed(parent)}")
     # asked of the link itself: `name in parent` would open the file it points to
-    if parent.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+    links, key = parent.id.links, name.encode()
+    if not links.exists(key):
+        raise place.error(f"{name} is missing; {parent.name} holds {listed(parent)}")
+    if links.get_info(key).type != h5py.h5l.TYPE_HARD:
         raise place.error(f"{name} is a link to elsewhere; links are not followed")
     return parent[name]
 
@@ -175,8 +187,9 @@ def _dataset(parent: h5py.Group, name: str, place: Place) -> h5py.Dataset:
     member = _member(parent, name, place)
     if not isinstance(member, h5py.Dataset):
         raise place.error(f"{name} must be a dataset")
-    if member.dtype.kind not in "fiu" or member.dtype.itemsize > 8:
-        raise place.error(f"{name} has type {member.dtype}; would fit: float64")
+    dtype = member.dtype
+    if dtype.kind not in "fiu" or dtype.itemsize > 8:
+        raise place.error(f"{name} has type {dtype}; would fit: float64")
     if member.shape is None:
         raise place.error(f"{name} is empty; would fit: an array")
     if member.is_virtual or member.external:
