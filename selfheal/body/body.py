@@ -158,6 +158,15 @@ def part_points(bodies: Bodies, along: float) -> Floats:
     return points
 
 
+def centers_in_torso(bodies: Bodies) -> Ints:
+    """(N) how many parts have their center inside the torso's box at zero angles.
+
+    Paper A does not simulate such bodies (papers.md 1.1).
+    """
+    inside = np.abs(part_points(bodies, 0.5)) < bodies.anatomy.torso_half
+    return inside.all(axis=2).sum(axis=1)
+
+
 def center_distance(bodies: Bodies, truth: Bodies) -> Floats:
     """(N) body distance [cm]: mean over parts of |center_i - true center_i| * 100.
 

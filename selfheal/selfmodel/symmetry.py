@@ -1,0 +1,131 @@
+"""Symmetries: one simulated body under every action stands for thousands of bodies.
+
+Parts that are alike can trade labels: the relabeled body under an action moves as the
+first body under the action with its joints traded. A square torso can be turned by
+quarters and mirrored, which turns and mirrors the tilts. So a table of one body's
+channels under all actions holds those of all its relabeled, turned and mirrored
+twins, without a simulation.
+"""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+from math import factorial, prod
+
+import numpy as np
+
+from ..body.body import Anatomy, Floats, Ints
+from ..body.genome import Genomes
+
+_MOST_TRADES = 1000  # chosen: beyond it only pairs trade labels
+# hinge kinds after a mirror: left and right, roll left and roll right change places
+_MIRRORED_HINGE = np.array([1, 0, 2, 3, 5, 4])
+
+
+@dataclass(frozen=True)
+class Twins:
+    """The group of a robot's trades (T), turns and mirrors (G).
+
+    Attributes:
+        trade: (T, P) part i + 1 becomes part trade[t, i] + 1; the first is identity.
+        action: (T, A) index of the action that the first body must do for its twin
+            to have done action a; -1 if the robot does not offer it.
+        turns: (G, 2) quarters turned to the left, then 1 if mirrored (left to right).
+        tilt: (G, 3, 3) what that does to the channels.
+    """
+
+    trade: Ints
+    action: Ints
+    turns: Ints
+    tilt: Floats
+
+    @classmethod
+    def of(cls, anatomy: Anatomy, actions: Floats) -> "Twins":
+        """The group for an anatomy and its actions (A, P) [rad]."""
+        trade = _trades(anatomy)
+        known = {a.tobytes(): k for k, a in enumerate(_rounded(actions))}
+        moved = _rounded(actions)[:, trade]  # (A, T, P)
+        found = [[known.get(row.tobytes(), -1) for row in rows] for rows in moved]
+        square = np.isclose(anatomy.torso_half[0], anatomy.torso_half[1])
+        square &= np.isclose(anatomy.rim[0], anatomy.rim[1])
+        turns = np.array([(k, m) for m in (0, 1) for k in range(4)])
+        turns = turns if square else turns[[0, 2, 4, 6]]
+        tilt = np.array([_tilt_map(k, m) for k, m in turns])
+        return cls(trade, np.array(found).T.copy(), turns, tilt)
+
+    def losses(self, table: Floats, tried: Ints, felt: Floats, loss) -> Floats:
+        """(G, T) loss of every twin of a body, infinite where it is not known.
+
+        Args:
+            table: (A, 3) the body's channels under every action.
+            tried: (n) actions tried.
+            felt: (n, 3) channels measured.
+            loss: of one action.
+        """
+        twins = table @ self.tilt.transpose(0, 2, 1)  # (G, A, 3)
+        each = loss(twins[:, None], felt[:, None])  # (G, n, A)
+        each = np.where(np.isnan(twins).any(axis=2)[:, None], np.inf, each)
+        source = self.action[:, tried]  # (T, n)
+        total = each[:, np.arange(len(tried)), source].sum(axis=2)
+        return np.where((source < 0).any(axis=1), np.inf, total)
+
+    def table(self, table: Floats, turn: int, trade: int) -> Floats:
+        """(A, 3) channels of one twin under every action; NaN where not known."""
+        twin = table[self.action[trade]] @ self.tilt[turn].T
+        return np.where((self.action[trade] < 0)[:, None], np.nan, twin)
+
+    def genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
+        """The genome (1) of one twin of a row. It may put a child before its parent."""
+        to = self.trade[trade]
+        quarters, mirrored = self.turns[turn]
+        parent, placement = genomes.parent[row], genomes.placement[row]
+        hinge = genomes.hinge[row]
+        if mirrored:
+            placement, hinge = 0.75 - placement, _MIRRORED_HINGE[hinge]
+        placement = placement - 0.25 * quarters * (parent == 0)
+        label = np.append(0, to + 1)
+        out = [np.empty_like(genomes.parent[:1]), *(np.empty((1, len(to))) for _ in "12")]
+        out[0][0, to], out[1][0, to] = label[parent], _wrapped(placement)
+        out[2][0, to] = genomes.length[row]
+        kinds = np.empty_like(out[0])
+        kinds[0, to] = hinge
+        return Genomes(out[0], out[1], kinds, out[2])
+
+
+def _wrapped(placement: Floats) -> Floats:
+    """Placements in [0, 1), free of the rounding that would split equal bodies."""
+    return np.round(placement - np.floor(placement), 12) % 1.0
+
+
+def _rounded(actions: Floats) -> Floats:
+    """Actions rounded to microradians, so that equal ones compare equal."""
+    return np.round(np.asarray(actions, float), 6) + 0.0
+
+
+def _trades(anatomy: Anatomy) -> Ints:
+    """(T, P) relabelings among parts that are alike."""
+    a = anatomy
+    kind = np.column_stack([a.length, a.radius, a.mass, a.block_half, a.block_mass])
+    _, group = np.unique(np.round(kind, 9), axis=0, return_inverse=True)
+    groups = [np.flatnonzero(group == g) for g in range(group.max() + 1)]
+    base = np.arange(a.size)
+    if prod(factorial(len(g)) for g in groups) > _MOST_TRADES:
+        pairs = [(i, j) for g in groups for i in g for j in g if i < j]
+        trades = np.tile(base, (1 + len(pairs), 1))
+        for row, (i, j) in zip(trades[1:], pairs, strict=True):
+            row[[i, j]] = row[[j, i]]
+        return trades
+    rows = []
+    for orders in product(*(permutations(g) for g in groups)):
+        row = base.copy()
+        for g, order in zip(groups, orders, strict=True):
+            row[g] = order
+        rows.append(row)
+    return np.array(rows)
+
+
+def _tilt_map(quarters: int, mirrored: int) -> Floats:
+    """(3, 3) channels (lr, fb, clearance) of a body mirrored, then turned left."""
+    matrix = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    # up = (sin fb, -sin lr) turns with the body: fb' = lr, lr' = -fb
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    return np.linalg.matrix_power(quarter, quarters) @ matrix
