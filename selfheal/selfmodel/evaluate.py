@@ -52,6 +52,9 @@ def capped_loss(predicted: Floats, measured: Floats) -> Floats:
     return np.nansum(gap * [1, 1, _CLEARANCE_WEIGHT], axis=-1)
 
 
+_MEMORY = 0.9  # of the running mean of each action's loss; chosen
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What the robot did and felt.
@@ -82,6 +85,8 @@ class Evaluator:
         loss: of one action, from predicted and measured channels.
         spent: simulations so far, abandoned or not.
         failed: of these, diverged.
+        hardness: (A) recent mean loss of candidates under each action; the hardest
+            first gives up wrong candidates soonest.
     """
 
     def __init__(
@@ -96,6 +101,11 @@ class Evaluator:
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
         self.loss = loss
         self.spent, self.failed = 0, 0
+        self.hardness = np.full(len(actions), np.inf)
+
+    def hardest_first(self, evidence: Evidence) -> Ints:
+        """Positions in the evidence, hardest action first; untested ones lead."""
+        return np.argsort(-self.hardness[list(evidence.tried)], kind="stable")
 
     def simulate(self, bodies: Bodies, actions: Ints) -> Floats:
         """(N, 3) channels of N bodies, each under one action (N); NaN where diverged."""
@@ -144,7 +154,17 @@ class Evaluator:
             seen = self.simulate(bodies[rows], np.asarray(evidence.tried)[which])
             gap = self.loss(seen, evidence.felt[which])
             gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap)
-            total[alive] += gap.reshape(len(alive), -1).sum(axis=1)
+            gap = gap.reshape(len(alive), -1)
+            self._note(np.asarray(evidence.tried)[wave], gap)
+            total[alive] += gap.sum(axis=1)
             alive = alive[total[alive] < bound[alive]]
         complete[alive] = True
         return total, complete
+
+    def _note(self, actions: Ints, gap: Floats) -> None:
+        """Keep a running mean of the loss (N, w) under each of w actions."""
+        seen = np.isfinite(gap)
+        mean = np.where(seen, gap, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        old = np.where(np.isfinite(self.hardness), self.hardness, np.nan)[actions]
+        blend = np.where(np.isnan(old), mean, _MEMORY * old + (1 - _MEMORY) * mean)
+        self.hardness[actions] = blend

@@ -52,10 +52,18 @@ class Twins:
         tilt = np.array([_tilt_map(k, m) for k, m in turns])
         return cls(trade, np.array(found).T.copy(), turns, tilt)
 
-    def losses(self, table: Floats, tried: Ints, felt: Floats, loss) -> Floats:
-        """(G, T) loss of every twin of a body, infinite where it is not known.
+    def valid(self, parent: Ints) -> np.ndarray:
+        """(T) whether a body's parents (P) still come before children once traded."""
+        label = np.hstack([np.zeros((len(self.trade), 1), np.int64), self.trade + 1])
+        return (label[:, parent] <= self.trade).all(axis=1)
+
+    def losses(
+        self, parent: Ints, table: Floats, tried: Ints, felt: Floats, loss
+    ) -> Floats:
+        """(G, T) loss of every twin of a body, infinite where it cannot be or is unknown.
 
         Args:
+            parent: (P) of the body.
             table: (A, 3) the body's channels under every action.
             tried: (n) actions tried.
             felt: (n, 3) channels measured.
@@ -66,7 +74,8 @@ class Twins:
         each = np.where(np.isnan(twins).any(axis=2)[:, None], np.inf, each)
         source = self.action[:, tried]  # (T, n)
         total = each[:, np.arange(len(tried)), source].sum(axis=2)
-        return np.where((source < 0).any(axis=1), np.inf, total)
+        unknown = (source < 0).any(axis=1) | ~self.valid(parent)
+        return np.where(unknown, np.inf, total)
 
     def table(self, table: Floats, turn: int, trade: int) -> Floats:
         """(A, 3) channels of one twin under every action; NaN where not known."""
@@ -74,7 +83,7 @@ class Twins:
         return np.where((self.action[trade] < 0)[:, None], np.nan, twin)
 
     def genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
-        """The genome (1) of one twin of a row. It may put a child before its parent."""
+        """The genome (1) of one twin of a row."""
         to = self.trade[trade]
         quarters, mirrored = self.turns[turn]
         parent, placement = genomes.parent[row], genomes.placement[row]

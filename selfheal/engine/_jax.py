@@ -1,0 +1,58 @@
+"""The one place that sets JAX up; everything that imports jax calls `prepare_jax`."""
+
+import os
+import sys
+from pathlib import Path
+
+_DEVICES = "--xla_force_host_platform_device_count"
+_MOST_DEVICES = 8  # chosen: every device takes a share of each batch
+
+
+def prepare_jax():
+    """Import jax with this machine's traps avoided; later calls cost nothing.
+
+    Before the first import: one host device for each core, because XLA runs a
+    vmapped loop on about one core; and never an XLA pool of exactly two threads, on
+    which batched Cholesky factors wait for each other forever (NPROC, engines.md).
+    A user's own settings of the same things stay. After an import by somebody else
+    only the compilation cache is set.
+
+    Returns:
+        The jax module.
+    """
+    if "jax" not in sys.modules:
+        _set_environment()
+    import jax
+
+    if jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    return jax
+
+
+def _set_environment() -> None:
+    """Environment variables that XLA reads when it starts."""
+    cores = _cores()
+    if cores == 2:
+        os.environ.setdefault("NPROC", "3")
+    flags = os.environ.get("XLA_FLAGS", "")
+    if _DEVICES not in flags:
+        devices = f"{_DEVICES}={min(cores, _MOST_DEVICES)}"
+        os.environ["XLA_FLAGS"] = f"{flags} {devices}".strip()
+
+
+def _cores() -> int:
+    """The number of cores this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def cache_folder() -> Path:
+    """Where compiled programs are kept; jax makes it, and does without if it cannot."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "selfheal" / "jax"

@@ -1,0 +1,130 @@
+"""MJX engine: bodies and joint targets in, readings at rest out; the tree is data.
+
+The servos hold their angles, so a candidate is one free body whose contact spheres,
+center of mass and inertia follow the planned joint angles. MJX's collisions, contact
+constraints and solver move it; one compiled program serves every attachment tree of
+an anatomy.
+"""
+
+import functools
+
+import numpy as np
+
+from ..body.body import Bodies, Floats
+from ._jax import prepare_jax
+from ._mjx_body import Motion, Parts, motion, owners, parts, torso_constants
+from .mujoco import HOLD, RAMP
+from .readings import Readings, from_rest
+
+TIMESTEP = 0.01  # [s] paper A's (papers.md 1.1)
+SERVO_LAG = 0.0155  # [s] (kv + damping) / kp of mjcf.Physics: servos trail so far
+SETTLED_LAGS = 5  # the joints stand still so many lags after the ramp; chosen
+FASTEST = 20.0  # [m/s or rad/s] what still moves faster has diverged; chosen
+BATCH = 512  # simulations in a call of the compiled program; chosen: the fastest
+
+
+class Mjx:
+    """Simulates a rigid, reshaping body for each candidate, on every device.
+
+    Attributes:
+        name: "mjx".
+        ramp: [s] joints move from 0 to their target.
+        hold: [s] then hold.
+        batch: simulations in a call of the compiled program, whatever N is.
+    """
+
+    name = "mjx"
+
+    def __init__(
+        self, ramp: float = RAMP, hold: float = HOLD, *, batch: int = BATCH
+    ) -> None:
+        self.ramp, self.hold, self.batch = ramp, hold, batch
+
+    def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
+        """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
+        a = bodies.anatomy
+        targets = np.asarray(targets, float)
+        program = _program(owners(a), a.feet, self.ramp, self.hold, self.batch)
+        torso = torso_constants(a)
+        rest = np.empty((len(bodies), 5 + len(a.feet)))
+        body = parts(bodies)
+        for start in range(0, len(bodies), self.batch):
+            rows = slice(start, start + self.batch)
+            chunk = [_pad(x[rows], self.batch) for x in (*body, targets)]
+            result = program(Parts(*chunk[:-1]), chunk[-1], torso, a.torso_half[2])
+            rest[rows] = np.asarray(result)[: len(rest[rows])]
+        rest[~(rest[:, 4] < FASTEST)] = np.nan
+        return from_rest(rest[:, :3], rest[:, 3], rest[:, 5:], targets, a.torso_half[2])
+
+
+def _pad(rows, count: int):
+    """These rows for the device; the last one repeated up to `count`."""
+    kind = np.int32 if rows.dtype.kind == "i" else np.float32
+    padding = [(0, count - len(rows))] + [(0, 0)] * (rows.ndim - 1)
+    return np.pad(rows.astype(kind), padding, mode="edge")
+
+
+@functools.cache
+def _program(owner: tuple, feet: tuple, ramp: float, hold: float, batch: int):
+    """The compiled batch of simulations of anatomies with these contact spheres."""
+    jax = prepare_jax()
+    from jax.sharding import Mesh, PartitionSpec
+
+    count = max(n for n in range(1, len(jax.devices()) + 1) if batch % n == 0)
+    simulate = functools.partial(_simulate, owner, feet, ramp, hold)
+    shared, split = PartitionSpec(), PartitionSpec("rows")
+    return jax.jit(
+        jax.shard_map(
+            jax.vmap(simulate, in_axes=(0, 0, None, None)),
+            mesh=Mesh(np.array(jax.devices()[:count]), ("rows",)),
+            in_specs=(split, split, shared, shared),
+            out_specs=split,
+            check_vma=False,
+        )
+    )
+
+
+def _simulate(owner, feet, ramp, hold, body: Parts, target, torso, height):
+    """Simulate one body from lying at rest.
+
+    Returns:
+        (5 + F): up in the torso's frame (3), height of the torso's center (1) [m],
+        fastest motion left (1), height of each foot's lowest point (F) [m].
+    """
+    import jax
+    import jax.numpy as jnp
+
+    from ._mjx_step import Pose, State, free_spheres, rotation, step
+
+    moving = round((ramp + SETTLED_LAGS * SERVO_LAG) / TIMESTEP)
+    share = _servo_share(np.arange(moving + 1) * TIMESTEP, ramp).astype(np.float32)
+    plan = motion(body, torso, owner, target[:, None] * share, TIMESTEP)
+    model, data = free_spheres(TIMESTEP)
+
+    def advance(state: State, k):
+        now, then = jnp.minimum(k, moving), jnp.minimum(k + 1, moving)
+        spheres = plan.spheres[now]
+        flow = (plan.spheres[then] - spheres) / TIMESTEP
+        pose = Pose(spheres, flow, body.radius, plan.inertia[now], plan.spin[now], plan.mass)
+        return step(model, data, state, pose), None
+
+    place = plan.center[0] + jnp.array([0, 0, height])
+    still = jnp.zeros(6)
+    start = State(jnp.append(place, jnp.array([1.0, 0, 0, 0])), still, still[:3], still)
+    steps = jnp.arange(round((ramp + hold) / TIMESTEP))
+    end, _ = jax.lax.scan(advance, start, steps)
+    up = rotation(end.pose[3:])[2]
+    level = end.pose[2] + plan.spheres[-1] @ up - body.radius
+    first_tip = 8 + target.shape[0] - 1
+    tips = level[first_tip + np.asarray(feet, int)]
+    lift = end.pose[2] - plan.center[-1] @ up
+    fastest = jnp.abs(end.velocity).max()
+    return jnp.concatenate([up, lift[None], fastest[None], tips])
+
+
+def _servo_share(time: Floats, ramp: float) -> Floats:
+    """Share of the target reached by servos that trail a ramp by SERVO_LAG."""
+    trail = SERVO_LAG / ramp * (1 - np.exp(-np.minimum(time, ramp) / SERVO_LAG))
+    late = np.exp(-np.maximum(time - ramp, 0) / SERVO_LAG)
+    share = np.minimum(time / ramp, 1) - trail * late
+    return np.where(time > ramp + (SETTLED_LAGS - 0.5) * SERVO_LAG, 1.0, share)

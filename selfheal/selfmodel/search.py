@@ -1,0 +1,248 @@
+"""Our search: climbers that start from rivals, and a crowd of the rivals they reach.
+
+A climber takes the best of a few small changes at a time, each given up as soon as it
+is worse than the climber. At a peak its table under every action is simulated once;
+the table holds thousands of twins (see `symmetry`), and if one explains the data
+better, the climb goes on from there. A peak joins the crowd, where it competes only
+with bodies of the same structure until the crowd is full (deterministic crowding,
+Mahfoud 1995, with the tree as the distance).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..body.body import Floats, Ints
+from ..body.genome import Genomes, concatenate
+from .evaluate import Evaluator, Evidence
+from .space import (
+    Space,
+    crossed,
+    kicked,
+    neighbors,
+    random_bodies,
+    same,
+)
+from .symmetry import Twins
+
+
+@dataclass
+class Crowd:
+    """Rivals: peaks of different structure, best first.
+
+    Attributes:
+        genomes: (K).
+        tables: (K, A, 3) their channels under every action.
+        losses: (K) over the evidence so far.
+        hits: (K) climbs from random bodies that ended there since the last evidence.
+        starts: climbs from random bodies since the last evidence.
+    """
+
+    genomes: Genomes
+    tables: Floats
+    losses: Floats
+    hits: Ints
+    starts: int = 0
+
+    @classmethod
+    def empty(cls, parts: int, actions: int) -> "Crowd":
+        """No rivals yet."""
+        whole = np.zeros((0, parts), np.int64)
+        real = np.zeros((0, parts))
+        nobody = Genomes(whole, real, whole, real)
+        count = np.zeros(0, np.int64)
+        return cls(nobody, np.zeros((0, actions, 3)), np.zeros(0), count)
+
+    def __len__(self) -> int:
+        return len(self.losses)
+
+    def take(self, rows: Ints) -> None:
+        """Keep these rows, in this order."""
+        self.genomes, self.tables = self.genomes[rows], self.tables[rows]
+        self.losses, self.hits = self.losses[rows], self.hits[rows]
+
+    def add(self, genome: Genomes, table: Floats, loss: float, hit: int) -> None:
+        """Take in a peak; of two equal structures the better one stays."""
+        twin = np.flatnonzero(_alike(self.genomes, genome))
+        if len(twin) and self.losses[twin[0]] <= loss:
+            self.hits[twin[0]] += hit * (loss - self.losses[twin[0]] < 1e-6)
+            return
+        keep = np.setdiff1d(np.arange(len(self)), twin)
+        self.take(keep)
+        self.genomes = concatenate(self.genomes, genome)
+        self.tables = np.concatenate([self.tables, table[None]])
+        self.losses, self.hits = np.append(self.losses, loss), np.append(self.hits, hit)
+
+    def cut(self, size: int) -> None:
+        """Sort, and keep the best `size`."""
+        self.take(np.argsort(self.losses, kind="stable")[:size])
+
+
+def _alike(genomes: Genomes, one: Genomes) -> np.ndarray:
+    """(N) whether a genome has the tree, sides and hinges of another (1)."""
+    equal = (genomes.parent == one.parent) & (genomes.side == one.side)
+    return (equal & (genomes.hinge == one.hinge)).all(axis=1)
+
+
+@dataclass(eq=False)
+class _Climber:
+    """A body on its way up, and the changes it has not tried."""
+
+    genome: Genomes
+    loss: float
+    fresh: bool
+    around: Genomes | None = None
+    place: int = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether every small change was tried in vain."""
+        return self.around is not None and self.place >= len(self.around)
+
+
+@dataclass
+class RivalSearch:
+    """The default search; see the module.
+
+    Attributes:
+        space: which genes are unknown.
+        evaluator: simulates and counts.
+        twins: of the anatomy and its actions.
+        size: of the crowd.
+        climbers: that climb side by side, `children` changes each at a time.
+    """
+
+    space: Space
+    evaluator: Evaluator
+    twins: Twins
+    size: int = 16
+    climbers: int = 4
+    children: int = 16
+    crowd: Crowd = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Start with nobody."""
+        actions, parts = self.evaluator.actions.shape
+        self.crowd = Crowd.empty(parts, actions)
+
+    def run(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+        """Search until the evaluator has spent `limit` simulations."""
+        queue = self._relearn(evidence)
+        active: list[_Climber] = []
+        order = self.evaluator.hardest_first(evidence)
+        while self.evaluator.spent < limit or not self._any(active):
+            while len(active) < self.climbers:
+                active.append(queue.pop(0) if queue else self._start(evidence, rng))
+            self._step(active, evidence, order, rng)
+            order = self.evaluator.hardest_first(evidence)
+            for climber in [c for c in active if c.done]:
+                active.remove(climber)
+                again = self._peak(climber, evidence)
+                if again:
+                    active.append(again)
+        for climber in active:
+            if np.isfinite(climber.loss):
+                self._peak(climber, evidence)
+
+    def _any(self, active: list[_Climber]) -> bool:
+        """Whether there is any body to go on with."""
+        return len(self.crowd) > 0 or any(np.isfinite(c.loss) for c in active)
+
+    def _relearn(self, evidence: Evidence) -> list[_Climber]:
+        """Score the rivals on the evidence, each as its best twin; all climb again."""
+        old, self.crowd = self.crowd, Crowd.empty(*self.evaluator.actions.shape[::-1])
+        for row in range(len(old)):
+            self.crowd.add(*self._best_twin(old.genomes[[row]], old.tables[row], evidence), 0)
+        self.crowd.cut(self.size)
+        return [
+            _Climber(self.crowd.genomes[[k]], float(self.crowd.losses[k]), False)
+            for k in range(len(self.crowd))
+        ]
+
+    def _best_twin(
+        self, genome: Genomes, table: Floats, evidence: Evidence
+    ) -> tuple[Genomes, Floats, float]:
+        """The twin that explains the evidence best: genome, table, loss."""
+        losses = self.twins.losses(
+            genome.parent[0],
+            table,
+            np.asarray(evidence.tried),
+            evidence.felt,
+            self.evaluator.loss,
+        )
+        turn, trade = np.unravel_index(int(np.argmin(losses)), losses.shape)
+        if losses[turn, trade] > losses[0, 0] - 1e-6:
+            return genome, table, float(losses[0, 0])
+        twin = self.twins.genome(genome, 0, int(turn), int(trade))
+        table = self.twins.table(table, int(turn), int(trade))
+        return twin, table, float(losses[turn, trade])
+
+    def _start(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
+        """A random body, a kicked rival, or a child of two rivals."""
+        dice = rng.random()
+        fresh = len(self.crowd) < 4 or dice < 0.3
+        if fresh:
+            genome = random_bodies(self.evaluator.anatomy, self.space, 1, rng)
+            self.crowd.starts += 1
+        else:
+            # better rivals more often; the scale is 4 degrees an action, chosen
+            gap = self.crowd.losses - self.crowd.losses.min()
+            weight = np.exp(-gap / (4 * len(evidence)))
+            pick = rng.choice(len(weight), 2, replace=False, p=weight / weight.sum())
+            first, second = self.crowd.genomes[pick[:1]], self.crowd.genomes[pick[1:]]
+            if dice < 0.65:
+                genome = kicked(self.space, first, rng)
+            else:
+                genome = crossed(first, second, rng)
+        return _Climber(genome, np.inf, fresh)
+
+    def _step(
+        self,
+        active: list[_Climber],
+        evidence: Evidence,
+        order: Ints,
+        rng: np.random.Generator,
+    ) -> None:
+        """Each climber tries a few changes and takes the best that is better."""
+        batches = []
+        for climber in active:
+            if not np.isfinite(climber.loss):
+                batches.append(climber.genome)
+                continue
+            if climber.around is None:
+                climber.around = neighbors(self.space, climber.genome, rng)
+                climber.place = 0
+            end = climber.place + self.children
+            batches.append(climber.around[climber.place : end])
+            climber.place = end
+        sizes = [len(b) for b in batches]
+        bound = np.repeat([c.loss for c in active], sizes) - 1e-9
+        genomes = concatenate(*batches)
+        total, complete = self.evaluator.losses(
+            genomes, evidence, bound=bound, order=order
+        )
+        total = np.where(complete, total, np.inf)
+        edges = np.cumsum([0, *sizes])
+        for climber, low, high in zip(active, edges[:-1], edges[1:], strict=True):
+            best = low + int(np.argmin(total[low:high])) if high > low else low
+            if high > low and total[best] < climber.loss:
+                climber.genome, climber.loss = genomes[[best]], float(total[best])
+                climber.around = None
+            elif climber.around is None:
+                climber.around = climber.genome[:0]  # an impossible start: give up
+
+    def _peak(self, climber: _Climber, evidence: Evidence) -> _Climber | None:
+        """Take a climber's peak into the crowd; a climber to go on with, if any."""
+        if not np.isfinite(climber.loss):
+            return None
+        twin = np.flatnonzero(same(self.crowd.genomes, climber.genome))
+        if len(twin):
+            self.crowd.hits[twin[0]] += climber.fresh
+            return None
+        table = self.evaluator.table(climber.genome)[0]
+        genome, table, loss = self._best_twin(climber.genome, table, evidence)
+        better = loss < climber.loss - 1e-6
+        self.crowd.add(genome, table, loss, int(climber.fresh and not better))
+        self.crowd.cut(self.size)
+        return _Climber(genome, loss, climber.fresh) if better else None
+

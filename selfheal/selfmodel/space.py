@@ -1,0 +1,207 @@
+"""Spaces of bodies and the small changes that lead from one body to its neighbors."""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ..body.body import Anatomy, Floats, Ints
+from ..body.genome import (
+    HINGE_NAMES,
+    LENGTH_RANGE,
+    Genomes,
+    at_sides,
+    concatenate,
+    random_genomes,
+)
+from ..errors import UnknownNameError
+
+_NUDGES = 6  # random shifts of each continuous gene in one neighborhood; chosen
+_NUDGE_DECADES = (-3.0, -0.7)  # their size: 10^uniform, in rounds or lengths; chosen
+
+
+@dataclass(frozen=True)
+class Space:
+    """Which genes of a body are unknown.
+
+    Attributes:
+        name: "free", "sides" or "full".
+        sides: attachments are at the middle of a side, else anywhere.
+        hinges: the hinge kind is unknown (paper C), else hinges lift (paper A).
+        lengths: part lengths are unknown.
+    """
+
+    name: str
+    sides: bool
+    hinges: bool
+    lengths: bool
+
+
+SPACES = {
+    s.name: s
+    for s in (
+        Space("free", sides=False, hinges=False, lengths=False),
+        Space("sides", sides=True, hinges=False, lengths=False),
+        Space("full", sides=True, hinges=True, lengths=True),
+    )
+}
+
+
+def space_of(name: str, *, known_lengths: bool = False) -> Space:
+    """The space of a name; `known_lengths` takes lengths out of "full".
+
+    Raises:
+        UnknownNameError: no such space.
+    """
+    if name not in SPACES:
+        raise UnknownNameError("space", name, SPACES)
+    space = SPACES[name]
+    return replace(space, lengths=space.lengths and not known_lengths)
+
+
+def random_bodies(
+    anatomy: Anatomy, space: Space, count: int, rng: np.random.Generator
+) -> Genomes:
+    """`count` random genomes of the space, uniform in every unknown gene."""
+    genomes = random_genomes(anatomy, count, rng, space.sides)
+    shape = genomes.parent.shape
+    if space.hinges:
+        genomes = replace(genomes, hinge=rng.integers(0, len(HINGE_NAMES), shape))
+    if space.lengths:
+        genomes = replace(genomes, length=rng.uniform(*LENGTH_RANGE, shape))
+    return genomes
+
+
+def _copies(genome: Genomes, count: int) -> Genomes:
+    """`count` copies of a batch of one."""
+    return genome[np.zeros(count, np.int64)]
+
+
+def _reattached(genome: Genomes) -> Genomes:
+    """Every part at the middle of every side of every possible parent."""
+    p = genome.parent.shape[1]
+    spots = [(i, k, s) for i in range(p) for k in range(i + 1) for s in range(4)]
+    part, parent, side = np.array(spots).T
+    out, row = _copies(genome, len(spots)), np.arange(len(spots))
+    out.parent[row, part], out.placement[row, part] = parent, (side + 0.5) / 4
+    return out
+
+
+def _moved(genome: Genomes, orders: Ints) -> Genomes:
+    """Attachments handed from part to part: part i takes that of orders[., i]."""
+    out = Genomes(
+        genome.parent[0][orders],
+        genome.placement[0][orders],
+        genome.hinge[0][orders],
+        np.repeat(genome.length, len(orders), axis=0),
+    )
+    return out
+
+
+def _relabeled(genome: Genomes, orders: Ints) -> Genomes:
+    """Parts trade places, children and all: part i becomes part orders[., i]."""
+    out, row = _copies(genome, len(orders)), np.arange(len(orders))[:, None]
+    label = np.hstack([np.zeros((len(orders), 1), np.int64), orders + 1])
+    out.parent[row, orders] = np.take_along_axis(
+        label, np.repeat(genome.parent, len(orders), axis=0), axis=1
+    )
+    out.placement[row, orders] = genome.placement
+    out.hinge[row, orders] = genome.hinge
+    return out
+
+
+def _orders(p: int) -> tuple[Ints, Ints]:
+    """All trades of two parts, and all cycles of three."""
+    pairs = np.tile(np.arange(p), (p * (p - 1) // 2, 1))
+    for row, (i, j) in zip(pairs, combinations(range(p), 2), strict=True):
+        row[[i, j]] = row[[j, i]]
+    triples = [c for a in combinations(range(p), 3) for c in (a, a[::-1])]
+    cycles = np.tile(np.arange(p), (len(triples), 1))
+    for row, (i, j, k) in zip(cycles, triples, strict=True):
+        row[[i, j, k]] = row[[j, k, i]]
+    return pairs, cycles
+
+
+def _nudged(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
+    """One gene of one part shifted a little, several sizes for every part."""
+    p = genome.parent.shape[1]
+    part = np.repeat(np.arange(p), _NUDGES)
+    size = rng.normal(size=len(part)) * 10 ** rng.uniform(*_NUDGE_DECADES, len(part))
+    out = _copies(genome, len(part))
+    values, row = getattr(out, gene), np.arange(len(part))
+    if gene == "placement":
+        values[row, part] = (values[row, part] + size) % 1.0
+    else:
+        span = LENGTH_RANGE[1] - LENGTH_RANGE[0]
+        values[row, part] = np.clip(values[row, part] + size * span, *LENGTH_RANGE)
+    return out
+
+
+def _rehinged(genome: Genomes) -> Genomes:
+    """Every part with every other kind of hinge."""
+    p, kinds = genome.parent.shape[1], len(HINGE_NAMES)
+    out, row = _copies(genome, p * kinds), np.arange(p * kinds)
+    out.hinge[row, row // kinds] = row % kinds
+    return out
+
+
+def neighbors(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
+    """Bodies one small change away, in random order, valid and without the body itself.
+
+    Args:
+        space: which genes may change.
+        genome: a batch of one.
+        rng: for the order, and for the size of continuous changes.
+    """
+    pairs, cycles = _orders(genome.parent.shape[1])
+    batches = [_reattached(genome), _moved(genome, pairs), _relabeled(genome, pairs)]
+    batches.append(_moved(genome, cycles))
+    if space.hinges:
+        batches.append(_rehinged(genome))
+    if not space.sides:
+        batches.append(_nudged(genome, "placement", rng))
+    if space.lengths:
+        batches.append(_nudged(genome, "length", rng))
+    out = concatenate(*batches)
+    return out[rng.permutation(np.flatnonzero(valid(out) & ~same(out, genome)))]
+
+
+def valid(genomes: Genomes) -> np.ndarray:
+    """(N) whether every parent comes before its child."""
+    return (genomes.parent <= np.arange(genomes.parent.shape[1])).all(axis=1)
+
+
+def same(genomes: Genomes, other: Genomes) -> np.ndarray:
+    """(N) whether a genome equals `other` (1), to a thousandth of a round and 0.1 mm."""
+    turn = np.abs(genomes.placement - other.placement)
+    return (
+        (genomes.parent == other.parent)
+        & (np.minimum(turn, 1 - turn) < 1e-3)
+        & (genomes.hinge == other.hinge)
+        & (np.abs(genomes.length - other.length) < 1e-4)
+    ).all(axis=1)
+
+
+def crossed(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genomes:
+    """Uniform crossover: each part's genes from one of two genomes (1 each)."""
+    pick = rng.random(first.parent.shape) < 0.5
+    names = ("parent", "placement", "hinge", "length")
+    pairs = [(getattr(first, n), getattr(second, n)) for n in names]
+    return Genomes(*(np.where(pick, a, b) for a, b in pairs))
+
+
+def kicked(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
+    """The genome (1) after two to four random small changes in a row."""
+    for _ in range(rng.integers(2, 5)):
+        around = neighbors(space, genome, rng)
+        genome = around[:1]
+    return at_sides(genome) if space.sides else genome
+
+
+def genome_key(genomes: Genomes, row: int) -> bytes:
+    """A hashable name of one genome, equal for bodies equal to a thousandth."""
+    numbers: list[Floats | Ints] = [
+        genomes.parent[row], np.round(genomes.placement[row] * 1000).astype(int) % 1000,
+        genomes.hinge[row], np.round(genomes.length[row] * 1e4).astype(int),
+    ]  # fmt: skip
+    return np.concatenate(numbers).tobytes()
