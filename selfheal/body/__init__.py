@@ -1,0 +1,1 @@
+"""Bodies and genomes: takes encodings, gives bodies, their distances and their MJCF."""

@@ -1,0 +1,1 @@
+"""Engines: bodies and joint targets in, readings at rest out, at three fidelities."""

@@ -1,0 +1,234 @@
+"""Runs on disk: everything a self-modeling run knows, to look at or to go on with.
+
+RUN.h5: attributes format="selfheal-run", version=1, settings, counts and result as
+JSON; groups `anatomy`, `truth` (if the robot knows it), `cycles/<k>`, `state`.
+"""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..body.body import Anatomy, Bodies, Floats
+from ..body.genome import Genomes
+from ..errors import RunFileError
+from ..files import atomic_path
+
+FORMAT, VERSION = "selfheal-run", 1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a run was asked to do.
+
+    Attributes:
+        robot: its name.
+        recordings: path of the recording that it answers from, "" if none.
+        method: "default", "paper", "random-batch" or "random-alternate".
+        space: "free", "sides" or "full".
+        known_lengths: whether "full" takes lengths as known.
+        engine: "auto", "statics", "mjx" or "mujoco".
+        cycles: actions to try.
+        budget: simulations for the search.
+        seed: of everything random.
+    """
+
+    robot: str
+    recordings: str = ""
+    method: str = "default"
+    space: str = "free"
+    known_lengths: bool = False
+    engine: str = "auto"
+    cycles: int = 16
+    budget: int = 262_000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One turn of the loop: an action, what it felt, what is believed since.
+
+    Attributes:
+        action: index into the robot's actions.
+        why: one sentence on the choice.
+        felt: (3) measured channels: tilts left/right, forward/back [deg], clearance
+            [mm]; NaN where a sensor gave nothing.
+        genomes: (K) the rivals, best first.
+        tables: (K, A, 3) their channels under every action; NaN where not simulated.
+        losses: (K) over the actions so far.
+        sureness: (P) stated probability that each attachment is right.
+        tilt_error: of the best rival, |left/right| + |forward/back|, mean over the
+            actions so far [deg].
+        disagreement: among the rivals about the untried actions, mean standard
+            deviation of their tilts [deg].
+        spent: simulations for the search since the start.
+        seconds: since the start, interruptions left out.
+    """
+
+    action: int
+    why: str
+    felt: Floats
+    genomes: Genomes
+    tables: Floats
+    losses: Floats
+    sureness: Floats
+    tilt_error: float
+    disagreement: float
+    spent: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run, finished or not.
+
+    Attributes:
+        settings: what was asked.
+        anatomy: the robot's parts.
+        actions: (A, P) joint targets that the robot can try [rad].
+        cycles: so far.
+        truth: the hidden body (batch of one), None if nobody knows it.
+        counts: simulations by engine, "choice" (spent on choosing), "failed".
+        state: arrays and JSON texts that the search goes on from.
+        result: what `identify --json` prints, empty until the run is done.
+    """
+
+    settings: Settings
+    anatomy: Anatomy
+    actions: Floats
+    cycles: tuple[Cycle, ...] = ()
+    truth: Bodies | None = None
+    counts: Mapping[str, int] = field(default_factory=dict)
+    state: Mapping[str, Any] = field(default_factory=dict)
+    result: Mapping[str, Any] = field(default_factory=dict)
+
+    def after(self, cycle: Cycle, **changes: Any) -> "Run":
+        """This run and one more cycle."""
+        return replace(self, cycles=(*self.cycles, cycle), **changes)
+
+
+def save(run: Run, path: str | os.PathLike[str]) -> None:
+    """Write a run whole or not at all.
+
+    Raises:
+        InputError: nothing can be written there.
+    """
+    import h5py
+
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs.update(format=FORMAT, version=VERSION)
+        file.attrs["settings"] = json.dumps(asdict(run.settings))
+        file.attrs["counts"] = json.dumps(dict(run.counts))
+        file.attrs["result"] = json.dumps(dict(run.result))
+        file["actions"] = run.actions
+        _put(file.create_group("anatomy"), run.anatomy)
+        if run.truth is not None:
+            _put(file.create_group("truth"), run.truth, skip=("anatomy",))
+        for k, cycle in enumerate(run.cycles):
+            group = file.create_group(f"cycles/{k:03d}")
+            _put(group, cycle, skip=("genomes",))
+            _put(group.create_group("genomes"), cycle.genomes)
+        state = file.create_group("state")
+        for name, value in run.state.items():
+            state[name] = value
+
+
+def _put(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
+    """A dataclass of arrays, numbers and texts as a group."""
+    for f in fields(data):
+        if f.name not in skip:
+            value = getattr(data, f.name)
+            group[f.name] = json.dumps(value) if isinstance(value, tuple) else value
+
+
+def _get(group: Any, kind: type, **known: Any) -> Any:
+    """The dataclass that `_put` wrote; members listed in `known` come from there."""
+    values = dict(known)
+    for f in fields(kind):
+        if f.name in values:
+            continue
+        value = group[f.name][()]
+        if isinstance(value, bytes):
+            value = value.decode()
+            value = tuple(json.loads(value)) if value.startswith("[") else value
+        values[f.name] = value.item() if isinstance(value, np.generic) else value
+    return kind(**values)
+
+
+def load(path: str | os.PathLike[str]) -> Run:
+    """Read a run.
+
+    Raises:
+        RunFileError: missing, held by another process, truncated, no run file, or of
+            another version.
+    """
+    import h5py
+
+    path = Path(path)
+    if not path.is_file():
+        raise RunFileError(f"{path}: no such run file")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read(path, file)
+    except BlockingIOError as error:
+        raise RunFileError(f"{path}: another process holds it open") from error
+    except OSError as error:
+        raise RunFileError(f"{path}: truncated, or not an HDF5 file: {error}") from error
+    except (KeyError, ValueError, TypeError) as error:
+        raise RunFileError(f"{path}: a damaged run file: {error}") from error
+
+
+def _read(path: Path, file: Any) -> Run:
+    """The run in an open file."""
+    found = file.attrs.get("format")
+    if found != FORMAT:
+        raise RunFileError(f"{path}: format {found!r}, not a run file ({FORMAT!r})")
+    if (version := file.attrs["version"]) != VERSION:
+        raise RunFileError(
+            f"{path}: run file version {version}; this program reads version {VERSION}"
+        )
+    anatomy = _get(file["anatomy"], Anatomy)
+    cycles = tuple(
+        _get(group, Cycle, genomes=_get(group["genomes"], Genomes))
+        for _, group in sorted(file.get("cycles", {}).items())
+    )
+    truth = _get(file["truth"], Bodies, anatomy=anatomy) if "truth" in file else None
+    state = {k: v[()] for k, v in file["state"].items()}
+    texts = {k: v.decode() if isinstance(v, bytes) else v for k, v in state.items()}
+    return Run(
+        settings=Settings(**json.loads(file.attrs["settings"])),
+        anatomy=anatomy,
+        actions=file["actions"][()],
+        cycles=cycles,
+        truth=truth,
+        counts=json.loads(file.attrs["counts"]),
+        state=texts,
+        result=json.loads(file.attrs["result"]),
+    )
+
+
+@contextmanager
+def held(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep a run file to this process while it works on it.
+
+    Raises:
+        RunFileError: another process works on it.
+    """
+    import fcntl
+
+    lock = Path(f"{path}.lock")
+    with lock.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            message = f"{path}: another process is working on this run"
+            raise RunFileError(message) from error
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
