@@ -24,9 +24,18 @@ def prepare_jax():
         _set_environment()
     import jax
 
-    if jax.config.jax_compilation_cache_dir is None:
+    if jax.config.values["jax_compilation_cache_dir"] is None and _writable():
         jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
     return jax
+
+
+def _writable() -> bool:
+    """Whether the cache folder exists, made if need be, and takes files."""
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # RuntimeError: there is no home folder
+        return False
+    return os.access(cache_folder(), os.W_OK)
 
 
 def _set_environment() -> None:
@@ -48,7 +57,7 @@ def _cores() -> int:
 
 
 def cache_folder() -> Path:
-    """Where compiled programs are kept; jax makes it, and does without if it cannot."""
+    """Where compiled programs are kept from one run to the next."""
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
     elif sys.platform == "darwin":

@@ -78,13 +78,19 @@ def parts(bodies: Bodies) -> Parts:
     inertia += _shift(bodies.mass, bodies.length / 2 - center)
     inertia += _box_inertia(block, a.block_half * scale[..., None])
     inertia += _shift(block, a.block_center * scale - center)
-    n, none = len(bodies), np.zeros((len(bodies), 8))
+    none = np.zeros((len(bodies), 8))
     housed = np.flatnonzero(a.block_mass > 0)
     return Parts(
-        bodies.parent, bodies.anchor, bodies.heading, bodies.axis, mass, center, inertia,
+        bodies.parent,
+        bodies.anchor,
+        bodies.heading,
+        bodies.axis,
+        mass,
+        center,
+        inertia,
         spheres=_spheres(bodies, housed),
-        radius=np.hstack([none, radius, radius, *[none] * len(housed)]).reshape(n, -1),
-    )  # fmt: skip
+        radius=np.hstack([none, radius, radius, *[none] * len(housed)]),
+    )
 
 
 def _spheres(bodies: Bodies, housed: np.ndarray) -> Floats:
@@ -96,7 +102,9 @@ def _spheres(bodies: Bodies, housed: np.ndarray) -> Floats:
     blocks = middle[housed, None] + a.block_half[housed, None] * _CORNERS
     blocks = blocks * bodies.thickness[:, housed, None, None]
     torso = np.broadcast_to(a.torso_half * _CORNERS, (n, 8, 3))
-    return np.hstack([torso, np.zeros_like(tips), tips, blocks.reshape(n, -1, 3)])
+    return np.hstack(
+        [torso, np.zeros_like(tips), tips, blocks.reshape(n, 8 * len(housed), 3)]
+    )
 
 
 def _rod_inertia(mass: Floats, length: Floats, radius: Floats) -> Floats:
@@ -123,11 +131,11 @@ def _shift(mass: Floats, offset: Floats) -> Floats:
 
 def torso_constants(anatomy: Anatomy) -> Floats:
     """(4) the torso's mass [kg] and its diagonal inertia [kg m^2]."""
-    mass = np.float64(anatomy.torso_mass)
+    mass = np.array(anatomy.torso_mass)
     return np.append(mass, _box_inertia(mass, anatomy.torso_half))
 
 
-def motion(body: Parts, torso, owner: tuple[int, ...], angles, timestep: float) -> Motion:
+def motion(body: Parts, torso, owner: tuple, angles, timestep: float) -> Motion:
     """Pose one body along its planned joint angles.
 
     Args:

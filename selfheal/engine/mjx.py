@@ -10,12 +10,14 @@ import functools
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats
 from ._jax import prepare_jax
-from ._mjx_body import Motion, Parts, motion, owners, parts, torso_constants
-from .mujoco import HOLD, RAMP
+from ._mjx_body import Parts, motion, owners, parts, torso_constants
 from .readings import Readings, from_rest
 
+# Joints move from 0 to their target, then hold [s]. Chosen: the fastest that rests
+# where the reference does, which takes 2 s and 1 s.
+RAMP, HOLD = 1.5, 0.5
 TIMESTEP = 0.01  # [s] paper A's (papers.md 1.1)
 SERVO_LAG = 0.0155  # [s] (kv + damping) / kp of mjcf.Physics: servos trail so far
 SETTLED_LAGS = 5  # the joints stand still so many lags after the ramp; chosen
@@ -44,8 +46,7 @@ class Mjx:
         """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
         a = bodies.anatomy
         targets = np.asarray(targets, float)
-        program = _program(owners(a), a.feet, self.ramp, self.hold, self.batch)
-        torso = torso_constants(a)
+        program, torso = self._compiled(a), torso_constants(a)
         rest = np.empty((len(bodies), 5 + len(a.feet)))
         body = parts(bodies)
         for start in range(0, len(bodies), self.batch):
@@ -55,6 +56,11 @@ class Mjx:
             rest[rows] = np.asarray(result)[: len(rest[rows])]
         rest[~(rest[:, 4] < FASTEST)] = np.nan
         return from_rest(rest[:, :3], rest[:, 3], rest[:, 5:], targets, a.torso_half[2])
+
+    def _compiled(self, anatomy: Anatomy):
+        """The program that simulates a batch of this anatomy's bodies."""
+        kind = (owners(anatomy), anatomy.feet)
+        return _program(*kind, self.ramp, self.hold, self.batch)
 
 
 def _pad(rows, count: int):
@@ -105,7 +111,8 @@ def _simulate(owner, feet, ramp, hold, body: Parts, target, torso, height):
         now, then = jnp.minimum(k, moving), jnp.minimum(k + 1, moving)
         spheres = plan.spheres[now]
         flow = (plan.spheres[then] - spheres) / TIMESTEP
-        pose = Pose(spheres, flow, body.radius, plan.inertia[now], plan.spin[now], plan.mass)
+        inertia, spin = plan.inertia[now], plan.spin[now]
+        pose = Pose(spheres, flow, body.radius, inertia, spin, plan.mass)
         return step(model, data, state, pose), None
 
     place = plan.center[0] + jnp.array([0, 0, height])
