@@ -322,3 +322,55 @@ def settle_batch(
             for r in range(3):
                 tip += n[r] * (spots[i + 1, r] + length[row, i] * frames[i + 1, r, 0])
             out[row, 4 + i] = tip
+
+
+@numba.njit(**_JIT)
+def race_batch(
+    parent, anchor, turn, axis, length, thickness, mass, known, radius,
+    targets, felt, weight, cap, bound, steps, far, total, count,
+):  # fmt: skip
+    """Settle each body under one action after the other until its loss is too high.
+
+    Args:
+        parent, ..., radius: as in `settle_batch`, N bodies.
+        targets: (n, P) joint targets in the order to try [rad].
+        felt: (n, 3) channels measured: tilts [deg], clearance [mm]; NaN = unknown.
+        weight, cap: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).
+        bound: (N) a body is given up once its loss reaches this.
+        steps: sub-steps of the ramp.
+        far: largest clearance that the belly sensor reads [m].
+        total: (N) the loss so far, added to; inf where a simulation failed.
+        count: (N, n) to fill: the loss under each action, NaN where not simulated.
+    """
+    p = targets.shape[1]
+    size = 8 + 10 * p
+    points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
+    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
+    heights, touching = np.empty(size), np.empty(size, np.int64)
+    flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
+    n, angles, seen = np.empty(3), np.empty(p), np.empty(3)
+    work = (points, com, frames, spots, heights, touching, flat, simplex, n, angles)
+    for row in range(bound.shape[0]):
+        body = (
+            parent[row], anchor[row], turn[row], axis[row], length[row],
+            thickness[row], mass[row],
+        )  # fmt: skip
+        _contact_points(known, radius, thickness[row], points, radii)
+        for k in range(targets.shape[0]):
+            count[row, k] = np.nan
+        for k in range(targets.shape[0]):
+            if not total[row] < bound[row]:
+                break
+            height = settle(body, known, targets[k], steps, radii, work)
+            seen[0] = -np.degrees(np.arcsin(min(1.0, max(-1.0, n[1]))))
+            seen[1] = np.degrees(np.arcsin(min(1.0, max(-1.0, n[0]))))
+            clear = height / n[2] - known[0][2] if n[2] > 1e-3 else far
+            seen[2] = 1000.0 * max(0.0, min(clear, far))
+            loss = 0.0
+            for c in range(3):
+                if not np.isnan(felt[k, c]):
+                    loss += weight[c] * min(abs(seen[c] - felt[k, c]), cap[c])
+            if not np.isfinite(height) or not np.isfinite(n[0] + n[1] + n[2]):
+                loss = np.inf
+            count[row, k] = loss
+            total[row] += loss

@@ -1,13 +1,14 @@
 """Quasi-static engine: bodies and joint targets in, settled readings out."""
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from .readings import Readings, from_rest
+from .readings import MAX_CLEARANCE, Readings, from_rest
 
 _WORTH_A_THREAD = 64  # rows; starting a thread costs about as much as settling these
 
@@ -32,25 +33,72 @@ class Statics:
 
         a = bodies.anatomy
         targets = np.ascontiguousarray(targets, float)
-        turn = np.stack([np.cos(bodies.heading), np.sin(bodies.heading)], axis=2)
         out = np.empty((len(bodies), 4 + a.size))
-        known = (
-            a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass,
-        )  # fmt: skip
 
         def run(rows: slice) -> None:
-            settle_batch(
-                bodies.parent[rows], bodies.anchor[rows], turn[rows], bodies.axis[rows],
-                bodies.length[rows], bodies.thickness[rows], bodies.mass[rows], known,
-                a.radius, targets[rows], self.substeps, out[rows],
-            )  # fmt: skip
+            settle_batch(*_inputs(bodies, rows), targets[rows], self.substeps, out[rows])
 
-        if len(bodies) < self.threads * _WORTH_A_THREAD:
-            run(slice(None))
-        else:
-            edges = np.linspace(0, len(bodies), self.threads + 1).astype(int)
-            rows = [slice(*edge) for edge in pairwise(edges.tolist())]
-            with ThreadPoolExecutor(self.threads) as pool:
-                list(pool.map(run, rows))
+        self._share(run, len(bodies))
         feet = out[:, 3 + np.asarray(a.feet)]
         return from_rest(out[:, :3], out[:, 3], feet, targets, a.torso_half[2])
+
+    def race(
+        self,
+        bodies: Bodies,
+        targets: Floats,
+        felt: Floats,
+        *,
+        weight: Floats,
+        cap: Floats,
+        bound: Floats,
+        total: Floats,
+    ) -> Floats:
+        """Loss of N bodies under n actions in turn, each given up at its bound.
+
+        Args:
+            bodies: N.
+            targets: (n, P) joint targets in the order to try [rad].
+            felt: (n, 3) channels measured: tilts [deg], clearance [mm].
+            weight: (3), and
+            cap: (3) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
+            bound: (N) a body is given up once its loss reaches this.
+            total: (N) losses to start from; added to in place.
+
+        Returns:
+            (N, n) loss under each action, NaN where it was not simulated, infinite
+            where the simulation failed.
+        """
+        from ._settle import race_batch
+
+        each = np.empty((len(bodies), len(targets)))
+
+        def run(rows: slice) -> None:
+            race_batch(
+                *_inputs(bodies, rows), targets, felt, weight, cap, bound[rows],
+                self.substeps, MAX_CLEARANCE, total[rows], each[rows],
+            )  # fmt: skip
+
+        self._share(run, len(bodies))
+        return each
+
+    def _share(self, run: Callable[[slice], None], count: int) -> None:
+        """Run over `count` rows, cut among the threads where that pays."""
+        if count < self.threads * _WORTH_A_THREAD or self.threads == 1:
+            run(slice(None))
+            return
+        edges = np.linspace(0, count, self.threads + 1).astype(int)
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(run, [slice(*edge) for edge in pairwise(edges.tolist())]))
+
+
+def _inputs(bodies: Bodies, rows: slice) -> tuple:
+    """Rows of a batch as the kernels take them."""
+    a, heading = bodies.anatomy, bodies.heading[rows]
+    return (
+        bodies.parent[rows], bodies.anchor[rows],
+        np.stack([np.cos(heading), np.sin(heading)], axis=2),
+        bodies.axis[rows], bodies.length[rows], bodies.thickness[rows],
+        bodies.mass[rows],
+        (a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass),
+        a.radius,
+    )  # fmt: skip

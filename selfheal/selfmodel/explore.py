@@ -9,7 +9,7 @@ from .search import Crowd
 from .space import genome_key
 from .symmetry import Twins
 
-_HYPOTHESES = 256  # chosen: twins of rivals that vote; more change the choice seldom
+_HYPOTHESES = 128  # chosen: twins of rivals that vote; more seldom change the choice
 # Chosen: two degrees (or 4 mm) apart is well told apart, given the half degree by which
 # even the right body misses a reading; a degree of loss makes a body e times less likely.
 _RESOLUTION, _TEMPERATURE = 2.0, 1.0

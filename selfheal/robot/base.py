@@ -1,0 +1,76 @@
+"""What a robot is to this program, and the list of robots: a name in, a Robot out."""
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Protocol
+
+from ..body.body import Anatomy, Bodies, Floats
+from ..errors import InputError, UnknownNameError
+from ..recording import Recording
+
+GROUP = "selfheal.robots"
+
+
+class Robot(Protocol):
+    """Something that acts and says what it felt.
+
+    Attributes:
+        name: as asked for.
+        anatomy: what it knows of its parts.
+        actions: (A, P) joint targets that it offers [rad].
+        truth: its real body (batch of one) for reports, None if nobody knows it.
+    """
+
+    name: str
+    anatomy: Anatomy
+    actions: Floats
+    truth: Bodies | None
+
+    def act(self, action: int) -> Recording:
+        """Go from all joints at zero to one action's targets, hold, read the sensors.
+
+        Returns:
+            A recording of one episode with the signal `vertical` (3), and where the
+            robot has them `clearance` and `<joint>_position`; readings at rest stand
+            at the last sample. Asked again, the same action gives the same recording.
+        """
+        ...
+
+
+Factory = Callable[[str, int, Path | None], Robot]
+
+
+def robots() -> dict[str, str]:
+    """Name -> first line of what its factory says, of every robot installed."""
+    found = {e.name: e.load().__doc__ or "" for e in entry_points(group=GROUP)}
+    return {name: found[name].split("\n")[0].rstrip(".") for name in sorted(found)}
+
+
+def open_robot(name: str, *, seed: int = 0, recordings: Path | None = None) -> Robot:
+    """The robot of a name.
+
+    Args:
+        name: of an entry point of group `selfheal.robots`, perhaps with an argument
+            for its factory after a colon, as in "tree:7".
+        seed: of the robot's own chances (noise, hidden physics).
+        recordings: a recording file, for robots that answer from one.
+
+    Raises:
+        UnknownNameError: no such robot.
+        InputError: the robot cannot be made from these.
+    """
+    kind, _, argument = name.partition(":")
+    found = {e.name: e for e in entry_points(group=GROUP)}
+    if kind not in found:
+        raise UnknownNameError("robot", name, found)
+    factory: Factory = found[kind].load()
+    return factory(argument, seed, recordings)
+
+
+def refuse(name: str, argument: str, recordings: Path | None) -> None:
+    """Refuse an argument or a recording that this robot has no use for."""
+    if argument:
+        raise InputError(f"robot {name!r} takes no argument, so not {argument!r}")
+    if recordings is not None:
+        raise InputError(f"robot {name!r} is simulated: it answers from no recording")

@@ -1,0 +1,124 @@
+"""Hidden simulated robots: a body and physics that the self-model is not told."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..body.body import Anatomy, Bodies, Floats, centers_in_torso
+from ..body.genome import build, random_genomes
+from ..errors import InputError
+from ..recording import Episode, Recording, Signal
+from .actions import actions_2006, published
+from .base import refuse
+
+# Size of errors seen in the 2006 data (papers.md 1.1): servos miss by 1.2 degrees on
+# average, half of it (chosen) the same in every action; tilts are read to 0.1 to 0.5
+# degrees, clearance in steps of 0.25 mm.
+_SERVO_OFFSET, _SERVO_NOISE = np.radians(1.0), np.radians(1.0)
+_TILT_NOISE, _TILT_STEP = np.radians(0.2), np.radians(0.1)
+_CLEARANCE_NOISE, _CLEARANCE_STEP = 0.0005, 0.00025  # [m]
+
+
+@dataclass(frozen=True)
+class SimulatedRobot:
+    """An articulated MuJoCo body behind noisy servos and sensors; see `base.Robot`.
+
+    Attributes:
+        seed: of its noise and of its hidden physics.
+    """
+
+    name: str
+    truth: Bodies
+    seed: int
+
+    @property
+    def anatomy(self) -> Anatomy:
+        """What the robot knows of its parts."""
+        return self.truth.anatomy
+
+    @property
+    def actions(self) -> Floats:
+        """(A, P) one or two joints down, the others up [rad]."""
+        return actions_2006(self.anatomy.size)
+
+    def act(self, action: int) -> Recording:
+        """Move, hold, read the sensors at rest."""
+        from ..engine.mujoco import HOLD, RAMP, MuJoCo
+
+        hidden = np.random.default_rng([self.seed, 0])
+        physics, body, offset = self._hidden(hidden)
+        rng = np.random.default_rng([self.seed, 1, action])
+        target = self.actions[action]
+        reached = target + offset + rng.normal(0, _SERVO_NOISE, target.shape)
+        rest = MuJoCo(physics).simulate(body, reached[None])
+        tilt = rest.tilt[0] + rng.normal(0, _TILT_NOISE, 2)
+        tilt = np.round(tilt / _TILT_STEP) * _TILT_STEP
+        clearance = rest.clearance[0] + rng.normal(0, _CLEARANCE_NOISE)
+        clearance = max(np.round(clearance / _CLEARANCE_STEP) * _CLEARANCE_STEP, 0)
+        episode = self._episode(
+            np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
+        )
+        return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
+
+    def _hidden(self, rng: np.random.Generator) -> tuple:
+        """Physics, body and servo offsets (P) that differ from the self-model's."""
+        from ..body.mjcf import Physics
+
+        physics = Physics(
+            timestep=0.001,
+            friction=rng.uniform(0.5, 1.2),
+            kp=rng.uniform(80, 160),
+            kv=rng.uniform(1.5, 3),
+            damping=rng.uniform(0.01, 0.05),
+            armature=rng.uniform(0.001, 0.003),
+            density=rng.uniform(0.9, 1.1),
+        )
+        mass = self.truth.mass * rng.normal(1, 0.05, self.truth.mass.shape)
+        body = replace(self.truth, mass=mass)
+        return physics, body, rng.normal(0, _SERVO_OFFSET, self.anatomy.size)
+
+    def _episode(self, time, target, tilt, clearance, angles) -> Episode:
+        """The recording's one episode: readings at rest at the last sample."""
+        from ..body.mjcf import BELLY_SENSOR
+
+        x, y = np.sin(tilt[1]), -np.sin(tilt[0])
+        vertical = np.array([x, y, np.sqrt(max(0.0, 1 - x * x - y * y))])
+        joints = self.anatomy.joints
+        signals = {
+            "vertical": _at_rest(vertical, "vertical", "sensor", "1"),
+            "clearance": _at_rest(
+                np.asarray(clearance + BELLY_SENSOR), "clearance", "sensor", "m"
+            ),
+        }
+        for joint, angle in zip(joints, angles, strict=True):
+            name = f"{joint}_position"
+            signals[name] = _at_rest(np.asarray(angle), joint, "joint_position", "rad")
+        ctrl = np.array([0 * target, target, target])
+        return Episode(time, ctrl, tuple(f"{j}_servo" for j in joints), signals)
+
+
+def _at_rest(value: Floats, target: str, kind: str, unit: str) -> Signal:
+    """A signal of three samples of which only the last was read."""
+    values = np.full((3, *value.shape), np.nan)
+    values[-1] = value
+    return Signal(values, kind, target, unit)
+
+
+def starfish(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
+    """A simulated starfish; its body, servo errors and physics are hidden."""
+    refuse("starfish", argument, recordings)
+    return SimulatedRobot("starfish", published(), seed)
+
+
+def tree(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
+    """A simulated random tree of the starfish's parts; tree:7 is the one of seed 7."""
+    refuse("tree", "", recordings)
+    if argument and not argument.isdecimal():
+        raise InputError(f"robot 'tree' takes a whole number, as tree:7; not {argument!r}")
+    rng = np.random.default_rng([int(argument or seed), 2])
+    anatomy = published().anatomy
+    while True:
+        body = build(anatomy, random_genomes(anatomy, 1, rng, False))
+        if not centers_in_torso(body)[0]:
+            return SimulatedRobot(f"tree:{argument or seed}", body, seed)

@@ -1,0 +1,127 @@
+"""The released rule of 2006: fifteen hill climbers and their choice of actions.
+
+Every constant is from papers.md 1.4 and 1.5 (the program released with paper A).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..body.body import Floats
+from ..body.genome import Genomes, concatenate, from_unit
+from .evaluate import Evaluator, Evidence
+
+CLIMBERS, GENERATIONS, JUDGES = 15, 200, 5
+CEILING = 408_000  # 15 x 200 x (1 + 2 + ... + 16) simulations
+
+
+@dataclass(frozen=True)
+class Slips:
+    """What the released program does and its paper does not say.
+
+    Attributes:
+        idle_copies: half of the mutations copy a part into a column that is not read.
+        pair: the second gene of a pair move starts from the first one's value.
+    """
+
+    idle_copies: bool = True
+    pair: bool = True
+
+
+def mutated(genes: Floats, slips: Slips, rng: np.random.Generator) -> Floats:
+    """(P) genes in [0, 1] after one mutation of the rule."""
+    genes = genes.copy()
+    if slips.idle_copies and rng.random() < 0.5:
+        return genes
+    k = int(rng.integers(len(genes)))
+    step = np.exp(rng.uniform(-5, 0)) * rng.choice([-1.0, 1.0])
+    if rng.random() < 0.33:
+        genes[k] = (genes[k] * (1 + step)) % 1.0
+    elif rng.random() < 0.67:
+        other = (k + rng.integers(1, len(genes))) % len(genes)
+        start = genes[k] if slips.pair else genes[other]
+        genes[k] = (genes[k] + step) % 1.0
+        genes[other] = np.clip(start - step, 0.0, 1.0)
+    else:
+        genes[k] = rng.random()
+    return genes
+
+
+@dataclass
+class PaperSearch:
+    """Fifteen independent (1 + 1) climbers, best first; see the module.
+
+    Attributes:
+        evaluator: simulates and counts; its loss must be the paper's.
+        slips: of the released program.
+        genes: (15, P) in [0, 1].
+        losses: (15).
+    """
+
+    evaluator: Evaluator
+    slips: Slips = field(default_factory=Slips)
+    genes: Floats = field(init=False)
+    losses: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        """No climbers before the first evidence."""
+        self.genes = np.zeros((0, self.evaluator.anatomy.size))
+        self.losses = np.zeros(0)
+
+    @property
+    def genomes(self) -> Genomes:
+        """(15) the models."""
+        return from_unit(self.evaluator.anatomy, self.genes)
+
+    def run(
+        self, evidence: Evidence, generations: int, rng: np.random.Generator
+    ) -> None:
+        """Climb for some generations, the newest action first."""
+        if not len(self.genes):
+            self.genes = rng.random((CLIMBERS, self.evaluator.anatomy.size))
+        order = np.arange(len(evidence))[::-1]
+        never = np.full(len(self.genes), np.inf)
+        self.losses, _ = self.evaluator.losses(
+            self.genomes, evidence, bound=never, order=order
+        )
+        for _ in range(generations):
+            children = self.genes.copy()
+            for row in range(len(children)):
+                for _ in range(rng.integers(1, 5)):
+                    children[row] = mutated(children[row], self.slips, rng)
+            losses, complete = self.evaluator.losses(
+                from_unit(self.evaluator.anatomy, children),
+                evidence,
+                bound=self.losses,
+                order=order,
+            )
+            better = complete & (losses < self.losses)
+            self.genes = np.where(better[:, None], children, self.genes)
+            self.losses = np.where(better, losses, self.losses)
+            self._sort()
+
+    def _sort(self) -> None:
+        order = np.argsort(self.losses, kind="stable")
+        self.genes, self.losses = self.genes[order], self.losses[order]
+
+    def score(self, weight: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """How worthwhile each action is: disagreement, less its unreliability.
+
+        Args:
+            weight: w of w S - (1 - w) V; 0.5 at first, divided by 1.5 a cycle.
+            rng: for the copies whose placements are multiplied by U(0.9, 1.1).
+
+        Returns:
+            (A) (1 - w) V - w S, so that the highest is chosen, and the tables
+            (5, A, 3) of the best models.
+        """
+        best = from_unit(self.evaluator.anatomy, self.genes[:JUDGES])
+        shaken = best.placement * rng.uniform(0.9, 1.1, best.placement.shape)
+        copies = Genomes(best.parent, shaken % 1.0, best.hinge, best.length)
+        both = self.evaluator.table(concatenate(best, copies))
+        tables, moved = np.nan_to_num(both[:JUDGES]), np.nan_to_num(both[JUDGES:])
+        scale = np.array([1, 1, 0.01])  # clearance in units of 10 cm, as in the loss
+        sensitivity = (np.abs(tables - moved) * scale).sum(axis=(0, 2))
+        disagreement = (tables.std(axis=0) * scale).sum(axis=1)
+        return (1 - weight) * disagreement - weight * sensitivity, both[:JUDGES]
+
