@@ -59,6 +59,7 @@ def import_mjx():
     return mjx
 
 
+@functools.cache
 def free_spheres(timestep: float):
     """MJX's model and data of one free body of CONTACTS spheres above a floor.
 
@@ -87,7 +88,8 @@ def free_spheres(timestep: float):
     for _ in range(CONTACTS):
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[1, 0, 0])
     model = spec.compile()
-    return mjx.put_model(model), mjx.make_data(model)
+    with prepare_jax().ensure_compile_time_eval():  # also while a program is traced
+        return mjx.put_model(model), mjx.make_data(model)
 
 
 def rotation(quat):
