@@ -4,6 +4,7 @@ A channel row is (left/right tilt [deg], forward/back tilt [deg], clearance [mm]
 One simulation is one candidate under one action, on any engine.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -86,6 +87,7 @@ class Evaluator:
         actions: (A, P) the joint targets that the robot can try [rad].
         loss: of one action, from predicted and measured channels.
         spent: simulations so far, abandoned or not.
+        chosen: simulations spent on choosing actions and on showing, counted apart.
         failed: of these, diverged.
         hardness: (A) recent mean loss of candidates under each action; the hardest
             first gives up wrong candidates soonest.
@@ -97,12 +99,14 @@ class Evaluator:
         engine: Engine,
         *,
         actions: Floats,
-        loss: Loss,
+        loss: Loss = CAPPED_LOSS,
+        progress: Callable[[int], None] | None = None,
     ) -> None:
-        """See the class."""
+        """See the class; `progress` is told the simulations so far."""
+        self.progress = progress or (lambda count: None)
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
         self.loss = loss
-        self.spent, self.failed = 0, 0
+        self.spent, self.chosen, self.failed = 0, 0, 0
         self.hardness = np.full(len(actions), np.inf)
 
     def hardest_first(self, evidence: Evidence) -> Ints:
@@ -113,6 +117,7 @@ class Evaluator:
         """(N, 3) channels of N bodies, each under one action (N); NaN where diverged."""
         readings = self.engine.simulate(bodies, self.actions[actions])
         self.spent += len(actions)
+        self.progress(self.spent)
         self.failed += int(readings.failed.sum())
         return channels(readings)
 
@@ -171,6 +176,7 @@ class Evaluator:
             )  # fmt: skip
             total[alive] = part
             self.spent += int((~np.isnan(each)).sum())
+            self.progress(self.spent)
             self.failed += int(np.isinf(each).sum())
             self._note(tried, each)
             return

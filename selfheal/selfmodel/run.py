@@ -32,6 +32,7 @@ class Settings:
         method: "default", "paper", "random-batch" or "random-alternate".
         space: "free", "sides" or "full".
         known_lengths: whether "full" takes lengths as known.
+        random_actions: whether the default method leaves its choice to chance.
         engine: "auto", "statics", "mjx" or "mujoco".
         cycles: actions to try.
         budget: simulations for the search.
@@ -43,6 +44,7 @@ class Settings:
     method: str = "default"
     space: str = "free"
     known_lengths: bool = False
+    random_actions: bool = False
     engine: str = "auto"
     cycles: int = 16
     budget: int = 262_000

@@ -56,6 +56,13 @@ class Crowd:
     def __len__(self) -> int:
         return len(self.losses)
 
+    def unseen(self) -> float:
+        """Probability that a better body was not found.
+
+        By the rule of succession: of `starts` random climbs, hits[0] ended at the best.
+        """
+        return 1 / (int(self.hits[0]) + 2) if len(self) else 1.0
+
     def take(self, rows: Ints) -> None:
         """Keep these rows, in this order."""
         self.genomes, self.tables = self.genomes[rows], self.tables[rows]

@@ -1,0 +1,156 @@
+"""One self-contained HTML page: sections of text, tables and pictures in, text out.
+
+A string is escaped wherever it is put in, unless it is `Html`, which only the functions
+here make. The page asks for nothing from anywhere: its policy forbids it.
+"""
+
+import html
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ..files import atomic_path
+
+
+class Html(str):
+    """Text that is markup already; any other text is escaped."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page.
+
+    Attributes:
+        title: its heading.
+        body: what stands below it; plain strings become paragraphs.
+    """
+
+    title: str
+    body: tuple[str, ...]
+
+
+def text(value: object) -> Html:
+    """Any value as markup: escaped, unless it is `Html`."""
+    if isinstance(value, Html):
+        return value
+    # a file can carry halves of characters, which no encoding can write
+    whole = str(value).encode("utf-8", "replace").decode("utf-8")
+    return Html(html.escape(whole))
+
+
+def join(*pieces: object) -> Html:
+    """Pieces one after the other."""
+    return Html("".join(map(text, pieces)))
+
+
+def mark(value: object, kind: str) -> Html:
+    """A piece of text in the color of a kind: "right", "wrong" or "soft"."""
+    return Html(f'<span class="{kind}">{text(value)}</span>')
+
+
+def paragraph(*pieces: object) -> Html:
+    """A paragraph of pieces."""
+    return Html(f"<p>{join(*pieces)}</p>")
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]], align: str) -> Html:
+    """A table.
+
+    Args:
+        head: the columns' names.
+        rows: cells, a row as long as `head`.
+        align: one letter a column: l left, r right (numbers).
+    """
+    side = {"l": "", "r": ' class="n"'}
+
+    def line(tag: str, cells: Sequence[object]) -> str:
+        pairs = zip(cells, align, strict=True)
+        inner = "".join(f"<{tag}{side[a]}>{text(c)}</{tag}>" for c, a in pairs)
+        return f"<tr>{inner}</tr>"
+
+    body = "\n".join(line("td", row) for row in rows)
+    return Html(
+        f'<div class="wide"><table><thead>{line("th", head)}</thead>\n'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def details(summary: str, *pieces: object) -> Html:
+    """Something that a click opens."""
+    return Html(
+        f"<details><summary>{text(summary)}</summary>{join(*pieces)}</details>"
+    )
+
+
+def page(title: str, sections: Iterable[Section], *, lead: str) -> str:
+    """The whole page.
+
+    Args:
+        title: of the page.
+        sections: in order.
+        lead: one sentence below the title.
+    """
+    body = "\n".join(map(_section, sections))
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f'<header><h1>{text(title)}</h1><p class="lead">{text(lead)}</p></header>\n'
+        f"<main>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _section(section: Section) -> str:
+    """A section's markup."""
+    pieces = (p if isinstance(p, Html) else paragraph(p) for p in section.body)
+    return (
+        f"<section><h2>{text(section.title)}</h2>\n" + "\n".join(pieces) + "</section>"
+    )
+
+
+def write_page(page: str, path: str | os.PathLike[str]) -> None:
+    """Write a page whole or not at all.
+
+    Raises:
+        InputError: nothing can be written there.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+# `picture.py` draws in these variables' light values
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1b1f24; --muted: #5b6470; --line: #d5dae0;
+  --paper: #fdfdfc; --card: #ffffff; --right: #005b8f; --wrong: #a84300; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e4e7eb; --muted: #9aa4b0;
+  --line: #3a424c; --paper: #15181c; --card: #1c2026; --right: #6cb8ea;
+  --wrong: #ff9a5c; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 68rem; padding: 2.5rem 1.25rem 4rem;
+  background: var(--paper); color: var(--ink); line-height: 1.55;
+  font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
+h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .6rem; letter-spacing: -.01em; }
+h2 { font-size: 1.25rem; margin: 0 0 .5rem; }
+.lead { font-size: 1.1rem; margin: 0; max-width: 48rem; }
+section { margin-top: 2.75rem; }
+p { max-width: 48rem; margin: .5rem 0; }
+figure { margin: 1rem 0; padding: .9rem; background: var(--card);
+  border: 1px solid var(--line); border-radius: 8px; }
+figure svg, figure img { display: block; width: 100%; height: auto; }
+figure svg text { font-family: inherit !important; }
+figcaption { color: var(--muted); font-size: .875rem; margin-top: .6rem;
+  max-width: 52rem; }
+.wide { overflow-x: auto; margin: .9rem 0; }
+table { border-collapse: collapse; font-size: .92rem; }
+th, td { text-align: left; padding: .32rem 1.1rem .32rem 0; vertical-align: top;
+  border-bottom: 1px solid var(--line); }
+th { color: var(--muted); font-weight: 600; vertical-align: bottom; }
+.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.right { color: var(--right); font-weight: 600; }
+.wrong { color: var(--wrong); font-weight: 600; }
+.soft, details > summary { color: var(--muted); }
+details > summary { cursor: pointer; margin: .6rem 0; }
+"""

@@ -1,0 +1,113 @@
+"""Matplotlib figures as inline pictures that follow the page's light and dark colors."""
+
+import base64
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from .page import Html, text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# drawn in the light values of the page's variables, which then take their place
+INK, MUTED, LINE, PAPER = "#1b1f24", "#5b6470", "#d5dae0", "#ffffff"
+_VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)",
+              PAPER: "var(--card)"}  # fmt: skip
+# Okabe and Ito's palette, which color-blind readers can tell apart
+BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
+_LARGEST_SVG = 1_500_000  # characters; beyond it a PNG is smaller; chosen
+_LONGEST_LABEL = 28  # characters; chosen
+# rcParams as matplotlib's stubs cannot name them
+_STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "selfheal",
+    "font.size": 9.0,
+    "text.color": INK,
+    "axes.edgecolor": MUTED,
+    "axes.facecolor": "none",
+    "axes.labelcolor": INK,
+    "axes.titlesize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "figure.facecolor": "none",
+    "grid.color": LINE,
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Figures made and drawn inside look like the page."""
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
+        # the browser has its own fonts; matplotlib's only measures
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        yield
+
+
+def label(value: object) -> str:
+    """A name from a file as a figure can carry it: one short line, no formulas."""
+    words = " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())
+    printable = "".join(c if c.isprintable() else "?" for c in words)
+    if len(printable) > _LONGEST_LABEL:
+        printable = printable[: _LONGEST_LABEL - 1] + "\N{HORIZONTAL ELLIPSIS}"
+    return printable.replace("$", r"\$")
+
+
+def figure(fig: "Figure", caption: str) -> Html:
+    """A figure with its caption, inline: SVG, or PNG where that is smaller.
+
+    Args:
+        fig: made inside `style()`, as is this call.
+        caption: below it; also what a screen reader says.
+    """
+    drawn = _svg(fig)
+    if len(drawn) > _LARGEST_SVG:
+        picture = f'<img alt="{text(caption)}" src="data:image/png;base64,{_png(fig)}">'
+    else:
+        picture = drawn.replace(
+            "<svg ", f'<svg role="img" aria-label="{text(caption)}" ', 1
+        )
+    return Html(
+        f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>"
+    )
+
+
+def _svg(fig: "Figure") -> str:
+    """A figure as an SVG element without anything that an HTML page has no use for."""
+    buffer = io.StringIO()
+    fig.savefig(buffer, format="svg", metadata={"Date": None})
+    drawn = buffer.getvalue()
+    drawn = drawn[drawn.index("<svg ") :]
+    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
+    drawn = re.sub(r"<!--.*?-->", "", drawn, flags=re.DOTALL)
+    # names of groups repeat from figure to figure; nothing refers to them
+    drawn = re.sub(r'<g id="[^"]*">', "<g>", drawn)
+    for color, variable in _VARIABLES.items():
+        drawn = drawn.replace(color, variable)
+    return drawn
+
+
+def _png(fig: "Figure") -> str:
+    """A figure as base64 of a PNG on white."""
+    buffer = io.BytesIO()
+    fig.savefig(buffer, format="png", dpi=150, facecolor="white")
+    return base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def bare(ax: "Axes") -> None:
+    """Axes that only hold a drawing."""
+    ax.set_axis_off()
+    ax.set_aspect("equal")

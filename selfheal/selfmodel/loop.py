@@ -1,0 +1,314 @@
+"""The loop: a robot and settings in, a run that grows by one action a turn out."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..body.body import Floats, Ints
+from ..body.genome import Genomes, build
+from ..engine import make_engine
+from ..errors import InputError, RecordingError, UnknownNameError
+from ..recording import Recording
+from ..robot.base import Robot
+from .evaluate import Evaluator, Evidence, channels
+from .run import Cycle, Run, Settings
+from .space import genome_key, space_of
+from .strategy import METHODS, Released, Rivals, Strategy
+from .sureness import sureness
+
+BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
+_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
+_SHOWN = 16  # rivals kept in a cycle's record; chosen
+
+Progress = Callable[[str, int], None]
+
+
+def felt(recording: Recording) -> Floats:
+    """(3) channels of a recording of one action: tilts [deg], clearance [mm].
+
+    Raises:
+        RecordingError: it lacks the signal `vertical`, or its last sample.
+    """
+    (name, episode), *_ = recording.episodes.items()
+    vertical = episode.signals.get("vertical")
+    if vertical is None or np.isnan(vertical.values[-1]).any():
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: no reading of 'vertical' at the last "
+            "sample; identify needs the tilts at rest"
+        )
+    x, y, _ = np.clip(vertical.values[-1], -1, 1)
+    gap = episode.signals.get("clearance")
+    clearance = np.nan if gap is None else float(gap.values[-1]) - BELLY_SENSOR
+    return np.array([-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x)),
+                     1000 * clearance])  # fmt: skip
+
+
+def check(settings: Settings, robot: Robot) -> None:
+    """Refuse settings that make no sense, before any work.
+
+    Raises:
+        InputError: says which, and what would do.
+    """
+    if settings.method not in METHODS:
+        raise UnknownNameError("method", settings.method, METHODS)
+    space_of(settings.space)
+    count = len(robot.actions)
+    if not 1 <= settings.cycles <= count:
+        raise InputError(
+            f"cycles must be 1 to {count}, the actions that robot {robot.name!r} "
+            f"offers; not {settings.cycles}"
+        )
+    if settings.budget < 1:
+        raise InputError(f"the budget must be positive; not {settings.budget}")
+    if settings.seed < 0:
+        raise InputError(f"the seed must not be negative; not {settings.seed}")
+    if settings.method != "default" and settings.space != "free":
+        raise InputError(f"method {settings.method!r} knows only the space 'free'")
+
+
+class _Judge:
+    """A second engine's view of the best rivals; every prediction is made once."""
+
+    def __init__(self, engine: Any, evaluator: Evaluator) -> None:
+        self.engine, self.evaluator = engine, evaluator
+        self.known: dict[bytes, Floats] = {}
+        self.spent = 0
+
+    def losses(self, genomes: Genomes, tables: Floats, evidence: Evidence) -> Floats:
+        """(N) where the engines differ, the one that is nearer to the reading counts.
+
+        Such a pose is a coin's toss for the robot too; a right body must not lose by it.
+        """
+        keys = [
+            (row, action, genome_key(genomes, row) + action.to_bytes(4, "little"))
+            for row in range(len(genomes))
+            for action in evidence.tried
+        ]
+        new = [k for k in keys if k[2] not in self.known]
+        if new:
+            rows, actions, names = zip(*new, strict=True)
+            bodies = build(self.evaluator.anatomy, genomes)[np.array(rows)]
+            seen = self.engine.simulate(bodies, self.evaluator.actions[list(actions)])
+            self.spent += len(new)
+            self.known.update(zip(names, channels(seen), strict=True))
+        shape = (len(genomes), len(evidence), 3)
+        second = np.array([self.known[k] for _, _, k in keys]).reshape(shape)
+        first = tables[:, list(evidence.tried)]
+        loss, measured = self.evaluator.loss, evidence.felt
+        pair = [np.where(np.isnan(x).any(axis=2), np.inf, loss(x, measured))
+                for x in (first, second)]  # fmt: skip
+        return np.minimum(*pair).sum(axis=1)
+
+
+class _Loop:
+    """One run in progress: the parts of it that a run file does not hold."""
+
+    def __init__(self, robot: Robot, settings: Settings, progress: Progress) -> None:
+        self.robot, self.settings = robot, settings
+        name = settings.engine
+        self.evaluator = Evaluator(
+            robot.anatomy,
+            make_engine("statics" if name == "auto" else name),
+            actions=robot.actions,
+            progress=lambda count: progress("search", count),
+        )
+        self.strategy = _strategy(settings, self.evaluator)
+        self.evaluator.loss = self.strategy.loss
+        self.rng = np.random.default_rng([settings.seed, 10])
+        self.judge: _Judge | None = None
+        if name == "auto" and settings.method == "default":
+            self.judge = _Judge(make_engine("mjx"), self.evaluator)
+        self.evidence = Evidence()
+
+    def turn(self, run: Run, before: float) -> Run:
+        """The run and one more cycle; `before` seconds were spent earlier."""
+        start = time.perf_counter()
+        action, why = self.strategy.choose(self.evidence, self.rng)
+        reading = felt(self.robot.act(action))
+        self.evidence = self.evidence.add(action, reading)
+        n, cycles = len(self.evidence), self.settings.cycles
+        # later cycles weigh more: each of their candidates costs more simulations
+        limit = self.settings.budget * n * (n + 1) // (cycles * (cycles + 1))
+        self.strategy.search(self.evidence, limit, self.rng)
+        genomes, tables, losses = self._believed()
+        seconds = before + time.perf_counter() - start
+        cycle = self._cycle(action, why, reading, genomes, tables, losses, seconds)
+        return run.after(cycle, counts=self.counts(), state=self.state())
+
+    def _believed(self) -> tuple[Genomes, Floats, Floats]:
+        """The rivals, best first, confirmed by a second engine if there is one."""
+        genomes, tables, losses = self.strategy.rivals(self.evidence)
+        order = np.arange(min(_SHOWN, len(losses)))
+        if self.judge:
+            top = order[:_CONFIRMED]
+            losses = losses.copy()
+            losses[top] = self.judge.losses(genomes[top], tables[top], self.evidence)
+            order[: len(top)] = top[np.argsort(losses[top], kind="stable")]
+        if np.isnan(tables[order[:1]]).any():  # a method that keeps no tables
+            before = self.evaluator.spent
+            tables = tables.copy()
+            tables[order[:5]] = self.evaluator.table(genomes[order[:5]])
+            self.evaluator.chosen += self.evaluator.spent - before
+            self.evaluator.spent = before
+        return genomes[order], tables[order], losses[order]
+
+    def _cycle(self, action: int, why: str, reading: Floats, genomes: Genomes,
+               tables: Floats, losses: Floats, seconds: float) -> Cycle:  # fmt: skip
+        """The record of a cycle."""
+        tried = list(self.evidence.tried)
+        gap = np.abs(tables[0, tried, :2] - self.evidence.felt[:, :2])
+        left = np.setdiff1d(np.arange(len(self.robot.actions)), tried)
+        spread = np.nanstd(tables[:8, left, :2], axis=0) if len(left) else np.zeros(1)
+        return Cycle(
+            action=action,
+            why=why,
+            felt=reading,
+            genomes=genomes,
+            tables=tables,
+            losses=losses,
+            sureness=self.strategy.sureness(self.evidence, genomes[:1]),
+            tilt_error=float(gap.sum(axis=1).mean()),
+            disagreement=float(np.nanmean(spread)),
+            spent=self.evaluator.spent,
+            seconds=seconds,
+        )
+
+    def counts(self) -> dict[str, int]:
+        """Simulations by engine; "choice" and "failed" apart."""
+        e = self.evaluator
+        counts = {e.engine.name: e.spent, "choice": e.chosen, "failed": e.failed}
+        return counts | ({"mjx": self.judge.spent} if self.judge else {})
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs besides the cycles."""
+        state = {f"strategy_{k}": v for k, v in self.strategy.state().items()}
+        state["random"] = json.dumps(self.rng.bit_generator.state)
+        state["hardness"] = self.evaluator.hardness
+        if self.judge:
+            keys = np.frombuffer(b"".join(self.judge.known), np.uint8)
+            state["judge_keys"] = keys.reshape(len(self.judge.known), -1)
+            state["judge_values"] = np.array(list(self.judge.known.values()))
+        return state
+
+    def restore(self, run: Run) -> None:
+        """Stand where a run stopped."""
+        state, e = run.state, self.evaluator
+        for cycle in run.cycles:
+            self.evidence = self.evidence.add(cycle.action, cycle.felt)
+        start = "strategy_"
+        self.strategy.restore(
+            {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
+        )
+        self.rng.bit_generator.state = json.loads(state["random"])
+        e.hardness = state["hardness"].copy()
+        e.spent, e.chosen = run.counts[e.engine.name], run.counts["choice"]
+        e.failed = run.counts["failed"]
+        if self.judge:
+            rows = zip(state["judge_keys"], state["judge_values"], strict=True)
+            self.judge.known = {key.tobytes(): value for key, value in rows}
+            self.judge.spent = run.counts["mjx"]
+
+
+def _strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
+    """The method asked for."""
+    if settings.method == "default":
+        return Rivals(
+            evaluator,
+            space=settings.space,
+            known_lengths=settings.known_lengths,
+            random_actions=settings.random_actions,
+        )
+    return Released(evaluator, method=settings.method, cycles=settings.cycles)
+
+
+def _nothing(what: str, count: int) -> None:
+    """No progress is shown."""
+
+
+def identify(
+    robot: Robot,
+    settings: Settings,
+    *,
+    run: Run | None = None,
+    progress: Progress = _nothing,
+) -> Iterator[Run]:
+    """Find out what a robot's body is, a yield a cycle; the last one has the result.
+
+    Args:
+        robot: acts.
+        settings: what to do.
+        run: one to go on with, made by the same robot and settings; None = start.
+        progress: called with ("search", simulations so far) now and then.
+
+    Raises:
+        InputError: settings or recordings that make no sense.
+    """
+    check(settings, robot)
+    run = run or Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
+    if run.result:
+        yield run
+        return
+    loop = _Loop(robot, settings, progress)
+    if run.cycles:
+        loop.restore(run)
+    with ThreadPoolExecutor(1) as pool:
+        if loop.judge:  # compiling mjx takes seconds; the search goes on meanwhile
+            warm: Future[Any] = pool.submit(_warm_up, loop.judge.engine, robot)
+        while len(run.cycles) < settings.cycles:
+            if loop.judge and len(run.cycles) == 0:
+                warm.result()
+            before = run.cycles[-1].seconds if run.cycles else 0.0
+            run = loop.turn(run, before)
+            yield run
+    yield replace(run, **_finish(loop, run))
+
+
+def _warm_up(engine: Any, robot: Robot) -> None:
+    """Compile an engine by using it."""
+    genes = np.full((1, robot.anatomy.size), 0.5)
+    from ..body.genome import from_unit
+
+    engine.simulate(build(robot.anatomy, from_unit(robot.anatomy, genes)),
+                    robot.actions[:1])  # fmt: skip
+
+
+def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
+    """Check the best body on the reference engine: new counts and the result."""
+    last, settings, robot = run.cycles[-1], run.settings, loop.robot
+    every = np.arange(len(robot.actions))
+    best = build(robot.anatomy, last.genomes[:1])
+    seen = channels(
+        make_engine("mujoco").simulate(best[np.zeros_like(every)], robot.actions)
+    )
+    counts = dict(run.counts)
+    counts["mujoco"] = counts.get("mujoco", 0) + len(every)
+    tried = list(loop.evidence.tried)
+    gap = np.abs(seen[tried, :2] - loop.evidence.felt[:, :2]).sum(axis=1)
+    result = {
+        "format": "selfheal-identify",
+        "version": 1,
+        "robot": settings.robot,
+        "method": settings.method,
+        "seed": settings.seed,
+        "parent": best.parent[0].tolist(),
+        "sureness": np.round(last.sureness, 4).tolist(),
+        "length": np.round(best.length[0], 6).tolist(),
+        "tilt_error": float(np.nanmean(gap)),
+        "actions": [_as_said(robot.actions, a) for a in tried],
+        "simulations": counts,
+    }
+    return {"counts": counts, "result": result}
+
+
+def _as_said(actions: Floats, action: int) -> list[int] | list[float]:
+    """An action as the joints that go down, or as joint angles if it is no 2006 one."""
+    target = actions[action]
+    if np.allclose(np.abs(actions), np.abs(actions).max()):
+        down: Ints = np.flatnonzero(target < 0)
+        return [int(j) for j in down]
+    return [float(x) for x in target]
