@@ -77,9 +77,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], align: str) -> 
 
 def details(summary: str, *pieces: object) -> Html:
     """Something that a click opens."""
-    return Html(
-        f"<details><summary>{text(summary)}</summary>{join(*pieces)}</details>"
-    )
+    return Html(f"<details><summary>{text(summary)}</summary>{join(*pieces)}</details>")
 
 
 def page(title: str, sections: Iterable[Section], *, lead: str) -> str:

@@ -1,4 +1,4 @@
-"""Matplotlib figures as inline pictures that follow the page's light and dark colors."""
+"""Matplotlib figures as inline pictures in the page's light and dark colors."""
 
 import base64
 import io
@@ -6,7 +6,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .page import Html, text
 
@@ -22,12 +22,12 @@ _VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)",
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
 _LARGEST_SVG = 1_500_000  # characters; beyond it a PNG is smaller; chosen
 _LONGEST_LABEL = 28  # characters; chosen
-# rcParams as matplotlib's stubs cannot name them
-_STYLE = {
+_STYLE: Any = {  # names of rcParams are no plain str to matplotlib's stubs
     "svg.fonttype": "none",
     "svg.hashsalt": "selfheal",
     "font.size": 9.0,
     "text.color": INK,
+    "text.parse_math": False,  # a dollar in a name is a dollar
     "axes.edgecolor": MUTED,
     "axes.facecolor": "none",
     "axes.labelcolor": INK,
@@ -58,12 +58,12 @@ def style() -> Iterator[None]:
 
 
 def label(value: object) -> str:
-    """A name from a file as a figure can carry it: one short line, no formulas."""
+    """A name from a file as a figure can carry it: one short line."""
     words = " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())
     printable = "".join(c if c.isprintable() else "?" for c in words)
     if len(printable) > _LONGEST_LABEL:
         printable = printable[: _LONGEST_LABEL - 1] + "\N{HORIZONTAL ELLIPSIS}"
-    return printable.replace("$", r"\$")
+    return printable
 
 
 def figure(fig: "Figure", caption: str) -> Html:
@@ -80,9 +80,7 @@ def figure(fig: "Figure", caption: str) -> Html:
         picture = drawn.replace(
             "<svg ", f'<svg role="img" aria-label="{text(caption)}" ', 1
         )
-    return Html(
-        f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>"
-    )
+    return Html(f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>")
 
 
 def _svg(fig: "Figure") -> str:

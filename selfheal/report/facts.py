@@ -1,0 +1,149 @@
+"""What a report says of a run, in words and numbers: a Run in, plain values out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import (
+    Bodies,
+    center_distance,
+    edge_f1,
+    length_error,
+    tip_distance,
+)
+from ..body.genome import HINGE_NAMES, Genomes, build
+from ..selfmodel.run import Run
+
+SIDES = ("left", "front", "right", "back")
+# Rivals are called equal within the step in which tilts were read, 0.1 degrees an
+# action (papers.md 1.1), and near within five steps; both chosen.
+EQUAL, NEAR = 0.1, 0.5
+_MOVED, _LONGER = 5.0, 2.0  # [mm] what counts as another place, another length; chosen
+
+
+def thousands(count: float) -> str:
+    """A number as short as an axis needs it: 950, 12k, 1.3M."""
+    if count < 1000:
+        return f"{count:.0f}"
+    if count < 999_500:
+        return f"{count / 1e3:.3g}k"
+    return f"{count / 1e6:.3g}M"
+
+
+def number(value: float, digits: int = 2) -> str:
+    """A number, or a dash where there is none."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "\N{EN DASH}"
+
+
+def percent(value: float) -> str:
+    """A probability, or a dash where there is none."""
+    return f"{100 * value:.0f} %" if np.isfinite(value) else "\N{EN DASH}"
+
+
+def action_name(run: Run, action: int) -> str:
+    """The joints that an action sends down."""
+    down = np.flatnonzero(run.actions[action] < 0)
+    return " + ".join(run.anatomy.joints[i] for i in down) or "all up"
+
+
+def part_name(run: Run, part: int) -> str:
+    """A part's name from its number, 0 = the torso."""
+    return run.anatomy.parts[part - 1] if part else "torso"
+
+
+def right_edges(run: Run, bodies: Bodies) -> np.ndarray | None:
+    """(N, P) whether each attachment is to the true parent; None if nobody knows."""
+    return None if run.truth is None else bodies.parent == run.truth.parent
+
+
+def errors(run: Run, bodies: Bodies) -> list[tuple[str, str]]:
+    """The first body's distances to the truth, by name; none if nobody knows it."""
+    if run.truth is None:
+        return []
+    best, truth = bodies[:1], run.truth
+    return [
+        ("attachments right (edge F1)", f"{edge_f1(best, truth)[0]:.3f}"),
+        ("mean distance of part centers", f"{center_distance(best, truth)[0]:.2f} cm"),
+        ("mean distance of part tips", f"{tip_distance(best, truth)[0]:.2f} cm"),
+        ("mean error of lengths", f"{length_error(best, truth)[0]:.2f} cm"),
+    ]
+
+
+def true_side(bodies: Bodies) -> np.ndarray:
+    """(N, P) 0..3, the side of its parent that a part's direction points out of."""
+    turn = 0.75 * np.pi - bodies.heading  # as `genome.build` turns it
+    return np.floor(turn / (np.pi / 2) + 1e-9).astype(np.int64) % 4
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A candidate that the data do not rule out.
+
+    Attributes:
+        rank: among the candidates, from 1; 1 is the best.
+        loss: over the actions so far.
+        excess: loss an action above the best one's.
+        differs: what is different from the best one, a phrase an item.
+        away: mean distance of its parts' centers from the best one's [cm].
+        apart: most that any action could tell it from the best one by
+            |left/right| + |forward/back| [deg]; NaN if not simulated.
+        right: how many attachments are right, None if nobody knows.
+    """
+
+    rank: int
+    loss: float
+    excess: float
+    differs: tuple[str, ...]
+    away: float
+    apart: float
+    right: int | None
+
+
+def rivals(run: Run) -> list[Rival]:
+    """Candidates within `NEAR` loss an action of the best one, which is the first."""
+    last = run.cycles[-1]
+    bodies = build(run.anatomy, last.genomes)
+    away = center_distance(bodies, bodies[:1])
+    gap = np.abs(last.tables - last.tables[:1])[..., :2].sum(axis=2)
+    apart = np.where(np.isnan(gap).all(axis=1), np.nan, np.nan_to_num(gap).max(axis=1))
+    with np.errstate(invalid="ignore"):  # a diverged candidate's loss is infinite
+        excess = (last.losses - last.losses[0]) / len(run.cycles)
+    excess[0] = 0.0
+    right = right_edges(run, bodies)
+    return [
+        Rival(
+            rank=k + 1,
+            loss=float(last.losses[k]),
+            excess=float(excess[k]),
+            differs=tuple(differences(run, last.genomes, k)),
+            away=float(away[k]),
+            apart=float(apart[k]),
+            right=None if right is None else int(right[k].sum()),
+        )
+        for k in np.flatnonzero(excess <= NEAR).tolist()
+    ]
+
+
+def differences(run: Run, genomes: Genomes, row: int) -> list[str]:
+    """What sets a row apart from the first one, a phrase a part."""
+    bodies = build(run.anatomy, genomes[np.array([0, row])])
+    moved = 1000 * np.linalg.norm(bodies.anchor[1] - bodies.anchor[0], axis=1)
+    turned = np.degrees(bodies.heading[1] - bodies.heading[0])
+    turned = np.abs((turned + 180) % 360 - 180)
+    longer = 1000 * (bodies.length[1] - bodies.length[0])
+    found = []
+    for i in range(run.anatomy.size):
+        phrases = []
+        if bodies.parent[0, i] != bodies.parent[1, i]:
+            phrases.append(f"on {part_name(run, bodies.parent[1, i])}")
+        elif genomes.side[0, i] != genomes.side[row, i]:
+            phrases.append(f"on the {SIDES[genomes.side[row, i]]} side")
+        elif moved[i] > _MOVED:
+            phrases.append(f"{moved[i]:.0f} mm and {turned[i]:.0f} degrees away")
+        if genomes.hinge[0, i] != genomes.hinge[row, i]:
+            phrases.append(f"hinge {HINGE_NAMES[genomes.hinge[row, i]]}")
+        if abs(longer[i]) > _LONGER:
+            phrases.append(f"{longer[i]:+.0f} mm long")
+        if phrases:
+            found.append(f"{part_name(run, i + 1)} {', '.join(phrases)}")
+    return found
