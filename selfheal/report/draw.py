@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.body import Bodies, Floats, part_points, planar_frames
-from .picture import BLUE, INK, LINE, MUTED, ORANGE, PAPER, bare
+from .picture import BLUE, INK, LINE, MUTED, ORANGE, PAPER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,11 +18,31 @@ if TYPE_CHECKING:
 RIGHT, WRONG, NEUTRAL = BLUE, ORANGE, "#4f86b0"
 _TORSO = "#98a2ad"
 _LIGHT = np.array([-0.35, 0.5, 0.8]) / np.linalg.norm([-0.35, 0.5, 0.8])
+_MARGIN = 1.07  # round a body, for the thickness of its parts; chosen
 _SIDES = 6  # of the prism that stands for a capsule
-# corners of a face of [-1, 1]^3, counterclockwise seen from outside, for +x, +y, +z
-_QUAD = np.array([[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]], float)
-_CUBE = [np.roll(_QUAD, k, axis=1) for k in range(3)]
-_CUBE += [-face[::-1] for face in _CUBE]
+
+
+def _padded(faces: list[Floats]) -> Floats:
+    """(F, _SIDES, 3) faces of fewer corners with their last one repeated."""
+    last = [np.repeat(f[-1:], _SIDES - len(f), axis=0) for f in faces]
+    return np.array([np.concatenate(pair) for pair in zip(faces, last, strict=True)])
+
+
+def _cube() -> Floats:
+    """(6, _SIDES, 3) faces of [-1, 1]^3, counterclockwise seen from outside."""
+    face = np.array([[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]], float)
+    faces = [np.roll(face, k, axis=1) for k in range(3)]
+    return _padded([*faces, *(-f[::-1] for f in faces)])
+
+
+def _prism() -> Floats:
+    """(_SIDES + 2, _SIDES, 3) faces of a prism of radius 1 round x, from x = 0 to 1."""
+    angle = 2 * np.pi * (np.arange(_SIDES + 1) + 0.5) / _SIDES
+    near = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+    far = near + [1, 0, 0]
+    sides = [np.array([near[k + 1], far[k + 1], far[k], near[k]])
+             for k in range(_SIDES)]  # fmt: skip
+    return _padded([*sides, far[:-1], near[:-1][::-1]])
 
 
 @dataclass(frozen=True)
@@ -34,12 +54,14 @@ class Camera:
         elevation: above the horizon [rad].
         distance: from the target [m].
         target: (3) what it looks at, in the torso's frame [m].
+        at: (3) where that is in the picture; the last is 0.
     """
 
     azimuth: float
     elevation: float
     distance: float
     target: Floats = field(default_factory=lambda: np.zeros(3))
+    at: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
     def axes(self) -> Floats:
@@ -53,27 +75,36 @@ class Camera:
         """(..., 3) right, up and depth (near is large) of points (..., 3) [m]."""
         seen = (points - self.target) @ self.axes.T
         seen[..., :2] *= self.distance / (self.distance - seen[..., 2:])
-        return seen
+        return seen + self.at
 
 
 PLAN = Camera(np.pi, np.pi / 2, 4.0)
 PERSPECTIVE = Camera(np.radians(212), np.radians(38), 1.6)
 
 
-def _box(bodies: Bodies) -> tuple[Floats, Floats]:
-    """Middle (N, 3) and half sides (N, 2) of the floor plan of N bodies [m]."""
-    origin, tips = planar_frames(bodies)[0], part_points(bodies, 1.0)
-    torso = np.ones((len(bodies), 1, 2)) * bodies.anatomy.rim[:2]
-    points = [torso, -torso, origin[:, 1:, :2], tips[..., :2]]
-    flat = np.concatenate(points, axis=1)
-    low, high = flat.min(axis=1), flat.max(axis=1)
-    middle = np.column_stack([(low + high) / 2, np.zeros(len(bodies))])
-    return middle, (high - low) / 2
+def _outline(bodies: Bodies, row: int) -> Floats:
+    """(M, 3) corners of the torso and of its rim, joints and tips of one body [m]."""
+    a = bodies.anatomy
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    rim = np.array([1.0, 1, 0]) * a.rim
+    ends = [planar_frames(bodies)[0][row], part_points(bodies, 1.0)[row]]
+    return np.concatenate([signs * a.torso_half, signs * rim, *ends])
 
 
-def reach(bodies: Bodies) -> float:
-    """Half the width of a picture that holds any of these bodies [m]."""
-    return float(np.linalg.norm(_box(bodies)[1], axis=1).max())
+def _middle(bodies: Bodies, row: int) -> Floats:
+    """(3) middle of one body's floor plan, at the height of the torso's center [m]."""
+    points = _outline(bodies, row)
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return middle * [1, 1, 0]
+
+
+def window(bodies: Bodies, camera: Camera) -> Floats:
+    """(2) half the width and height [m] of a view that holds any of these bodies."""
+    halves = []
+    for row in range(len(bodies)):
+        aimed = replace(camera, target=_middle(bodies, row))
+        halves.append(np.abs(aimed.project(_outline(bodies, row))[:, :2]).max(axis=0))
+    return _MARGIN * np.max(halves, axis=0)
 
 
 def draw(
@@ -83,101 +114,91 @@ def draw(
     *,
     camera: Camera,
     colors: Sequence[str],
-    half: float,
+    at: tuple[float, float] = (0.0, 0.0),
     numbers: bool = False,
 ) -> None:
-    """Draw one body, its middle in the middle.
+    """Draw one body, its middle at a place of the axes, a meter as one unit.
 
     Args:
-        ax: takes the drawing, and nothing else.
+        ax: takes the drawing.
         bodies: a batch.
         row: which of them.
-        camera: see `Camera`.
+        camera: see `Camera`; its target is moved to the body's middle.
         colors: of each part.
-        half: half the width of what is seen [m], as `reach` gives it.
+        at: the place.
         numbers: whether parts carry their numbers, from 1.
     """
     from matplotlib.collections import PolyCollection
 
-    camera = replace(camera, target=_box(bodies[row : row + 1])[0][0])
+    camera = replace(camera, target=_middle(bodies, row), at=np.array([*at, 0.0]))
     faces, paints = _faces(bodies, row, colors)
-    seen = [camera.project(face) for face in faces]
-    front = [k for k, face in enumerate(seen) if _area(face) > 0]
-    front.sort(key=lambda k: seen[k][:, 2].mean())
+    seen = camera.project(faces)
+    front = np.flatnonzero(_normals(seen)[:, 2] > 0)
+    front = front[np.argsort(seen[front, :, 2].mean(axis=1), kind="stable")]
+    shaded = _shaded(paints[front], _normals(faces)[front])
     _rim(ax, bodies, camera)
     ax.add_collection(
         PolyCollection(
-            [seen[k][:, :2] for k in front],
-            facecolors=[_shaded(paints[k], faces[k]) for k in front],
-            edgecolors=[_shaded(paints[k], faces[k], 0.72) for k in front],
+            [_outer(face[:, :2]) for face in seen[front]],
+            facecolors=shaded,
+            edgecolors=0.75 * shaded,
             linewidths=0.3,
             joinstyle="round",
             zorder=2,
-        )
+        ),
+        autolim=False,
     )
     if numbers:
         _numbers(ax, bodies, row, camera, colors)
-    bare(ax)
-    ax.set_xlim(-1.06 * half, 1.06 * half)
-    high = 1.06 * half * max(np.sin(camera.elevation), 0.62)
-    ax.set_ylim(-high, high)
 
 
-def _faces(
-    bodies: Bodies, row: int, colors: Sequence[str]
-) -> tuple[list[Floats], list[str]]:
-    """Outlines (k, 3) [m] of a body's faces, and their colors."""
+def _faces(bodies: Bodies, row: int, colors: Sequence[str]) -> tuple[Floats, Floats]:
+    """(F, _SIDES, 3) faces of a body in the torso's frame [m], (F, 3) their colors."""
+    from matplotlib.colors import to_rgb
+
     a = bodies.anatomy
     origin, heading = (x[row] for x in planar_frames(bodies))
-    faces = [c * a.torso_half for c in _CUBE]
-    paints = [_TORSO] * len(faces)
+    faces, paints = [_cube() * a.torso_half], [_TORSO] * 6
     for i in range(a.size):
         c, s = np.cos(heading[i + 1]), np.sin(heading[i + 1])
         turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         local = _part(bodies, row, i)
-        faces += [face @ turn + origin[i + 1] for face in local]
+        faces.append(local @ turn + origin[i + 1])
         paints += [colors[i]] * len(local)
-    return faces, paints
+    return np.concatenate(faces), np.array([to_rgb(p) for p in paints])
 
 
-def _part(bodies: Bodies, row: int, i: int) -> list[Floats]:
-    """A part's faces in its own frame: its housing, and its rod beyond the housing."""
+def _part(bodies: Bodies, row: int, i: int) -> Floats:
+    """(F, _SIDES, 3) a part's faces in its frame: housing, rod beyond it [m]."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
-    half, center = a.block_half[i] * scale, a.block_center[i] * scale
     length, radius = bodies.length[row, i], a.radius[i] * scale
     faces, start = [], 0.0
     if a.block_mass[i] > 0:
-        faces = [c * half + [center, 0, 0] for c in _CUBE]
+        half, center = a.block_half[i] * scale, a.block_center[i] * scale
+        faces.append(_cube() * half + [center, 0, 0])
         start = max(0.0, center + half[0])
-    return faces + (_rod(start, length, radius) if length > start else [])
+    if length > start or not faces:
+        faces.append(_prism() * [length - start, radius, radius] + [start, 0, 0])
+    return np.concatenate(faces)
 
 
-def _rod(start: float, end: float, radius: float) -> list[Floats]:
-    """Faces of a prism round the x axis."""
-    angle = np.pi / _SIDES + 2 * np.pi * np.arange(_SIDES + 1) / _SIDES
-    y, z = radius * np.cos(angle), radius * np.sin(angle)
-    ends = [np.column_stack([np.full(_SIDES + 1, x), y, z]) for x in (start, end)]
-    near, far = ends
-    sides = [
-        np.array([near[k], far[k], far[k + 1], near[k + 1]]) for k in range(_SIDES)
-    ]
-    return [*(side[::-1] for side in sides), far[:-1], near[:-1][::-1]]
+def _normals(faces: Floats) -> Floats:
+    """(F, 3) normals of faces (F, k, 3), as long as twice their area (Newell)."""
+    following = np.roll(faces, -1, axis=1)
+    return np.cross(faces, following).sum(axis=1)
 
 
-def _area(face: Floats) -> float:
-    """Twice the signed area of a projected outline; positive if it faces the camera."""
-    x, y = face[:, 0], face[:, 1]
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+def _outer(face: Floats) -> Floats:
+    """A face without the corners that `_padded` repeated."""
+    new = np.append(True, (face[1:] != face[:-1]).any(axis=1))
+    return face[new]
 
 
-def _shaded(color: str, face: Floats, factor: float = 1.0) -> tuple[float, ...]:
-    """A face's color in the light."""
-    from matplotlib.colors import to_rgb
-
-    normal = np.cross(face[1] - face[0], face[2] - face[1])
-    normal /= max(float(np.linalg.norm(normal)), 1e-12)
-    bright = factor * (0.72 + 0.34 * max(0.0, float(normal @ _LIGHT)))
-    return tuple(min(1.0, bright * c) for c in to_rgb(color))
+def _shaded(paints: Floats, normals: Floats) -> Floats:
+    """(F, 3) colors of faces in the light."""
+    size = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+    bright = 0.72 + 0.34 * np.maximum(0.0, normals @ _LIGHT / size)
+    return np.clip(bright[:, None] * paints, 0, 1)
 
 
 def _rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:

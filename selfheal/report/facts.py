@@ -15,6 +15,7 @@ from ..body.genome import HINGE_NAMES, Genomes, build
 from ..selfmodel.run import Run
 
 SIDES = ("left", "front", "right", "back")
+TILT_NAMES = ("left/right", "forward/back")
 # Rivals are called equal within the step in which tilts were read, 0.1 degrees an
 # action (papers.md 1.1), and near within five steps; both chosen.
 EQUAL, NEAR = 0.1, 0.5
@@ -32,12 +33,15 @@ def thousands(count: float) -> str:
 
 def number(value: float, digits: int = 2) -> str:
     """A number, or a dash where there is none."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else "\N{EN DASH}"
+    whole = round(value, digits) + 0.0  # no -0.0
+    return f"{whole:.{digits}f}" if np.isfinite(value) else "\N{EN DASH}"
 
 
 def percent(value: float) -> str:
     """A probability, or a dash where there is none."""
-    return f"{100 * value:.0f} %" if np.isfinite(value) else "\N{EN DASH}"
+    return (
+        f"{100 * value:.0f}\N{NO-BREAK SPACE}%" if np.isfinite(value) else "\N{EN DASH}"
+    )
 
 
 def action_name(run: Run, action: int) -> str:
@@ -62,7 +66,7 @@ def errors(run: Run, bodies: Bodies) -> list[tuple[str, str]]:
         return []
     best, truth = bodies[:1], run.truth
     return [
-        ("attachments right (edge F1)", f"{edge_f1(best, truth)[0]:.3f}"),
+        ("attachments correct (edge F1)", f"{edge_f1(best, truth)[0]:.3f}"),
         ("mean distance of part centers", f"{center_distance(best, truth)[0]:.2f} cm"),
         ("mean distance of part tips", f"{tip_distance(best, truth)[0]:.2f} cm"),
         ("mean error of lengths", f"{length_error(best, truth)[0]:.2f} cm"),

@@ -3,30 +3,30 @@
 All are made inside `picture.style()`.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate
 from ..body.genome import build
 from ..selfmodel.run import Cycle, Run
-from .draw import NEUTRAL, PERSPECTIVE, PLAN, RIGHT, WRONG, draw, reach
-from .facts import action_name, right_edges, thousands
-from .picture import BLUE, INK, LINE, MUTED, ORANGE, label
+from .draw import NEUTRAL, PERSPECTIVE, PLAN, RIGHT, WRONG, draw, window
+from .facts import TILT_NAMES, action_name, right_edges, thousands
+from .picture import BLUE, LINE, MUTED, ORANGE, WIDTH, canvas, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _ROWS, _COLUMNS = 8, 4  # most cycles, and rivals of each, that are drawn
-_WIDTH = 10.4  # of every figure [in]
+_MOST_JOINTS = 4  # named beside a cycle; chosen
 _TICKS = 9  # most labels on an axis of cycles; chosen
 
 
 def _figure(height: float) -> "Figure":
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(_WIDTH, height), layout="constrained")
+    return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
 def colors(run: Run, bodies: Bodies, row: int = 0) -> list[str]:
@@ -42,15 +42,20 @@ def best_body(run: Run) -> "Figure":
     bodies = build(run.anatomy, run.cycles[-1].genomes[:1])
     if run.truth is not None:
         bodies = concatenate(bodies, run.truth)
-    fig = _figure(3.9 * len(bodies))
-    axes = fig.subplots(len(bodies), 2, squeeze=False)
-    names = ("inferred", "truth")
-    for row, pair in enumerate(axes):
-        shown: Any = {"colors": colors(run, bodies, row), "half": reach(bodies)}
-        draw(pair[0], bodies, row, camera=PLAN, numbers=True, **shown)
-        draw(pair[1], bodies, row, camera=PERSPECTIVE, **shown)
-        pair[0].set_title(f"{names[row]}, from above", loc="left", weight="bold")
-        pair[1].set_title(f"{names[row]}, from behind", loc="left", weight="bold")
+    views = {"from above": PLAN, "from behind": PERSPECTIVE}
+    halves = np.array([window(bodies, camera) for camera in views.values()])
+    # both views as wide as the wider one: what is near looks no larger from behind
+    half = halves.max(axis=0)
+    head = 0.16 * half[0]  # for a title
+    fig, ax = canvas(4 * half[0], len(bodies) * (2 * half[1] + head))
+    for row, name in zip(range(len(bodies)), ("inferred", "truth"), strict=False):
+        top = -row * (2 * half[1] + head)
+        for column, (view, camera) in enumerate(views.items()):
+            at = ((2 * column + 1) * half[0], top - head - half[1])
+            draw(ax, bodies, row, camera=camera, colors=colors(run, bodies, row),
+                 at=at, numbers=camera is PLAN)  # fmt: skip
+            ax.text(at[0], top - head / 2, f"{name}, {view}", weight="bold",
+                    ha="center", va="center")  # fmt: skip
     return fig
 
 
@@ -64,22 +69,28 @@ def candidates(run: Run) -> "Figure":
     chosen = shown_cycles(len(run.cycles))
     shown = [run.cycles[k].genomes[:_COLUMNS] for k in chosen]
     batches = [build(run.anatomy, genomes) for genomes in shown]
-    half = reach(concatenate(*batches))
-    columns = max(map(len, batches))
-    fig = _figure(1.75 * len(chosen) + 0.1)
-    axes = fig.subplots(len(chosen), columns, squeeze=False)
-    for k, bodies, line in zip(chosen, batches, axes, strict=True):
-        for row, ax in enumerate(line):
-            if row >= len(bodies):
-                ax.set_axis_off()
-                continue
+    half = window(concatenate(*batches), PERSPECTIVE)
+    side, head = 0.84 * half[0], 0.22 * half[0]  # for cycles and for titles; chosen
+    fig, ax = canvas(side + 2 * _COLUMNS * half[0], len(chosen) * (2 * half[1] + head))
+    for line, (k, bodies) in enumerate(zip(chosen, batches, strict=True)):
+        top = -line * (2 * half[1] + head)
+        _row_title(ax, run, k, at=(0.05 * side, top - head - half[1]))
+        for row in range(len(bodies)):
+            at = (side + (2 * row + 1) * half[0], top - head - half[1])
             paint = colors(run, bodies, row)
-            draw(ax, bodies, row, camera=PERSPECTIVE, colors=paint, half=half)
+            draw(ax, bodies, row, camera=PERSPECTIVE, colors=paint, at=at)
             title = _candidate_title(run, run.cycles[k], bodies, row)
-            ax.set_title(title, fontsize=8, loc="left", color=INK)
-        line[0].text(0, 0.98, f"cycle {k + 1}", transform=line[0].transAxes,
-                     weight="bold", fontsize=9, va="top")  # fmt: skip
+            ax.text(at[0], top - head / 2, title, fontsize=8, ha="center", va="center")
     return fig
+
+
+def _row_title(ax: "Axes", run: Run, k: int, *, at: tuple[float, float]) -> None:
+    """A cycle and its action."""
+    down = action_name(run, run.cycles[k].action).split(" + ")
+    lines = "\n".join(map(label, down[:_MOST_JOINTS]))
+    ax.annotate(f"cycle {k + 1}", at, weight="bold", fontsize=9, va="bottom")
+    ax.annotate(lines, at, (0, -3), textcoords="offset points", color=MUTED,
+                fontsize=7.5, va="top", linespacing=1.3)  # fmt: skip
 
 
 def _candidate_title(run: Run, cycle: Cycle, bodies: Bodies, row: int) -> str:
@@ -87,14 +98,15 @@ def _candidate_title(run: Run, cycle: Cycle, bodies: Bodies, row: int) -> str:
     title = f"loss {cycle.losses[row]:.3g}"
     right = right_edges(run, bodies[row : row + 1])
     if right is not None:
-        title += f" \N{MIDDLE DOT} {right.sum()} of {right.size} right"
+        title += f" \N{MIDDLE DOT} {right.sum()} of {right.size} correct"
     return title
 
 
 def _cycle_ticks(ax: "Axes", run: Run) -> list[int]:
     """Label an axis with cycles, from 1; returns which, from 0."""
     count = len(run.cycles)
-    chosen = sorted({round(k) for k in np.linspace(0, count - 1, min(count, _TICKS))})
+    step = -(-count // _TICKS)
+    chosen = list(range((count - 1) % step, count, step))  # the last one is among them
     ax.set_xticks([k + 1 for k in chosen])
     ax.set_xlim(0.5, count + 0.5)
     ax.set_xlabel("cycle")
@@ -115,7 +127,7 @@ def progress(run: Run) -> "Figure":
         ax.plot(cycle, curve, color=color, marker="o", ms=4, lw=1.6, clip_on=False)
         ax.set_title(name, loc="left", weight="bold", pad=9)
         finite = [v for v in curve if np.isfinite(v)]
-        ax.set_ylim(0, 1.08 * max([*finite, 1e-3]))
+        ax.set_ylim(0, 1.08 * max([*finite, 0.1]))
         ax.grid(axis="y")
         chosen = _cycle_ticks(ax, run)
         top = ax.secondary_xaxis("top")
@@ -134,7 +146,7 @@ def tilts(run: Run) -> "Figure":
     measured = np.array([c.felt for c in run.cycles])
     predicted = run.cycles[-1].tables[0][tried]
     fig = _figure(0.9 + 0.24 * len(tried))
-    axes = fig.subplots(1, 2, sharey=True)
+    axes = fig.subplots(1, 2, sharex=True, sharey=True)
     place = np.arange(len(tried), dtype=float)
     for channel, (ax, name) in enumerate(zip(axes, TILT_NAMES, strict=True)):
         _pairs(ax, place, measured[:, channel], predicted[:, channel])
@@ -142,11 +154,10 @@ def tilts(run: Run) -> "Figure":
     names = [label(action_name(run, a)) for a in tried]
     axes[0].set_yticks(place, names)
     axes[0].set_ylim(len(tried) - 0.5, -0.5)
+    low, high = axes[0].get_xlim()
+    axes[0].set_xlim(min(low, -1), max(high, 1))
     fig.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return fig
-
-
-TILT_NAMES = ("left/right", "forward/back")
 
 
 def _pairs(ax: "Axes", place: Floats, measured: Floats, predicted: Floats) -> None:

@@ -75,6 +75,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], align: str) -> 
     )
 
 
+def beside(*pieces: object) -> Html:
+    """Pieces side by side, one below the other where the page is narrow."""
+    inner = "".join(f"<div>{text(piece)}</div>" for piece in pieces)
+    return Html(f'<div class="beside">{inner}</div>')
+
+
 def details(summary: str, *pieces: object) -> Html:
     """Something that a click opens."""
     return Html(f"<details><summary>{text(summary)}</summary>{join(*pieces)}</details>")
@@ -141,12 +147,15 @@ figure svg, figure img { display: block; width: 100%; height: auto; }
 figure svg text { font-family: inherit !important; }
 figcaption { color: var(--muted); font-size: .875rem; margin-top: .6rem;
   max-width: 52rem; }
+.beside { display: flex; flex-wrap: wrap; gap: 0 4rem; }
 .wide { overflow-x: auto; margin: .9rem 0; }
 table { border-collapse: collapse; font-size: .92rem; }
-th, td { text-align: left; padding: .32rem 1.1rem .32rem 0; vertical-align: top;
+th, td { text-align: left; padding: .32rem 1rem .32rem 0; vertical-align: top;
   border-bottom: 1px solid var(--line); }
 th { color: var(--muted); font-weight: 600; vertical-align: bottom; }
 .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th.n { white-space: normal; }
+td:last-child { min-width: 5rem; }
 .right { color: var(--right); font-weight: 600; }
 .wrong { color: var(--wrong); font-weight: 600; }
 .soft, details > summary { color: var(--muted); }

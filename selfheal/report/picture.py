@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 INK, MUTED, LINE, PAPER = "#1b1f24", "#5b6470", "#d5dae0", "#ffffff"
 _VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)",
               PAPER: "var(--card)"}  # fmt: skip
+WIDTH = 10.4  # of every figure [in]; chosen
 # Okabe and Ito's palette, which color-blind readers can tell apart
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
 _LARGEST_SVG = 1_500_000  # characters; beyond it a PNG is smaller; chosen
@@ -55,6 +56,18 @@ def style() -> Iterator[None]:
         # the browser has its own fonts; matplotlib's only measures
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         yield
+
+
+def canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
+    """A figure that is one drawing: x from 0 to `wide`, y from `-high` to 0."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, WIDTH * high / wide))
+    ax = fig.add_axes((0, 0, 1, 1))
+    ax.set_axis_off()
+    ax.set_xlim(0, wide)
+    ax.set_ylim(-high, 0)
+    return fig, ax
 
 
 def label(value: object) -> str:
@@ -103,9 +116,3 @@ def _png(fig: "Figure") -> str:
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=150, facecolor="white")
     return base64.b64encode(buffer.getvalue()).decode("ascii")
-
-
-def bare(ax: "Axes") -> None:
-    """Axes that only hold a drawing."""
-    ax.set_axis_off()
-    ax.set_aspect("equal")
