@@ -47,11 +47,12 @@ def best_body(run: Run) -> "Figure":
     # both views as wide as the wider one: what is near looks no larger from behind
     half = halves.max(axis=0)
     head = 0.16 * half[0]  # for a title
-    fig, ax = canvas(4 * half[0], len(bodies) * (2 * half[1] + head))
+    edge = 0.4 * half[0]
+    fig, ax = canvas(4 * half[0] + 2 * edge, len(bodies) * (2 * half[1] + head))
     for row, name in zip(range(len(bodies)), ("inferred", "truth"), strict=False):
         top = -row * (2 * half[1] + head)
         for column, (view, camera) in enumerate(views.items()):
-            at = ((2 * column + 1) * half[0], top - head - half[1])
+            at = (edge + (2 * column + 1) * half[0], top - head - half[1])
             draw(ax, bodies, row, camera=camera, colors=colors(run, bodies, row),
                  at=at, numbers=camera is PLAN)  # fmt: skip
             ax.text(at[0], top - head / 2, f"{name}, {view}", weight="bold",

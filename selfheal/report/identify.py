@@ -131,15 +131,9 @@ def _tilts(run: Run) -> Section:
         "joints go up. Predictions are those of the best candidate at the end."
     )
     drawn = figure(figures.tilts(run), caption)
-    return Section(
-        "Predicted against measured tilt",
-        (
-            drawn,
-            details(
-                "the numbers, and why each action was chosen", tables.residuals(run)
-            ),
-        ),
-    )
+    numbers = details("the numbers", tables.residuals(run))
+    why = details("why each action was chosen", tables.reasons(run))
+    return Section("Predicted against measured tilt", (drawn, numbers, why))
 
 
 def _rivals(run: Run) -> Section:

@@ -155,7 +155,6 @@ th, td { text-align: left; padding: .32rem 1rem .32rem 0; vertical-align: top;
 th { color: var(--muted); font-weight: 600; vertical-align: bottom; }
 .n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 th.n { white-space: normal; }
-td:last-child { min-width: 5rem; }
 .right { color: var(--right); font-weight: 600; }
 .wrong { color: var(--wrong); font-weight: 600; }
 .soft, details > summary { color: var(--muted); }

@@ -72,7 +72,6 @@ def residuals(run: Run) -> Html:
     shown = [k for k in range(3) if k < 2 or np.isfinite(felt[:, k]).any()]
     for k in shown:
         head += [f"{units[k]} measured", "predicted", "difference"]
-    head.append("why this action")
     rows = []
     for n, cycle in enumerate(run.cycles):
         predicted = run.cycles[-1].tables[0][cycle.action]
@@ -80,8 +79,17 @@ def residuals(run: Run) -> Html:
         for k in shown:
             values = cycle.felt[k], predicted[k], predicted[k] - cycle.felt[k]
             row += [number(v, 1) for v in values]
-        rows.append([*row, cycle.why])
-    return table(head, rows, "rl" + "rrr" * len(shown) + "l")
+        rows.append(row)
+    return table(head, rows, "rl" + "rrr" * len(shown))
+
+
+def reasons(run: Run) -> Html:
+    """A row an action: why it was chosen."""
+    rows = [
+        (n + 1, action_name(run, cycle.action), cycle.why)
+        for n, cycle in enumerate(run.cycles)
+    ]
+    return table(("cycle", "joints down", "why"), rows, "rll")
 
 
 def rivals(run: Run, found: list[Rival]) -> Html:
