@@ -19,6 +19,7 @@ RIGHT, WRONG, NEUTRAL = BLUE, ORANGE, "#4f86b0"
 _TORSO = "#98a2ad"
 _LIGHT = np.array([-0.35, 0.5, 0.8]) / np.linalg.norm([-0.35, 0.5, 0.8])
 _MARGIN = 1.07  # round a body, for the thickness of its parts; chosen
+_AWAY = 5.0  # times a body's farthest point: a camera's distance; chosen
 _SIDES = 6  # of the prism that stands for a capsule
 
 
@@ -78,10 +79,6 @@ class Camera:
         return seen + self.at
 
 
-PLAN = Camera(np.pi, np.pi / 2, 4.0)
-PERSPECTIVE = Camera(np.radians(212), np.radians(38), 1.6)
-
-
 def _outline(bodies: Bodies, row: int) -> Floats:
     """(M, 3) corners of the torso and of its rim, joints and tips of one body [m]."""
     a = bodies.anatomy
@@ -96,6 +93,25 @@ def _middle(bodies: Bodies, row: int) -> Floats:
     points = _outline(bodies, row)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return middle * [1, 1, 0]
+
+
+def _distance(bodies: Bodies) -> float:
+    """How far a camera stands from any of these bodies' middle [m]."""
+    farthest = [
+        np.linalg.norm(_outline(bodies, row) - _middle(bodies, row), axis=1).max()
+        for row in range(len(bodies))
+    ]
+    return _AWAY * float(max(farthest))
+
+
+def from_above(bodies: Bodies) -> Camera:
+    """A camera that sees any of these bodies in plan, forward up."""
+    return Camera(np.pi, np.pi / 2, _distance(bodies))
+
+
+def from_behind(bodies: Bodies) -> Camera:
+    """A camera that sees any of these bodies from behind, on the right and above."""
+    return Camera(np.radians(212), np.radians(38), _distance(bodies))
 
 
 def window(bodies: Bodies, camera: Camera) -> Floats:

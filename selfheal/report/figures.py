@@ -10,7 +10,7 @@ import numpy as np
 from ..body.body import Bodies, Floats, concatenate
 from ..body.genome import build
 from ..selfmodel.run import Cycle, Run
-from .draw import NEUTRAL, PERSPECTIVE, PLAN, RIGHT, WRONG, draw, window
+from .draw import NEUTRAL, RIGHT, WRONG, draw, from_above, from_behind, window
 from .facts import TILT_NAMES, action_name, right_edges, thousands
 from .picture import BLUE, LINE, MUTED, ORANGE, WIDTH, canvas, label
 
@@ -42,7 +42,7 @@ def best_body(run: Run) -> "Figure":
     bodies = build(run.anatomy, run.cycles[-1].genomes[:1])
     if run.truth is not None:
         bodies = concatenate(bodies, run.truth)
-    views = {"from above": PLAN, "from behind": PERSPECTIVE}
+    views = {"from above": from_above(bodies), "from behind": from_behind(bodies)}
     halves = np.array([window(bodies, camera) for camera in views.values()])
     # both views as wide as the wider one: what is near looks no larger from behind
     half = halves.max(axis=0)
@@ -54,7 +54,7 @@ def best_body(run: Run) -> "Figure":
         for column, (view, camera) in enumerate(views.items()):
             at = (edge + (2 * column + 1) * half[0], top - head - half[1])
             draw(ax, bodies, row, camera=camera, colors=colors(run, bodies, row),
-                 at=at, numbers=camera is PLAN)  # fmt: skip
+                 at=at, numbers=column == 0)  # fmt: skip
             ax.text(at[0], top - head / 2, f"{name}, {view}", weight="bold",
                     ha="center", va="center")  # fmt: skip
     return fig
@@ -70,7 +70,8 @@ def candidates(run: Run) -> "Figure":
     chosen = shown_cycles(len(run.cycles))
     shown = [run.cycles[k].genomes[:_COLUMNS] for k in chosen]
     batches = [build(run.anatomy, genomes) for genomes in shown]
-    half = window(concatenate(*batches), PERSPECTIVE)
+    camera = from_behind(concatenate(*batches))
+    half = window(concatenate(*batches), camera)
     side, head = 0.84 * half[0], 0.22 * half[0]  # for cycles and for titles; chosen
     fig, ax = canvas(side + 2 * _COLUMNS * half[0], len(chosen) * (2 * half[1] + head))
     for line, (k, bodies) in enumerate(zip(chosen, batches, strict=True)):
@@ -79,7 +80,7 @@ def candidates(run: Run) -> "Figure":
         for row in range(len(bodies)):
             at = (side + (2 * row + 1) * half[0], top - head - half[1])
             paint = colors(run, bodies, row)
-            draw(ax, bodies, row, camera=PERSPECTIVE, colors=paint, at=at)
+            draw(ax, bodies, row, camera=camera, colors=paint, at=at)
             title = _candidate_title(run, run.cycles[k], bodies, row)
             ax.text(at[0], top - head / 2, title, fontsize=8, ha="center", va="center")
     return fig

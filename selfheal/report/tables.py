@@ -71,7 +71,7 @@ def residuals(run: Run) -> Html:
     felt = np.array([c.felt for c in run.cycles])
     shown = [k for k in range(3) if k < 2 or np.isfinite(felt[:, k]).any()]
     for k in shown:
-        head += [f"{units[k]} measured", "predicted", "difference"]
+        head += [f"{units[k]} measured", "predicted", "off by"]
     rows = []
     for n, cycle in enumerate(run.cycles):
         predicted = run.cycles[-1].tables[0][cycle.action]
