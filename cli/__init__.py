@@ -6,7 +6,7 @@ import typer
 
 from selfheal import __version__
 
-from . import recording
+from . import identify, recording
 from ._errors import Group
 
 # rich_markup_mode: rich's help pages would double the time to the first line
@@ -18,6 +18,9 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+app.command()(identify.identify)
+app.command()(identify.show)
+app.command()(identify.robots)
 app.add_typer(recording.app, name="recording")
 
 

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats
 
 SWING = np.radians(30.0)  # papers.md 1.2
 
@@ -20,6 +20,12 @@ def actions_2006(joints: int = 8) -> Floats:
     for row, down in zip(targets, chosen, strict=True):
         row[list(down)] = -SWING
     return targets
+
+
+def spoken(anatomy: Anatomy, target: Floats) -> str:
+    """An action (P) [rad] in words: the joints that go down, the others up."""
+    down = [j for j, angle in zip(anatomy.joints, target, strict=True) if angle < 0]
+    return (", ".join(down) or "no joint") + " down"
 
 
 def published() -> Bodies:

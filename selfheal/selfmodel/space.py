@@ -146,24 +146,34 @@ def _rehinged(genome: Genomes) -> Genomes:
 
 
 def neighbors(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
-    """Bodies one small change away, in random order, valid and without the body itself.
+    """Bodies one discrete change away, in random order, valid, without the body itself.
 
     Args:
         space: which genes may change.
         genome: a batch of one.
-        rng: for the order, and for the size of continuous changes.
+        rng: for the order.
     """
     pairs, cycles = _orders(genome.parent.shape[1])
     batches = [_reattached(genome), _moved(genome, pairs), _relabeled(genome, pairs)]
     batches.append(_moved(genome, cycles))
     if space.hinges:
         batches.append(_rehinged(genome))
+    return _shuffled(concatenate(*batches), genome, rng)
+
+
+def nudges(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
+    """Bodies one small continuous change away; none where every gene is discrete."""
+    batches = [genome[:0]]
     if not space.sides:
         batches.append(_nudged(genome, "placement", rng))
     if space.lengths:
         batches.append(_nudged(genome, "length", rng))
-    out = concatenate(*batches)
-    return out[rng.permutation(np.flatnonzero(valid(out) & ~same(out, genome)))]
+    return _shuffled(concatenate(*batches), genome, rng)
+
+
+def _shuffled(around: Genomes, genome: Genomes, rng: np.random.Generator) -> Genomes:
+    """The valid ones that differ from the genome (1), in random order."""
+    return around[rng.permutation(np.flatnonzero(valid(around) & ~same(around, genome)))]
 
 
 def valid(genomes: Genomes) -> np.ndarray:

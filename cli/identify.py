@@ -1,0 +1,308 @@
+"""`selfheal identify`, `show`, `robots`: settings in, progress, a body and files out."""
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from selfheal.robot.base import Robot
+    from selfheal.selfmodel.run import Run, Settings
+
+_JSON = typer.Option("--json", help="One JSON object for scripts.")
+
+
+def identify(
+    robot: Annotated[
+        str | None, typer.Option(help="Name of the robot; see 'selfheal robots'.")
+    ] = None,
+    recordings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.h5", help="Readings that the robot answers from."),
+    ] = None,
+    method: Annotated[
+        str,
+        typer.Option(help="default, paper, random-batch or random-alternate."),
+    ] = "default",
+    space: Annotated[
+        str, typer.Option(help="Where parts may attach: free, sides or full.")
+    ] = "free",
+    known_lengths: Annotated[
+        bool, typer.Option("--known-lengths", help="In 'full', lengths are known.")
+    ] = False,
+    random_actions: Annotated[
+        bool,
+        typer.Option("--random-actions", help="Do not choose actions, for comparison."),
+    ] = False,
+    engine: Annotated[
+        str, typer.Option(help="auto, statics, mjx or mujoco.")
+    ] = "auto",
+    cycles: Annotated[int, typer.Option(help="Actions to try.")] = 16,
+    budget: Annotated[
+        int | None, typer.Option(help="Simulations for the search; 262000 by default.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Where the files go; runs/ROBOT-SEED."),
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
+    ] = None,
+    as_json: Annotated[bool, _JSON] = False,
+) -> None:
+    """Find out what a robot's body is."""
+    from selfheal.errors import InputError
+    from selfheal.selfmodel.run import Settings, held, load
+    from selfheal.selfmodel.strategy import BUDGETS
+
+    if (robot is None) == (resume is None):
+        raise InputError("give either --robot NAME or --resume RUN.h5")
+    if resume is not None:
+        with held(resume):
+            _go(load(resume), resume, as_json)
+        return
+    settings = Settings(
+        robot=str(robot),
+        recordings=str(recordings.resolve()) if recordings else "",
+        method=method,
+        space=space,
+        known_lengths=known_lengths,
+        random_actions=random_actions,
+        engine=engine,
+        cycles=cycles,
+        budget=BUDGETS.get(method, 1) if budget is None else budget,
+        seed=seed,
+    )
+    _start(settings, out, as_json)
+
+
+def _start(settings: "Settings", out: Path | None, as_json: bool) -> None:
+    """Check everything that can be wrong, then run."""
+    from selfheal.files import check_writable_folder
+    from selfheal.selfmodel.loop import check
+    from selfheal.selfmodel.run import Run, held, save
+
+    robot = _robot(settings)
+    check(settings, robot)
+    name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
+    folder = check_writable_folder(out or Path("runs") / name)
+    path = folder / "run.h5"
+    with held(path):
+        run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
+        save(run, path)
+        _go(run, path, as_json)
+
+
+def _robot(settings: "Settings") -> "Robot":
+    """The robot that settings ask for."""
+    from selfheal.robot.base import open_robot
+
+    recordings = Path(settings.recordings) if settings.recordings else None
+    return open_robot(settings.robot, seed=settings.seed, recordings=recordings)
+
+
+def _go(run: "Run", path: Path, as_json: bool) -> None:
+    """Turn by turn to the end, saved after each; then the body and the page."""
+    from dataclasses import replace
+
+    from selfheal.selfmodel.loop import identify as turns
+    from selfheal.selfmodel.run import save
+
+    start = time.perf_counter()
+    with _progress(run.settings, quiet=as_json) as show:
+        for run in turns(_robot(run.settings), run.settings, run=run, progress=show):
+            if "seconds" in run.result:  # it was finished before
+                break
+            if run.result:
+                seconds = round(time.perf_counter() - start, 1)
+                model = _write_model(run, path.with_name("best.xml"))
+                files = {"seconds": seconds, "run": str(path), "model": str(model)}
+                run = replace(run, result={**run.result, **files})
+            save(run, path)
+            show.turn(run)
+    page = _write_page(run, path.with_name("report.html"))
+    if as_json:
+        from ._print import print_json
+
+        print_json(run.result)
+    else:
+        _print_result(run, [path, Path(run.result["model"]), page])
+
+
+def _write_model(run: "Run", path: Path) -> Path:
+    """The best body as MJCF."""
+    from selfheal.body.genome import build
+    from selfheal.body.mjcf import to_xml
+    from selfheal.files import atomic_path
+
+    text = to_xml(build(run.anatomy, run.cycles[-1].genomes[:1]))
+    with atomic_path(path) as temporary:
+        temporary.write_text(text)
+    return path
+
+
+def _write_page(run: "Run", path: Path) -> Path:
+    """The report page."""
+    from selfheal.report.identify import identify_page
+    from selfheal.report.page import write_page
+
+    write_page(identify_page(run), path)
+    return path
+
+
+class _Show:
+    """Live progress on standard error: a bar, and a line for each cycle."""
+
+    def __init__(self, settings: "Settings", quiet: bool) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self.console = Console(stderr=True, quiet=quiet)
+        self.settings, self.start = settings, time.perf_counter()
+        self.base: int | None = None
+        self.bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[speed]}"),
+            TimeElapsedColumn(),
+            console=self.console,
+            transient=True,
+        )
+        self.task = self.bar.add_task("starting", total=settings.budget, speed="")
+
+    def __call__(self, _: str, count: int) -> None:
+        """Show the number of simulations so far."""
+        if self.base is None:
+            self.base, self.start = count, time.perf_counter()
+        rate = (count - self.base) / max(time.perf_counter() - self.start, 1e-3)
+        left = (self.settings.budget - count) / rate if rate > 0 else 0
+        self.bar.update(
+            self.task,
+            completed=count,
+            speed=f"{count:,} simulations, {rate:,.0f}/s, {max(left, 0):.0f} s left",
+        )
+
+    def turn(self, run: "Run") -> None:
+        """A line for the last cycle."""
+        from selfheal.robot.actions import spoken
+
+        cycle = run.cycles[-1]
+        if run.result:
+            return
+        action = spoken(run.anatomy, run.actions[cycle.action])
+        self.bar.update(self.task, description=f"cycle {len(run.cycles)}")
+        self.console.print(
+            f"[bold]{len(run.cycles):>2}[/] {action}: {cycle.why}. "
+            f"Best error {cycle.tilt_error:.2f} deg, "
+            f"disagreement {cycle.disagreement:.1f} deg",
+            highlight=False,
+        )
+
+
+@contextmanager
+def _progress(settings: "Settings", quiet: bool) -> Iterator[_Show]:
+    """Progress while a run goes on."""
+    show = _Show(settings, quiet)
+    if quiet:
+        yield show
+        return
+    with show.bar:
+        yield show
+
+
+def _print_result(run: "Run", files: list[Path]) -> None:
+    """The table of the inferred body, the errors, the files."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    names = ("torso", *run.anatomy.parts)
+    best, result = run.cycles[-1].genomes, run.result
+    truth = run.truth
+    table = Table("part", "hangs on", "side", "length", "sure")
+    if truth is not None:
+        table.add_column("truth")
+    sides = ("left", "front", "right", "back")
+    for i, name in enumerate(run.anatomy.parts):
+        row = [name, names[best.parent[0, i]], sides[best.side[0, i]],
+               f"{1000 * best.length[0, i]:.0f} mm",
+               f"{100 * result['sureness'][i]:.0f} %"]  # fmt: skip
+        if truth is not None:
+            right = truth.parent[0, i] == best.parent[0, i]
+            row.append("right" if right else f"is {names[truth.parent[0, i]]}")
+        table.add_row(*row)
+    console.print(table)
+    for line in _summary(run):
+        console.print(line, highlight=False)
+    for file in files:
+        console.print(os.fspath(file), highlight=False, soft_wrap=True)
+
+
+def _summary(run: "Run") -> Iterator[str]:
+    """Errors, rivals and simulations, a line each."""
+    from selfheal.body.body import center_distance, edge_f1, tip_distance
+    from selfheal.body.genome import build
+
+    result, cycle = run.result, run.cycles[-1]
+    yield f"tilt error {result['tilt_error']:.2f} deg over {len(run.cycles)} actions"
+    if run.truth is not None:
+        best = build(run.anatomy, cycle.genomes[:1])
+        yield (
+            f"against the truth: centers {center_distance(best, run.truth)[0]:.1f} cm, "
+            f"tips {tip_distance(best, run.truth)[0]:.1f} cm, "
+            f"attachments {100 * edge_f1(best, run.truth)[0]:.0f} % right"
+        )
+    # one degree a reading is what even the right body misses; chosen
+    close = int((cycle.losses[1:] < cycle.losses[0] + len(run.cycles) / 4).sum())
+    if close:
+        yield f"{close} other bodies explain the readings nearly as well; see the page"
+    counts = ", ".join(f"{name} {count:,}" for name, count in run.counts.items())
+    yield f"simulations: {counts}; {result['seconds']} s"
+
+
+def show(
+    file: Annotated[Path, typer.Argument(metavar="RUN.h5", help="A run.")],
+    as_json: Annotated[bool, _JSON] = False,
+) -> None:
+    """Show a finished or interrupted run."""
+    from selfheal.errors import InputError
+    from selfheal.selfmodel.run import load
+
+    run = load(file)
+    if as_json:
+        from ._print import print_json
+
+        print_json(run.result or {"format": "selfheal-identify", "version": 1,
+                                  "cycles": len(run.cycles)})  # fmt: skip
+        return
+    if not run.cycles:
+        raise InputError(f"{file}: the run has no cycle yet; go on with --resume {file}")
+    page = _write_page(run, file.with_name("report.html"))
+    if run.result:
+        _print_result(run, [file, page])
+    else:
+        cycle = run.cycles[-1]
+        typer.echo(
+            f"{len(run.cycles)} of {run.settings.cycles} cycles, error "
+            f"{cycle.tilt_error:.2f} deg; go on with: selfheal identify --resume {file}"
+        )
+
+
+def robots(as_json: Annotated[bool, _JSON] = False) -> None:
+    """List the robots that can be asked."""
+    from selfheal.robot.base import robots as listed
+
+    found: dict[str, Any] = listed()
+    if as_json:
+        from ._print import print_json
+
+        print_json({"format": "selfheal-robots", "version": 1, "robots": found})
+        return
+    width = max(len(name) for name in found)
+    for name, text in found.items():
+        typer.echo(f"{name:{width}}  {text}")
