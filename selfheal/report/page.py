@@ -144,6 +144,8 @@ p { max-width: 48rem; margin: .5rem 0; }
 figure { margin: 1rem 0; padding: .9rem; background: var(--card);
   border: 1px solid var(--line); border-radius: 8px; }
 figure svg, figure img { display: block; width: 100%; height: auto; }
+@media (max-width: 45rem) { figure { overflow-x: auto; }
+  figure svg, figure img { min-width: 42rem; } }
 figure svg text { font-family: inherit !important; }
 figcaption { color: var(--muted); font-size: .875rem; margin-top: .6rem;
   max-width: 52rem; }

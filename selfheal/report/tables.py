@@ -48,9 +48,9 @@ def _verdict(run: Run, i: int) -> Html:
     parent, side = int(truth.parent[0, i]), int(true_side(truth)[0, i])
     if best.parent[0, i] != parent:
         name = part_name(run, parent)
-        return join(mark("wrong", "wrong"), f": {name}, {SIDES[side]}")
+        return join(mark("wrong", "wrong"), f": truly on {name}, {SIDES[side]}")
     if best.side[0, i] != side:
-        return join(mark("correct", "right"), f", but its {SIDES[side]} side")
+        return join(mark("correct", "right"), f", but truly at its {SIDES[side]}")
     return mark("correct", "right")
 
 
@@ -60,7 +60,8 @@ def simulations(run: Run) -> Html:
         "choice": "spent on choosing actions",
         "failed": "diverged (counted above)",
     }
-    rows = [(notes.get(k, f"on {k}"), f"{n:,}") for k, n in run.counts.items()]
+    counts = sorted(run.counts.items(), key=lambda item: item[0] in notes)
+    rows = [(notes.get(k, f"on {k}"), f"{n:,}") for k, n in counts]
     return join(paragraph("Simulations:"), table(("what for", "number"), rows, "lr"))
 
 
