@@ -1,4 +1,4 @@
-"""`selfheal identify`, `show`, `robots`: settings in, progress, a body and files out."""
+"""`selfheal identify`, `show`, `robots`: settings in; progress, a body, files out."""
 
 import os
 import time
@@ -17,6 +17,7 @@ _JSON = typer.Option("--json", help="One JSON object for scripts.")
 
 
 def identify(
+    context: typer.Context,
     robot: Annotated[
         str | None, typer.Option(help="Name of the robot; see 'selfheal robots'.")
     ] = None,
@@ -38,9 +39,7 @@ def identify(
         bool,
         typer.Option("--random-actions", help="Do not choose actions, for comparison."),
     ] = False,
-    engine: Annotated[
-        str, typer.Option(help="auto, statics, mjx or mujoco.")
-    ] = "auto",
+    engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
     cycles: Annotated[int, typer.Option(help="Actions to try.")] = 16,
     budget: Annotated[
         int | None, typer.Option(help="Simulations for the search; 262000 by default.")
@@ -53,6 +52,9 @@ def identify(
     resume: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Start over where a run is already.")
+    ] = False,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Find out what a robot's body is."""
@@ -63,6 +65,7 @@ def identify(
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
     if resume is not None:
+        _refuse_settings(context)
         with held(resume):
             _go(load(resume), resume, as_json)
         return
@@ -78,21 +81,44 @@ def identify(
         budget=BUDGETS.get(method, 1) if budget is None else budget,
         seed=seed,
     )
-    _start(settings, out, as_json)
+    name = f"{settings.robot.replace(':', '-')}-{seed}"
+    path = (out or Path("runs") / name) / "run.h5"
+    _start(settings, path, force=force, as_json=as_json)
 
 
-def _start(settings: "Settings", out: Path | None, as_json: bool) -> None:
+def _refuse_settings(context: typer.Context) -> None:
+    """Refuse what a resumed run would not heed."""
+    from selfheal.errors import InputError
+
+    given = [
+        "--" + name.replace("_", "-")
+        for name in context.params
+        if name not in ("resume", "as_json")
+        and (source := context.get_parameter_source(name))
+        and source.name == "COMMANDLINE"
+    ]
+    if given:
+        raise InputError(
+            f"--resume takes every setting from the run; leave out {', '.join(given)}"
+        )
+
+
+def _start(settings: "Settings", path: Path, *, force: bool, as_json: bool) -> None:
     """Check everything that can be wrong, then run."""
+    from selfheal.errors import InputError
     from selfheal.files import check_writable_folder
     from selfheal.selfmodel.loop import check
     from selfheal.selfmodel.run import Run, held, save
 
     robot = _robot(settings)
     check(settings, robot)
-    name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
-    folder = check_writable_folder(out or Path("runs") / name)
-    path = folder / "run.h5"
+    check_writable_folder(path.parent)
     with held(path):
+        if path.exists() and not force:
+            raise InputError(
+                f"{path} is there already; go on with it by --resume {path}, start "
+                "over by --force, or name another folder by --out"
+            )
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
         save(run, path)
         _go(run, path, as_json)
@@ -113,13 +139,15 @@ def _go(run: "Run", path: Path, as_json: bool) -> None:
     from selfheal.selfmodel.loop import identify as turns
     from selfheal.selfmodel.run import save
 
-    start = time.perf_counter()
-    with _progress(run.settings, quiet=as_json) as show:
-        for run in turns(_robot(run.settings), run.settings, run=run, progress=show):
+    start, before = time.perf_counter(), run.cycles[-1].seconds if run.cycles else 0.0
+    robot, settings = _robot(run.settings), run.settings
+    with _progress(settings, quiet=as_json) as show:
+        for step in turns(robot, settings, run=run, progress=show):
+            run = step
             if "seconds" in run.result:  # it was finished before
                 break
             if run.result:
-                seconds = round(time.perf_counter() - start, 1)
+                seconds = round(before + time.perf_counter() - start, 1)
                 model = _write_model(run, path.with_name("best.xml"))
                 files = {"seconds": seconds, "run": str(path), "model": str(model)}
                 run = replace(run, result={**run.result, **files})
@@ -281,7 +309,9 @@ def show(
                                   "cycles": len(run.cycles)})  # fmt: skip
         return
     if not run.cycles:
-        raise InputError(f"{file}: the run has no cycle yet; go on with --resume {file}")
+        raise InputError(
+            f"{file}: the run has no cycle yet; go on with --resume {file}"
+        )
     page = _write_page(run, file.with_name("report.html"))
     if run.result:
         _print_result(run, [file, page])

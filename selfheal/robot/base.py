@@ -64,6 +64,8 @@ def open_robot(name: str, *, seed: int = 0, recordings: Path | None = None) -> R
     found = {e.name: e for e in entry_points(group=GROUP)}
     if kind not in found:
         raise UnknownNameError("robot", name, found)
+    if seed < 0:
+        raise InputError(f"the seed must not be negative; not {seed}")
     factory: Factory = found[kind].load()
     return factory(argument, seed, recordings)
 

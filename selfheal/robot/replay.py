@@ -1,4 +1,4 @@
-"""Robots that answer from a recording: its file in, a Robot offering its actions out."""
+"""Robots that answer from a recording: its file in, a Robot with its actions out."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..errors import InputError, RecordingError
-from ..recording import Recording, read
+from ..recording import Episode, Recording, read
 from .actions import published
 
 
@@ -37,23 +37,15 @@ def replay(name: str, recording: Recording, truth: Bodies) -> ReplayRobot:
         truth: gives the anatomy.
 
     Raises:
-        RecordingError: an episode lacks a servo of the anatomy or the signal vertical.
+        RecordingError: an episode lacks a servo of the anatomy or the reading of
+            `vertical` at its last sample.
     """
     servos = [f"{joint}_servo" for joint in truth.anatomy.joints]
     actions: dict[bytes, tuple[Floats, str]] = {}
     for key, episode in recording.episodes.items():
-        missing = sorted(set(servos) - set(episode.ctrl_names))
-        if missing:
-            raise RecordingError(
-                f"{recording.file}, episode {key!r}: ctrl lacks {', '.join(missing)}"
-            )
-        if "vertical" not in episode.signals:
-            raise RecordingError(
-                f"{recording.file}, episode {key!r}: no signal 'vertical' (the two tilts)"
-                f"; it has: {', '.join(sorted(episode.signals)) or 'none'}"
-            )
-        columns = [episode.ctrl_names.index(s) for s in servos]
-        target = np.asarray(episode.ctrl[-1, columns], float)
+        where = f"{recording.file}, episode {key!r}"
+        _check_vertical(episode, where)
+        target = _target(episode, servos, where)
         actions.setdefault(np.round(target, 6).tobytes(), (target, key))
     targets, episodes = zip(*actions.values(), strict=True)
     return ReplayRobot(
@@ -61,10 +53,36 @@ def replay(name: str, recording: Recording, truth: Bodies) -> ReplayRobot:
     )
 
 
+def _target(episode: Episode, servos: list[str], where: str) -> Floats:
+    """(P) [rad] where an episode sends the servos."""
+    missing = sorted(set(servos) - set(episode.ctrl_names))
+    if missing:
+        raise RecordingError(f"{where}: ctrl lacks {', '.join(missing)}")
+    return episode.ctrl[-1, [episode.ctrl_names.index(s) for s in servos]]
+
+
+def _check_vertical(episode: Episode, where: str) -> None:
+    """Refuse an episode that does not say how the robot was tilted at its end."""
+    vertical = episode.signals.get("vertical")
+    if vertical is None:
+        raise RecordingError(
+            f"{where}: no signal 'vertical' (the two tilts); it has: "
+            f"{', '.join(sorted(episode.signals)) or 'none'}"
+        )
+    values = vertical.values
+    if values.shape[1:] != (3,) or np.isnan(values[-1]).any():
+        raise RecordingError(
+            f"{where}: 'vertical' has no reading of x, y, z at the last sample, where "
+            "the robot is at rest"
+        )
+
+
 def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRobot:
     """The physical robot of 2006, answering from --recordings intact.h5."""
     if argument:
-        raise InputError(f"robot 'starfish-2006' takes no argument, so not {argument!r}")
+        raise InputError(
+            f"robot 'starfish-2006' takes no argument, so not {argument!r}"
+        )
     if recordings is None:
         raise InputError(
             "robot 'starfish-2006' answers from its readings; give their file, "

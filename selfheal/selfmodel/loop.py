@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, build
-from ..engine import make_engine
+from ..engine import ENGINES, make_engine
 from ..errors import InputError, RecordingError, UnknownNameError
 from ..recording import Recording
 from ..robot.base import Robot
@@ -19,7 +19,6 @@ from .evaluate import Evaluator, Evidence, channels
 from .run import Cycle, Run, Settings
 from .space import genome_key, space_of
 from .strategy import METHODS, Released, Rivals, Strategy
-from .sureness import sureness
 
 BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
 _CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
@@ -32,20 +31,22 @@ def felt(recording: Recording) -> Floats:
     """(3) channels of a recording of one action: tilts [deg], clearance [mm].
 
     Raises:
-        RecordingError: it lacks the signal `vertical`, or its last sample.
+        RecordingError: it lacks the signal `vertical` (3), or its last sample.
     """
     (name, episode), *_ = recording.episodes.items()
     vertical = episode.signals.get("vertical")
-    if vertical is None or np.isnan(vertical.values[-1]).any():
+    last = np.empty(0) if vertical is None else vertical.values[-1]
+    if last.shape != (3,) or np.isnan(last).any():
         raise RecordingError(
-            f"{recording.file}, episode {name!r}: no reading of 'vertical' at the last "
-            "sample; identify needs the tilts at rest"
+            f"{recording.file}, episode {name!r}: no reading of 'vertical' (x, y, z) "
+            "at the last sample; identify needs the tilts at rest"
         )
-    x, y, _ = np.clip(vertical.values[-1], -1, 1)
+    x, y, _ = np.clip(last, -1, 1)
     gap = episode.signals.get("clearance")
-    clearance = np.nan if gap is None else float(gap.values[-1]) - BELLY_SENSOR
-    return np.array([-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x)),
-                     1000 * clearance])  # fmt: skip
+    clearance = np.nan if gap is None else np.squeeze(gap.values[-1]) - BELLY_SENSOR
+    return np.array(
+        [-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x)), 1000 * clearance]
+    )
 
 
 def check(settings: Settings, robot: Robot) -> None:
@@ -56,6 +57,8 @@ def check(settings: Settings, robot: Robot) -> None:
     """
     if settings.method not in METHODS:
         raise UnknownNameError("method", settings.method, METHODS)
+    if settings.engine not in ENGINES:
+        raise UnknownNameError("engine", settings.engine, ENGINES)
     space_of(settings.space)
     count = len(robot.actions)
     if not 1 <= settings.cycles <= count:
@@ -71,6 +74,29 @@ def check(settings: Settings, robot: Robot) -> None:
         raise InputError(f"method {settings.method!r} knows only the space 'free'")
 
 
+def check_same(run: Run, robot: Robot) -> None:
+    """Refuse to go on with a run on a robot that is not the one it began with.
+
+    Readings are asked for again only where they come from a recording.
+
+    Raises:
+        InputError: says what differs.
+    """
+    name = run.settings.recordings or f"robot {robot.name!r}"
+    if not (
+        run.anatomy.parts == robot.anatomy.parts
+        and np.array_equal(run.actions, robot.actions)
+    ):
+        raise InputError(f"{name} has other parts or actions than when the run began")
+    for k, cycle in enumerate(run.cycles if run.settings.recordings else ()):
+        again = felt(robot.act(cycle.action))
+        if not np.array_equal(again, cycle.felt, equal_nan=True):
+            raise InputError(
+                f"{name} answers otherwise than when the run began, first in cycle "
+                f"{k + 1}"
+            )
+
+
 class _Judge:
     """A second engine's view of the best rivals; every prediction is made once."""
 
@@ -80,9 +106,10 @@ class _Judge:
         self.spent = 0
 
     def losses(self, genomes: Genomes, tables: Floats, evidence: Evidence) -> Floats:
-        """(N) where the engines differ, the one that is nearer to the reading counts.
+        """(N) where the engines differ, the one nearer to the reading counts.
 
-        Such a pose is a coin's toss for the robot too; a right body must not lose by it.
+        Such a pose is a coin's toss for the robot too; a right body must not lose by
+        it.
         """
         keys = [
             (row, action, genome_key(genomes, row) + action.to_bytes(4, "little"))
@@ -250,6 +277,7 @@ def identify(
     """
     check(settings, robot)
     run = run or Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
+    check_same(run, robot)
     if run.result:
         yield run
         return
@@ -289,6 +317,7 @@ def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
     counts["mujoco"] = counts.get("mujoco", 0) + len(every)
     tried = list(loop.evidence.tried)
     gap = np.abs(seen[tried, :2] - loop.evidence.felt[:, :2]).sum(axis=1)
+    gap = gap[np.isfinite(gap)]
     result = {
         "format": "selfheal-identify",
         "version": 1,
@@ -298,7 +327,7 @@ def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
         "parent": best.parent[0].tolist(),
         "sureness": np.round(last.sureness, 4).tolist(),
         "length": np.round(best.length[0], 6).tolist(),
-        "tilt_error": float(np.nanmean(gap)),
+        "tilt_error": float(gap.mean()) if len(gap) else last.tilt_error,
         "actions": [_as_said(robot.actions, a) for a in tried],
         "simulations": counts,
     }

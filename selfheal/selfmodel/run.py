@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, get_origin
 
 import numpy as np
 
@@ -157,7 +157,8 @@ def _get(group: Any, kind: type, **known: Any) -> Any:
         value = group[f.name][()]
         if isinstance(value, bytes):
             value = value.decode()
-            value = tuple(json.loads(value)) if value.startswith("[") else value
+        if get_origin(f.type) is tuple:
+            value = tuple(json.loads(value))
         values[f.name] = value.item() if isinstance(value, np.generic) else value
     return kind(**values)
 
@@ -179,9 +180,12 @@ def load(path: str | os.PathLike[str]) -> Run:
             return _read(path, file)
     except BlockingIOError as error:
         raise RunFileError(f"{path}: another process holds it open") from error
+    except PermissionError as error:
+        raise RunFileError(f"{path}: it may not be read") from error
     except OSError as error:
-        raise RunFileError(f"{path}: truncated, or not an HDF5 file: {error}") from error
-    except (KeyError, ValueError, TypeError) as error:
+        message = f"{path}: truncated, or not an HDF5 file: {error}"
+        raise RunFileError(message) from error
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise RunFileError(f"{path}: a damaged run file: {error}") from error
 
 
@@ -224,13 +228,27 @@ def held(path: str | os.PathLike[str]) -> Iterator[None]:
     import fcntl
 
     lock = Path(f"{path}.lock")
-    with lock.open("w") as file:
+    busy = f"{path}: another process is working on this run"
+    try:
+        file = lock.open("w")
+    except OSError as error:
+        raise RunFileError(f"cannot write beside {path}: {error.strerror}") from error
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            message = f"{path}: another process is working on this run"
-            raise RunFileError(message) from error
+            raise RunFileError(busy) from error
+        if not _is_at(file, lock):  # another process has just let go of it
+            raise RunFileError(busy)
         try:
             yield
         finally:
             lock.unlink(missing_ok=True)
+
+
+def _is_at(file: IO[str], path: Path) -> bool:
+    """Whether an open file is still the one at a path."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
