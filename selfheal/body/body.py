@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Rows = slice | list[int] | Ints | NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -82,17 +83,17 @@ class Bodies:
     def __len__(self) -> int:
         return len(self.parent)
 
-    def __getitem__(self, rows: slice | Ints | NDArray[np.bool_]) -> "Bodies":
+    def __getitem__(self, rows: Rows) -> "Bodies":
         """The bodies of these rows, as a batch."""
-        columns = {f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]}
-        return replace(self, **columns)
+        columns = (getattr(self, f.name)[rows] for f in fields(self)[1:])
+        return Bodies(self.anatomy, *columns)
 
 
 def concatenate(*batches: Bodies) -> Bodies:
     """All bodies of several batches of one anatomy, in order."""
     names = [f.name for f in fields(Bodies)[1:]]
-    columns = {n: np.concatenate([getattr(b, n) for b in batches]) for n in names}
-    return replace(batches[0], **columns)
+    columns = (np.concatenate([getattr(b, n) for b in batches]) for n in names)
+    return Bodies(batches[0].anatomy, *columns)
 
 
 def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:

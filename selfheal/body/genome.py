@@ -1,15 +1,15 @@
 """Genomes: batched encodings of bodies, and how a genome becomes a body.
 
-One batch holds every gene of all three encodings; a space (see `selfmodel`) says which
-of them may vary. Paper A: parent and placement. Paper C: parent, side, hinge and length.
+One batch holds every gene of all three encodings; a space (see `selfmodel`) says
+which of them may vary. Paper A: parent and placement. Paper C: parent, side, hinge
+and length.
 """
 
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .body import Anatomy, Bodies, Floats, Ints
+from .body import Anatomy, Bodies, Floats, Ints, Rows
 
 # Paper A maps a gene v of part i to t = v (i - 1 + 0.9999); papers.md 1.3.
 _PAPER_SPAN = 0.9999
@@ -43,7 +43,7 @@ class Genomes:
     def __len__(self) -> int:
         return len(self.parent)
 
-    def __getitem__(self, rows: slice | Ints | NDArray[np.bool_]) -> "Genomes":
+    def __getitem__(self, rows: Rows) -> "Genomes":
         """The genomes of these rows, as a batch."""
         return Genomes(*(getattr(self, f.name)[rows] for f in fields(self)))
 

@@ -52,13 +52,15 @@ class MuJoCo:
         try:
             model = to_spec(bodies, rows[0], self.physics).compile()
         except ValueError:  # e.g. NaN sizes: a failed candidate, not an error
-            n, feet = len(rows), len(a.feet)
-            return tuple(np.full((n, *s), np.nan) for s in ((3,), (), (feet,), (a.size,)))
+            shapes = ((3,), (), (len(a.feet),), (a.size,))
+            return tuple(np.full((len(rows), *s), np.nan) for s in shapes)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         data = mujoco.MjData(model)
         steps = round((self.ramp + self.hold) / model.opt.timestep)
         share = np.minimum(np.arange(1, steps + 1) * model.opt.timestep / self.ramp, 1)
-        start = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        start = np.empty(
+            mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        )
         mujoco.mj_getState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
         state, sensors = rollout.rollout(
             model, data, start, targets[:, None, :] * share[:, None]

@@ -58,10 +58,10 @@ def from_rest(
     clearance = np.where(np.isnan(clearance), MAX_CLEARANCE, np.maximum(clearance, 0))
     tilt = np.stack([-np.arcsin(up[:, 1]), np.arcsin(up[:, 0])], axis=1)
     touch = (tips < TOUCH_HEIGHT).astype(float)
-    blank = [tilt, clearance, touch, np.array(angles, float)]
-    for values in blank:
+    angles = np.array(angles, float)
+    for values in (tilt, clearance, touch, angles):
         values[failed] = np.nan
-    return Readings(*blank, failed)
+    return Readings(tilt, clearance, touch, angles, failed)
 
 
 MAX_CLEARANCE = 0.5  # [m] range of the belly sensor; chosen, no pose reaches it upright

@@ -78,7 +78,14 @@ class SimulatedRobot:
         body = replace(self.truth, mass=mass)
         return physics, body, rng.normal(0, _SERVO_OFFSET, self.anatomy.size)
 
-    def _episode(self, time, target, tilt, clearance, angles) -> Episode:
+    def _episode(
+        self,
+        time: Floats,
+        target: Floats,
+        tilt: Floats,
+        clearance: float,
+        angles: Floats,
+    ) -> Episode:
         """The recording's one episode: readings at rest at the last sample."""
         from ..body.mjcf import BELLY_SENSOR
 
@@ -115,7 +122,9 @@ def tree(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
     """A simulated random tree of the starfish's parts; tree:7 is the one of seed 7."""
     refuse("tree", "", recordings)
     if argument and not argument.isdecimal():
-        raise InputError(f"robot 'tree' takes a whole number, as tree:7; not {argument!r}")
+        raise InputError(
+            f"robot 'tree' takes a whole number, as tree:7; not {argument!r}"
+        )
     rng = np.random.default_rng([int(argument or seed), 2])
     anatomy = published().anatomy
     while True:

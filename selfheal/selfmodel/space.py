@@ -173,16 +173,17 @@ def nudges(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
 
 def _shuffled(around: Genomes, genome: Genomes, rng: np.random.Generator) -> Genomes:
     """The valid ones that differ from the genome (1), in random order."""
-    return around[rng.permutation(np.flatnonzero(valid(around) & ~same(around, genome)))]
+    others = np.flatnonzero(valid(around) & ~same(around, genome))
+    return around[rng.permutation(others)]
 
 
 def valid(genomes: Genomes) -> np.ndarray:
     """(N) whether every parent comes before its child."""
-    return (genomes.parent <= np.arange(genomes.parent.shape[1])).all(axis=1)
+    return np.all(genomes.parent <= np.arange(genomes.parent.shape[1]), axis=1)
 
 
 def same(genomes: Genomes, other: Genomes) -> np.ndarray:
-    """(N) whether a genome equals `other` (1), to a thousandth of a round and 0.1 mm."""
+    """(N) whether a genome equals `other` (1) to a thousandth of a round and 0.1 mm."""
     turn = np.abs(genomes.placement - other.placement)
     return (
         (genomes.parent == other.parent)

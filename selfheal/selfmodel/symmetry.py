@@ -7,6 +7,7 @@ channels under all actions holds those of all its relabeled, turned and mirrored
 twins, without a simulation.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
 from math import factorial, prod
@@ -55,12 +56,17 @@ class Twins:
     def valid(self, parent: Ints) -> np.ndarray:
         """(T) whether a body's parents (P) still come before children once traded."""
         label = np.hstack([np.zeros((len(self.trade), 1), np.int64), self.trade + 1])
-        return (label[:, parent] <= self.trade).all(axis=1)
+        return np.all(label[:, parent] <= self.trade, axis=1)
 
     def losses(
-        self, parent: Ints, table: Floats, tried: Ints, felt: Floats, loss
+        self,
+        parent: Ints,
+        table: Floats,
+        tried: Ints,
+        felt: Floats,
+        loss: Callable[[Floats, Floats], Floats],
     ) -> Floats:
-        """(G, T) loss of every twin of a body, infinite where it cannot be or is unknown.
+        """(G, T) loss of every twin of a body, infinite where impossible or unknown.
 
         Args:
             parent: (P) of the body.
@@ -71,7 +77,7 @@ class Twins:
         """
         twins = table @ self.tilt.transpose(0, 2, 1)  # (G, A, 3)
         each = loss(twins[:, None], felt[:, None])  # (G, n, A)
-        each = np.where(np.isnan(twins).any(axis=2)[:, None], np.inf, each)
+        each = np.where(np.any(np.isnan(twins), axis=2)[:, None], np.inf, each)
         source = self.action[:, tried]  # (T, n)
         total = each[:, np.arange(len(tried)), source].sum(axis=2)
         unknown = (source < 0).any(axis=1) | ~self.valid(parent)
@@ -92,12 +98,13 @@ class Twins:
             placement, hinge = 0.75 - placement, _MIRRORED_HINGE[hinge]
         placement = placement - 0.25 * quarters * (parent == 0)
         label = np.append(0, to + 1)
-        out = [np.empty_like(genomes.parent[:1]), *(np.empty((1, len(to))) for _ in "12")]
-        out[0][0, to], out[1][0, to] = label[parent], _wrapped(placement)
-        out[2][0, to] = genomes.length[row]
-        kinds = np.empty_like(out[0])
-        kinds[0, to] = hinge
-        return Genomes(out[0], out[1], kinds, out[2])
+        old = np.argsort(to)  # part i of the twin was part old[i]
+        return Genomes(
+            label[parent][None, old],
+            _wrapped(placement)[None, old],
+            hinge[None, old],
+            genomes.length[row][None, old],
+        )
 
 
 def _wrapped(placement: Floats) -> Floats:
