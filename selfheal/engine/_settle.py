@@ -327,7 +327,7 @@ def settle_batch(
 @numba.njit(**_JIT)
 def race_batch(
     parent, anchor, turn, axis, length, thickness, mass, known, radius,
-    targets, felt, weight, cap, bound, steps, far, total, count,
+    targets, felt, weight, cap, bound, steps, far, each,
 ):  # fmt: skip
     """Settle each body under one action after the other until its loss is too high.
 
@@ -336,11 +336,11 @@ def race_batch(
         targets: (n, P) joint targets in the order to try [rad].
         felt: (n, 3) channels measured: tilts [deg], clearance [mm]; NaN = unknown.
         weight, cap: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).
-        bound: (N) a body is given up once its loss reaches this.
+        bound: (N, n) a body is given up once its loss reaches this before an action.
         steps: sub-steps of the ramp.
         far: largest clearance that the belly sensor reads [m].
-        total: (N) the loss so far, added to; inf where a simulation failed.
-        count: (N, n) to fill: the loss under each action, NaN where not simulated.
+        each: (N, n) to fill: the loss under each action, NaN where not simulated,
+            infinite where the simulation failed.
     """
     p = targets.shape[1]
     size = 8 + 10 * p
@@ -356,10 +356,11 @@ def race_batch(
             thickness[row], mass[row],
         )  # fmt: skip
         _contact_points(known, radius, thickness[row], points, radii)
+        total = 0.0
         for k in range(targets.shape[0]):
-            count[row, k] = np.nan
+            each[row, k] = np.nan
         for k in range(targets.shape[0]):
-            if not total[row] < bound[row]:
+            if not total < bound[row, k]:
                 break
             height = settle(body, known, targets[k], steps, radii, work)
             seen[0] = -np.degrees(np.arcsin(min(1.0, max(-1.0, n[1]))))
@@ -372,5 +373,5 @@ def race_batch(
                     loss += weight[c] * min(abs(seen[c] - felt[k, c]), cap[c])
             if not np.isfinite(height) or not np.isfinite(n[0] + n[1] + n[2]):
                 loss = np.inf
-            count[row, k] = loss
-            total[row] += loss
+            each[row, k] = loss
+            total += loss

@@ -36,7 +36,9 @@ class Statics:
         out = np.empty((len(bodies), 4 + a.size))
 
         def run(rows: slice) -> None:
-            settle_batch(*_inputs(bodies, rows), targets[rows], self.substeps, out[rows])
+            settle_batch(
+                *_inputs(bodies, rows), targets[rows], self.substeps, out[rows]
+            )
 
         self._share(run, len(bodies))
         feet = out[:, 3 + np.asarray(a.feet)]
@@ -51,7 +53,6 @@ class Statics:
         weight: Floats,
         cap: Floats,
         bound: Floats,
-        total: Floats,
     ) -> Floats:
         """Loss of N bodies under n actions in turn, each given up at its bound.
 
@@ -61,8 +62,7 @@ class Statics:
             felt: (n, 3) channels measured: tilts [deg], clearance [mm].
             weight: (3), and
             cap: (3) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
-            bound: (N) a body is given up once its loss reaches this.
-            total: (N) losses to start from; added to in place.
+            bound: (N, n) before each action, a body is given up if its loss is not below.
 
         Returns:
             (N, n) loss under each action, NaN where it was not simulated, infinite
@@ -75,7 +75,7 @@ class Statics:
         def run(rows: slice) -> None:
             race_batch(
                 *_inputs(bodies, rows), targets, felt, weight, cap, bound[rows],
-                self.substeps, MAX_CLEARANCE, total[rows], each[rows],
+                self.substeps, MAX_CLEARANCE, each[rows],
             )  # fmt: skip
 
         self._share(run, len(bodies))

@@ -128,6 +128,6 @@ def tree(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
     rng = np.random.default_rng([int(argument or seed), 2])
     anatomy = published().anatomy
     while True:
-        body = build(anatomy, random_genomes(anatomy, 1, rng, False))
+        body = build(anatomy, random_genomes(anatomy, 1, rng, True))
         if not centers_in_torso(body)[0]:
             return SimulatedRobot(f"tree:{argument or seed}", body, seed)

@@ -130,70 +130,75 @@ class Evaluator:
 
     def losses(
         self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
-    ) -> tuple[Floats, np.ndarray]:
-        """Sum of losses over the evidence, abandoned once it reaches the bound.
+    ) -> tuple[Floats, Floats]:
+        """Losses over the evidence, abandoned once they reach a bound.
 
         Args:
             genomes: N candidates.
             evidence: n actions and readings.
-            bound: (N) a candidate is given up when its loss reaches this.
-            order: positions in the evidence, first to last to be simulated.
+            bound: (N, n) or (N): a candidate is given up if its loss after k + 1
+                actions has reached bound[:, k].
+            order: (n) positions in the evidence, first to last to be simulated.
 
         Returns:
-            total: (N) loss, or the part of it at which a candidate was given up;
-                infinite where a simulation diverged.
-            complete: (N) whether every action was simulated below the bound.
+            total: (N) loss of the candidates that stayed below, infinite for others.
+            each: (N, n) loss under each action, by position in the evidence; NaN where
+                not simulated, infinite where the simulation diverged.
         """
+        if bound.ndim == 1:
+            bound = np.repeat(bound[:, None], len(order), axis=1)
         bodies = build(self.anatomy, genomes)
-        inside = centers_in_torso(bodies)
-        total = np.where(inside > 0, 100.0 + inside, 0.0)  # papers.md 1.1, not simulated
-        alive = np.flatnonzero((inside == 0) & (total < bound))
-        complete = np.zeros(len(genomes), bool)
-        if len(alive):
-            self._race(bodies, alive, evidence, bound=bound, order=order, total=total)
-        complete[alive] = total[alive] < bound[alive]
-        return total, complete
+        each = np.full((len(genomes), len(evidence)), np.nan)
+        sound = np.flatnonzero(centers_in_torso(bodies) == 0)  # papers.md 1.1
+        if len(sound):
+            each[np.ix_(sound, order)] = self._race(
+                bodies[sound], evidence, bound=bound[sound], order=order
+            )
+        run = np.cumsum(each[:, order], axis=1)
+        complete = (run < bound).all(axis=1)  # false where anything is not known
+        return np.where(complete, run[:, -1], np.inf), each
 
     def _race(
-        self,
-        bodies: Bodies,
-        alive: Ints,
-        evidence: Evidence,
-        *,
-        bound: Floats,
-        order: Ints,
-        total: Floats,
-    ) -> None:
-        """Add losses to the `total` of bodies `alive` until each reaches its bound."""
+        self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
+    ) -> Floats:
+        """(N, n) losses in `order`, NaN from where a body has reached its bound."""
         tried, felt = np.asarray(evidence.tried)[order], evidence.felt[order]
         race = getattr(self.engine, "race", None)
         if race:
-            part = total[alive]
+            # the bound before an action is the one after the action before
+            before = np.hstack([np.full((len(bound), 1), np.inf), bound[:, :-1]])
             weight, cap = self.loss.weight, self.loss.cap
             each = race(
-                bodies[alive], self.actions[tried], felt,
-                weight=weight, cap=cap, bound=bound[alive], total=part,
-            )  # fmt: skip
-            total[alive] = part
+                bodies, self.actions[tried], felt, weight=weight, cap=cap, bound=before
+            )
             self.spent += int((~np.isnan(each)).sum())
-            self.progress(self.spent)
             self.failed += int(np.isinf(each).sum())
-            self._note(tried, each)
-            return
-        place, batch = 0, getattr(self.engine, "batch", 1)
-        while place < len(order) and len(alive):
-            # an engine of fixed batch size takes several actions at once
+            self.progress(self.spent)
+        else:
+            each = self._waves(bodies, tried, felt, bound)
+        self._note(tried, each)
+        return each
+
+    def _waves(
+        self, bodies: Bodies, tried: Ints, felt: Floats, bound: Floats
+    ) -> Floats:
+        """The race on an engine of fixed batch size: several actions at once."""
+        each = np.full((len(bodies), len(tried)), np.nan)
+        alive, place = np.arange(len(bodies)), 0
+        while place < len(tried) and len(alive):
+            batch = getattr(self.engine, "batch", 1)
             wave = slice(place, place + max(1, batch // len(alive)))
-            place = wave.stop
             width = len(tried[wave])
             seen = self.simulate(
                 bodies[np.repeat(alive, width)], np.tile(tried[wave], len(alive))
             )
             gap = self.loss(seen, np.tile(felt[wave], (len(alive), 1)))
-            gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap).reshape(-1, width)
-            self._note(tried[wave], gap)
-            total[alive] += gap.sum(axis=1)
-            alive = alive[total[alive] < bound[alive]]
+            gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap)
+            each[alive, wave] = gap.reshape(-1, width)
+            place += width
+            below = each[alive, :place].sum(axis=1) < bound[alive, place - 1]
+            alive = alive[below]
+        return each
 
     def _note(self, actions: Ints, gap: Floats) -> None:
         """Keep a running mean of the loss (N, w) under each of w actions."""

@@ -74,6 +74,27 @@ def telling_apart(tables: Floats, belief: Floats) -> Floats:
     )
 
 
+def new_contrasts(twins: Twins, actions: Floats, tried: tuple[int, ...]) -> Floats:
+    """(A) share of like parts' pairs that each action would be the first to tell apart.
+
+    Two parts that are alike can trade places, unnoticed, as long as every action
+    sends their joints to the same angle. It takes three actions of one upper and one
+    lower joint to set all eight of the starfish apart.
+
+    Args:
+        twins: whose trades say which parts are alike.
+        actions: (A, P) joint targets [rad].
+        tried: actions so far.
+    """
+    size = actions.shape[1]
+    i, j = np.triu_indices(size, 1)
+    alike = np.array([(twins.trade[:, a] == b).any() for a, b in zip(i, j, strict=True)])
+    i, j = i[alike], j[alike]
+    apart = np.abs(actions[:, i] - actions[:, j]) > 1e-6  # (A, pairs)
+    new = apart & ~apart[list(tried)].any(axis=0)
+    return new.sum(axis=1) / max(len(i), 1)
+
+
 def choose(score: Floats, tried: tuple[int, ...]) -> int:
     """The untried action of the highest score."""
     score = np.array(score, float)

@@ -89,13 +89,13 @@ class PaperSearch:
             for row in range(len(children)):
                 for _ in range(rng.integers(1, 5)):
                     children[row] = mutated(children[row], self.slips, rng)
-            losses, complete = self.evaluator.losses(
+            losses, _ = self.evaluator.losses(
                 from_unit(self.evaluator.anatomy, children),
                 evidence,
                 bound=self.losses,
                 order=order,
             )
-            better = complete & (losses < self.losses)
+            better = losses < self.losses
             self.genes = np.where(better[:, None], children, self.genes)
             self.losses = np.where(better, losses, self.losses)
             self._sort()

@@ -26,11 +26,14 @@ from .space import (
 )
 from .symmetry import Twins
 
-# Chosen: fine changes do not make up for twice the best loss.
+# Chosen: careful steps do not make up for twice the best loss.
 _HOPELESS = 2.0
 # Chosen on simulated robots: a climb from the best of 64 bodies takes half as many
 # simulations a success as one from a single body, where placements are free.
 _DRAWN = 64
+# Chosen on simulated robots: a change that falls behind the climber by this loss, an
+# action that is missed in one channel, is given up though it might catch up later.
+_BEHIND = 8.0
 # Chosen: rivals that climb again on new evidence; the others are kept as they are.
 _AGAIN = 6
 
@@ -102,14 +105,22 @@ def _alike(genomes: Genomes, one: Genomes) -> np.ndarray:
 
 @dataclass(eq=False)
 class _Climber:
-    """A body on its way up, and the changes it has not tried."""
+    """A body on its way up, and the changes it has not tried.
+
+    Attributes:
+        each: (n) its loss under each action, None where not known.
+        step: "hasty": changes must be better from the first action on; "coarse": they
+            may fall behind for a while; "fine": small changes of continuous genes.
+        peak: loss at which the last coarse climb ended.
+    """
 
     genome: Genomes
     loss: float
     fresh: bool
+    each: Floats | None = None
     around: Genomes | None = None
     place: int = 0
-    fine: bool = False
+    step: str = "hasty"
     peak: float = np.inf
 
     @property
@@ -117,9 +128,16 @@ class _Climber:
         """Whether every change of the kind in turn was tried in vain."""
         return self.around is not None and self.place >= len(self.around)
 
+    def bound(self, order: Ints) -> Floats:
+        """(n) what a change's loss must stay below, action after action in `order`."""
+        if self.each is None:
+            return np.full(len(order), self.loss)
+        behind = 0.0 if self.step == "hasty" else _BEHIND
+        return np.minimum(np.cumsum(self.each[order]) + behind, self.loss) - 1e-9
+
     def look(self, space: Space, rng: np.random.Generator) -> None:
         """List the changes to try next."""
-        changes = nudges if self.fine else neighbors
+        changes = nudges if self.step == "fine" else neighbors
         self.around, self.place = changes(space, self.genome, rng), 0
 
 
@@ -139,7 +157,7 @@ class RivalSearch:
     evaluator: Evaluator
     twins: Twins
     size: int = 16
-    climbers: int = 4
+    climbers: int = 2
     children: int = 16
     crowd: Crowd = field(init=False)
 
@@ -172,15 +190,17 @@ class RivalSearch:
         return len(self.crowd) > 0 or any(np.isfinite(c.loss) for c in active)
 
     def _turn(self, climber: _Climber) -> bool:
-        """Whether a stuck climber goes on, by fine changes or by coarse ones again."""
-        if self.space.sides and not self.space.lengths:
+        """Whether a stuck climber goes on, by steps of another kind."""
+        best = self.crowd.losses[0] if len(self.crowd) else np.inf
+        done = climber.step == "coarse" and climber.loss == climber.peak
+        if done or climber.loss > _HOPELESS * best:
             return False
-        hopeless = len(self.crowd) and climber.loss > _HOPELESS * self.crowd.losses[0]
-        if climber.loss == climber.peak or hopeless:
-            return False
-        if climber.fine:
+        after = {"hasty": "coarse", "coarse": "fine", "fine": "coarse"}
+        if climber.step == "coarse":
             climber.peak = climber.loss
-        climber.fine, climber.around = not climber.fine, None
+            if self.space.sides and not self.space.lengths:
+                return False
+        climber.step, climber.around = after[climber.step], None
         return True
 
     def _relearn(self, evidence: Evidence) -> list[_Climber]:
@@ -234,18 +254,18 @@ class RivalSearch:
         genomes = at_sides(
             random_bodies(self.evaluator.anatomy, self.space, _DRAWN, rng)
         )
-        best, loss = 0, np.inf
+        best, loss, parts = 0, np.inf, None
         for rows in (slice(0, _DRAWN // 8), slice(_DRAWN // 8, _DRAWN)):
-            total, complete = self.evaluator.losses(
+            total, each = self.evaluator.losses(
                 genomes[rows],
                 evidence,
                 bound=np.full(len(genomes[rows]), loss),
                 order=self.evaluator.hardest_first(evidence),
             )
-            total = np.where(complete, total, np.inf)
             if total.min() < loss:
-                best, loss = rows.start + int(np.argmin(total)), float(total.min())
-        return _Climber(genomes[[best]], loss, True)
+                row = int(np.argmin(total))
+                best, loss, parts = rows.start + row, float(total[row]), each[row]
+        return _Climber(genomes[[best]], loss, True, parts)
 
     def _step(
         self,
@@ -266,17 +286,15 @@ class RivalSearch:
             batches.append(climber.around[climber.place : end])
             climber.place = end
         sizes = [len(b) for b in batches]
-        bound = np.repeat([c.loss for c in active], sizes) - 1e-9
+        bound = np.repeat([c.bound(order) for c in active], sizes, axis=0)
         genomes = concatenate(*batches)
-        total, complete = self.evaluator.losses(
-            genomes, evidence, bound=bound, order=order
-        )
-        total = np.where(complete, total, np.inf)
+        total, each = self.evaluator.losses(genomes, evidence, bound=bound, order=order)
         edges = np.cumsum([0, *sizes])
         for climber, low, high in zip(active, edges[:-1], edges[1:], strict=True):
             best = low + int(np.argmin(total[low:high])) if high > low else low
             if high > low and total[best] < climber.loss:
                 climber.genome, climber.loss = genomes[[best]], float(total[best])
+                climber.each = each[best]
                 climber.around = None
             elif climber.around is None:
                 climber.around = climber.genome[:0]  # an impossible start: give up
