@@ -40,16 +40,16 @@ def _writable() -> bool:
 
 def _set_environment() -> None:
     """Environment variables that XLA reads when it starts."""
-    cores = _cores()
-    if cores == 2:
+    count = cores()
+    if count == 2:
         os.environ.setdefault("NPROC", "3")
     flags = os.environ.get("XLA_FLAGS", "")
     if _DEVICES not in flags:
-        devices = f"{_DEVICES}={min(cores, _MOST_DEVICES)}"
+        devices = f"{_DEVICES}={min(count, _MOST_DEVICES)}"
         os.environ["XLA_FLAGS"] = f"{flags} {devices}".strip()
 
 
-def _cores() -> int:
+def cores() -> int:
     """The number of cores this process may run on."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

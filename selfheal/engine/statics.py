@@ -1,6 +1,5 @@
 """Quasi-static engine: bodies and joint targets in, settled readings out."""
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -8,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..body.body import Bodies, Floats
+from ._jax import cores
 from .readings import MAX_CLEARANCE, Readings, from_rest
 
 _WORTH_A_THREAD = 64  # rows; starting a thread costs about as much as settling these
@@ -25,7 +25,7 @@ class Statics:
 
     def __init__(self, substeps: int = 5, threads: int = 0) -> None:
         """`substeps` >= 1: accuracy against speed; `threads`: 0 = every core."""
-        self.substeps, self.threads = substeps, threads or os.cpu_count() or 1
+        self.substeps, self.threads = substeps, threads or cores()
 
     def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
         """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""

@@ -1,0 +1,137 @@
+"""What all benchmarks share: figures in, dated JSON and a Markdown page out."""
+
+import argparse
+import json
+import os
+import platform
+import shlex
+import sys
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import binomtest
+
+from selfheal.files import atomic_path
+
+ROOT = Path(__file__).resolve().parents[1]
+INTACT = ROOT.parent / "shared" / "recordings" / "starfish_2006" / "intact.h5"
+_LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes:
+        title: its heading.
+        text: what it shows.
+        header: of its table's columns.
+        rows: of its table.
+    """
+
+    title: str
+    text: str
+    header: Sequence[str] = ()
+    rows: Sequence[Sequence[Any]] = ()
+
+
+def parser(text: str) -> argparse.ArgumentParser:
+    """A command line with the option that every benchmark has."""
+    made = argparse.ArgumentParser(description=text)
+    made.add_argument(
+        "--root",
+        type=Path,
+        default=ROOT,
+        help="results go to ROOT/benchmarks/results and ROOT/docs/results",
+    )
+    return made
+
+
+def cores() -> int:
+    """The number of cores this process may run on."""
+    return len(os.sched_getaffinity(0))
+
+
+def machine() -> str:
+    """This machine in words: processor, cores, versions of what computes."""
+    model = platform.machine()
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            model = line.partition(":")[2].strip()
+            break
+    libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
+    python = platform.python_version()
+    return f"{model}, {cores()} cores in use; Python {python}, {libraries}"
+
+
+def command() -> str:
+    """The command that runs this script as it runs now, without --root."""
+    words = [Path(sys.argv[0]).name, *sys.argv[1:]]
+    if "--root" in words:
+        place = words.index("--root")
+        del words[place : place + 2]
+    return "python benchmarks/" + shlex.join(words)
+
+
+def share(successes: int, count: int) -> str:
+    """A share with its 95 % Wilson interval, as "27/30 = 90 % (74 to 97)"."""
+    if not count:
+        return "0/0"
+    low, high = binomtest(successes, count).proportion_ci(method="wilson")
+    return (
+        f"{successes}/{count} = {100 * successes / count:.1f} % "
+        f"({100 * low:.0f} to {100 * high:.0f})"
+    )
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(x) for x in row) + " |" for row in lines)
+
+
+def page(title: str, sections: Sequence[Section], hardware: str) -> str:
+    """The Markdown page of one benchmark."""
+    today = date.today().isoformat()
+    parts = [f"# {title}", f"    {command()}", f"{today}, on {hardware}."]
+    for s in sections:
+        parts += [f"## {s.title}", s.text]
+        if s.rows:
+            parts.append(table(s.header, s.rows))
+    return "\n\n".join(parts) + "\n"
+
+
+def publish(
+    root: Path,
+    name: str,
+    title: str,
+    sections: Sequence[Section],
+    data: dict[str, Any],
+    *,
+    hardware: str = "",
+) -> None:
+    """Write ROOT/benchmarks/results/NAME-DATE.json and ROOT/docs/results/NAME.md.
+
+    Args:
+        root: where; the folders are made.
+        name: of the benchmark.
+        title: of the page.
+        sections: of the page.
+        data: everything measured, for the JSON.
+        hardware: what to say of the machine besides its processor.
+    """
+    hardware = f"{machine()}{hardware}"
+    text = page(title, sections, hardware)
+    head = {"date": date.today().isoformat(), "command": command(), "machine": hardware}
+    results, docs = root / "benchmarks" / "results", root / "docs" / "results"
+    results.mkdir(parents=True, exist_ok=True)
+    docs.mkdir(parents=True, exist_ok=True)
+    with atomic_path(results / f"{name}-{head['date']}.json") as path:
+        path.write_text(json.dumps({**head, **data}, indent=1) + "\n")
+    with atomic_path(docs / f"{name}.md") as path:
+        path.write_text(text)
+    print(text)

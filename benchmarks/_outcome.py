@@ -1,0 +1,82 @@
+"""What a run is worth: a finished run in, a record for the results out."""
+
+from typing import Any
+
+import numpy as np
+
+from selfheal.body.body import Bodies, center_distance, edge_f1
+from selfheal.body.genome import build
+from selfheal.engine.statics import Statics
+from selfheal.robot.base import Robot
+from selfheal.selfmodel.evaluate import CAPPED_LOSS, channels
+from selfheal.selfmodel.run import Run
+
+NEAR = 1.5  # [cm] mean distance of the parts' centers: the same body
+TILT_APART, CLEARANCE_APART = 1.0, 2.0  # [deg], [mm] what an action must differ by
+_SAME_AXIS = np.cos(np.radians(10.0))  # chosen
+
+
+def _table(body: Bodies, actions: np.ndarray) -> np.ndarray:
+    """(A, 3) channels of one body under every action, by statics."""
+    copies = body[np.zeros(len(actions), int)]
+    return channels(Statics(threads=1).simulate(copies, actions))
+
+
+def outcome(run: Run, robot: Robot) -> dict[str, Any]:
+    """How a run's best body compares with the truth.
+
+    `tilt_apart` [deg] and `clearance_apart` [mm] are the largest differences that
+    statics predicts between the two bodies over all actions; `loss` and `truth_loss`
+    are what the two leave unexplained of the actions tried (our capped loss).
+    """
+    truth, last = robot.truth, run.cycles[-1]
+    if truth is None:
+        raise ValueError(f"robot {robot.name!r} does not say its true body")
+    best = build(run.anatomy, last.genomes[:1])
+    tables = [_table(body, run.actions) for body in (best, truth)]
+    apart = np.abs(tables[0] - tables[1]).max(axis=0)
+    tried = [cycle.action for cycle in run.cycles]
+    felt = np.array([cycle.felt for cycle in run.cycles])
+    loss, truth_loss = (float(CAPPED_LOSS(t[tried], felt).sum()) for t in tables)
+    right = best.parent[0] == truth.parent[0]
+    axes = (best.axis * truth.axis).sum(axis=2)[0] > _SAME_AXIS
+    return {
+        "exact": bool(right.all()),
+        "parent": best.parent[0].tolist(),
+        "truth": truth.parent[0].tolist(),
+        "side": last.genomes.side[0].tolist(),
+        "hinge": last.genomes.hinge[0].tolist(),
+        "axes": int(axes.sum()),
+        "stated": last.sureness.round(4).tolist(),
+        "right": right.tolist(),
+        "edge_f1": float(edge_f1(best, truth)[0]),
+        "distance": float(center_distance(best, truth)[0]),
+        "tilt_apart": float(apart[:2].max()),
+        "clearance_apart": float(apart[2]),
+        "loss": loss,
+        "truth_loss": truth_loss,
+        "tilt_error": float(run.result["tilt_error"]),
+        "simulations": dict(run.counts),
+    }
+
+
+def alike(record: dict[str, Any]) -> str:
+    """Why a wrong tree is as good as the true one, "" if it is not.
+
+    Centers at zero angles say nothing of hinges, so that "near" needs them right.
+    """
+    clear = record["clearance_apart"] <= CLEARANCE_APART
+    if record["tilt_apart"] <= TILT_APART and clear:
+        return "no action tells them apart"
+    if record["distance"] <= NEAR and record["settings"]["space"] != "full":
+        return f"within {10 * NEAR:g} mm"
+    return ""
+
+
+def explained(record: dict[str, Any]) -> str:
+    """What an inexact run ended at, in words."""
+    if why := alike(record):
+        return why
+    if record["loss"] <= record["truth_loss"]:
+        return "fits the actions tried no worse than the true body"
+    return "not explained: the true body fits better and was not found"

@@ -1,0 +1,171 @@
+"""Success of `identify` over seeds, for each method and robot.
+
+    python benchmarks/identify.py SUITE [--seeds N] [--first-seed K] [--jobs 2]
+
+Takes a suite of `_suites.py`, gives docs/results/identify-SUITE.md. Finished runs are
+kept in benchmarks/results/identify-SUITE.jsonl, so that an interrupted suite goes on;
+runs of other program code than today's are not counted. "calibration" runs nothing:
+it pools what the suites' runs said of how sure they are.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from _common import INTACT, ROOT, cores, parser, publish
+from _identify_page import calibration_section, sections
+from _suites import REAL, SUITES, Row
+
+from selfheal.selfmodel.run import Settings
+
+_ROOMS = ("body", "engine", "robot", "selfmodel", "models")  # what results depend on
+
+
+def code() -> str:
+    """A name of the program code that the results depend on."""
+    digest = hashlib.sha256()
+    files = [f for room in _ROOMS for f in (ROOT / "selfheal" / room).rglob("*.py")]
+    for file in sorted(files + list((ROOT / "models").rglob("*.xml"))):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def plan(suite: str, options) -> list[tuple[Row, Settings]]:
+    """Every run of a suite."""
+    runs = []
+    for row in SUITES[suite]:
+        for seed in range(options.first_seed, options.first_seed + options.count(row)):
+            robot = row.settings.robot.format(seed=seed)
+            engine = options.engine or row.settings.engine
+            changes = {"robot": robot, "engine": engine, "seed": seed}
+            runs.append((row, replace(row.settings, **changes)))
+    return runs
+
+
+def play(settings: Settings, recordings: str) -> dict[str, Any]:
+    """One whole run, in a worker process."""
+    from _outcome import outcome
+
+    from selfheal.robot.base import open_robot
+    from selfheal.selfmodel.loop import identify
+
+    file = Path(recordings) if settings.robot == REAL else None
+    robot = open_robot(settings.robot, seed=settings.seed, recordings=file)
+    start = time.perf_counter()
+    *_, run = identify(robot, settings)
+    spent = time.perf_counter() - start
+    return {"settings": asdict(settings), "seconds": spent, **outcome(run, robot)}
+
+
+def _take_a_core(free: Any) -> None:
+    """Keep a worker process to one core, so that workers do not share threads."""
+    os.sched_setaffinity(0, {free.get()})
+
+
+def workers(jobs: int) -> ProcessPoolExecutor:
+    """Worker processes, each on its own core where there are several."""
+    context = multiprocessing.get_context("spawn")  # fork and threads do not mix
+    if jobs == 1:
+        return ProcessPoolExecutor(1, context)
+    free, mine = context.Manager().Queue(), sorted(os.sched_getaffinity(0))
+    for job in range(jobs):
+        free.put(mine[job % len(mine)])
+    return ProcessPoolExecutor(jobs, context, _take_a_core, (free,))
+
+
+def known(file: Path, now: str) -> dict[str, dict[str, Any]]:
+    """Records of today's code in a file, by their settings."""
+    if not file.is_file():
+        return {}
+    records = [json.loads(line) for line in file.read_text().splitlines()]
+    return {key(r["settings"]): r for r in records if r["code"] == now}
+
+
+def key(settings: dict[str, Any]) -> str:
+    """Settings as a text to look them up by."""
+    return json.dumps(settings, sort_keys=True)
+
+
+def complete(runs: list, file: Path, options) -> dict[str, dict[str, Any]]:
+    """Play the runs that are not known yet, writing each down as it ends."""
+    now = code()
+    done = known(file, now)
+    left = [s for _, s in runs if key(asdict(s)) not in done]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    with workers(options.jobs) as pool, file.open("a") as out:
+        played = [pool.submit(play, s, str(options.recordings)) for s in left]
+        for count, future in enumerate(as_completed(played), 1):
+            record = {"code": now, **future.result()}
+            done[key(record["settings"])] = record
+            out.write(json.dumps(record) + "\n")
+            out.flush()
+            _say(record, count, len(left), time.perf_counter() - start)
+    return done
+
+
+def _say(record: dict[str, Any], count: int, total: int, spent: float) -> None:
+    """A line of progress on standard error."""
+    s, rest = record["settings"], spent / count * (total - count)
+    print(
+        f"{count}/{total}  {s['robot']} {s['method']} {s['space']} {s['budget']} "
+        f"{s['cycles']} seed {s['seed']}: {'right' if record['exact'] else 'wrong'}, "
+        f"{record['seconds']:.1f} s; about {rest / 60:.1f} min left",
+        file=sys.stderr,
+    )
+
+
+def suite(name: str, options, folder: Path) -> None:
+    """Run a suite and publish it."""
+    runs = plan(name, options)
+    done = complete(runs, folder / f"identify-{name}.jsonl", options)
+    records: dict[str, list[dict[str, Any]]] = {row.name: [] for row in SUITES[name]}
+    for row, settings in runs:
+        records[row.name].append(done[key(asdict(settings))])
+    title = f"Identification: {name}"
+    found = sections(SUITES[name], records, options.jobs)
+    publish(options.root, f"identify-{name}", title, found, {"code": code(), **records})
+
+
+def calibration(options, folder: Path) -> None:
+    """Pool what all suites' runs of our method said of how sure they are."""
+    now, pooled, used = code(), [], []
+    for name in SUITES:
+        found = known(folder / f"identify-{name}.jsonl", now).values()
+        ours = [r for r in found if r["settings"]["method"] == "default"]
+        pooled += ours
+        used += [f"{name} ({len(ours)} runs)"] if ours else []
+    section = calibration_section(pooled, f"Pooled from: {', '.join(used) or 'none'}.")
+    data = {"code": now, "suites": used, "rows": section.rows}
+    title = "Identification: how sure, stated against true"
+    publish(options.root, "identify-calibration", title, [section], data)
+
+
+def main() -> None:
+    """Read the command line and run what it says."""
+    line = parser(__doc__ or "")
+    line.add_argument("suite", choices=[*SUITES, "calibration"])
+    line.add_argument("--seeds", type=int, help="runs of each row, instead of its own")
+    line.add_argument("--first-seed", type=int, default=5000, help="then one by one")
+    line.add_argument("--jobs", type=int, help="processes; one a core, mjx suite: one")
+    line.add_argument("--engine", help="instead of the suite's (statics; mjx: mjx)")
+    line.add_argument("--recordings", type=Path, default=INTACT, help="intact.h5")
+    options = line.parse_args()
+    options.jobs = options.jobs or (1 if options.suite == "mjx" else cores())
+    options.count = lambda row: options.seeds or row.seeds
+    folder = options.root / "benchmarks" / "results"
+    if options.suite == "calibration":
+        calibration(options, folder)
+    else:
+        suite(options.suite, options, folder)
+
+
+if __name__ == "__main__":
+    main()

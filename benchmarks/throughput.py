@@ -1,0 +1,273 @@
+"""Throughput of the engines against `mujoco.rollout` on the same candidates.
+
+Takes random trees of the starfish's parts, gives docs/results/throughput.md. Memory,
+compile times and batch sizes of compiled engines are measured in fresh processes.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _common import ROOT, Section, cores, parser, publish
+
+from selfheal.body.body import Bodies
+from selfheal.body.genome import build, random_genomes
+from selfheal.robot.actions import actions_2006, published
+
+STEPS, TIMESTEP = 100, 0.01  # of a reference simulation [1], [s]: the issue's
+THREADS = 2  # of the reference: the issue's
+REPEATS = 20  # of the candidates in a call of statics, which is done too soon; chosen
+CPU_BATCHES, GPU_BATCHES = (64, 256, 1024), (1024, 4096, 16384, 65536)
+
+
+def candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
+    """`count` random trees and a random 2006 action for each (count, P) [rad]."""
+    anatomy, rng = published().anatomy, np.random.default_rng(seed)
+    genomes = random_genomes(anatomy, count, rng, sides=False)
+    actions = actions_2006(anatomy.size)
+    return build(anatomy, genomes), actions[rng.integers(len(actions), size=count)]
+
+
+def seconds(work: Callable[[], Any]) -> float:
+    """How long some work takes [s]."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def models(bodies: Bodies) -> list:
+    """Each body compiled for the reference."""
+    from selfheal.body.mjcf import Physics, to_spec
+
+    physics = Physics(timestep=TIMESTEP)
+    with ThreadPoolExecutor(THREADS) as pool:
+        rows = range(len(bodies))
+        return list(pool.map(lambda k: to_spec(bodies, k, physics).compile(), rows))
+
+
+def roll(compiled: list, targets: np.ndarray) -> None:
+    """The reference: each model's simulation by `mujoco.rollout`, on two threads."""
+    import mujoco
+    from mujoco import rollout
+
+    mujoco.set_mju_user_warning(lambda message: None)  # else it writes a log file
+    ramp = np.minimum(np.arange(1, STEPS + 1) / (STEPS / 2), 1)[:, None]
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+
+    def one(job: tuple) -> None:
+        model, target = job
+        data = mujoco.MjData(model)
+        start = np.empty(mujoco.mj_stateSize(model, kind))
+        mujoco.mj_getState(model, data, start, kind)
+        rollout.rollout(model, data, start, (target * ramp)[None])
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(one, zip(compiled, targets, strict=True)))
+
+
+def compare(count: int, rounds: int, seed: int) -> dict[str, float]:
+    """Simulations/s of the reference and poses/s of statics, taking turns."""
+    from selfheal.engine.statics import Statics
+
+    bodies, targets = candidates(count, seed)
+    compiled, both, one = models(bodies), Statics(), Statics(threads=1)
+    often = bodies[np.tile(np.arange(count), REPEATS)], np.tile(targets, (REPEATS, 1))
+    both.simulate(*often)  # compiles
+    work: dict[str, Callable[[], Any]] = {
+        "reference": lambda: roll(compiled, targets),
+        "compile": lambda: models(bodies),
+        "statics, all cores": lambda: both.simulate(*often),
+        "statics, one core": lambda: one.simulate(*often),
+    }
+    taken = [[seconds(w) for w in work.values()] for _ in range(rounds)]
+    spent = dict(zip(work, np.median(taken, axis=0).tolist(), strict=True))
+    return {
+        "reference": count / spent["reference"],
+        "reference with compile": count / (spent["reference"] + spent["compile"]),
+        "statics, all cores": REPEATS * count / spent["statics, all cores"],
+        "statics, one core": REPEATS * count / spent["statics, one core"],
+    }
+
+
+def ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
+    """The table of the ratios asked for."""
+    statics = found["statics, all cores"]
+    against = {"reference": "60", "reference with compile": "150"}
+    rows = [
+        [name, f"{rate:,.0f}", f"{statics / rate:.0f}", against.get(name, "")]
+        for name, rate in found.items()
+    ]
+    text = (
+        f"{count} random trees, each under one random 2006 action, the same for all; "
+        f"medians of {rounds} rounds in turn. Reference: `mujoco.rollout`, {STEPS} "
+        f"steps of {1000 * TIMESTEP:g} ms, {THREADS} threads, one model a tree; with "
+        "compile: every candidate built by MjSpec and compiled, on as many threads. "
+        f"Statics at its default number of sub-steps, the candidates {REPEATS} times "
+        "over in one call."
+    )
+    header = ["engine", "simulations/s", "statics (all cores) : this", "target"]
+    return Section("Statics against `mujoco.rollout`", text, header, rows)
+
+
+def child(engine: str, batch: int, count: int) -> dict[str, Any]:
+    """What a fresh process measures of one engine; runs in that process."""
+    import resource
+
+    from selfheal.engine import make_engine
+
+    start = time.perf_counter()
+    if engine == "mjx":
+        from selfheal.engine._mjx_step import import_mjx
+
+        import_mjx()
+    elif engine == "statics":
+        import selfheal.engine._settle  # noqa: F401
+    else:
+        import mujoco  # noqa: F401
+    imported = time.perf_counter() - start
+    made = make_engine(engine)
+    if engine == "mjx":
+        made.batch = batch
+    bodies, targets = candidates(count, 1)
+    head = slice(0, batch)
+    first = seconds(lambda: made.simulate(bodies[head], targets[head]))
+    again = seconds(lambda: made.simulate(bodies[head], targets[head]))
+    chunks = [slice(k, k + batch) for k in range(0, count, batch)]
+    spent = seconds(lambda: [made.simulate(bodies[c], targets[c]) for c in chunks])
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {
+        "import": imported, "compile": first - again, "rate": count / spent,
+        "memory": most, "steps": _steps(made), "device": _device(engine),
+    }  # fmt: skip
+
+
+def _steps(engine: Any) -> int:
+    """Time steps in a simulation; 0 where there is no time."""
+    if engine.name == "mjx":
+        from selfheal.engine.mjx import TIMESTEP as step
+    elif engine.name == "mujoco":
+        from selfheal.body.mjcf import Physics
+
+        step = Physics().timestep
+    else:
+        return 0
+    return round((engine.ramp + engine.hold) / step)
+
+
+def _device(engine: str) -> str:
+    """What computes, as JAX calls it."""
+    if engine != "mjx":
+        return "cpu"
+    import jax
+
+    return str(jax.devices()[0].device_kind)
+
+
+def in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> dict:
+    """`child` in a process of its own whose compiled programs are kept in `cache`."""
+    environment = {
+        **os.environ,
+        "JAX_COMPILATION_CACHE_DIR": str(cache / "jax"),
+        "NUMBA_CACHE_DIR": str(cache / "numba"),
+    }
+    words = [sys.executable, __file__, "--child", engine, str(batch), str(count)]
+    done = subprocess.run(
+        words, env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
+    """Each engine at each batch size, twice: nothing compiled before, then cached."""
+    found = []
+    for engine, batch, count in jobs:
+        with tempfile.TemporaryDirectory() as folder:
+            cold = in_fresh_process(engine, batch, count, Path(folder))
+            warm = in_fresh_process(engine, batch, count, Path(folder))
+        found.append({"engine": engine, "batch": batch, "cold": cold, "warm": warm})
+        print(f"{engine}, batch {batch}: {warm['rate']:,.0f}/s", file=sys.stderr)
+    return found
+
+
+def engine_section(found: list[dict[str, Any]]) -> Section:
+    """The table of engines and batch sizes."""
+    rows = []
+    for one in found:
+        cold, warm = one["cold"], one["warm"]
+        rate = max(cold["rate"], warm["rate"])
+        steps = f"{rate * warm['steps']:,.0f}" if warm["steps"] else ""
+        rows.append(
+            [one["engine"], warm["device"], one["batch"], f"{rate:,.0f}", steps,
+             *(f"{x:.1f}" for x in (warm["import"], cold["compile"], warm["compile"])),
+             f"{max(cold['memory'], warm['memory']):,.0f}"]
+        )  # fmt: skip
+    text = (
+        "Each row in two fresh processes: the first with empty caches of compiled "
+        "programs, the second with what it left; the faster one's rate. Compile = the "
+        "first call less the second. Memory is the process's peak, libraries included. "
+        "Targets: mjx on both cores 70,000 steps/s, compile 20 s, from cache 3 s."
+    )
+    header = ["engine", "device", "batch", "simulations/s", "steps/s", "import [s]",
+              "compile [s]", "from cache [s]", "memory [MB]"]  # fmt: skip
+    return Section("Engines and batch sizes, all cores", text, header, rows)
+
+
+def help_seconds(times: int = 5) -> float:
+    """Median time of `selfheal --help` [s]."""
+    program = Path(sys.executable).with_name("selfheal")
+    words = [str(program), "--help"]
+
+    def run() -> None:
+        subprocess.run(words, stdout=subprocess.DEVNULL, check=True)
+
+    return float(np.median([seconds(run) for _ in range(times)]))
+
+
+def _jobs(quick: bool) -> list[tuple[str, int, int]]:
+    """(engine, batch size, simulations) to measure on this machine."""
+    with tempfile.TemporaryDirectory() as folder:
+        device = in_fresh_process("mjx", 64, 64, Path(folder))["device"]
+    batches = CPU_BATCHES if device == "cpu" else GPU_BATCHES
+    if quick:
+        return [("statics", 256, 2048), ("mujoco", 64, 64), ("mjx", batches[0], 256)]
+    jobs = [("statics", batch, 16384) for batch in (36, 256, 1024, 16384)]
+    jobs += [("mujoco", batch, 1024) for batch in (64, 1024)]
+    return jobs + [("mjx", batch, max(4096, 2 * batch)) for batch in batches]
+
+
+def main() -> None:
+    """Measure everything and publish."""
+    line = parser(__doc__ or "")
+    line.add_argument("--quick", action="store_true", help="tiny sizes")
+    line.add_argument("--seed", type=int, default=20261121, help="of the candidates")
+    line.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
+    options = line.parse_args()
+    if options.child:
+        engine, batch, count = options.child
+        print(json.dumps(child(engine, int(batch), int(count))))
+        return
+    count, rounds = (200, 1) if options.quick else (2000, 5)
+    help_time = help_seconds()
+    ratios = compare(count, rounds, options.seed)
+    found = engines(_jobs(options.quick))
+    text = f"{help_time:.2f} s, median of 5; target 0.4 s."
+    sections = [
+        ratio_section(ratios, count, rounds),
+        engine_section(found),
+        Section("`selfheal --help`", text),
+    ]
+    data = {"ratios": ratios, "engines": found, "help": help_time, "cores": cores()}
+    publish(options.root, "throughput", "Throughput", sections, data)
+
+
+if __name__ == "__main__":
+    main()
