@@ -198,7 +198,8 @@ def load(path: str | Path) -> Bodies:
         spec = mujoco.MjSpec.from_file(str(path))
         model = spec.compile()
     except (ValueError, OSError) as error:
-        raise ModelError(f"{path}: MuJoCo cannot read it: {error}") from error
+        reason = " ".join(str(error).split())  # in one line
+        raise ModelError(f"{path}: MuJoCo cannot read it: {reason}") from error
     joints = [a.target for a in spec.actuators]
     if not joints:
         raise ModelError(f"{path}: no actuators, so no moving parts")
