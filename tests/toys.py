@@ -17,8 +17,8 @@ PLACEMENT = np.array([0.125, 0.625, 0.375, 0.375])
 
 
 def anatomy(parts: int = PARTS) -> Anatomy:
-    """A square torso and sticks: short ones, then long ones, every other with a box."""
-    block = (np.arange(parts) % 2)[:, None]
+    """A square torso and sticks: short ones, then long ones with a box each."""
+    block = (np.arange(parts) >= parts // 2)[:, None]
     return Anatomy(
         name="toy",
         parts=tuple(f"part_{i}" for i in range(parts)),

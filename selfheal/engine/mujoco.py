@@ -50,6 +50,9 @@ class MuJoCo:
         mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
         a = bodies.anatomy
         try:
+            # the compiler would take a mass that is NaN for one not given
+            if np.isnan(bodies.mass[rows[0]]).any():
+                raise ValueError("a part has no mass")
             model = to_spec(bodies, rows[0], self.physics).compile()
         except ValueError:  # e.g. NaN sizes: a failed candidate, not an error
             shapes = ((3,), (), (len(a.feet),), (a.size,))
