@@ -213,9 +213,11 @@ class _Loop:
 
     def state(self) -> dict[str, Any]:
         """What `restore` needs besides the cycles."""
-        state = {f"strategy_{k}": v for k, v in self.strategy.state().items()}
+        # copies: the search goes on, and what was yielded must not
+        kept = {f"strategy_{k}": v for k, v in self.strategy.state().items()}
+        kept["hardness"] = self.evaluator.hardness
+        state: dict[str, Any] = {k: np.array(v) for k, v in kept.items()}
         state["random"] = json.dumps(self.rng.bit_generator.state)
-        state["hardness"] = self.evaluator.hardness
         if self.judge:
             keys = np.frombuffer(b"".join(self.judge.known), np.uint8)
             state["judge_keys"] = keys.reshape(len(self.judge.known), -1)
