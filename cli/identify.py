@@ -105,7 +105,6 @@ def _refuse_settings(context: typer.Context) -> None:
 
 def _start(settings: "Settings", path: Path, *, force: bool, as_json: bool) -> None:
     """Check everything that can be wrong, then run."""
-    from selfheal.errors import InputError
     from selfheal.files import check_writable_folder
     from selfheal.selfmodel.loop import check
     from selfheal.selfmodel.run import Run, held, save
@@ -114,14 +113,26 @@ def _start(settings: "Settings", path: Path, *, force: bool, as_json: bool) -> N
     check(settings, robot)
     check_writable_folder(path.parent)
     with held(path):
-        if path.exists() and not force:
-            raise InputError(
-                f"{path} is there already; go on with it by --resume {path}, start "
-                "over by --force, or name another folder by --out"
-            )
+        _clear(path, force)
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
         save(run, path)
         _go(run, path, as_json)
+
+
+def _clear(path: Path, force: bool) -> None:
+    """Refuse to overwrite an earlier run's files, or remove them if forced."""
+    from selfheal.errors import InputError
+
+    files = [path, path.with_name("best.xml"), path.with_name("report.html")]
+    old = [file for file in files if file.exists()]
+    if old and not force:
+        resume = f"go on with it by --resume {path}, " * path.exists()
+        raise InputError(
+            f"{old[0]} is there already; {resume}start over by --force, or name "
+            "another folder by --out"
+        )
+    for file in old:
+        file.unlink()
 
 
 def _robot(settings: "Settings") -> "Robot":
@@ -136,11 +147,13 @@ def _go(run: "Run", path: Path, as_json: bool) -> None:
     """Turn by turn to the end, saved after each; then the body and the page."""
     from dataclasses import replace
 
+    from selfheal.selfmodel.loop import check_same
     from selfheal.selfmodel.loop import identify as turns
     from selfheal.selfmodel.run import save
 
     start, before = time.perf_counter(), run.cycles[-1].seconds if run.cycles else 0.0
     robot, settings = _robot(run.settings), run.settings
+    check_same(run, robot)  # here too, before there is a progress bar
     with _progress(settings, quiet=as_json) as show:
         for step in turns(robot, settings, run=run, progress=show):
             run = step
