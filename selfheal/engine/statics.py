@@ -62,7 +62,7 @@ class Statics:
             felt: (n, 3) channels measured: tilts [deg], clearance [mm].
             weight: (3), and
             cap: (3) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
-            bound: (N, n) before each action, a body is given up if its loss is not below.
+            bound: (N, n) a body is given up whose loss before an action is not below.
 
         Returns:
             (N, n) loss under each action, NaN where it was not simulated, infinite

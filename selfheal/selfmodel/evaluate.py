@@ -43,7 +43,7 @@ class Loss:
     cap: Floats
 
     def __call__(self, predicted: Floats, measured: Floats) -> Floats:
-        """Loss (...) of channels (..., 3); a channel that is not known (NaN) is free."""
+        """Loss (...) of channels (..., 3); a channel that is not known, NaN, is free."""
         gap = np.minimum(np.abs(predicted - measured), self.cap)
         return np.nansum(gap * self.weight, axis=-1)
 
@@ -114,7 +114,7 @@ class Evaluator:
         return np.argsort(-self.hardness[list(evidence.tried)], kind="stable")
 
     def simulate(self, bodies: Bodies, actions: Ints) -> Floats:
-        """(N, 3) channels of N bodies, each under one action (N); NaN where diverged."""
+        """(N, 3) channels of N bodies, each under an action (N); NaN where diverged."""
         readings = self.engine.simulate(bodies, self.actions[actions])
         self.spent += len(actions)
         self.progress(self.spent)

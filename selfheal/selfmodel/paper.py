@@ -124,4 +124,3 @@ class PaperSearch:
         sensitivity = (np.abs(tables - moved) * scale).sum(axis=(0, 2))
         disagreement = (tables.std(axis=0) * scale).sum(axis=1)
         return (1 - weight) * disagreement - weight * sensitivity, both[:JUDGES]
-
