@@ -43,7 +43,7 @@ class Loss:
     cap: Floats
 
     def __call__(self, predicted: Floats, measured: Floats) -> Floats:
-        """Loss (...) of channels (..., 3); a channel that is not known, NaN, is free."""
+        """Loss (...) of channels (..., 3); one that is not known, NaN, is free."""
         gap = np.minimum(np.abs(predicted - measured), self.cap)
         return np.nansum(gap * self.weight, axis=-1)
 
