@@ -10,6 +10,7 @@ from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.explore import (
     choose,
     hypotheses,
+    new_contrasts,
     plausibility,
     random_action,
     telling_apart,
@@ -77,9 +78,26 @@ def test_the_order_and_the_splitting_of_bodies_are_irrelevant():
     np.testing.assert_allclose(telling_apart(-tables, belief), score)
 
 
-def test_belief_in_one_body_leaves_nothing_to_tell_apart():
-    belief = np.array([1.0, 0, 0])
-    np.testing.assert_allclose(telling_apart(_tables(3), belief), 0, atol=1e-12)
+def test_an_action_tells_no_more_than_there_is_to_know():
+    """At most the chance that two bodies drawn by belief are not the same one."""
+    for belief in ([0.4, 0.3, 0.3], [0.9, 0.05, 0.05], [1.0, 0, 0]):
+        score = telling_apart(_tables(3), np.array(belief))
+        most = 1 - np.dot(belief, belief)
+        assert ((score >= -1e-12) & (score <= most + 1e-12)).all()
+
+
+def test_a_contrast_between_like_parts_is_new_once():
+    toy = Toy()
+    twins = Twins.of(toy.anatomy, toy.actions)
+    # parts 1 and 2 are alike, and 3 and 4: two pairs
+    apart = toy.actions[:, [0, 2]] != toy.actions[:, [1, 3]]
+    first = new_contrasts(twins, toy.actions, ())
+    np.testing.assert_allclose(first, apart.mean(axis=1))
+    for action in range(len(toy.actions)):
+        later = new_contrasts(twins, toy.actions, (action,))
+        np.testing.assert_allclose(later, (apart & ~apart[action]).mean(axis=1))
+    done = new_contrasts(twins, toy.actions, tuple(range(len(toy.actions))))
+    np.testing.assert_array_equal(done, 0)
 
 
 def test_plausibility_is_a_distribution_that_falls_with_the_loss():
