@@ -228,7 +228,7 @@ def test_a_crowd_keeps_the_best_of_each_structure():
     crowd = Crowd.empty(PARTS, len(TOY.actions))
     for row in range(90):
         table = np.full((len(TOY.actions), 3), losses[row])
-        crowd.add(genomes[[row]], table, losses[row], 0)
+        crowd.add(genomes[[row]], table, losses[row])
     crowd.cut(1000)
     parent, side = crowd.genomes.parent, crowd.genomes.side
     names = [*map(bytes, np.hstack([parent, side]).astype(np.uint8))]
@@ -236,7 +236,7 @@ def test_a_crowd_keeps_the_best_of_each_structure():
     assert crowd.losses[0] == 0 and (np.diff(crowd.losses) > 0).all()
     np.testing.assert_array_equal(crowd.tables[:, 0, 0], crowd.losses)
     crowd.cut(3)
-    assert len(crowd) == len(crowd.genomes) == len(crowd.hits) == 3
+    assert len(crowd) == len(crowd.genomes) == 3
 
 
 def _runs(search: RivalSearch, rng: np.random.Generator) -> Iterator[Evidence]:
@@ -261,7 +261,6 @@ def test_the_hidden_body_is_found_among_the_rivals(seed):
         )
         np.testing.assert_allclose(crowd.losses, again, atol=1e-3)
         assert (np.diff(crowd.losses) >= 0).all() and len(crowd) <= search.size
-        assert 0 < crowd.unseen() <= 1
     right = edge_f1(build(TOY.anatomy, search.crowd.genomes), TOY.truth) == 1
     assert right.any()
     assert search.crowd.losses[0] < 2

@@ -184,6 +184,8 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
                     flat[c, 0] += d * e1[r]
                     flat[c, 1] += d * e2[r]
                 c += 1
+        if c == 0:  # not a number
+            return np.nan
         size = _nearest_on_hull(flat, c, simplex)
         if size == 3:
             return height

@@ -9,9 +9,10 @@ from .search import Crowd
 from .space import genome_key
 from .symmetry import Twins
 
-_HYPOTHESES = 128  # chosen: twins of rivals that vote; more seldom change the choice
-# Chosen: two degrees (or 4 mm) apart is well told apart, given the half degree by which
-# even the right body misses a reading; a degree of loss makes a body e times less likely.
+_HYPOTHESES = 256  # chosen: twins of rivals that vote; more seldom change the choice
+# Chosen: two degrees (or 4 mm) apart is well told apart, given the half degree by
+# which even the right body misses a reading; a degree of loss makes a body e times
+# less likely.
 _RESOLUTION, _TEMPERATURE = 2.0, 1.0
 _SCALE = np.array([1.0, 1.0, 0.5])  # mm of clearance count half, as in the loss
 
@@ -36,7 +37,8 @@ def hypotheses(
     # among equals every rival sends its first twins before any sends its second
     rank = np.argsort(np.argsort(every, axis=1, kind="stable"), axis=1)
     order = np.lexsort((rank.ravel(), np.round(every.ravel(), 6)))
-    genomes, tables, losses, known = [], [], [], set()
+    genomes, tables, losses = [], [], []
+    known: set[bytes] = set()
     for row, twin in zip(*np.unravel_index(order, every.shape), strict=True):
         if not np.isfinite(every[row, twin]) or len(known) == _HYPOTHESES:
             break
@@ -88,7 +90,9 @@ def new_contrasts(twins: Twins, actions: Floats, tried: tuple[int, ...]) -> Floa
     """
     size = actions.shape[1]
     i, j = np.triu_indices(size, 1)
-    alike = np.array([(twins.trade[:, a] == b).any() for a, b in zip(i, j, strict=True)])
+    alike = np.array(
+        [(twins.trade[:, a] == b).any() for a, b in zip(i, j, strict=True)]
+    )
     i, j = i[alike], j[alike]
     apart = np.abs(actions[:, i] - actions[:, j]) > 1e-6  # (A, pairs)
     new = apart & ~apart[list(tried)].any(axis=0)
@@ -102,9 +106,7 @@ def choose(score: Floats, tried: tuple[int, ...]) -> int:
     return int(np.argmax(score))
 
 
-def random_action(
-    count: int, tried: tuple[int, ...], rng: np.random.Generator
-) -> int:
+def random_action(count: int, tried: tuple[int, ...], rng: np.random.Generator) -> int:
     """An untried action, all equally likely."""
     left: Ints = np.setdiff1d(np.arange(count), tried)
     return int(left[rng.integers(len(left))])

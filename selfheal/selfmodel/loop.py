@@ -19,6 +19,7 @@ from .evaluate import Evaluator, Evidence, channels
 from .run import Cycle, Run, Settings
 from .space import genome_key, space_of
 from .strategy import METHODS, Released, Rivals, Strategy
+from .sureness import sureness
 
 BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
 _CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
@@ -162,9 +163,9 @@ class _Loop:
         # later cycles weigh more: each of their candidates costs more simulations
         limit = self.settings.budget * n * (n + 1) // (cycles * (cycles + 1))
         self.strategy.search(self.evidence, limit, self.rng)
-        genomes, tables, losses = self._believed()
+        believed = self._believed()
         seconds = before + time.perf_counter() - start
-        cycle = self._cycle(action, why, reading, genomes, tables, losses, seconds)
+        cycle = self._cycle(run, action, why, reading, *believed, seconds)
         return run.after(cycle, counts=self.counts(), state=self.state())
 
     def _believed(self) -> tuple[Genomes, Floats, Floats]:
@@ -184,7 +185,7 @@ class _Loop:
             self.evaluator.spent = before
         return genomes[order], tables[order], losses[order]
 
-    def _cycle(self, action: int, why: str, reading: Floats, genomes: Genomes,
+    def _cycle(self, run: Run, action: int, why: str, reading: Floats, genomes: Genomes,
                tables: Floats, losses: Floats, seconds: float) -> Cycle:  # fmt: skip
         """The record of a cycle."""
         tried = list(self.evidence.tried)
@@ -198,7 +199,11 @@ class _Loop:
             genomes=genomes,
             tables=tables,
             losses=losses,
-            sureness=self.strategy.sureness(self.evidence, genomes[:1]),
+            sureness=sureness(
+                *self.strategy.candidates(self.evidence),
+                genomes[:1],
+                survived=_survived(run, genomes),
+            ),
             tilt_error=float(gap.sum(axis=1).mean()),
             disagreement=float(np.nanmean(spread)),
             spent=self.evaluator.spent,
@@ -241,6 +246,13 @@ class _Loop:
             rows = zip(state["judge_keys"], state["judge_values"], strict=True)
             self.judge.known = {key.tobytes(): value for key, value in rows}
             self.judge.spent = run.counts["mjx"]
+
+
+def _survived(run: Run, genomes: Genomes) -> int:
+    """How many actions in a row the tree of the best body has been the best."""
+    trees = [cycle.genomes.parent[0] for cycle in reversed(run.cycles)]
+    same = [bool((tree == genomes.parent[0]).all()) for tree in trees]
+    return (*same, False).index(False)
 
 
 def _strategy(settings: Settings, evaluator: Evaluator) -> Strategy:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, at_sides, concatenate
+from ..errors import EngineError
 from .evaluate import Evaluator, Evidence
 from .space import (
     Space,
@@ -26,7 +27,7 @@ from .space import (
 )
 from .symmetry import Twins
 
-# Chosen: careful steps do not make up for twice the best loss.
+# Chosen: fine changes do not make up for twice the best loss.
 _HOPELESS = 2.0
 # Chosen on simulated robots: a climb from the best of 64 bodies takes half as many
 # simulations a success as one from a single body, where placements are free.
@@ -36,6 +37,7 @@ _DRAWN = 64
 _BEHIND = 8.0
 # Chosen: rivals that climb again on new evidence; the others are kept as they are.
 _AGAIN = 6
+_FRUITLESS = 1000  # diverged simulations, and no other, end the search; chosen
 
 
 @dataclass
@@ -46,15 +48,11 @@ class Crowd:
         genomes: (K).
         tables: (K, A, 3) their channels under every action.
         losses: (K) over the evidence so far.
-        hits: (K) climbs from random bodies that ended there since the last evidence.
-        starts: climbs from random bodies since the last evidence.
     """
 
     genomes: Genomes
     tables: Floats
     losses: Floats
-    hits: Ints
-    starts: int = 0
 
     @classmethod
     def empty(cls, parts: int, actions: int) -> "Crowd":
@@ -62,35 +60,26 @@ class Crowd:
         whole = np.zeros((0, parts), np.int64)
         real = np.zeros((0, parts))
         nobody = Genomes(whole, real, whole, real)
-        count = np.zeros(0, np.int64)
-        return cls(nobody, np.zeros((0, actions, 3)), np.zeros(0), count)
+        return cls(nobody, np.zeros((0, actions, 3)), np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.losses)
 
-    def unseen(self) -> float:
-        """Probability that a better body was not found.
-
-        By the rule of succession: of `starts` random climbs, hits[0] ended at the best.
-        """
-        return 1 / (int(self.hits[0]) + 2) if len(self) else 1.0
-
     def take(self, rows: Ints) -> None:
         """Keep these rows, in this order."""
         self.genomes, self.tables = self.genomes[rows], self.tables[rows]
-        self.losses, self.hits = self.losses[rows], self.hits[rows]
+        self.losses = self.losses[rows]
 
-    def add(self, genome: Genomes, table: Floats, loss: float, hit: int) -> None:
+    def add(self, genome: Genomes, table: Floats, loss: float) -> None:
         """Take in a peak; of two equal structures the better one stays."""
         twin = np.flatnonzero(_alike(self.genomes, genome))
         if len(twin) and self.losses[twin[0]] <= loss:
-            self.hits[twin[0]] += hit * (loss - self.losses[twin[0]] < 1e-6)
             return
         keep = np.setdiff1d(np.arange(len(self)), twin)
         self.take(keep)
         self.genomes = concatenate(self.genomes, genome)
         self.tables = np.concatenate([self.tables, table[None]])
-        self.losses, self.hits = np.append(self.losses, loss), np.append(self.hits, hit)
+        self.losses = np.append(self.losses, loss)
 
     def cut(self, size: int) -> None:
         """Sort, and keep the best `size`."""
@@ -109,18 +98,16 @@ class _Climber:
 
     Attributes:
         each: (n) its loss under each action, None where not known.
-        step: "hasty": changes must be better from the first action on; "coarse": they
-            may fall behind for a while; "fine": small changes of continuous genes.
+        fine: whether it tries small changes of continuous genes.
         peak: loss at which the last coarse climb ended.
     """
 
     genome: Genomes
     loss: float
-    fresh: bool
     each: Floats | None = None
     around: Genomes | None = None
     place: int = 0
-    step: str = "hasty"
+    fine: bool = False
     peak: float = np.inf
 
     @property
@@ -132,13 +119,17 @@ class _Climber:
         """(n) what a change's loss must stay below, action after action in `order`."""
         if self.each is None:
             return np.full(len(order), self.loss)
-        behind = 0.0 if self.step == "hasty" else _BEHIND
-        return np.minimum(np.cumsum(self.each[order]) + behind, self.loss) - 1e-9
+        return np.minimum(np.cumsum(self.each[order]) + _BEHIND, self.loss) - 1e-9
 
-    def look(self, space: Space, rng: np.random.Generator) -> None:
-        """List the changes to try next."""
-        changes = nudges if self.step == "fine" else neighbors
-        self.around, self.place = changes(space, self.genome, rng), 0
+    def changes(self, space: Space, count: int, rng: np.random.Generator) -> Genomes:
+        """The next few changes to try; of a body not yet simulated, itself."""
+        if not np.isfinite(self.loss):
+            return self.genome
+        if self.around is None:
+            around = nudges if self.fine else neighbors
+            self.around, self.place = around(space, self.genome, rng), 0
+        self.place += count
+        return self.around[self.place - count : self.place]
 
 
 @dataclass
@@ -157,7 +148,7 @@ class RivalSearch:
     evaluator: Evaluator
     twins: Twins
     size: int = 16
-    climbers: int = 2
+    climbers: int = 4
     children: int = 16
     crowd: Crowd = field(init=False)
 
@@ -175,6 +166,8 @@ class RivalSearch:
             while len(active) < self.climbers:
                 active.append(queue.pop(0) if queue else self._start(evidence, rng))
             self._step(active, evidence, order, rng)
+            if self.evaluator.failed >= max(_FRUITLESS, self.evaluator.spent):
+                raise EngineError(f"all of {self.evaluator.spent} simulations diverged")
             order = self.evaluator.hardest_first(evidence)
             for climber in [c for c in active if c.stuck and not self._turn(c)]:
                 active.remove(climber)
@@ -190,27 +183,26 @@ class RivalSearch:
         return len(self.crowd) > 0 or any(np.isfinite(c.loss) for c in active)
 
     def _turn(self, climber: _Climber) -> bool:
-        """Whether a stuck climber goes on, by steps of another kind."""
+        """Whether a stuck climber goes on, by fine changes or by coarse ones again."""
         best = self.crowd.losses[0] if len(self.crowd) else np.inf
-        done = climber.step == "coarse" and climber.loss == climber.peak
-        if done or climber.loss > _HOPELESS * best:
+        discrete = self.space.sides and not self.space.lengths
+        if discrete or climber.loss > _HOPELESS * best or climber.loss == climber.peak:
             return False
-        after = {"hasty": "coarse", "coarse": "fine", "fine": "coarse"}
-        if climber.step == "coarse":
+        if climber.fine:
             climber.peak = climber.loss
-            if self.space.sides and not self.space.lengths:
-                return False
-        climber.step, climber.around = after[climber.step], None
+        climber.fine, climber.around = not climber.fine, None
         return True
 
     def _relearn(self, evidence: Evidence) -> list[_Climber]:
         """Score the rivals on the evidence, each as its best twin; all climb again."""
         old, self.crowd = self.crowd, Crowd.empty(*self.evaluator.actions.shape[::-1])
         for row in range(len(old)):
-            self.crowd.add(*self._best_twin(old.genomes[[row]], old.tables[row], evidence), 0)
+            self.crowd.add(
+                *self._best_twin(old.genomes[[row]], old.tables[row], evidence)
+            )
         self.crowd.cut(self.size)
         return [
-            _Climber(self.crowd.genomes[[k]], float(self.crowd.losses[k]), False)
+            _Climber(self.crowd.genomes[[k]], float(self.crowd.losses[k]))
             for k in range(min(_AGAIN, len(self.crowd)))
         ]
 
@@ -235,8 +227,7 @@ class RivalSearch:
     def _start(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
         """The best of some random bodies, a kicked rival, or a child of two rivals."""
         dice = rng.random()
-        if len(self.crowd) < 4 or dice < 0.3:
-            self.crowd.starts += 1
+        if np.isfinite(self.crowd.losses).sum() < 4 or dice < 0.3:
             return self._random_start(evidence, rng)
         # better rivals more often; the scale is 4 degrees an action, chosen
         gap = self.crowd.losses - self.crowd.losses.min()
@@ -244,12 +235,10 @@ class RivalSearch:
         pick = rng.choice(len(weight), 2, replace=False, p=weight / weight.sum())
         first, second = self.crowd.genomes[pick[:1]], self.crowd.genomes[pick[1:]]
         if dice < 0.65:
-            return _Climber(kicked(self.space, first, rng), np.inf, False)
-        return _Climber(crossed(first, second, rng), np.inf, False)
+            return _Climber(kicked(self.space, first, rng), np.inf)
+        return _Climber(crossed(first, second, rng), np.inf)
 
-    def _random_start(
-        self, evidence: Evidence, rng: np.random.Generator
-    ) -> _Climber:
+    def _random_start(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
         """The best of some random bodies with parts at the middle of sides."""
         genomes = at_sides(
             random_bodies(self.evaluator.anatomy, self.space, _DRAWN, rng)
@@ -265,7 +254,7 @@ class RivalSearch:
             if total.min() < loss:
                 row = int(np.argmin(total))
                 best, loss, parts = rows.start + row, float(total[row]), each[row]
-        return _Climber(genomes[[best]], loss, True, parts)
+        return _Climber(genomes[[best]], loss, parts)
 
     def _step(
         self,
@@ -275,16 +264,7 @@ class RivalSearch:
         rng: np.random.Generator,
     ) -> None:
         """Each climber tries a few changes and takes the best that is better."""
-        batches = []
-        for climber in active:
-            if not np.isfinite(climber.loss):
-                batches.append(climber.genome)
-                continue
-            if climber.around is None:
-                climber.look(self.space, rng)
-            end = climber.place + self.children
-            batches.append(climber.around[climber.place : end])
-            climber.place = end
+        batches = [c.changes(self.space, self.children, rng) for c in active]
         sizes = [len(b) for b in batches]
         bound = np.repeat([c.bound(order) for c in active], sizes, axis=0)
         genomes = concatenate(*batches)
@@ -303,14 +283,11 @@ class RivalSearch:
         """Take a climber's peak into the crowd; a climber to go on with, if any."""
         if not np.isfinite(climber.loss):
             return None
-        twin = np.flatnonzero(same(self.crowd.genomes, climber.genome))
-        if len(twin):
-            self.crowd.hits[twin[0]] += climber.fresh
+        if same(self.crowd.genomes, climber.genome).any():
             return None
         table = self.evaluator.table(climber.genome)[0]
         genome, table, loss = self._best_twin(climber.genome, table, evidence)
         better = loss < climber.loss - 1e-6
-        self.crowd.add(genome, table, loss, int(climber.fresh and not better))
+        self.crowd.add(genome, table, loss)
         self.crowd.cut(self.size)
-        return _Climber(genome, loss, climber.fresh) if better else None
-
+        return _Climber(genome, loss) if better else None

@@ -20,7 +20,6 @@ from .explore import (
 from .paper import CEILING, GENERATIONS, JUDGES, PaperSearch, Slips
 from .search import Crowd, RivalSearch
 from .space import space_of
-from .sureness import sureness
 from .symmetry import Twins
 
 METHODS = {
@@ -46,15 +45,15 @@ class Strategy(Protocol):
         ...
 
     def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
-        """Look for bodies until about `limit` simulations were spent since the start."""
+        """Look for bodies until about `limit` simulations were spent in all."""
         ...
 
     def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
         """Genomes (K), tables (K, A, 3) and losses (K), best first."""
         ...
 
-    def sureness(self, evidence: Evidence, best: Genomes) -> Floats:
-        """(P) stated probability that each attachment of the best body (1) is right."""
+    def candidates(self, evidence: Evidence) -> tuple[Genomes, Floats]:
+        """Genomes (M) and losses (M) of every body that might be the right one."""
         ...
 
     def state(self) -> dict[str, Any]:
@@ -111,27 +110,24 @@ class Rivals:
         crowd = self.finder.crowd
         return crowd.genomes, crowd.tables, crowd.losses
 
-    def sureness(self, evidence: Evidence, best: Genomes) -> Floats:
-        """By the plausibility of the rivals and their twins; see `sureness`."""
+    def candidates(self, evidence: Evidence) -> tuple[Genomes, Floats]:
+        """The rivals and their twins."""
         genomes, _, losses = hypotheses(
             self.finder.crowd, self.finder.twins, evidence, self.evaluator
         )
-        return sureness(genomes, losses, best, unseen=self.finder.crowd.unseen())
+        return genomes, losses
 
     def state(self) -> dict[str, Any]:
         """The crowd's arrays."""
         crowd = self.finder.crowd
         genes = {f.name: getattr(crowd.genomes, f.name) for f in fields(Genomes)}
-        names = ("tables", "losses", "hits", "starts")
+        names = ("tables", "losses")
         return genes | {name: getattr(crowd, name) for name in names}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
         genomes = Genomes(*(state[f.name] for f in fields(Genomes)))
-        self.finder.crowd = Crowd(
-            genomes, state["tables"], state["losses"], state["hits"],
-            int(state["starts"]),
-        )  # fmt: skip
+        self.finder.crowd = Crowd(genomes, state["tables"], state["losses"])
 
 
 class Released:
@@ -167,6 +163,8 @@ class Released:
         elif len(evidence) == self.cycles:
             # as many simulations as 200 generations after each action, at most
             self.finder.run(evidence, GENERATIONS * (self.cycles + 1) // 2, rng)
+        else:
+            self.finder.run(evidence, 0, rng)
 
     def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
         """The climbers; their tables are not simulated, for the rule has none."""
@@ -174,10 +172,9 @@ class Released:
         shape = (len(genomes), len(self.evaluator.actions), 3)
         return genomes, np.full(shape, np.nan), self.finder.losses
 
-    def sureness(self, evidence: Evidence, best: Genomes) -> Floats:
-        """By the plausibility of the climbers."""
-        finder = self.finder
-        return sureness(finder.genomes, finder.losses, best, unseen=0.5)
+    def candidates(self, evidence: Evidence) -> tuple[Genomes, Floats]:
+        """The climbers."""
+        return self.finder.genomes, self.finder.losses
 
     def state(self) -> dict[str, Any]:
         """The climbers."""
