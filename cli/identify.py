@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -81,9 +82,28 @@ def identify(
         budget=BUDGETS.get(method, 1) if budget is None else budget,
         seed=seed,
     )
-    name = f"{settings.robot.replace(':', '-')}-{seed}"
-    path = (out or Path("runs") / name) / "run.h5"
-    _start(settings, path, force=force, as_json=as_json)
+    _start(settings, out, force=force, as_json=as_json)
+
+
+def _fresh_folder(name: str, force: bool) -> Path:
+    """runs/NAME, or with a number behind if that is taken and not to be overwritten.
+
+    Made here, so that no other process takes it too.
+    """
+    from selfheal.files import check_writable_folder
+
+    runs = check_writable_folder("runs")
+    names = chain([name], (f"{name}.{number}" for number in count(2)))
+    return next(runs / n for n in names if _made(runs / n, force))
+
+
+def _made(folder: Path, force: bool) -> bool:
+    """Whether this process made the folder, or may use the one that is there."""
+    try:
+        folder.mkdir(exist_ok=force)
+    except FileExistsError:
+        return False
+    return True
 
 
 def _refuse_settings(context: typer.Context) -> None:
@@ -103,7 +123,9 @@ def _refuse_settings(context: typer.Context) -> None:
         )
 
 
-def _start(settings: "Settings", path: Path, *, force: bool, as_json: bool) -> None:
+def _start(
+    settings: "Settings", out: Path | None, *, force: bool, as_json: bool
+) -> None:
     """Check everything that can be wrong, then run."""
     from selfheal.files import check_writable_folder
     from selfheal.selfmodel.loop import check
@@ -111,7 +133,9 @@ def _start(settings: "Settings", path: Path, *, force: bool, as_json: bool) -> N
 
     robot = _robot(settings)
     check(settings, robot)
-    check_writable_folder(path.parent)
+    name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
+    folder = _fresh_folder(name, force) if out is None else check_writable_folder(out)
+    path = folder / "run.h5"
     with held(path):
         _clear(path, force)
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)

@@ -216,6 +216,14 @@ def test_files_of_somebody_else_are_not_overwritten_by_accident(name, tmp_path):
     assert (tmp_path / name).read_text() == "mine"
 
 
+def test_runs_without_a_folder_get_one_each(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told = [json.loads(_identify(*SMALL, "--json").stdout) for _ in range(2)]
+    assert told[0]["run"] != told[1]["run"]
+    assert told[0]["parent"] == told[1]["parent"]
+    assert all((tmp_path / each["run"]).is_file() for each in told)
+
+
 def test_refused_settings_leave_the_old_run_even_by_force(copied):
     before = (copied / "run.h5").read_bytes()
     _refused(_identify(*SMALL, "--cycles", "0", "--out", copied, "--force"))

@@ -69,11 +69,13 @@ def telling_apart(tables: Floats, belief: Floats) -> Floats:
         tables: (M, A, 3) channels.
         belief: (M) sum 1.
     """
-    scaled = np.nan_to_num(tables * _SCALE)
-    gap = ((scaled[:, None] - scaled[None]) ** 2).sum(axis=3)
-    return np.einsum(
-        "k,l,kla->a", belief, belief, 1 - np.exp(-gap / (2 * _RESOLUTION**2))
-    )
+    seen = np.nan_to_num(tables * _SCALE / _RESOLUTION).transpose(1, 0, 2)
+    score = np.empty(len(seen))
+    for action, points in enumerate(seen):
+        square = (points**2).sum(axis=1)
+        gap = square[:, None] + square - 2 * points @ points.T
+        score[action] = 1 - belief @ np.exp(-np.maximum(gap, 0) / 2) @ belief
+    return score
 
 
 def new_contrasts(twins: Twins, actions: Floats, tried: tuple[int, ...]) -> Floats:

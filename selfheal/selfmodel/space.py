@@ -1,6 +1,7 @@
 """Spaces of bodies and the small changes that lead from one body to its neighbors."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -110,6 +111,7 @@ def _relabeled(genome: Genomes, orders: Ints) -> Genomes:
     return out
 
 
+@lru_cache
 def _orders(p: int) -> tuple[Ints, Ints]:
     """All trades of two parts, and all cycles of three."""
     pairs = np.tile(np.arange(p), (p * (p - 1) // 2, 1))
