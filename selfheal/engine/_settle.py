@@ -269,6 +269,19 @@ def _contact_points(known, radius, thickness, points, radii):
 
 
 @numba.njit(**_JIT)
+def _scratch(p):
+    """Room for the contact radii, and the `work` of `settle`, of a body of p parts."""
+    size = 8 + 10 * p
+    points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
+    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
+    heights, touching = np.empty(size), np.empty(size, np.int64)
+    flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
+    n, angles = np.empty(3), np.empty(p)
+    work = (points, com, frames, spots, heights, touching, flat, simplex, n, angles)
+    return radii, work
+
+
+@numba.njit(**_JIT)
 def settle(body, known, q, steps, radii, work):
     """Settle one body while its joints move from 0 to q in sub-steps.
 
@@ -302,13 +315,8 @@ def settle_batch(
             center (1) [m], height of each part's lowest tip point (P) [m].
     """
     p = q.shape[1]
-    size = 8 + 10 * p
-    points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
-    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
-    heights, touching = np.empty(size), np.empty(size, np.int64)
-    flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
-    n, angles = np.empty(3), np.empty(p)
-    work = (points, com, frames, spots, heights, touching, flat, simplex, n, angles)
+    radii, work = _scratch(p)
+    points, frames, spots, n = work[0], work[2], work[3], work[8]
     for row in range(q.shape[0]):
         body = (
             parent[row], anchor[row], turn[row], axis[row], length[row],
@@ -344,14 +352,8 @@ def race_batch(
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.
     """
-    p = targets.shape[1]
-    size = 8 + 10 * p
-    points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
-    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
-    heights, touching = np.empty(size), np.empty(size, np.int64)
-    flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
-    n, angles, seen = np.empty(3), np.empty(p), np.empty(3)
-    work = (points, com, frames, spots, heights, touching, flat, simplex, n, angles)
+    radii, work = _scratch(targets.shape[1])
+    points, n, seen = work[0], work[8], np.empty(3)
     for row in range(bound.shape[0]):
         body = (
             parent[row], anchor[row], turn[row], axis[row], length[row],

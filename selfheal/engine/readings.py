@@ -30,11 +30,6 @@ class Readings:
         """These rows of the leading axis."""
         return Readings(*(getattr(self, f.name)[rows] for f in fields(self)))
 
-    def reshape(self, *shape: int) -> "Readings":
-        """The same readings with another leading shape; B must be one axis."""
-        values = (getattr(self, f.name) for f in fields(self))
-        return Readings(*(v.reshape(*shape, *v.shape[1:]) for v in values))
-
 
 def from_rest(
     up: Floats, height: Floats, tips: Floats, angles: Floats, belly: float

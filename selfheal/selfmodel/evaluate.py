@@ -109,6 +109,14 @@ class Evaluator:
         self.spent, self.chosen, self.failed = 0, 0, 0
         self.hardness = np.full(len(actions), np.inf)
 
+    def table_aside(self, genomes: Genomes) -> Floats:
+        """`table`, with its simulations counted as `chosen`, not as `spent`."""
+        before = self.spent
+        table = self.table(genomes)
+        self.chosen += self.spent - before
+        self.spent = before
+        return table
+
     def hardest_first(self, evidence: Evidence) -> Ints:
         """Positions in the evidence, hardest action first; untested ones lead."""
         return np.argsort(-self.hardness[list(evidence.tried)], kind="stable")

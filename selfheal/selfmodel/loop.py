@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -178,11 +177,8 @@ class _Loop:
             losses[top] = self.judge.losses(genomes[top], tables[top], self.evidence)
             order[: len(top)] = top[np.argsort(losses[top], kind="stable")]
         if np.isnan(tables[order[:1]]).any():  # a method that keeps no tables
-            before = self.evaluator.spent
             tables = tables.copy()
-            tables[order[:5]] = self.evaluator.table(genomes[order[:5]])
-            self.evaluator.chosen += self.evaluator.spent - before
-            self.evaluator.spent = before
+            tables[order[:5]] = self.evaluator.table_aside(genomes[order[:5]])
         return genomes[order], tables[order], losses[order]
 
     def _cycle(self, run: Run, action: int, why: str, reading: Floats, genomes: Genomes,
@@ -298,25 +294,11 @@ def identify(
     loop = _Loop(robot, settings, progress)
     if run.cycles:
         loop.restore(run)
-    with ThreadPoolExecutor(1) as pool:
-        if loop.judge:  # compiling mjx takes seconds; the search goes on meanwhile
-            warm: Future[Any] = pool.submit(_warm_up, loop.judge.engine, robot)
-        while len(run.cycles) < settings.cycles:
-            if loop.judge and len(run.cycles) == 0:
-                warm.result()
-            before = run.cycles[-1].seconds if run.cycles else 0.0
-            run = loop.turn(run, before)
-            yield run
+    while len(run.cycles) < settings.cycles:
+        before = run.cycles[-1].seconds if run.cycles else 0.0
+        run = loop.turn(run, before)
+        yield run
     yield replace(run, **_finish(loop, run))
-
-
-def _warm_up(engine: Any, robot: Robot) -> None:
-    """Compile an engine by using it."""
-    genes = np.full((1, robot.anatomy.size), 0.5)
-    from ..body.genome import from_unit
-
-    engine.simulate(build(robot.anatomy, from_unit(robot.anatomy, genes)),
-                    robot.actions[:1])  # fmt: skip
 
 
 def _finish(loop: _Loop, run: Run) -> dict[str, Any]:

@@ -146,10 +146,7 @@ class Released:
             action = random_action(len(self.evaluator.actions), evidence.tried, rng)
             return action, "random"
         self.weight /= 1.5
-        before = self.evaluator.spent
         score, _ = self.finder.score(self.weight, rng)
-        self.evaluator.chosen += self.evaluator.spent - before
-        self.evaluator.spent = before
         action = choose(score, evidence.tried)
         return action, (
             f"disagreement of the {JUDGES} best less its unreliability: "
