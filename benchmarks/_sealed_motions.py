@@ -1,0 +1,132 @@
+"""Motions of the sealed benchmark: takes a robot, gives plans of its episodes."""
+
+from collections.abc import Callable
+
+import numpy as np
+from _sealed_robots import Robot
+from _sealed_truth import Plan
+
+Rng = np.random.Generator
+TRAIN = ("multisine", "slow", "steps", "chirp", "fast", "holds", "multisine", "slow")
+TEST = ("multisine", "steps", "slow", "fast")
+SECONDS = 5.0  # of a driven episode; chosen: forty seconds of log a case
+LEGGED_SECONDS = 3.0
+SWING_SECONDS = 4.0
+TOSS_SECONDS = 0.7  # as in the recorded tosses of a real cube
+TOSSES = 24
+PIECES = 16
+
+
+def multisine(time: np.ndarray, rng: Rng) -> np.ndarray:
+    """Five sines between 0.15 and 2.5 Hz, within -1 to 1."""
+    rates = np.exp(rng.uniform(np.log(0.15), np.log(2.5), 5))
+    weights = rng.uniform(0.4, 1.0, 5) / np.sqrt(rates / 0.15)
+    phases = rng.uniform(0, 2 * np.pi, 5)
+    waves = np.sin(2 * np.pi * np.outer(time, rates) + phases)
+    return waves @ weights / weights.sum() * 1.4
+
+
+def steps(time: np.ndarray, rng: Rng) -> np.ndarray:
+    """Levels that change at once every 0.5 to 1 s."""
+    edges = np.cumsum(rng.uniform(0.5, 1.0, 60))
+    return rng.uniform(-0.8, 0.8, 61)[np.searchsorted(edges, time, side="right")]
+
+
+def holds(time: np.ndarray, rng: Rng) -> np.ndarray:
+    """Levels held 0.6 to 1.2 s, with ramps of 0.4 s between them."""
+    edges = np.repeat(np.cumsum(rng.uniform(1.0, 1.6, 60)), 2)
+    edges[1::2] += 0.4
+    levels = np.repeat(rng.uniform(-0.9, 0.9, 61), 2)[:-2]
+    return np.interp(time, edges, levels)
+
+
+def _triangle(time: np.ndarray, period: float, phase: float) -> np.ndarray:
+    return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * time / period + phase))
+
+
+def slow(time: np.ndarray, rng: Rng) -> np.ndarray:
+    """A ramp back and forth of 3 to 6 s, over a part of the range."""
+    middle, size = rng.uniform(-0.3, 0.3), rng.uniform(0.25, 0.6)
+    period, phase = rng.uniform(3.0, 6.0), rng.uniform(0, 2 * np.pi)
+    return middle + size * _triangle(time, period, phase)
+
+
+def fast(time: np.ndarray, rng: Rng) -> np.ndarray:
+    """A ramp back and forth of 0.7 to 1.4 s."""
+    return 0.7 * _triangle(time, rng.uniform(0.7, 1.4), rng.uniform(0, 2 * np.pi))
+
+
+def chirp(time: np.ndarray, rng: Rng) -> np.ndarray:
+    """A sine that climbs from 0.2 to about 4 Hz and becomes smaller."""
+    top, phase = rng.uniform(3.0, 5.0), rng.uniform(0, 2 * np.pi)
+    rate = 0.2 + (top - 0.2) * time / max(time[-1], 1e-9) / 2
+    return np.sin(2 * np.pi * rate * time + phase) * (0.8 - 0.6 * time / time[-1])
+
+
+MOTIONS: dict[str, Callable[[np.ndarray, Rng], np.ndarray]] = {
+    f.__name__: f for f in (multisine, steps, holds, slow, fast, chirp)
+}
+
+
+def rows(robot: Robot, rng: Rng, rate: float, seconds: float, jitter: float):
+    """(T) fine steps of the samples: at `rate` [Hz], each moved by `jitter` of it."""
+    count = int(seconds * rate)
+    ideal = np.arange(count) / rate
+    ideal[1:] += rng.uniform(-jitter, jitter, count - 1) / rate
+    return np.unique(np.round(ideal / robot.fine).astype(int))
+
+
+def _driven(robot: Robot, rng: Rng, motion: str, sampling, seconds: float) -> Plan:
+    rate, jitter, hold = sampling
+    at = rows(robot, rng, rate, seconds, jitter)
+    columns = []
+    for joint in robot.actuators.values():
+        middle = robot.center.get(joint, 0.0)
+        wave = MOTIONS[motion](at * robot.fine, rng)
+        columns.append(middle + robot.amplitude[joint] * wave)
+    return Plan(motion, at, hold, np.stack(columns, 1))
+
+
+def _released(robot: Robot, rng: Rng, sampling, seconds: float) -> Plan:
+    at = rows(robot, rng, sampling[0], seconds, sampling[1])
+    sizes = np.array([robot.amplitude[j] for j in robot.joints])
+    start = rng.uniform(0.4, 1.3, len(sizes)) * sizes * rng.choice([-1, 1], len(sizes))
+    return Plan("release", at, 1, np.zeros((len(at), 0)), start, np.zeros(len(start)))
+
+
+def _thrown(robot: Robot, rng: Rng, sampling) -> Plan:
+    at = rows(robot, rng, sampling[0], TOSS_SECONDS, sampling[1])
+    turn = rng.normal(size=4)
+    speed = np.r_[rng.uniform(-1.2, 1.2, 2), rng.uniform(-0.5, 0.8)]
+    spin = rng.normal(0, 4.0, 3)
+    place = np.r_[rng.uniform(-0.1, 0.1, 2), rng.uniform(0.16, 0.3)]
+    start = np.r_[place, turn / np.linalg.norm(turn)]
+    return Plan("toss", at, 1, np.zeros((len(at), 0)), start, np.r_[speed, spin])
+
+
+def sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
+    """Rate [Hz], jitter (share of a period), samples that a command is held."""
+    slowest = 150 if robot.free else 100
+    rate = float(
+        rng.choice([r for r in (100, 150, 200, 250, 400, 500) if r >= slowest])
+    )
+    if robot.contact and robot.drive == "servo":
+        rate = min(rate, 200.0)
+    jitter = float(rng.choice([0.0, 0.0, 0.2, 0.35]))
+    # a torque feedback at less than 100 Hz would not be stable
+    slow_hold = max(2, int(rate / 100)) if robot.drive == "torque" else int(rate / 40)
+    hold = slow_hold if rng.random() < 0.3 and rate > 100 else 1
+    return rate, jitter, hold
+
+
+def plans(robot: Robot, rng: Rng, sampled, *, test: bool) -> list[Plan]:
+    """The episodes of one file."""
+    if robot.drive != "none":
+        seconds = LEGGED_SECONDS if robot.contact else SECONDS
+        names = TEST if test else TRAIN
+        return [_driven(robot, rng, name, sampled, seconds) for name in names]
+    if robot.free:
+        count = TOSSES // 3 if test else TOSSES
+        return [_thrown(robot, rng, sampled) for _ in range(count)]
+    count = 4 if test else 8
+    return [_released(robot, rng, sampled, SWING_SECONDS) for _ in range(count)]

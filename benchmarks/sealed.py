@@ -1,0 +1,78 @@
+"""The sealed benchmark of `selfheal diagnose`: effects that only the scorer knows.
+
+    python benchmarks/sealed.py make --cases 60 --kind mixed --out DIR --keys KEYS
+    python benchmarks/sealed.py run --cases DIR --jobs 2
+    python benchmarks/sealed.py score --cases DIR --keys KEYS
+
+`make` simulates robots that differ from the model as given; `run` diagnoses each case
+in a folder that holds its model and its recording alone, and goes on where it was
+interrupted; `score` opens the keys and gives docs/results/sealed.md. Seeds below 5000
+are for development, those from 5000 on for the reported run.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import mujoco
+from _common import parser
+from _sealed_make import KINDS, MIXED, case_name, make, save
+from _sealed_truth import Unfit
+
+
+def _quiet(message: str) -> None:
+    """MuJoCo's warnings: a draw that diverges is not used."""
+
+
+def _is_made(options, seed: int) -> bool:
+    """True where the case is there; a seed is of one kind only."""
+    file = options.keys / case_name(seed) / "key.json"
+    if not file.is_file():
+        return False
+    kind = MIXED[seed % len(MIXED)] if options.kind == "mixed" else options.kind
+    if json.loads(file.read_text())["kind"] != kind:
+        sys.exit(f"{file} is of another kind than {kind}: take other seeds")
+    return True
+
+
+def make_cases(options) -> int:
+    """Make the cases that are not there yet."""
+    mujoco.set_mju_user_warning(_quiet)
+    failed = 0
+    for seed in range(options.first_seed, options.first_seed + options.cases):
+        start = time.perf_counter()
+        if _is_made(options, seed):
+            continue
+        try:
+            case = make(
+                options.kind, seed, effects=options.effects, robots=options.robots
+            )
+        except Unfit as reason:
+            failed += 1
+            print(f"no case {seed}: {reason}", file=sys.stderr)
+            continue
+        save(case, options.out, options.keys)
+        spent = time.perf_counter() - start
+        print(f"{case.name}: {spent:.1f} s", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def main() -> int:
+    """Read the command line and do what it says."""
+    line = parser(__doc__ or "")
+    commands = line.add_subparsers(dest="command", required=True)
+    making = commands.add_parser("make", help="simulate cases")
+    making.add_argument("--cases", type=int, default=60)
+    making.add_argument("--kind", choices=[*KINDS, "mixed"], default="mixed")
+    making.add_argument("--first-seed", type=int, default=5000)
+    making.add_argument("--out", type=Path, required=True)
+    making.add_argument("--keys", type=Path, required=True)
+    making.add_argument("--effects", nargs="*", default=(), help="only these")
+    making.add_argument("--robots", nargs="*", default=(), help="only these")
+    options = line.parse_args()
+    return make_cases(options)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
