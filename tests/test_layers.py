@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 ROOMS = [
     *("errors", "files", "recording", "body", "engine", "robot", "selfmodel"),
-    *("report", "cli"),
+    *("diagnosis", "report", "cli"),
 ]
 FILES = [path for top in ("selfheal", "cli") for path in (ROOT / top).rglob("*.py")]
 

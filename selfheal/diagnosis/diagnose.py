@@ -1,0 +1,416 @@
+"""A model and recordings in, a diagnosis out: locate, name, prove."""
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..recording import Recording, split
+from ..recording.data import Floats
+from . import document as doc
+from . import locate, score
+from .effects import catalogue
+from .fit import Base, Fit, Problem, fit, try_term, whitened
+from .free_form import FreeForm
+from .name import Naming, Scored, better, held_out, name_effects, reweighed, some_of
+from .patch import difference, patched
+from .plant import Workshop
+from .prepare import scene_of, world_of
+from .result import Candidate, Diagnosis, Located, SignalFit, Trace
+from .scene import Scene
+from .stated import stated_terms
+from .terms import Term
+from .textual import Source, edits
+from .windows import Windows, windows
+from .world import World
+
+WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
+LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
+EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
+ABOVE = 3.0  # times the noise that an unexplained residual must be, to be one; chosen
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A robot's recordings, parted.
+
+    Attributes:
+        workshop: of the given model.
+        world: what may be fitted.
+        held: what is judged on.
+        scene: of the robot.
+        names: of the held-out pieces, as the contract writes them.
+    """
+
+    workshop: Workshop
+    world: World
+    held: World
+    scene: Scene
+    names: tuple[str, ...]
+
+
+def diagnose(
+    model: str | os.PathLike[str],
+    recordings: Sequence[Recording],
+    *,
+    held_out: Sequence[str] = (),
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Where simulation and reality differ, and which physics was left out.
+
+    Args:
+        model: MJCF or URDF.
+        recordings: of the real robot.
+        held_out: episodes or pieces kept from the fit, as `recording.split` takes them.
+        seed: of the windows that candidates are first tried on.
+        progress: told what is being done and how far it is (0 to 1).
+
+    Raises:
+        ModelError: MuJoCo cannot load the model.
+        RecordingError: a recording does not fit it, or is too short.
+    """
+    begun = time.monotonic()
+    told = progress or (lambda what, share: None)
+    case = _prepare(model, recordings, held_out)
+    problem = _problem(case, WINDOW)
+    naming = name_effects(
+        problem, case.scene, stated_terms(case.scene), catalogue().values(),
+        rng=np.random.default_rng(seed), progress=told,
+    )  # fmt: skip
+    told("fitting everything once more", 0.0)
+    naming = _polished(case, naming)
+    told("looking for what has no name", 0.0)
+    structure = _structure(case, naming)
+    naming, verdict = _judged(naming, structure)
+    return _told(case, naming, verdict, structure, begun)
+
+
+def _prepare(model, recordings, held_out) -> _Case:
+    workshop = Workshop(os.fspath(model))
+    pairs = [split(r, held_out=_own(r, recordings, held_out)) for r in recordings]
+    world = world_of(workshop, [fit for fit, _ in pairs])
+    held = world_of(workshop, [h for _, h in pairs if h.episodes])
+    if not world.signals:
+        raise RecordingError("no signal holds a reading that the model can predict")
+    names = tuple(
+        f"{Path(h.file).name}:{name}" for _, h in pairs for name in h.episodes
+    )
+    return _Case(workshop, world, held, scene_of(world), names)
+
+
+def _own(recording: Recording, recordings, held_out) -> list[str]:
+    """The held-out names that belong to one of several files."""
+    if len(recordings) == 1:
+        return list(held_out)
+    own = Path(recording.file).name
+    return [h for h in held_out if h.split(":")[0] in (recording.file, own)]
+
+
+def _problem(case: _Case, seconds: float) -> Problem:
+    """Windows of the fitted recordings, weighted by the given model's error."""
+    world = case.world
+    pieces = _windows(world, seconds)
+    stated = stated_terms(case.scene)
+    apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
+    sigma = np.sqrt(
+        np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
+    )
+    spread = np.concatenate([np.full(c.width, c.spread) for c in world.signals])
+    sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
+    return whitened(Problem(world, pieces, sigma), stated, np.ones(len(stated)))
+
+
+def _windows(world: World, seconds: float) -> Windows:
+    """Pieces that begin where the state can be read; whole episodes elsewhere."""
+    steps = max(2, round(seconds / world.step))
+    parts = []
+    for i, log in enumerate(world.logs):
+        parts.append(
+            windows(world.logs, steps if _readable(world, log) else None, only=i)
+        )
+    return Windows.joined(parts)
+
+
+def _readable(world: World, log) -> bool:
+    """Whether readings tell every joint's position all along."""
+    from .state import estimate
+
+    at = np.linspace(0, log.at[-1], 9)[1:-1]
+    qpos, _, _ = estimate(world.workshop.given, world.signals, log, at, world.step, {})
+    return bool(np.isfinite(qpos).all(axis=1).mean() > 0.5)
+
+
+def _polished(case: _Case, naming: Naming) -> Naming:
+    """The same names, fitted to longer pieces."""
+    found = naming.final.fit
+    pieces = _windows(case.world, LONG)
+    start = Problem(case.world, pieces, naming.problem.sigma)
+    problem = whitened(start, found.terms, found.values)
+    count = len(stated_terms(case.scene))
+    alone = fit(problem, found.terms[:count], naming.stated.fit.values, rounds=4)
+    final = fit(problem, found.terms, found.values, rounds=6)
+    problem = reweighed(problem, final)
+    final = fit(problem, found.terms, final.values, rounds=4)
+    again = fit(problem, found.terms[:count], alone.values, rounds=2)
+    return replace(
+        naming, problem=problem, stated=Scored(again, held_out(problem, again)),
+        final=Scored(final, held_out(problem, final)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """What the named effects leave.
+
+    Attributes:
+        p_value: that a torque of free form explains no more of it.
+        share: of the squared error that it explains.
+        above: root mean square of the residual over the noise's.
+        explained: share of what can be explained that the names explain.
+    """
+
+    p_value: float
+    share: float
+    above: float
+    explained: float
+
+    @property
+    def left(self) -> bool:
+        """Whether something is left that is no noise."""
+        return (self.p_value < 0.01 and self.share > 0.05) or self.above > ABOVE
+
+
+def _structure(case: _Case, naming: Naming) -> _Structure:
+    problem, now = naming.problem, naming.final
+    base = some_of(Base.of(problem, now.fit), 15000, np.random.default_rng(1))
+    held = Scored(base.fit, held_out(base.problem, base.fit))
+    p, share = 1.0, 0.0
+    terms = FreeForm().terms(case.scene)
+    for term in terms:
+        found = try_term(base, term, rounds=2)
+        new = Scored(found, held_out(base.problem, found))
+        p = min(p, better(base.problem, held, new, len(terms)))
+        share = max(share, 1 - new.held.sum() / held.held.sum())
+    noise = _noise(problem)
+    most = naming.stated.held.sum() - noise
+    gain = naming.stated.held.sum() - now.held.sum()
+    return _Structure(
+        p, share, float(np.sqrt(now.held.sum() / max(noise, 1e-12))),
+        float(gain / max(most, 1e-12)),
+    )  # fmt: skip
+
+
+def _noise(problem: Problem) -> float:
+    """Squared residuals that the readings' noise alone would leave."""
+    noise = np.concatenate([
+        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
+        for c in problem.world.signals
+    ])  # fmt: skip
+    count = np.isfinite(problem.windows.readings).sum(axis=0)
+    return float((count * (noise / problem.sigma) ** 2).sum())
+
+
+def _judged(naming: Naming, structure: _Structure) -> tuple[Naming, str]:
+    """The verdict; names that explain too little are taken back."""
+    if naming.named and structure.left and structure.explained < EXPLAINED:
+        bare = Scored(naming.stated.fit, naming.stated.held)
+        return replace(naming, named=(), final=bare), "unlisted"
+    if naming.named:
+        return naming, "partly" if structure.left else "explained"
+    return naming, "unlisted" if structure.left else "nothing"
+
+
+def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagnosis:
+    found, stated = naming.final.fit, naming.stated.fit
+    pieces = score.replayed(case.held)
+    count = score.counts(case.held, pieces)
+    none: tuple[Term, ...] = ()
+    squares = {
+        "given": score.errors(case.held, pieces, none, np.zeros(0)),
+        "refit": score.errors(case.held, pieces, stated.terms, stated.values),
+        "patched": score.errors(case.held, pieces, found.terms, found.values),
+    }
+    numbers = {k: score.score(case.held, s, count) for k, s in squares.items()}
+    numbers["floor"] = _floor(case, numbers)
+    located, where = _located(case, naming)
+    text, diff = _patch(case, found)
+    document = {
+        "format": "selfheal-diagnosis",
+        "version": 1,
+        "verdict": verdict,
+        "findings": doc.findings_of(naming, where),
+        "refit": doc.refit_of(naming),
+        "fit": {"held_out": list(case.names), **numbers,
+                "explainable_removed": _removed(numbers)},
+    }  # fmt: skip
+    return Diagnosis(
+        doc.plain(document), text, diff, _traces(case, pieces, stated, found),
+        located, _signals(case, squares, count), _candidates(naming), _remarks(structure),
+        time.monotonic() - begun, 0,
+    )  # fmt: skip
+
+
+def _floor(case: _Case, numbers: dict[str, float]) -> float:
+    each = score.noise_floor(case.held)
+    scored = np.array([c.scored for c in case.held.signals])
+    noise = float(np.sqrt(np.nanmean(each[scored] ** 2))) if scored.any() else np.nan
+    return min(noise, numbers["patched"]) if np.isfinite(noise) else numbers["patched"]
+
+
+def _removed(numbers: dict[str, float]) -> float | None:
+    room = numbers["refit"] - numbers["floor"]
+    if not room >= 0.05 * numbers["refit"]:
+        return None
+    return (numbers["refit"] - numbers["patched"]) / room
+
+
+def _located(case: _Case, naming: Naming):
+    """The map of the re-fitted model's error, and where each finding acts."""
+    world, problem = case.world, naming.problem
+    pieces = problem.windows
+    before = _squares(problem, naming.stated.fit)
+    share, p = locate.grid(world, case.scene, pieces, before)
+    located = Located(tuple(c.name for c in world.signals), locate.REGIMES, share, p)
+    where = {}
+    masks = locate.regimes(world, case.scene, pieces)
+    for n, named in enumerate(naming.named):
+        less = _squares(problem, _without(naming.final.fit, named.term))
+        gain = less - _squares(problem, naming.final.fit)
+        where[n] = _where(case, pieces, masks, gain, before, p)
+    return located, where
+
+
+def _without(found: Fit, term: Term) -> Fit:
+    """The same fit with one effect taken away and nothing fitted anew."""
+    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
+    rest = [i for i, t in enumerate(found.terms) if t is not term]
+    values = [found.values[ends[i] : ends[i + 1]] for i in rest]
+    terms = tuple(found.terms[i] for i in rest)
+    return replace(found, terms=terms, values=np.concatenate([*values, np.zeros(0)]))
+
+
+def _squares(problem: Problem, found: Fit) -> Floats:
+    """Squared residuals (M, S) in standard deviations, summed over columns."""
+    plain = replace(problem, whiten=())
+    r = plain.residuals(found.terms, found.values[None])[0]
+    r = r.reshape(problem.windows.readings.shape)
+    return np.stack(
+        [(r[:, c.columns] ** 2).sum(axis=1) for c in problem.world.signals], axis=1
+    )
+
+
+def _where(case: _Case, pieces: Windows, masks, gain, before, p) -> dict[str, Any]:
+    world = case.world
+    by_signal = np.maximum(gain.sum(axis=0), 0)
+    by_signal = by_signal / max(by_signal.sum(), 1e-300)
+    order = np.argsort(-by_signal)
+    signals = [
+        {"name": world.signals[s].name, "share_of_error": by_signal[s],
+         "p_value": float(p[s].min())}
+        for s in order if by_signal[s] > 0.02
+    ]  # fmt: skip
+    by_window = np.bincount(pieces.window, gain.sum(axis=1), minlength=len(pieces))
+    worst = np.argsort(-by_window)[:3]
+    return {
+        "signals": signals,
+        "regime": _regime(masks, gain),
+        "windows": [_window(world, pieces, int(w)) for w in worst],
+    }
+
+
+def _regime(masks: np.ndarray, gain: Floats) -> str:
+    """Where the gain is densest, if anywhere."""
+    total, size = gain.sum(), gain.size
+    best, density = "always", 1.5
+    for r, name in enumerate(locate.REGIMES):
+        inside = masks[r]
+        if inside.sum() < locate.FEW or total <= 0:
+            continue
+        share = gain[inside].sum() / total
+        if share > 0.3 and share / (inside.sum() / size) > density:
+            best, density = name, share / (inside.sum() / size)
+    return best
+
+
+def _window(world: World, pieces: Windows, w: int) -> dict[str, Any]:
+    log = world.logs[int(pieces.log[w])]
+    start = log.start + pieces.start[w] * world.step
+    return {"episode": log.id, "start": start,
+            "end": start + pieces.steps[w] * world.step}  # fmt: skip
+
+
+def _patch(case: _Case, found: Fit) -> tuple[str, str]:
+    path = Path(case.workshop.path)
+    home = path.resolve().parent
+    given = patched(path, (), home)
+    plant = case.workshop.plant(found.terms)
+    changes = edits(Source(given), plant, found.terms, found.values)
+    text = patched(path, changes, home)
+    return text, difference(given, text)
+
+
+def _traces(case: _Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:
+    """The worst stretches of the held-out episodes, by the re-fitted model."""
+    world, none = case.held, ((), np.zeros(0))
+    each = [
+        world.simulate(terms, values[None], pieces)[0]
+        for terms, values in (none, (stated.terms, stated.values),
+                              (found.terms, found.values))
+    ]  # fmt: skip
+    worst = []
+    for c in world.signals:
+        for k in range(c.first, c.first + c.width):
+            apart = (each[1][:, k] - pieces.readings[:, k]) / c.spread
+            square = np.nan_to_num(apart**2, nan=0.0, posinf=0.0)
+            by = np.bincount(pieces.window, square, minlength=len(pieces))
+            w = int(by.argmax())
+            worst.append((by[w] * (2 if c.scored else 1), c, k, w))
+    worst.sort(key=lambda x: -x[0])
+    return tuple(_trace(world, pieces, each, c, k, w) for _, c, k, w in worst[:4])
+
+
+def _trace(world: World, pieces: Windows, each, c, k: int, w: int) -> Trace:
+    rows = np.flatnonzero(pieces.window == w)
+    log = world.logs[int(pieces.log[w])]
+    at = log.start + (pieces.start[w] + pieces.at[rows]) * world.step
+    name = c.name if c.width == 1 else f"{c.name}[{k - c.first}]"
+    return Trace(log.id, name, c.unit, at, pieces.readings[rows, k],
+                 *(e[rows, k] for e in each))  # fmt: skip
+
+
+def _signals(case: _Case, squares, count) -> tuple[SignalFit, ...]:
+    world, noise = case.held, score.noise_floor(case.held)
+    return tuple(
+        SignalFit(
+            c.name, c.scored,
+            *(score.interval(world, squares[k], count, s) for k in squares),
+            float(noise[s]),
+        )
+        for s, c in enumerate(world.signals)
+    )  # fmt: skip
+
+
+def _candidates(naming: Naming) -> tuple[Candidate, ...]:
+    named = {(n.term.effect.name, n.term.targets) for n in naming.named}
+    return tuple(
+        Candidate(t.effect.name, ", ".join(t.targets), left,
+                  (t.effect.name, t.targets) in named)
+        for t, left in naming.ranking
+    )  # fmt: skip
+
+
+def _remarks(structure: _Structure) -> tuple[str, ...]:
+    found = []
+    if structure.left and structure.share > 0.05:
+        found.append(
+            f"A torque of free form would explain {structure.share:.0%} of what is left."
+        )
+    return tuple(found)

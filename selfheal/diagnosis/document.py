@@ -1,0 +1,129 @@
+"""From a naming to the contract's diagnosis.json (section 2)."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..recording.data import Floats
+from .fit import Fit, Problem
+from .name import Naming, blocks_of
+from .plant import parts
+from .terms import Term
+from .textual import native
+
+LEVEL = 1.645  # standard errors of a 90 % interval
+
+
+def uncertainty(problem: Problem, found: Fit) -> Floats:
+    """Standard errors (P), robust to residuals that are alike in a window.
+
+    The sandwich of Huber (1967) and White (1980) over blocks of windows.
+    """
+    jac, r = found.jacobian, found.residuals
+    scale = np.sqrt((jac**2).sum(axis=0))
+    live = scale > 1e-9 * max(scale.max(initial=0.0), 1e-300)
+    out = np.full(len(found.values), np.inf)
+    if not live.any():
+        return out
+    a = jac[:, live] / scale[live]
+    block = blocks_of(problem)[problem.window_of]
+    slopes = np.stack([
+        a[block == b].T @ r[block == b] for b in np.unique(block)
+    ])  # fmt: skip
+    inverse = np.linalg.pinv(a.T @ a, rcond=1e-8, hermitian=True)
+    many = len(slopes) / max(len(slopes) - 1, 1)
+    plain = inverse * float(r @ r) / max(len(r) - len(a.T), 1)
+    cover = inverse @ (slopes.T @ slopes * many) @ inverse
+    out[live] = np.sqrt(np.maximum(np.diag(cover), np.diag(plain))) / scale[live]
+    return out
+
+
+def findings_of(naming: Naming, where: Mapping[int, Mapping]) -> list[dict[str, Any]]:
+    """One entry an effect and place; `where` by the number of the finding."""
+    found, out = naming.final.fit, []
+    errors = parts(found.terms, uncertainty(naming.problem, found))
+    values = parts(found.terms, found.values)
+    for n, named in enumerate(naming.named):
+        i = next(k for k, t in enumerate(found.terms) if t is named.term)
+        for target in named.term.targets:
+            out.append({
+                "effect": named.term.effect.name,
+                "target": target,
+                **named.term.note,
+                "equivalent": _others(named),
+                "separate_by": named.term.effect.separate_by,
+                "parameters": _parameters(named.term, values[i], errors[i]),
+                "where": where[n],
+                "evidence": {
+                    "heldout_nll_gain": named.evidence.gain,
+                    "p_value": named.evidence.p_value,
+                    "stability": named.evidence.stability,
+                },
+                "native": native(named.term),
+            })  # fmt: skip
+    return out
+
+
+def _others(named) -> list[str]:
+    names = [t.effect.name for t in named.equivalent]
+    mine = named.term.effect.name
+    return [n for i, n in enumerate(names) if n != mine and n not in names[:i]][:3]
+
+
+def _parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str, Any]]:
+    out = []
+    for p, value, error in zip(term.parameters, values, errors, strict=True):
+        low = max(p.low, value - LEVEL * error)
+        high = min(p.high, value + LEVEL * error)
+        out.append({"name": p.name, "value": value, "low": low, "high": high,
+                    "unit": p.unit})  # fmt: skip
+    return _as_contract(term, out)
+
+
+def _as_contract(term: Term, entries: list[dict]) -> list[dict]:
+    """A payload's position as one vector."""
+    if term.effect.name != "payload":
+        return entries
+    mass, *axes = entries
+    joined = {k: [a[k] for a in axes] for k in ("value", "low", "high")}
+    return [mass, {"name": "position", **joined, "unit": "m"}]
+
+
+def refit_of(naming: Naming) -> list[dict[str, Any]]:
+    """What the model states, its value in the end, and its interval."""
+    found, out = naming.final.fit, []
+    errors = parts(found.terms, uncertainty(naming.problem, found))
+    values = parts(found.terms, found.values)
+    for term, value, error in zip(found.terms, values, errors, strict=True):
+        if term.effect.name != "stated":
+            continue
+        (factor,), (error,) = value, error
+        given = term.note["value"]
+        (p,) = term.parameters
+        low, high = (
+            np.clip(factor + k * LEVEL * error, p.low, p.high) for k in (-1, 1)
+        )
+        out.append({"parameter": term.targets[0], "given": given,
+                    "value": given * factor, "low": given * low, "high": given * high,
+                    "unit": term.note["unit"]})  # fmt: skip
+    return out
+
+
+def plain(thing: Any) -> Any:
+    """The same with nothing that JSON does not have: NaN and infinity become null."""
+    if isinstance(thing, Mapping):
+        return {k: plain(v) for k, v in thing.items()}
+    if isinstance(thing, list | tuple | np.ndarray):
+        return [plain(v) for v in thing]
+    if isinstance(thing, np.floating | float):
+        return float(thing) if np.isfinite(thing) else None
+    if isinstance(thing, np.integer | np.bool_):
+        return thing.item()
+    return thing
+
+
+def text_of(document: Mapping[str, Any]) -> str:
+    """diagnosis.json."""
+    return json.dumps(plain(document), indent=1, allow_nan=False) + "\n"

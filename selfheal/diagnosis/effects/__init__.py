@@ -1,0 +1,31 @@
+"""The catalogue: one module a group; other packages add theirs by entry point."""
+
+from functools import cache
+from importlib.metadata import entry_points
+
+from ...errors import UnknownNameError
+from ..terms import Effect
+
+
+@cache
+def catalogue() -> dict[str, Effect]:
+    """Every effect that can be named, by name, in the order of the contract."""
+    found = [entry.load()() for entry in entry_points(group="selfheal.effects")]
+    order = {name: i for i, name in enumerate(GROUPS)}
+    found.sort(key=lambda e: (order.get(e.group, len(order)), e.name))
+    return {effect.name: effect for effect in found}
+
+
+GROUPS = ("friction", "transmission", "actuator", "body", "world", "measurement")
+
+
+def effect(name: str) -> Effect:
+    """The effect of that name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    effects = catalogue()
+    if name not in effects:
+        raise UnknownNameError("effect", name, effects)
+    return effects[name]

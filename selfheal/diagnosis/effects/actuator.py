@@ -1,0 +1,313 @@
+"""What lies between the command and the torque."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..patch import Rename, Set, number
+from ..scene import Scene
+from ..terms import Effect, Floats, Parameter, Term
+
+
+class AtActuator(Effect):
+    """What all of them share: an actuator, or all of them alike."""
+
+    group = "actuator"
+    together = False  # may be one cause for all actuators, a bus or a supply
+
+    def parameters(self, scene: Scene, actuator) -> tuple[Parameter, ...]:
+        """Its numbers at an actuator; `actuator` is a `scene.Actuator`."""
+        raise NotImplementedError
+
+    def starts(self, scene: Scene, actuator) -> tuple[tuple[float, ...], ...]:
+        """Values to begin a search at."""
+        raise NotImplementedError
+
+    def fits(self, scene: Scene, actuator) -> bool:
+        """Whether it could be at this actuator."""
+        return True
+
+    def terms(self, scene: Scene) -> list[Term]:
+        """At each actuator and, where one cause can do that, at all alike."""
+        found = [
+            Term(
+                self,
+                (f"actuator:{actuator.name}",),
+                (scene.place(actuator),),
+                self.parameters(scene, actuator),
+                self.starts(scene, actuator),
+            )
+            for actuator in scene.actuators
+            if self.fits(scene, actuator)
+        ]
+        if self.together and len(found) > 1:
+            targets = tuple(t.targets[0] for t in found)
+            places = tuple(t.places[0] for t in found)
+            found.append(replace(found[0], targets=targets, places=places))
+        return found
+
+
+class CommandDelay(AtActuator):
+    name = "command_delay"
+    says = "A command takes effect some time after it is given."
+    equation = "u(t) = ctrl(t - delay)"
+    source = "MuJoCo actuator/delay (3.5)"
+    separate_by = "move the joint by hand: a late sensor shows then, a late command not"
+    regime = "after_step"
+    together = True
+
+    def parameters(self, scene, actuator):
+        return (Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01),)
+
+    def starts(self, scene, actuator):
+        return ((0.005,), (0.02,), (0.06,))
+
+    def command(self, ctrl, step, place, values):
+        return _changed(ctrl, place, _late(ctrl[..., place["actuator"]], values / step))
+
+    def changes(self, model, place, values):
+        steps = int(np.ceil(values[0] / model.opt.timestep)) + 1
+        told = {"delay": number(values[0]), "nsample": str(max(steps, 2))}
+        return [Set("actuator", _name(model, place), told)]
+
+
+def _name(model, place):
+    return model.actuator(place["actuator"]).name or place["actuator"]
+
+
+def _changed(ctrl: Floats, place, column: Floats) -> Floats:
+    """Commands (N, G, nu) whose one column (N, G) is another."""
+    out = np.broadcast_to(ctrl, (len(column), *ctrl.shape[1:])).copy()
+    out[..., place["actuator"]] = column
+    return out
+
+
+def _late(u: Floats, steps: Floats) -> Floats:
+    """Columns u (1 or N, G) later by a number of grid steps (N, 1), as means."""
+    grid = np.arange(u.shape[1])
+    at = grid - steps
+    low = np.floor(at).astype(int)
+    share = at - low
+    last = u.shape[1] - 1
+    rows = np.arange(len(u))[:, None]
+    before, after = (u[rows, np.clip(low + i, 0, last)] for i in (0, 1))
+    return (1 - share) * before + share * after
+
+
+class ActuatorLag(AtActuator):
+    name = "actuator_lag"
+    says = "The actuator follows its command as a first-order filter does."
+    equation = "timeconst du/dt = ctrl - u"
+    source = "MuJoCo actuator/dyntype filterexact"
+    separate_by = "command sines of rising frequency: a lag weakens them, a delay not"
+    regime = "after_step"
+    together = True
+
+    def parameters(self, scene, actuator):
+        return (Parameter("timeconst", "s", 0.0, 0.0, 1.0, 0.02),)
+
+    def starts(self, scene, actuator):
+        return ((0.01,), (0.05,), (0.2,))
+
+    def fits(self, scene, actuator):
+        return scene.model.actuator_dyntype[actuator.id] == 0
+
+    def command(self, ctrl, step, place, values):
+        u = ctrl[..., place["actuator"]]
+        keep = np.exp(-step / np.maximum(values[:, 0], 1e-9))
+        out = np.empty((len(values), u.shape[1]))
+        now = np.broadcast_to(u[:, 0], len(values)).astype(float)
+        for k in range(u.shape[1]):
+            # the torque of a step comes from the state at its beginning
+            out[:, k] = now
+            now = u[:, k] + (now - u[:, k]) * keep
+        return _changed(ctrl, place, _blend(out, u, keep))
+
+    def changes(self, model, place, values):
+        return as_general(model, place, dyntype="filterexact", dynprm=values[0])
+
+
+def _blend(out: Floats, u: Floats, keep: Floats) -> Floats:
+    """Exactly the command where there is no lag at all."""
+    return np.where(keep[:, None] == 0, u, out)
+
+
+def as_general(model, place, **attributes) -> list[Rename]:
+    """The actuator as a <general> one of the same law, with more attributes."""
+    a = place["actuator"]
+    told = {
+        "gainprm": number(model.actuator_gainprm[a, :3]),
+        "biasprm": number(model.actuator_biasprm[a, :3]),
+        "biastype": "affine" if model.actuator_biastype[a] == 1 else "none",
+        "gaintype": "affine" if model.actuator_gaintype[a] == 1 else "fixed",
+        **{k: v if isinstance(v, str) else number(v) for k, v in attributes.items()},
+    }
+    gone = dict.fromkeys(("kp", "kv", "dampratio", "timeconst", "inheritrange"))
+    return [Rename("actuator", _name(model, place), "general", {**gone, **told})]
+
+
+class RateLimit(AtActuator):
+    name = "rate_limit"
+    says = "The servo moves its goal no faster than a rate."
+    equation = "|du/dt| <= rate"
+    source = "MuJoCo actuator/pid slewmax"
+    separate_by = "step the command by several sizes"
+    regime = "after_step"
+
+    def parameters(self, scene, actuator):
+        rate = actuator.rate
+        unit = f"{actuator.unit}/s"
+        return (Parameter("rate", unit, 1e3 * rate, 1e-2 * rate, 1e3 * rate, rate),)
+
+    def starts(self, scene, actuator):
+        return tuple((share * actuator.rate,) for share in (0.3, 1.0, 3.0))
+
+    def fits(self, scene, actuator):
+        return actuator.servo and actuator.rate > 0
+
+    def command(self, ctrl, step, place, values):
+        u = ctrl[..., place["actuator"]]
+        most = values[:, 0] * step
+        out = np.empty((len(values), u.shape[1]))
+        now = np.broadcast_to(u[:, 0], len(values)).astype(float)
+        for k in range(u.shape[1]):
+            now = now + np.clip(u[:, k] - now, -most, most)
+            out[:, k] = now
+        return _changed(ctrl, place, out)
+
+
+class TorqueSaturation(AtActuator):
+    name = "torque_saturation"
+    says = "The actuator gives no more than so much torque."
+    equation = "|tau| <= limit"
+    source = "MuJoCo actuator/forcerange"
+    separate_by = "command larger and larger steps"
+    regime = "saturated"
+
+    def parameters(self, scene, actuator):
+        most = actuator.most
+        low, high = 0.02 * most, 20 * most
+        return (Parameter("limit", actuator.force, high, low, high, 0.1 * most),)
+
+    def starts(self, scene, actuator):
+        return tuple((share * actuator.most,) for share in (0.9, 0.6, 0.35))
+
+    def edit(self, model, place, values):
+        gear = abs(model.actuator_gear[place["actuator"], 0])
+        model.actuator_forcelimited[place["actuator"]] = 1
+        model.actuator_forcerange[place["actuator"]] = (
+            np.array([-1, 1]) * values[0] / gear
+        )
+
+
+class SpeedTorqueLimit(AtActuator):
+    name = "speed_torque_limit"
+    says = "The torque that the motor can give falls with its speed."
+    equation = "tau sign(v) <= stall_torque (1 - |v| / no_load_speed)"
+    source = "any motor's data sheet"
+    separate_by = "command full torque from rest and watch the speed grow"
+    regime = "fast"
+    limits_actuators = True
+
+    def parameters(self, scene, actuator):
+        most, speed = actuator.most, scene.joint_at(actuator.dof).fastest
+        unit = f"{scene.joint_at(actuator.dof).unit}/s"
+        return (
+            Parameter("stall_torque", actuator.force, 20 * most, 0.05 * most,
+                      20 * most, 0.2 * most),
+            Parameter("no_load_speed", unit, 100 * speed, 0.2 * speed,
+                      100 * speed, 0.3 * speed),
+        )  # fmt: skip
+
+    def starts(self, scene, actuator):
+        most, speed = actuator.most, scene.joint_at(actuator.dof).fastest
+        return ((most, 1.3 * speed), (0.6 * most, 1.3 * speed), (most, 4 * speed))
+
+    def fits(self, scene, actuator):
+        return actuator.dof >= 0
+
+    def act(self, moment, place, values):
+        a, gear = place["actuator"], place["gear"]
+        stall, speed = values.T
+        share = moment.qvel[:, place["dof"]] / speed
+        up = stall * np.clip(1 - share, 0, 1) / abs(gear)
+        down = -stall * np.clip(1 + share, 0, 1) / abs(gear)
+        low, high = (down, up) if gear > 0 else (-up, -down)
+        limits = moment.forcerange[:, a]
+        limits[:, 0] = np.maximum(limits[:, 0], low)
+        limits[:, 1] = np.minimum(limits[:, 1], high)
+
+
+class ServoGain(AtActuator):
+    name = "servo_gain"
+    says = "The servo is stiffer or softer than stated."
+    equation = "tau = kp (ctrl - q) - kv v"
+    source = "MuJoCo actuator/position"
+    separate_by = "load the held joint with a known weight"
+    regime = "high_load"
+
+    def parameters(self, scene, actuator):
+        kp, kv = _gains(scene.model, actuator.id)
+        unit = f"{actuator.force}/{actuator.unit}"
+        damping = scene.joint_at(actuator.dof)
+        high = 10 * kv + 5 * kp * 0.1
+        scale = 0.2 * kv + 0.05 * damping.torque / damping.speed
+        return (
+            Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp),
+            Parameter(
+                "kv", f"{actuator.force} s/{actuator.unit}", kv, 0.0, high, scale
+            ),
+        )
+
+    def starts(self, scene, actuator):
+        kp, kv = _gains(scene.model, actuator.id)
+        return ((0.6 * kp, kv), (1.6 * kp, kv))
+
+    def fits(self, scene, actuator):
+        return actuator.servo
+
+    def edit(self, model, place, values):
+        a = place["actuator"]
+        model.actuator_gainprm[a, 0] = values[0]
+        model.actuator_biasprm[a, 1] = -values[0]
+        model.actuator_biasprm[a, 2] = -values[1]
+
+
+def _gains(model, actuator: int) -> tuple[float, float]:
+    kp = float(model.actuator_gainprm[actuator, 0])
+    return kp, -float(model.actuator_biasprm[actuator, 2])
+
+
+class IntegralAction(AtActuator):
+    name = "integral_action"
+    says = "The servo sums up its error and pushes until it is gone."
+    equation = "tau += clip(ki integral(ctrl - q), imax)"
+    source = "MuJoCo actuator/pid ki, imax"
+    separate_by = "hold a loaded pose for ten seconds"
+    regime = "high_load"
+
+    def parameters(self, scene, actuator):
+        kp, _ = _gains(scene.model, actuator.id)
+        most = actuator.most
+        return (
+            Parameter("ki", f"{actuator.force}/({actuator.unit} s)", 0.0, 0.0, 50 * kp,
+                      0.3 * kp),
+            Parameter("imax", actuator.force, most, 0.0, 10 * most, 0.2 * most),
+        )  # fmt: skip
+
+    def starts(self, scene, actuator):
+        kp, _ = _gains(scene.model, actuator.id)
+        return ((0.5 * kp, actuator.most), (5 * kp, 0.5 * actuator.most))
+
+    def fits(self, scene, actuator):
+        return actuator.servo and actuator.measured
+
+    def act(self, moment, place, values):
+        # the sum since the episode began is that of the measured error up to the
+        # window's start, and of the simulated one from there
+        ki, most = values.T
+        error = moment.ctrl[:, place["actuator"]] - moment.qpos[:, place["qpos"]]
+        total = moment.sums[place["actuator"]]
+        torque = np.clip(ki * total, -most, most)
+        moment.applied[:, place["dof"]] += torque
+        total += error * moment.step

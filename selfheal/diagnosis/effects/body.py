@@ -1,0 +1,286 @@
+"""A body that is not the one the model states."""
+
+import numpy as np
+
+from ..scene import Scene, along
+from ..terms import Effect, Floats, Parameter, Term
+
+LEFT = 1e-3  # of a lost limb's mass and inertia; chosen: nothing, and it still steps
+
+
+class AtBody(Effect):
+    """What all of them share: a body that moves."""
+
+    group = "body"
+    rare = True
+
+    def parameters(self, scene: Scene, body) -> tuple[Parameter, ...]:
+        """Its numbers at a body; `body` is a `scene.Moving`."""
+        raise NotImplementedError
+
+    def starts(self, scene: Scene, body) -> tuple[tuple[float, ...], ...]:
+        """Values to begin a search at."""
+        raise NotImplementedError
+
+    def fits(self, scene: Scene, body) -> bool:
+        """Whether it could be at this body."""
+        return True
+
+    def terms(self, scene: Scene) -> list[Term]:
+        """At every body that moves."""
+        return [
+            Term(
+                self,
+                (f"body:{body.name}",),
+                ({"body": body.id},),
+                self.parameters(scene, body),
+                self.starts(scene, body),
+            )
+            for body in scene.bodies
+            if self.fits(scene, body)
+        ]
+
+
+class Payload(AtBody):
+    name = "payload"
+    says = "A mass that the model does not have."
+    equation = "a point of that mass fixed to the body"
+    source = "MuJoCo geom/mass"
+    separate_by = "repeat with a second known mass, or in another pose"
+    regime = "high_load"
+
+    def parameters(self, scene, body):
+        axis = [Parameter("position_" + x, "m", float(body.far[i]), *body.box[i],
+                          0.3 * body.size) for i, x in enumerate("xyz")]  # fmt: skip
+        mass = Parameter("mass", "kg", 0.0, 0.0, 5 * body.chain, 0.2 * body.mass)
+        return (mass, *axis)
+
+    def starts(self, scene, body):
+        m = 0.2 * body.mass
+        return tuple((m, *map(float, p)) for p in (body.far, body.com))
+
+    def edit(self, model, place, values):
+        add_mass(model, place["body"], values[0], values[1:])
+
+
+def spatial(model, body: int) -> Floats:
+    """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
+    import mujoco
+
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+    turn = turn.reshape(3, 3)
+    return turn @ np.diag(model.body_inertia[body]) @ turn.T
+
+
+def set_spatial(model, body: int, mass: float, com: Floats, inertia: Floats) -> None:
+    """Give a body its mass, center of mass and inertia (3, 3) about it."""
+    import mujoco
+
+    sizes, turn = np.linalg.eigh(inertia)
+    if np.linalg.det(turn) < 0:
+        turn[:, 0] *= -1
+    model.body_mass[body] = mass
+    model.body_ipos[body] = com
+    model.body_inertia[body] = np.maximum(sizes, 1e-12)
+    mujoco.mju_mat2Quat(model.body_iquat[body], turn.ravel())
+    model.body_sameframe[body] = 0
+
+
+def _point(mass: float, at: Floats) -> Floats:
+    return mass * (at @ at * np.eye(3) - np.outer(at, at))
+
+
+def add_mass(model, body: int, mass: float, at: Floats) -> None:
+    """Fix a point mass [kg] to a body, at (3) [m] in its frame."""
+    m, c = float(model.body_mass[body]), model.body_ipos[body].copy()
+    total = m + mass
+    com = (m * c + mass * at) / total
+    inertia = spatial(model, body) + _point(m, c - com) + _point(mass, at - com)
+    set_spatial(model, body, total, com, inertia)
+
+
+class ComShift(AtBody):
+    name = "com_shift"
+    says = "The center of mass lies elsewhere."
+    equation = "com = stated com + (x, y, z)"
+    source = "MuJoCo inertial/pos"
+    separate_by = "repeat in another pose"
+    regime = "high_load"
+
+    def parameters(self, scene, body):
+        unit = body.size
+        return tuple(Parameter(x, "m", 0.0, -unit, unit, 0.05 * unit) for x in "xyz")
+
+    def starts(self, scene, body):
+        return ((0.0, 0.0, 0.0),)
+
+    def edit(self, model, place, values):
+        body = place["body"]
+        model.body_ipos[body] += values
+        model.body_sameframe[body] = 0
+
+
+class LinkLength(AtBody):
+    name = "link_length"
+    says = "The part is longer or shorter than stated."
+    equation = "everything in the body scales along it by length / stated length"
+    source = "Bongard, Zykov, Lipson 2006: part scales"
+    separate_by = "touch one known point with the part in two poses"
+
+    def parameters(self, scene, body):
+        stated = body.length
+        return (
+            Parameter("length", "m", stated, 0.02 * stated, 2 * stated, 0.1 * stated),
+        )
+
+    def starts(self, scene, body):
+        return tuple((share * body.length,) for share in (0.2, 0.6, 0.85, 1.15))
+
+    def fits(self, scene, body):
+        return body.length > 0
+
+    def edit(self, model, place, values):
+        stretch(model, place["body"], values[0] / along(model, place["body"])[1])
+
+
+def stretch(model, body: int, ratio: float) -> None:
+    """Scale what a body holds, and where its children hang, along its own length."""
+    import mujoco
+
+    axis, _ = along(model, body)
+    grow = np.eye(3) + (ratio - 1) * np.outer(axis, axis)
+    inertia = spatial(model, body)
+    moments = grow @ (np.trace(inertia) / 2 * np.eye(3) - inertia) @ grow
+    com = grow @ model.body_ipos[body]
+    inertia = np.trace(moments) * np.eye(3) - moments
+    set_spatial(model, body, float(model.body_mass[body]), com, inertia)
+    for child in np.flatnonzero(model.body_parentid == body):
+        if child != body:
+            model.body_pos[child] = grow @ model.body_pos[child]
+    for geom in np.flatnonzero(model.geom_bodyid == body):
+        model.geom_pos[geom] = grow @ model.geom_pos[geom]
+        turn = np.empty(9)
+        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+        lies = np.abs(turn.reshape(3, 3).T @ axis)  # along the geom's own axes
+        if lies.max() > 0.99:
+            _stretch_geom(model, geom, int(lies.argmax()), ratio)
+    for site in np.flatnonzero(model.site_bodyid == body):
+        model.site_pos[site] = grow @ model.site_pos[site]
+
+
+def _stretch_geom(model, geom: int, axis: int, ratio: float) -> None:
+    import mujoco
+
+    kind = mujoco.mjtGeom(model.geom_type[geom])
+    if kind in (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID):
+        model.geom_size[geom, axis] *= ratio
+    elif axis == 2 and kind in (
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+    ):
+        model.geom_size[geom, 1] *= ratio
+    model.geom_rbound[geom] *= max(ratio, 1.0)
+
+
+class MountShift(AtBody):
+    name = "mount_shift"
+    says = "The part is attached elsewhere on its parent."
+    equation = "body pos = stated pos + (x, y, z)"
+    source = "MuJoCo body/pos"
+    separate_by = "move the part while its parent is held"
+
+    def parameters(self, scene, body):
+        reach = max(body.offset, body.size)
+        return tuple(Parameter(x, "m", 0.0, -reach, reach, 0.05 * reach) for x in "xyz")
+
+    def starts(self, scene, body):
+        return ((0.0, 0.0, 0.0),)
+
+    def fits(self, scene, body):
+        return not body.free and body.parent != 0
+
+    def terms(self, scene):
+        """At each body, and at all that hang alike on one parent."""
+        found = super().terms(scene)
+        alike: dict[int, list[Term]] = {}
+        for term in found:
+            parent = int(scene.model.body_parentid[term.places[0]["body"]])
+            alike.setdefault(parent, []).append(term)
+        for group in alike.values():
+            if len(group) > 1:
+                targets = tuple(t.targets[0] for t in group)
+                places = tuple(t.places[0] for t in group)
+                first = group[0]
+                found.append(
+                    Term(self, targets, places, first.parameters, first.starts)
+                )
+        return found
+
+    def edit(self, model, place, values):
+        model.body_pos[place["body"]] += values
+
+
+class LimbLoss(AtBody):
+    name = "limb_loss"
+    says = "The part, and all that hung on it, is gone."
+    equation = "mass and contacts of the part are zero"
+    source = "Bongard, Zykov, Lipson 2006: damage"
+    separate_by = "load the joint above it"
+
+    def parameters(self, scene, body):
+        return ()
+
+    def starts(self, scene, body):
+        return ((),)
+
+    def fits(self, scene, body):
+        return not body.free and body.parent != 0
+
+    def edit(self, model, place, values):
+        lost = {place["body"]}
+        for body in range(place["body"] + 1, model.nbody):
+            if model.body_parentid[body] in lost:
+                lost.add(body)
+        for body in sorted(lost):
+            model.body_mass[body] *= LEFT
+            model.body_inertia[body] *= LEFT
+            geoms = np.flatnonzero(model.geom_bodyid == body)
+            model.geom_size[geoms] *= LEFT
+            model.geom_pos[geoms] *= LEFT
+            model.geom_contype[geoms] = 0
+            model.geom_conaffinity[geoms] = 0
+
+
+class JointJam(Effect):
+    name = "joint_jam"
+    group = "body"
+    says = "The joint is stuck at an angle."
+    equation = "q = angle"
+    source = "Bongard, Lipson 2005: damage"
+    separate_by = "command the joint"
+
+    def terms(self, scene):
+        return [
+            Term(
+                self,
+                (f"joint:{joint.name}",),
+                ({"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia},),
+                (
+                    Parameter(
+                        "angle", joint.unit, joint.middle, joint.middle - joint.range,
+                        joint.middle + joint.range, 0.1 * joint.range,
+                    ),
+                ),
+                ((joint.middle,),),
+            )
+            for joint in scene.joints
+            if joint.range < 0.1 or not joint.measured  # of one that moves, nobody would say so
+        ]  # fmt: skip
+
+    def edit(self, model, place, values):
+        # a spring of 20 ms period or so, critically damped
+        rate = 300.0
+        model.jnt_stiffness[place["joint"]] = place["inertia"] * rate**2
+        model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[0]
+        model.dof_damping[place["dof"]] = 2 * place["inertia"] * rate

@@ -1,0 +1,179 @@
+"""Friction in a joint, beyond what the model states."""
+
+import numpy as np
+
+from ..scene import Scene
+from ..terms import Effect, Parameter, Term
+
+
+class Friction(Effect):
+    """What all of them share: a joint that moves."""
+
+    group = "friction"
+
+    def parameters(self, scene: Scene, joint) -> tuple[Parameter, ...]:
+        """Its numbers at a joint; `joint` is a `scene.Joint`."""
+        raise NotImplementedError
+
+    def starts(self, scene: Scene, joint) -> tuple[tuple[float, ...], ...]:
+        """Values to begin a search at."""
+        return tuple(
+            tuple(share * p.scale for p in self.parameters(scene, joint))
+            for share in (0.3, 1.0)
+        )
+
+    def terms(self, scene: Scene) -> list[Term]:
+        """At every hinge and slide."""
+        return [
+            Term(
+                self,
+                (f"joint:{joint.name}",),
+                ({"joint": joint.id, "dof": joint.dof},),
+                self.parameters(scene, joint),
+                self.starts(scene, joint),
+            )
+            for joint in scene.joints
+        ]
+
+
+class ViscousFriction(Friction):
+    name = "viscous_friction"
+    says = "A torque against the motion, proportional to speed."
+    equation = "tau = -damping v"
+    source = "MuJoCo joint/damping"
+    separate_by = "let the joint swing with the motor off"
+    regime = "fast"
+
+    def parameters(self, scene, joint):
+        unit = f"{joint.force} s/{joint.unit}"
+        scale = 0.2 * joint.torque / joint.speed
+        now = float(scene.model.dof_damping[joint.dof, ...].flat[0])
+        return (Parameter("damping", unit, now, 0.0, 50 * scale + 10 * now, scale),)
+
+    def starts(self, scene, joint):
+        (p,) = self.parameters(scene, joint)
+        return ((p.absent + 0.3 * p.scale,), (p.absent + 2 * p.scale,), (p.absent / 2,))
+
+    def edit(self, model, place, values):
+        model.dof_damping[place["dof"]] = values[0]
+
+
+class QuadraticDamping(Friction):
+    name = "quadratic_damping"
+    says = "A torque against the motion that grows with the square of speed."
+    equation = "tau = -damping2 v |v|"
+    source = "MuJoCo joint/damping, second coefficient (3.7)"
+    separate_by = "swing the joint once slowly and once at full speed"
+    regime = "fast"
+
+    def parameters(self, scene, joint):
+        unit = f"{joint.force} s^2/{joint.unit}^2"
+        scale = 0.2 * joint.torque / joint.speed**2
+        return (Parameter("damping2", unit, 0.0, 0.0, 50 * scale, scale),)
+
+    def edit(self, model, place, values):
+        model.dof_dampingpoly[place["dof"], 0] = values[0]
+
+
+class CoulombFriction(Friction):
+    name = "coulomb_friction"
+    says = "A constant torque against the motion; at rest it holds."
+    equation = "tau = -frictionloss sign(v)"
+    source = "MuJoCo joint/frictionloss"
+    separate_by = "move the joint back and forth at two constant speeds"
+    regime = "reversal"
+
+    def parameters(self, scene, joint):
+        scale = 0.1 * joint.torque
+        now = float(scene.model.dof_frictionloss[joint.dof])
+        high = 30 * scale + 10 * now
+        return (Parameter("frictionloss", joint.force, now, 0.0, high, scale),)
+
+    def starts(self, scene, joint):
+        (p,) = self.parameters(scene, joint)
+        return ((p.absent + 0.3 * p.scale,), (p.absent + 1.5 * p.scale,))
+
+    def edit(self, model, place, values):
+        model.dof_frictionloss[place["dof"]] = values[0]
+
+
+class StribeckFriction(Friction):
+    name = "stribeck_friction"
+    says = "Dry friction that is larger at rest and falls as the joint starts to move."
+    equation = "tau = -(coulomb + (static - coulomb) exp(-(v/v_s)^2)) sign(v)"
+    source = "Stribeck; Armstrong-Helouvry 1994, eq. 3"
+    separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
+    regime = "slow"
+
+    def parameters(self, scene, joint):
+        scale, high = 0.1 * joint.torque, 3 * joint.torque
+        speed = f"{joint.unit}/s"
+        return (
+            Parameter("coulomb", joint.force, 0.0, 0.0, high, scale),
+            Parameter("static", joint.force, 0.0, 0.0, 2 * high, scale),
+            Parameter(
+                "stribeck_velocity", speed, 0.1 * joint.speed, 1e-3 * joint.speed,
+                joint.speed, 0.1 * joint.speed,
+            ),
+        )  # fmt: skip
+
+    def starts(self, scene, joint):
+        t, v = joint.torque, joint.speed
+        return ((0.03 * t, 0.1 * t, 0.1 * v), (0.1 * t, 0.3 * t, 0.1 * v),
+                (0.1 * t, 0.3 * t, 0.02 * v))  # fmt: skip
+
+    def act(self, moment, place, values):
+        dof = place["dof"]
+        coulomb, static, speed = values.T
+        slow = np.exp(-((moment.qvel[:, dof] / speed) ** 2))
+        moment.frictionloss[:, dof] = coulomb + (static - coulomb) * slow
+
+
+class LoadDependentFriction(Friction):
+    name = "load_dependent_friction"
+    says = "Dry friction of a gear that grows with the torque it transmits."
+    equation = "tau = -(frictionloss + load_coefficient |tau_transmitted|) sign(v)"
+    source = "Rhoban BAM (Duclusaud 2024), load-dependent models"
+    separate_by = "repeat the same motion with another payload"
+    regime = "high_load"
+
+    def parameters(self, scene, joint):
+        return (Parameter("load_coefficient", "1", 0.0, 0.0, 1.5, 0.1),)
+
+    def terms(self, scene):
+        return [term for term in super().terms(scene) if _driven(scene, term)]
+
+    def act(self, moment, place, values):
+        dof = place["dof"]
+        load = np.abs(moment.actuator_torque[:, dof])
+        moment.frictionloss[:, dof] += values[:, 0] * load
+
+
+def _driven(scene: Scene, term: Term) -> bool:
+    return any(a.dof == term.places[0]["dof"] for a in scene.actuators)
+
+
+class AsymmetricFriction(Friction):
+    name = "asymmetric_friction"
+    says = "Dry friction of different size in the two directions."
+    equation = "tau = -positive where v > 0, +negative where v < 0"
+    source = "effects.md 1, row 6"
+    separate_by = "move at the same constant speed both ways, without gravity"
+    regime = "reversal"
+
+    def parameters(self, scene, joint):
+        scale, high = 0.1 * joint.torque, 3 * joint.torque
+        return (
+            Parameter("positive", joint.force, 0.0, 0.0, high, scale),
+            Parameter("negative", joint.force, 0.0, 0.0, high, scale),
+        )
+
+    def starts(self, scene, joint):
+        t = 0.1 * joint.torque
+        return ((t, 0.3 * t), (0.3 * t, t), (3 * t, t), (t, 3 * t))
+
+    def act(self, moment, place, values):
+        # a mean friction and a constant torque: the same, also where the joint sticks
+        dof = place["dof"]
+        moment.frictionloss[:, dof] = values.mean(axis=1)
+        moment.applied[:, dof] -= (values[:, 0] - values[:, 1]) / 2

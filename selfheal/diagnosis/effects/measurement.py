@@ -1,0 +1,108 @@
+"""What a sensor makes of the truth: round to step (gain x true(t - delay) + bias)."""
+
+import numpy as np
+
+from ..terms import Effect, Parameter, Term
+
+
+class OfSensor(Effect):
+    """What all of them share: a signal that is compared."""
+
+    group = "measurement"
+
+    def parameter(self, signal) -> Parameter:
+        """Its number at a signal; `signal` is a `scene.Channel`."""
+        raise NotImplementedError
+
+    def starts(self, signal) -> tuple[tuple[float, ...], ...]:
+        """Values to begin a search at."""
+        p = self.parameter(signal)
+        return ((p.absent + 0.3 * p.scale,),)
+
+    def fits(self, signal) -> bool:
+        """Whether it could be at this signal."""
+        return signal.width == 1
+
+    def terms(self, scene):
+        """At every signal."""
+        return [
+            Term(
+                self,
+                (f"sensor:{signal.name}",),
+                ({"signal": signal.name},),
+                (self.parameter(signal),),
+                self.starts(signal),
+            )
+            for signal in scene.signals
+            if self.fits(signal)
+        ]
+
+    def measure(self, place, values):
+        return {self.parameter_name: values[:, 0]}
+
+    parameter_name = ""
+
+
+class SensorBias(OfSensor):
+    name = "sensor_bias"
+    parameter_name = "bias"
+    says = "The sensor's zero is off."
+    equation = "reading = true + bias"
+    source = "contract.md 4"
+    separate_by = "bring the joint to a mechanical stop of known angle"
+
+    def parameter(self, signal):
+        return Parameter(
+            "bias", signal.unit, 0.0, -signal.reach, signal.reach, 0.1 * signal.spread
+        )
+
+
+class SensorGain(OfSensor):
+    name = "sensor_gain"
+    parameter_name = "gain"
+    says = "The sensor's scale is off."
+    equation = "reading = gain true"
+    source = "contract.md 4"
+    separate_by = "bring the joint to two known angles"
+
+    def parameter(self, signal):
+        return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05)
+
+
+class SensorDelay(OfSensor):
+    name = "sensor_delay"
+    parameter_name = "delay"
+    says = "The sensor says what was true a while ago."
+    equation = "reading(t) = true(t - delay)"
+    source = "contract.md 4; MuJoCo sensor/delay"
+    separate_by = "let the joint swing with the motor off"
+    regime = "fast"
+
+    def parameter(self, signal):
+        return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01)
+
+    def starts(self, signal):
+        return ((0.005,), (0.03,))
+
+    def fits(self, signal):
+        return True
+
+
+class Quantization(OfSensor):
+    name = "quantization"
+    parameter_name = "step"
+    says = "The sensor knows only steps."
+    equation = "reading = step round(true / step)"
+    source = "contract.md 4"
+    separate_by = "move slowly and look for a lattice of values"
+    regime = "slow"
+
+    def fits(self, signal):
+        return signal.width == 1 and signal.lattice > 0
+
+    def parameter(self, signal):
+        step = signal.lattice
+        return Parameter("step", signal.unit, 0.0, 0.0, 2 * step, 0.1 * step)
+
+    def starts(self, signal):
+        return ((signal.lattice,),)

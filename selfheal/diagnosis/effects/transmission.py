@@ -1,0 +1,314 @@
+"""What lies between motor and link."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..patch import Insert, Set, number
+from ..terms import Effect, Parameter, Term
+from .friction import Friction
+
+ROTOR = 0.01  # least inertia of a motor's side, of its joint's; chosen: it needs some
+
+
+class AtJoint(Friction):
+    """As friction, at every hinge and slide, but of the transmission."""
+
+    group = "transmission"
+
+
+class Armature(AtJoint):
+    name = "armature"
+    says = "Inertia of the rotor, seen through the gear."
+    equation = "tau = -armature a"
+    source = "MuJoCo joint/armature"
+    separate_by = "repeat the motion with another payload"
+    regime = "fast"
+
+    def parameters(self, scene, joint):
+        unit = "kg m^2" if joint.unit == "rad" else "kg"
+        now = float(scene.model.dof_armature[joint.dof])
+        high = now * 10 + 20 * joint.inertia
+        return (Parameter("armature", unit, now, 0.0, high, 0.3 * joint.inertia),)
+
+    def starts(self, scene, joint):
+        (p,) = self.parameters(scene, joint)
+        return ((p.absent + 0.3 * p.scale,), (p.absent + 2 * p.scale,), (p.absent / 2,))
+
+    def edit(self, model, place, values):
+        model.dof_armature[place["dof"]] = values[0]
+
+
+class JointSpring(AtJoint):
+    name = "joint_spring"
+    says = "A spring across the joint, a cable or a hose perhaps."
+    equation = "tau = -stiffness (q - springref)"
+    source = "MuJoCo joint/stiffness, springref"
+    separate_by = "measure the torque at rest, or re-zero the encoder"
+
+    def parameters(self, scene, joint):
+        unit = f"{joint.force}/{joint.unit}"
+        scale = 0.2 * joint.torque / joint.range
+        middle, reach = joint.middle, 5 * joint.range + 1
+        now = float(scene.model.jnt_stiffness[joint.id])
+        return (
+            Parameter("stiffness", unit, now, 0.0, 50 * scale + 10 * now, scale),
+            Parameter(
+                "springref", joint.unit, middle, middle - reach, middle + reach,
+                0.3 * joint.range,
+            ),
+        )  # fmt: skip
+
+    def starts(self, scene, joint):
+        stiffness, ref = self.parameters(scene, joint)
+        k = stiffness.absent + stiffness.scale
+        return ((k, 0.0), (k, ref.absent + joint.range), (k, ref.absent - joint.range))
+
+    def edit(self, model, place, values):
+        model.jnt_stiffness[place["joint"]] = values[0]
+        model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[1]
+
+
+def _with(term: Term, **more) -> Term:
+    """The same term whose place says more."""
+    return replace(term, places=tuple({**place, **more} for place in term.places))
+
+
+class HardStop(AtJoint):
+    name = "hard_stop"
+    says = "A stop, or an obstacle, that the joint cannot pass."
+    equation = "q <= range (or >=)"
+    source = "MuJoCo joint/range"
+    separate_by = "move slowly towards the angle from the free side"
+    regime = "near_limit"
+
+    def terms(self, scene):
+        return [
+            _one_sided(self, joint, side) for joint in scene.joints for side in (-1, 1)
+        ]
+
+    def edit(self, model, place, values):
+        model.jnt_limited[place["joint"]] = 1
+        model.jnt_range[place["joint"]] = _range(model, place, values[0])
+
+
+def _one_sided(effect, joint, side: int) -> Term:
+    end = joint.middle + side * joint.range / 2  # where the robot was seen to go
+    reach = 0.5 * joint.range
+    parameter = Parameter(
+        "range", joint.unit, end + side * 10 * reach, end - reach, end + reach,
+        0.1 * joint.range,
+    )  # fmt: skip
+    starts = ((end - side * 0.02 * joint.range,), (end - side * 0.1 * joint.range,))
+    place = {"joint": joint.id, "side": side, "dof": joint.dof}
+    return Term(effect, (f"joint:{joint.name}",), (place,), (parameter,), starts)
+
+
+def _range(model, place, value) -> tuple[float, float]:
+    joint = place["joint"]
+    if model.jnt_limited[joint]:
+        low, high = model.jnt_range[joint]
+    else:
+        low, high = value - 100.0, value + 100.0
+    return (value, high) if place["side"] < 0 else (low, value)
+
+
+class Cogging(AtJoint):
+    name = "cogging"
+    rare = True
+    says = "A torque that repeats with the angle, of magnets or a gear's teeth."
+    equation = "tau = amplitude sin(poles q + phase)"
+    source = "contract.md 4; MuJoCo dcmotor/cogging"
+    separate_by = "turn the joint slowly through its whole range"
+    regime = "slow"
+
+    def parameters(self, scene, joint):
+        scale = 0.1 * joint.torque
+        return (
+            Parameter("amplitude", joint.force, 0.0, 0.0, 30 * scale, scale),
+            Parameter("poles", "1", 10.0, 1.0, 200.0, 1.0 / max(joint.range, 0.05)),
+            Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
+        )
+
+    def starts(self, scene, joint):
+        a = 0.1 * joint.torque
+        counts = (2, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 36)
+        return tuple((a, float(n), p) for n in counts for p in (0.0, np.pi / 2))
+
+    def act(self, moment, place, values):
+        amplitude, poles, phase = values.T
+        angle = moment.qpos[:, place["qpos"]]
+        moment.applied[:, place["dof"]] += amplitude * np.sin(poles * angle + phase)
+
+    def terms(self, scene):
+        address = {j.id: j.qpos for j in scene.joints}
+        return [
+            _with(t, qpos=address[t.places[0]["joint"]])
+            for t in super().terms(scene)
+            if scene.joint(t.places[0]["joint"]).unit == "rad"
+        ]
+
+
+class JointCoupling(Effect):
+    name = "joint_coupling"
+    rare = True
+    group = "transmission"
+    says = "A spring between two joints, a cable that runs over both perhaps."
+    equation = "tau = -stiffness (q - ratio q_other), and ratio times its opposite"
+    source = "contract.md 4; MuJoCo tendon/fixed"
+    separate_by = "hold one joint and move the other"
+
+    def terms(self, scene):
+        return [
+            self._between(a, b)
+            for a in scene.joints
+            for b in scene.joints
+            if a.id < b.id
+        ]
+
+    def _between(self, a, b) -> Term:
+        scale = 0.2 * a.torque / a.range
+        unit = f"{a.force}/{a.unit}"
+        parameters = (
+            Parameter("stiffness", unit, 0.0, 0.0, 50 * scale, scale),
+            Parameter("ratio", "1", 1.0, -5.0, 5.0, 0.3),
+        )
+        place = {"joint": a.id, "dof": a.dof, "qpos": a.qpos}
+        place |= {"other_dof": b.dof, "other_qpos": b.qpos}
+        return Term(
+            self, (f"joint:{a.name}",), (place,), parameters,
+            ((scale, 1.0), (scale, -1.0)), {"other": f"joint:{b.name}"},
+        )  # fmt: skip
+
+    def act(self, moment, place, values):
+        stiffness, ratio = values.T
+        q = moment.qpos[:, place["qpos"]]
+        pull = stiffness * (q - ratio * moment.qpos[:, place["other_qpos"]])
+        moment.applied[:, place["dof"]] -= pull
+        moment.applied[:, place["other_dof"]] += ratio * pull
+
+
+class Extra(AtJoint):
+    """Effects that need a second joint behind the motor's."""
+
+    suffix = ""
+
+    def terms(self, scene):
+        """Once for each side, motor's and link's, that the encoder may read."""
+        found = []
+        for term in super().terms(scene):
+            joint = scene.joint(term.places[0]["joint"])
+            for side in ("motor", "link") if joint.measured else ("motor",):
+                more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
+                more |= {"inertia": joint.inertia}
+                found.append(replace(_with(term, **more), note={"measured": side}))
+        return found
+
+    def structure(self, spec, place):
+        """Add a joint of the same axis between the motor and the body it moves."""
+        joint = spec.joints[place["joint"]]
+        joint.parent.add_joint(
+            name=joint.name + self.suffix,
+            type=joint.type,
+            axis=joint.axis,
+            pos=joint.pos,
+        )
+        joint.armature = max(joint.armature, ROTOR * place["inertia"])
+
+    def edit(self, model, place, values):
+        for name, value in self.numbers(values).items():
+            getattr(model, FIELDS[name])[place["extra_" + FIELDS[name][:3]]] = value
+
+    def numbers(self, values) -> dict[str, Any]:
+        """MJCF attributes of the second joint."""
+        raise NotImplementedError
+
+    def yields(self, values, load: float) -> float:
+        """Where the second joint rests under a load [N m or N]."""
+        raise NotImplementedError
+
+    def changes(self, model, place, values):
+        joint = model.joint(place["joint"])
+        kind = "slide" if model.jnt_type[joint.id] == 2 else "hinge"
+        numbers = {k: v for k, v in self.numbers(values).items() if k != "limited"}
+        told = {
+            "name": joint.name + self.suffix,
+            "type": kind,
+            "axis": number(joint.axis),
+            "pos": number(joint.pos),
+            **{k: number(v) for k, v in ALONE.items()},
+            **{k: number(v) for k, v in numbers.items()},
+            "limited": "true" if "range" in numbers else "false",
+        }
+        xml = " ".join(f'{k}="{v}"' for k, v in told.items())
+        armature = max(float(joint.armature[0]), ROTOR * place["inertia"])
+        body = model.body(model.jnt_bodyid[joint.id]).name
+        return [
+            Set("joint", joint.name, {"armature": number(armature)}),
+            Insert("body", body, f"<joint {xml}/>"),
+        ]
+
+
+FIELDS = {
+    "range": "jnt_range",
+    "limited": "jnt_limited",
+    "solreflimit": "jnt_solref",
+    "stiffness": "jnt_stiffness",
+    "damping": "dof_damping",
+}
+# what a default class may say of joints and the second one must not inherit
+ALONE = {"damping": 0.0, "armature": 0.0, "frictionloss": 0.0, "stiffness": 0.0}
+
+
+class Backlash(Extra):
+    name = "backlash"
+    says = "Play in the gear: after a reversal the link waits until the gap is crossed."
+    equation = "|q_link - q_motor| <= gap / 2"
+    source = "MuJoCo manual, modeling: backlash as two hinges"
+    separate_by = "rock the joint slowly about a pose without load"
+    regime = "reversal"
+    suffix = "_play"
+
+    def parameters(self, scene, joint):
+        scale = 0.03 * joint.range
+        return (Parameter("gap", joint.unit, 0.0, 0.0, joint.range, scale),)
+
+    def starts(self, scene, joint):
+        return ((0.01 * joint.range,), (0.04 * joint.range,))
+
+    def numbers(self, values):
+        half = max(float(values[0]) / 2, 1e-7)
+        return {"range": (-half, half), "limited": 1, "solreflimit": (0.005, 1.0)}
+
+    def yields(self, values, load):
+        return float(np.sign(load) * values[0] / 2)
+
+
+class Compliance(Extra):
+    name = "compliance"
+    says = "A drive that bends: the link lags behind the motor by its load."
+    equation = "tau = stiffness (q_motor - q_link) + damping (v_motor - v_link)"
+    source = "Spong 1987, elastic joints"
+    separate_by = "load the held joint with two known weights"
+    regime = "high_load"
+    suffix = "_flex"
+
+    def parameters(self, scene, joint):
+        k = joint.torque / (0.03 * joint.range)
+        d = 0.3 * np.sqrt(k * joint.inertia)
+        unit = f"{joint.force}/{joint.unit}"
+        return (
+            Parameter("stiffness", unit, 1e4 * k, 0.02 * k, 1e4 * k, k),
+            Parameter("damping", f"{joint.force} s/{joint.unit}", d, 0.0, 100 * d, d),
+        )
+
+    def starts(self, scene, joint):
+        k, d = (p.scale for p in self.parameters(scene, joint))
+        return ((k, d), (0.3 * k, d), (5 * k, d))
+
+    def numbers(self, values):
+        return {"stiffness": values[0], "damping": values[1]}
+
+    def yields(self, values, load):
+        return float(load / values[0])

@@ -1,0 +1,293 @@
+"""Least squares of a simulation to recordings: takes terms, gives their values."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..recording.data import Floats
+from .terms import Term
+from .windows import Windows
+from .world import World
+
+FAR = 30.0  # of a residual's standard deviations; a diverged sample is that far off
+NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
+DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Windows whose residuals are to be small.
+
+    Attributes:
+        world: that is simulated.
+        windows: the pieces.
+        sigma: (C) of each column's residual [its unit].
+        whiten: of each window, what its uncertain start explains: (R_w, k), (k).
+    """
+
+    world: World
+    windows: Windows
+    sigma: Floats
+    whiten: Sequence[tuple[Floats, Floats]] = field(default_factory=tuple)
+
+    @property
+    def window_of(self) -> np.ndarray:
+        """(R) window of each residual."""
+        return np.repeat(self.windows.window, self.windows.readings.shape[1])
+
+    def residuals(self, terms: Sequence[Term], values: Floats, **more) -> Floats:
+        """(n, R) readings less prediction, in standard deviations; 0 where missing."""
+        told = self.world.simulate(terms, values, self.windows, **more)
+        apart = told - self.windows.readings
+        apart = _aligned(apart, told, self) / self.sigma
+        known = np.isfinite(self.windows.readings)
+        lost = ~np.isfinite(apart)
+        apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
+        flat = np.where(known, apart, 0.0).reshape(len(told), -1)
+        return self._whitened(flat)
+
+    def _whitened(self, flat: Floats) -> Floats:
+        if self.whiten:
+            edges = np.searchsorted(self.window_of, np.arange(len(self.windows) + 1))
+            for i, (u, shrink) in enumerate(self.whiten):
+                part = flat[:, edges[i] : edges[i + 1]]
+                part -= ((part @ u) * shrink) @ u.T
+        return flat
+
+    def take(self, chosen: np.ndarray) -> "Problem":
+        """The same with some of the windows."""
+        whiten = tuple(self.whiten[i] for i in chosen) if self.whiten else ()
+        return replace(self, windows=self.windows.take(chosen), whiten=whiten)
+
+    def by_window(self, values: Floats) -> Floats:
+        """Sum of (R) values over each window (W)."""
+        return np.bincount(self.window_of, values, minlength=len(self.windows))
+
+
+def _aligned(apart: Floats, told: Floats, problem: Problem) -> Floats:
+    """Differences of which those of orientations take the nearer of two signs."""
+    for c in problem.world.signals:
+        if c.kind == "body_orientation":
+            read = problem.windows.readings[:, c.columns]
+            dot = np.sum(told[..., c.columns] * read, axis=-1, keepdims=True)
+            sign = np.where(dot < 0, -1.0, 1.0)
+            apart[..., c.columns] = told[..., c.columns] * sign - read
+    return apart
+
+
+def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
+    """The same problem, in which what an uncertain start could cause costs less."""
+    from .state import start_of
+
+    world, windows = problem.world, problem.windows
+    nv = world.workshop.given.nv
+    std = np.empty((len(windows), 2 * nv))
+    for log in np.unique(windows.log):
+        rows = np.flatnonzero(windows.log == log)
+        std[rows] = start_of(world, int(log), windows.start[rows], {})[2]
+    kick = np.zeros((2 * nv + 1, len(windows), 2 * nv))
+    for i in range(2 * nv):
+        kick[i + 1, :, i] = std[:, i]
+    plain = replace(problem, whiten=())
+    told = plain.residuals(terms, np.tile(values, (len(kick), 1)), kick=kick)
+    moved = (told[1:] - told[0]).T  # (R, 2 nv), of one standard deviation each
+    edges = np.searchsorted(plain.window_of, np.arange(len(windows) + 1))
+    out = []
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        u, s, _ = np.linalg.svd(moved[a:b], full_matrices=False)
+        out.append((u, 1 - 1 / np.sqrt(1 + s**2)))
+    return replace(problem, whiten=tuple(out))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a search ended.
+
+    Attributes:
+        terms: that were fitted.
+        values: (P) of their parameters, in a row.
+        residuals: (R) there.
+        jacobian: (R, P) there or near.
+    """
+
+    terms: tuple[Term, ...]
+    values: Floats
+    residuals: Floats
+    jacobian: Floats
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals."""
+        return float(self.residuals @ self.residuals)
+
+
+def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
+    """Low, high and scale (P) of all parameters."""
+    return tuple(
+        np.concatenate([getattr(t, k) for t in terms] or [np.zeros(0)])
+        for k in ("low", "high", "scale")
+    )  # type: ignore[return-value]
+
+
+def step(
+    curvature: Floats, slope: Floats, low: Floats, high: Floats, scale: Floats,
+    damping: float = 1e-9,
+) -> Floats:  # fmt: skip
+    """The move (P) between low and high that lowers a quadratic the most."""
+    from scipy.optimize import lsq_linear
+
+    if not len(slope):
+        return slope
+    h = curvature * np.outer(scale, scale)
+    g = slope * scale
+    size = np.diag(h)
+    h = h + np.diag(damping * size + 1e-9 * max(size.max(), 1e-12) + 1e-12)
+    root = np.linalg.cholesky(h).T
+    target = -np.linalg.solve(root.T, g)
+    a, b = np.minimum(low / scale, 0), np.maximum(high / scale, 0)
+    move = np.linalg.solve(root, target)
+    if (move < a).any() or (move > b).any():
+        b = np.maximum(b, a + 1e-12)
+        move = lsq_linear(root, target, (a, b), method="bvls", max_iter=200).x
+    return np.clip(move, a, b) * scale
+
+
+def jacobian(
+    problem: Problem, terms, values: Floats, at: Floats, columns=None
+) -> Floats:
+    """Differences (R, k) of the residuals by some parameters, all by default."""
+    low, high, scale = bounds(terms)
+    columns = np.arange(len(values)) if columns is None else columns
+    if not len(columns):
+        return np.zeros((len(at), 0))
+    points = np.tile(values, (len(columns), 1))
+    nudge = NUDGE * scale[columns]
+    nudge = np.where(values[columns] + nudge > high[columns], -nudge, nudge)
+    points[np.arange(len(columns)), columns] += nudge
+    return ((problem.residuals(terms, points) - at) / nudge[:, None]).T
+
+
+def fit(
+    problem: Problem, terms: Sequence[Term], start: Floats, *, rounds: int = 8,
+    gain: float = 1e-3,
+) -> Fit:  # fmt: skip
+    """Values of the terms' parameters, within their bounds, that fit best.
+
+    Gauss-Newton with several dampings tried at once (Levenberg 1944, Marquardt 1963).
+
+    Args:
+        problem: whose residuals shrink.
+        terms: what is true beyond the given model.
+        start: (P).
+        rounds: at most.
+        gain: share of the cost below which another round is not worth it.
+    """
+    terms = tuple(terms)
+    low, high, scale = bounds(terms)
+    x = np.clip(np.asarray(start, float), low, high)
+    r = problem.residuals(terms, x[None])[0]
+    jac = jacobian(problem, terms, x, r)
+    for _ in range(rounds if len(x) else 0):
+        h, g = jac.T @ jac, jac.T @ r
+        tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
+        told = problem.residuals(terms, tries)
+        costs = (told**2).sum(axis=1)
+        best = int(costs.argmin())
+        before = float(r @ r)
+        if costs[best] >= before:
+            break
+        x, r = tries[best], told[best]
+        jac = jacobian(problem, terms, x, r)
+        if before - costs[best] < gain * before:
+            break
+    return Fit(terms, x, r, jac)
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """A fit in whose neighborhood other effects are tried.
+
+    Attributes:
+        problem: that was fitted.
+        fit: its best values.
+        curvature: (P, P).
+    """
+
+    problem: Problem
+    fit: Fit
+    curvature: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, found: Fit) -> "Base":
+        """With the curvature worked out."""
+        return cls(problem, found, found.jacobian.T @ found.jacobian)
+
+    def settle(self, r: Floats) -> tuple[float, Floats]:
+        """Lowest cost and the move (P) to it, of residuals r if the rest is linear."""
+        low, high, scale = bounds(self.fit.terms)
+        x, g = self.fit.values, self.fit.jacobian.T @ r
+        move = step(self.curvature, g, low - x, high - x, scale)
+        return float(r @ r + 2 * g @ move + move @ self.curvature @ move), move
+
+
+def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
+    """The best of one more term, while all others answer linearly.
+
+    Returns:
+        All terms; residuals and Jacobian are those of the linear answer.
+    """
+    problem, terms = base.problem, (*base.fit.terms, term)
+    low, high, scale = term.low, term.high, term.scale
+    fixed = base.fit.values
+
+    def residuals(points: Floats) -> Floats:
+        rows = np.hstack([np.tile(fixed, (len(points), 1)), points])
+        return problem.residuals(terms, rows)
+
+    def differences(x: Floats, r: Floats) -> Floats:
+        nudge = NUDGE * scale
+        nudge = np.where(x + nudge > high, -nudge, nudge)
+        return ((residuals(x + np.diag(nudge)) - r) / nudge[:, None]).T
+
+    points = np.array(term.starts, float).reshape(len(term.starts), -1)
+    told = residuals(points)
+    settled = [base.settle(r) for r in told]
+    best = int(np.argmin([c for c, _ in settled]))
+    x, r, (cost, move) = points[best], told[best], settled[best]
+    jac = differences(x, r) if len(x) else np.zeros((len(r), 0))
+    for _ in range(rounds if len(x) else 0):
+        tries = x + np.array([
+            _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING
+        ])  # fmt: skip
+        told = residuals(tries)
+        settled = [base.settle(t) for t in told]
+        best = int(np.argmin([c for c, _ in settled]))
+        before = cost
+        if settled[best][0] >= before * (1 - 1e-6):
+            break
+        x, r, (cost, move) = tries[best], told[best], settled[best]
+        jac = differences(x, r)
+        if before - cost < 2e-3 * before:
+            break
+    old = base.fit.jacobian
+    return Fit(
+        terms, np.concatenate([fixed + move, x]), r + old @ move,
+        np.hstack([old, jac]),
+    )  # fmt: skip
+
+
+def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:
+    """Move of a term's values if all others move with it."""
+    all_low, all_high, all_scale = bounds(base.fit.terms)
+    old = base.fit.jacobian
+    cross = old.T @ jac
+    h = np.block([[base.curvature, cross], [cross.T, jac.T @ jac]])
+    g = np.concatenate([old.T @ r, jac.T @ r])
+    move = step(
+        h, g,
+        np.concatenate([all_low - base.fit.values, low - x]),
+        np.concatenate([all_high - base.fit.values, high - x]),
+        np.concatenate([all_scale, scale]), damping,
+    )  # fmt: skip
+    return move[len(base.fit.values) :]

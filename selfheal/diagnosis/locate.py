@@ -1,0 +1,163 @@
+"""Where a model is wrong: takes residuals, gives signals, regimes and windows."""
+
+import numpy as np
+
+from ..recording.data import Floats
+from .scene import Channel, Scene
+from .windows import Windows
+from .world import World
+
+REGIMES = ("reversal", "slow", "fast", "high_load", "saturated", "contact",
+           "near_limit", "after_step")  # fmt: skip
+AFTER = 0.25  # [s] that a reversal or a step counts for; chosen
+FEW = 20  # samples of a regime below which nothing is said of it; chosen
+
+
+def regimes(world: World, scene: Scene, windows: Windows) -> Floats:
+    """Whether each sample of each signal (M, S) is in each regime: (R, M, S)."""
+    out = np.zeros((len(REGIMES), len(windows.at), len(world.signals)), bool)
+    at = windows.start[windows.window] + windows.at
+    log = windows.log[windows.window]
+    for i, episode in enumerate(world.logs):
+        rows = np.flatnonzero(log == i)
+        if len(rows):
+            motion = _motion(world, scene, i)
+            near = np.clip(np.round(at[rows]).astype(int), 0, len(motion[0]) - 1)
+            for s, c in enumerate(world.signals):
+                joints = _joints(scene, c)
+                for r, name in enumerate(REGIMES):
+                    out[r, rows, s] = _is(name, motion, joints, episode, scene)[near]
+    return out
+
+
+def _joints(scene: Scene, c: Channel) -> list[int]:
+    """Which joints (by order) a signal is about: its own, or all."""
+    own = [i for i, j in enumerate(scene.joints) if j.name == c.target]
+    if c.kind == "joint_torque":
+        at = [a.dof for a in scene.actuators if a.name == c.target]
+        own = [i for i, j in enumerate(scene.joints) if j.dof in at]
+    return own or list(range(len(scene.joints)))
+
+
+def _motion(world: World, scene: Scene, log: int):
+    """Position, speed, load (G, J) along an episode's grid, contact (G)."""
+    import mujoco
+
+    from .state import start_of
+
+    model, episode = world.workshop.given, world.logs[log]
+    every = max(1, len(episode.ctrl) // 400)
+    at = np.arange(0, len(episode.ctrl), every)
+    qpos, qvel, _ = start_of(world, log, at, {})
+    data = mujoco.MjData(model)
+    load, touch = np.zeros((len(at), model.nv)), np.zeros(len(at), bool)
+    for k, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
+        data.qpos[:], data.qvel[:] = q, v
+        data.ctrl[:] = episode.ctrl[at[k]]
+        mujoco.mj_forward(model, data)
+        load[k] = np.abs(data.qfrc_bias) if not model.nu else np.abs(data.qfrc_actuator)
+        touch[k] = data.ncon > 0
+    grid = np.minimum(np.arange(len(episode.ctrl)) // every, len(at) - 1)
+    dofs, places = [j.dof for j in scene.joints], [j.qpos for j in scene.joints]
+    return qpos[grid][:, places], qvel[grid][:, dofs], load[grid][:, dofs], touch[grid]
+
+
+def _is(name: str, motion, joints, episode, scene: Scene) -> np.ndarray:
+    """(G) whether any of the joints is in the regime."""
+    q, v, load, touch = motion
+    found = np.zeros(len(q), bool)
+    if name == "contact":
+        return touch if scene.touches else found
+    after = max(1, round(AFTER / scene.step))
+    if name == "after_step":
+        jumps = np.zeros(len(q), bool)
+        if episode.ctrl.size:
+            change = np.abs(np.diff(episode.ctrl, axis=0, prepend=episode.ctrl[:1]))
+            large = 0.1 * (np.ptp(episode.ctrl, axis=0) + 1e-12)
+            jumps = (change > large).any(axis=1)
+        return _since(jumps, after)
+    for j in joints:
+        joint = scene.joints[j]
+        found |= _joint_is(name, joint, q[:, j], v[:, j], load[:, j], after, scene)
+    return found
+
+
+def _joint_is(name, joint, q, v, load, after: int, scene: Scene) -> np.ndarray:
+    if name == "reversal":
+        lively = np.abs(v) > 0.02 * joint.speed
+        sign = np.sign(np.where(lively, v, 0))
+        return _since(_turns(sign), after)
+    if name == "slow":
+        return np.abs(v) < 0.1 * joint.speed
+    if name == "fast":
+        return np.abs(v) > 1.3 * joint.speed
+    if name == "high_load":
+        return load > 1.3 * np.sqrt(np.mean(load**2)) + 1e-12
+    if name == "near_limit":
+        return np.abs(q - joint.middle) > 0.45 * joint.range
+    limits = [
+        scene.model.actuator_forcerange[a.id, 1]
+        for a in scene.actuators
+        if a.dof == joint.dof and scene.model.actuator_forcelimited[a.id]
+    ]
+    return load >= 0.98 * limits[0] if limits else np.zeros(len(q), bool)
+
+
+def _turns(sign: Floats) -> np.ndarray:
+    """Where a sign, zeros passed over, becomes its opposite."""
+    known = np.flatnonzero(sign)
+    out = np.zeros(len(sign), bool)
+    if len(known):
+        turned = known[1:][np.diff(sign[known]) != 0]
+        out[turned] = True
+    return out
+
+
+def _since(events: np.ndarray, steps: int) -> np.ndarray:
+    """Whether one of the events was in the last so many steps."""
+    count = np.cumsum(events)
+    return count > np.concatenate([np.zeros(min(steps, len(count)), int),
+                                   count[:-steps] if steps < len(count) else []])  # fmt: skip
+
+
+def grid(world: World, scene: Scene, windows: Windows, square: Floats):
+    """Share (S, R) of the squared error (M, S) in each regime, and its p-value.
+
+    The p-value is that the error is larger there than elsewhere, over windows
+    (Wilcoxon's signed ranks), corrected for the whole grid (Holm 1979).
+    """
+    from scipy.stats import wilcoxon
+
+    where = regimes(world, scene, windows)
+    total = np.nansum(square)
+    share = np.full((len(world.signals), len(REGIMES)), np.nan)
+    p = np.ones_like(share)
+    count = len(windows)
+    for s in range(len(world.signals)):
+        for r in range(len(REGIMES)):
+            inside = where[r, :, s]
+            if inside.sum() < FEW or (~inside).sum() < FEW:
+                continue
+            share[s, r] = np.nansum(square[inside, s]) / max(total, 1e-300)
+            means = []
+            for mask in (inside, ~inside):
+                n = np.bincount(windows.window[mask], minlength=count)
+                e = np.bincount(windows.window[mask], np.nan_to_num(square[mask, s]),
+                                minlength=count)  # fmt: skip
+                means.append(np.where(n > 0, e / np.maximum(n, 1), np.nan))
+            apart = means[0] - means[1]
+            apart = apart[np.isfinite(apart) & (apart != 0)]
+            if len(apart) >= 6:
+                p[s, r] = wilcoxon(apart, alternative="greater").pvalue
+    return share, _holm(p, np.isfinite(share))
+
+
+def _holm(p: Floats, tested: np.ndarray) -> Floats:
+    """Holm's correction over the cells that were tested."""
+    flat = np.flatnonzero(tested.ravel())
+    order = flat[np.argsort(p.ravel()[flat])]
+    out, worst = np.ones(p.size), 0.0
+    for i, cell in enumerate(order):
+        worst = max(worst, min(1.0, p.ravel()[cell] * (len(order) - i)))
+        out[cell] = worst
+    return out.reshape(p.shape)

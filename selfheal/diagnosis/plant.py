@@ -1,0 +1,170 @@
+"""The model as a hypothesis has it: takes terms and values, gives compiled models."""
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import ModelError
+from ..recording.data import Floats
+from .terms import Term, does
+
+if TYPE_CHECKING:
+    import mujoco
+
+# kept apart for joints and degrees of freedom: an added joint shifts what follows it
+_JOINT_KEYS = ("joint",)
+_DOF_KEYS = ("dof", "other_dof")
+_QPOS_KEYS = ("qpos", "other_qpos")
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A compiled model with the joints that some terms add.
+
+    Attributes:
+        model: compiled; warnings do not reset a diverged state.
+        dof: (nv of the given model) where its degrees of freedom are now.
+        qpos: (nq of the given model) where its positions are now.
+        joint: (njnt of the given model) where its joints are now.
+    """
+
+    model: "mujoco.MjModel"
+    dof: np.ndarray
+    qpos: np.ndarray
+    joint: np.ndarray
+
+    def place(self, place: Mapping[str, Any]) -> dict[str, Any]:
+        """A term's place, as this model numbers it."""
+        out = dict(place)
+        for keys, new in (
+            (_JOINT_KEYS, self.joint), (_DOF_KEYS, self.dof), (_QPOS_KEYS, self.qpos)
+        ):  # fmt: skip
+            for key in keys:
+                if key in out and out[key] >= 0:
+                    out[key] = int(new[out[key]])
+        if "suffix" in out:
+            name = self.model.joint(out["joint"]).name + out["suffix"]
+            extra = self.model.joint(name)
+            out |= {
+                "extra_jnt": extra.id,
+                "extra_dof": int(extra.dofadr[0]),
+                "extra_qpos": int(extra.qposadr[0]),
+            }
+        return out
+
+    def variant(self, terms: Sequence[Term], values: Floats) -> "mujoco.MjModel":
+        """The model in which the terms, with all their values in a row, are true."""
+        import mujoco
+
+        model = copy.copy(self.model)
+        for term, part in zip(terms, parts(terms, values), strict=True):
+            if does(term.effect, "edit"):
+                for place in term.places:
+                    term.effect.edit(model, self.place(place), part)
+        mujoco.mj_setConst(model, self.scratch)
+        return model
+
+    @cached_property
+    def scratch(self) -> "mujoco.MjData":
+        """Room for computations about the model."""
+        import mujoco
+
+        return mujoco.MjData(self.model)
+
+
+def parts(terms: Sequence[Term], values: Floats) -> list[Floats]:
+    """Values (..., P) of all terms, parted into each one's (..., p)."""
+    ends = np.cumsum([len(t.parameters) for t in terms], dtype=int)
+    return np.split(values, ends, axis=-1)[:-1]
+
+
+@dataclass
+class Workshop:
+    """Makes plants of one model; the same structure is compiled once.
+
+    Attributes:
+        path: of the MJCF or URDF.
+    """
+
+    path: str
+    made: dict[tuple, Plant] = field(default_factory=dict)
+
+    @cached_property
+    def given(self) -> "mujoco.MjModel":
+        """The model as it is.
+
+        Raises:
+            ModelError: MuJoCo cannot load it.
+        """
+        import mujoco
+
+        try:
+            return mujoco.MjModel.from_xml_path(self.path)
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise ModelError(f"{self.path}: MuJoCo cannot load it: {reason}") from error
+
+    def plant(self, terms: Sequence[Term]) -> Plant:
+        """A model with the joints that these terms need."""
+        adds = [t for t in terms if does(t.effect, "structure")]
+        key = tuple((t.effect.name, t.targets) for t in adds)
+        if key not in self.made:
+            self.made[key] = self._compile(adds)
+        return self.made[key]
+
+    def _compile(self, adds: Sequence[Term]) -> Plant:
+        import mujoco
+
+        mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
+        spec = mujoco.MjSpec.from_file(self.path)
+        given = self.given
+        for term in adds:
+            for place in term.places:
+                term.effect.structure(spec, place)
+        _open_up(spec, given)
+        model = spec.compile()
+        model.opt.disableflags |= int(
+            mujoco.mjtDisableBit.mjDSBL_AUTORESET
+            | mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # its boxes do not follow an edit
+        )
+        joint = np.array(_same_joints(spec, given, model), int)
+        dof, qpos = np.zeros(given.nv, int), np.zeros(given.nq, int)
+        for old, new in enumerate(joint):
+            width = {0: (7, 6), 1: (4, 3)}.get(int(given.jnt_type[old]), (1, 1))
+            a, b = given.jnt_qposadr[old], model.jnt_qposadr[new]
+            qpos[a : a + width[0]] = np.arange(b, b + width[0])
+            a, b = given.jnt_dofadr[old], model.jnt_dofadr[new]
+            dof[a : a + width[1]] = np.arange(b, b + width[1])
+        return Plant(model, dof, qpos, joint)
+
+
+def _same_joints(spec, given, model) -> list[int]:
+    """Where each joint of the given model is in the new one."""
+    if model.njnt == given.njnt:
+        return list(range(given.njnt))
+    added = {j.name for j in spec.joints if j.name.endswith(("_play", "_flex"))}
+    return [j for j in range(model.njnt) if model.joint(j).name not in added]
+
+
+def _open_up(spec, given) -> None:
+    """Let a free body's center of mass be moved.
+
+    MuJoCo keeps no inertia off the diagonal of a body whose center of mass is at its
+    origin; a micrometer makes it keep all.
+    """
+    for body in spec.bodies[1:]:
+        b = body.id
+        if given.body_simple[b] and (given.jnt_type[given.jnt_bodyid == b] == 0).any():
+            body.explicitinertial = True
+            body.mass = float(given.body_mass[b])
+            body.inertia = given.body_inertia[b]
+            body.iquat = given.body_iquat[b]
+            body.ipos = given.body_ipos[b] + np.array([1e-6, 0, 0])
+
+
+def _ignore(message: str) -> None:
+    """MuJoCo's warnings: a diverged simulation shows as NaN and is counted."""

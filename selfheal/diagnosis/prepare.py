@@ -1,0 +1,161 @@
+"""From files to something that can be simulated and asked where effects could be."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..recording import Recording, check_against_model, names_of
+from ..recording.data import Floats
+from .logs import channels, log
+from .plant import Workshop
+from .scene import Actuator, Scene, bodies_of, joints_of
+from .state import start_of
+from .world import World
+
+
+def world_of(workshop: Workshop, recordings: Sequence[Recording]) -> World:
+    """Recordings against a model.
+
+    Raises:
+        ModelError: MuJoCo cannot load the model.
+        RecordingError: a recording speaks of what the model does not have.
+    """
+    model = workshop.given
+    for recording in recordings:
+        check_against_model(recording, names_of(model))
+    signals = channels(recordings)
+    step = float(model.opt.timestep)
+    several = len(recordings) > 1
+    logs = tuple(
+        log(f"{r.file}:{name}" if several else name, _ordered(e, model), signals, step)
+        for r in recordings
+        for name, e in r.episodes.items()
+    )
+    return World(workshop, signals, logs, step)
+
+
+def _ordered(episode, model):
+    """The episode with its commands in the model's order."""
+    from dataclasses import replace
+
+    names = [model.actuator(a).name for a in range(model.nu)]
+    order = [episode.ctrl_names.index(name) for name in names]
+    return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=tuple(names))
+
+
+def scene_of(world: World) -> Scene:
+    """What the robot and its recordings are like."""
+    model = world.workshop.given
+    motion = _Motion(world)
+    measured = {
+        model.joint(c.target).id for c in world.signals if c.kind == "joint_position"
+    }
+    joints = joints_of(model, motion.torque, motion, measured)
+    return Scene(
+        model, world.step, world.signals, joints, _actuators(world, joints),
+        bodies_of(model), motion.touches,
+    )  # fmt: skip
+
+
+class _Motion:
+    """How the robot moved, by what was read at some hundred moments."""
+
+    def __init__(self, world: World) -> None:
+        import mujoco
+
+        model = world.workshop.given
+        self.model = model
+        states, torques, touches = [], [], False
+        data = mujoco.MjData(model)
+        each = max(2, 600 // len(world.logs))
+        for i, episode in enumerate(world.logs):
+            at = np.linspace(0, episode.at[-1], each).astype(int)
+            qpos, qvel, _ = start_of(world, i, at, {})
+            for q, v in zip(qpos, qvel, strict=True):
+                data.qpos[:], data.qvel[:] = q, v
+                mujoco.mj_forward(model, data)
+                torques.append(np.abs(data.qfrc_bias) + np.abs(data.qfrc_actuator) / 9)
+                touches |= bool(data.ncon)
+            states.append(np.hstack([qpos, qvel]))
+        self.states = np.vstack(states)
+        self.torque: Floats = np.sqrt(np.mean(np.square(torques), axis=0))
+        self.torque += 1e-3 * model.dof_M0  # of a joint without load or gravity
+        self.goals = _goals(world)
+        self.touches = touches or _stands_on_something(model)
+
+    def __call__(self, joint: int) -> tuple[float, float, float, float]:
+        """Speed (rms), fastest, lowest and highest position of a joint."""
+        if joint in self.goals:
+            low, high = self.goals[joint]
+            return high - low, 3 * (high - low), low, high
+        q = self.states[:, self.model.jnt_qposadr[joint]]
+        v = self.states[:, self.model.nq + self.model.jnt_dofadr[joint]]
+        low, high = np.quantile(q, [0.005, 0.995])
+        return (
+            float(np.sqrt(np.mean(v**2))), float(np.quantile(np.abs(v), 0.99)),
+            float(low), float(high),
+        )  # fmt: skip
+
+
+def _goals(world: World) -> dict[int, tuple[float, float]]:
+    """Lowest and highest goal of each servo whose joint was not measured."""
+    model, found = world.workshop.given, {}
+    seen = {c.target for c in world.signals if c.kind == "joint_position"}
+    for a in range(model.nu):
+        joint = int(model.actuator_trnid[a, 0])
+        holds = model.actuator_biasprm[a, 1] < 0 and model.actuator_trntype[a] == 0
+        if holds and model.joint(joint).name not in seen:
+            goals = np.concatenate([log.ctrl[:, a] for log in world.logs])
+            found[joint] = float(goals.min()), float(goals.max())
+    return found
+
+
+def _stands_on_something(model) -> bool:
+    """Whether something floats and the world has something to touch."""
+    fixed = model.body_weldid[model.geom_bodyid] == 0
+    solid = (model.geom_contype | model.geom_conaffinity) > 0
+    return bool((fixed & solid).any() and (model.jnt_type == 0).any())
+
+
+def _actuators(world: World, joints) -> tuple[Actuator, ...]:
+    model, found = world.workshop.given, []
+    by_id = {j.id: j for j in joints}
+    for a in range(model.nu):
+        at_joint = model.actuator_trntype[a] in (0, 1)
+        joint = by_id.get(int(model.actuator_trnid[a, 0])) if at_joint else None
+        found.append(_actuator(world, a, joint))
+    return tuple(found)
+
+
+def _actuator(world: World, a: int, joint) -> Actuator:
+    model = world.workshop.given
+    gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
+    servo = bool(
+        joint is not None and model.actuator_biastype[a] == 1 and bias[1] < 0
+        and abs(bias[1] + gain[0]) < 1e-6 * gain[0]
+    )  # fmt: skip
+    gear = abs(float(model.actuator_gear[a, 0]))
+    most, rates = 0.0, []
+    for i, episode in enumerate(world.logs):
+        at = np.arange(0, int(episode.at[-1]), max(1, int(episode.at[-1]) // 300))
+        qpos, qvel, _ = start_of(world, i, at, {})
+        u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1), a]
+        force = gain[0] * u
+        if joint is not None:
+            force = (
+                force
+                + bias[0]
+                + gear * (bias[1] * qpos[:, joint.qpos] + bias[2] * qvel[:, joint.dof])
+            )
+        if len(force):
+            most = max(most, float(np.quantile(np.abs(force), 0.99)))
+        if len(u) > 1:
+            steps = np.abs(np.diff(episode.ctrl[:, a])) / world.step
+            rates.append(float(np.quantile(steps, 0.95)))
+    speed = joint.speed if joint is not None else 1.0
+    return Actuator(
+        a, model.actuator(a).name, -1 if joint is None else joint.dof,
+        -1 if joint is None else joint.qpos, servo, max(most * gear, 1e-9),
+        max([2 * speed, *rates]), "rad" if joint is None else joint.unit,
+        joint is not None and joint.measured,
+    )  # fmt: skip

@@ -1,0 +1,112 @@
+"""What a diagnosis says: the contract's document, and what a page draws beside it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..recording.data import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One signal in one stretch of a held-out episode, read and predicted.
+
+    Attributes:
+        episode: its name.
+        signal: name; of a vector signal one column ("cube_position[2]").
+        unit: of all values.
+        time: (T) [s].
+        read: (T) NaN where missing.
+        given, refit, patched: (T) by the model as given, re-fitted, with the findings.
+    """
+
+    episode: str
+    signal: str
+    unit: str
+    time: Floats
+    read: Floats
+    given: Floats
+    refit: Floats
+    patched: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Where the re-fitted model is wrong.
+
+    Attributes:
+        signals: (S) names.
+        regimes: (R) of the contract.
+        share: (S, R) of the squared error that lies there; NaN where never seen.
+        p_value: (S, R) that it is no more than elsewhere, corrected for the grid.
+    """
+
+    signals: tuple[str, ...]
+    regimes: tuple[str, ...]
+    share: Floats
+    p_value: Floats
+
+
+@dataclass(frozen=True)
+class SignalFit:
+    """Normalized error of one signal on held-out episodes, with 90 % intervals.
+
+    Attributes:
+        name: of the signal.
+        scored: whether it counts in the contract's score.
+        given, refit, patched: (value, low, high) over episodes.
+        floor: the noise's.
+    """
+
+    name: str
+    scored: bool
+    given: tuple[float, float, float]
+    refit: tuple[float, float, float]
+    patched: tuple[float, float, float]
+    floor: float
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that was tried first.
+
+    Attributes:
+        effect: its name.
+        target: where.
+        left: share of the squared error that it leaves, before anything else is named.
+        named: whether it is among the findings.
+    """
+
+    effect: str
+    target: str
+    left: float
+    named: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The answer.
+
+    Attributes:
+        document: diagnosis.json, contract section 2.
+        patched: text of patched.xml.
+        diff: of the given model's text to the patched one's.
+        traces: the worst stretches, worst first.
+        located: where the error lies.
+        signals: held-out errors, one a signal.
+        candidates: what was tried first, best first.
+        remarks: sentences a user should read (never excited, not pinned down, ...).
+        seconds: that it took.
+        simulations: how many windows were simulated.
+    """
+
+    document: Mapping[str, Any]
+    patched: str
+    diff: str
+    traces: tuple[Trace, ...]
+    located: Located
+    signals: tuple[SignalFit, ...]
+    candidates: tuple[Candidate, ...]
+    remarks: tuple[str, ...]
+    seconds: float
+    simulations: int

@@ -1,0 +1,293 @@
+"""What a diagnosis knows of a robot: its joints, actuators, bodies and signals."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..recording.data import Floats
+
+if TYPE_CHECKING:
+    import mujoco
+
+POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
+IGNORED = ("supply_voltage", "temperature")  # the model does not predict them
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A signal that is compared, and its columns among all.
+
+    Attributes:
+        name: in the recording.
+        kind: of the contract.
+        target: joint, actuator, body or sensor.
+        unit: of the readings.
+        width: columns.
+        first: its first column.
+        spread: standard deviation of the readings [unit], over all columns.
+        reach: largest magnitude [unit].
+        lattice: the step of its values [unit] if they lie on one, else 0.
+        noise: (width) of a reading [unit], from its neighbors.
+    """
+
+    name: str
+    kind: str
+    target: str
+    unit: str
+    width: int
+    first: int
+    spread: float
+    reach: float
+    lattice: float
+    noise: Floats
+
+    @property
+    def columns(self) -> slice:
+        """Where it stands among all columns."""
+        return slice(self.first, self.first + self.width)
+
+    @property
+    def scored(self) -> bool:
+        """Whether the contract's score counts it."""
+        return self.kind in POSITION_LIKE
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A hinge or slide, and how the recordings use it.
+
+    Attributes:
+        id, dof, qpos: in the given model.
+        name: of the joint.
+        unit: "rad" or "m".
+        torque: typical [N m or N].
+        speed: root mean square [unit/s].
+        fastest: largest speed [unit/s].
+        range: angles seen, from end to end [unit].
+        middle: of that range.
+        inertia: at the joint [kg m^2 or kg].
+        measured: whether its position is recorded.
+    """
+
+    id: int
+    name: str
+    dof: int
+    qpos: int
+    unit: str
+    torque: float
+    speed: float
+    fastest: float
+    range: float
+    middle: float
+    inertia: float
+    measured: bool
+
+    @property
+    def force(self) -> str:
+        """Unit of its torque."""
+        return "N m" if self.unit == "rad" else "N"
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An actuator, and how the recordings use it.
+
+    Attributes:
+        id: in the model.
+        name: of the actuator.
+        dof, qpos: of the joint it drives; -1 where it drives none.
+        servo: it holds a position that is commanded.
+        most: largest torque that it was asked for [N m or N].
+        rate: largest rate of its command [unit/s].
+        unit: of the joint, "rad" or "m".
+        measured: whether the joint's position is recorded.
+    """
+
+    id: int
+    name: str
+    dof: int
+    qpos: int
+    servo: bool
+    most: float
+    rate: float
+    unit: str
+    measured: bool
+
+    @property
+    def force(self) -> str:
+        """Unit of its torque."""
+        return "N m" if self.unit == "rad" else "N"
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """A body that moves.
+
+    Attributes:
+        id: in the model.
+        name: of the body.
+        mass: [kg].
+        chain: mass of it and of all that hangs on it [kg].
+        size: typical extent [m].
+        far: (3) its far end in its frame [m].
+        com: (3) its center of mass in its frame [m].
+        box: (3, 2) where a payload may be in its frame [m].
+        length: of the link [m], 0 where it has none.
+        offset: from its parent's origin [m].
+        parent: body id.
+        free: floats.
+    """
+
+    id: int
+    name: str
+    mass: float
+    chain: float
+    size: float
+    far: Floats
+    com: Floats
+    box: Floats
+    length: float
+    offset: float
+    parent: int
+    free: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that an effect may ask before it says where it could be.
+
+    Attributes:
+        model: as given, compiled.
+        step: of the simulation [s].
+        signals: those compared.
+        joints: hinges and slides.
+        actuators: all.
+        bodies: those that move.
+        touches: whether anything touched the world.
+    """
+
+    model: "mujoco.MjModel"
+    step: float
+    signals: tuple[Channel, ...]
+    joints: tuple[Joint, ...]
+    actuators: tuple[Actuator, ...]
+    bodies: tuple[Moving, ...]
+    touches: bool
+
+    def joint(self, joint: int) -> Joint:
+        """The joint of that id."""
+        return next(j for j in self.joints if j.id == joint)
+
+    def joint_at(self, dof: int) -> Joint:
+        """The joint of that degree of freedom."""
+        return next(j for j in self.joints if j.dof == dof)
+
+    def place(self, actuator: Actuator) -> dict[str, Any]:
+        """What an effect needs to act at an actuator."""
+        return {
+            "actuator": actuator.id,
+            "dof": actuator.dof,
+            "qpos": actuator.qpos,
+            "gear": float(self.model.actuator_gear[actuator.id, 0]),
+        }
+
+
+def along(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
+    """Direction (3) in which a body reaches from its origin, and how far [m].
+
+    To its only child, else to the far end of its geoms, else to its center of mass.
+    """
+    ends = [model.body_pos[c] for c in _children(model, body)]
+    if len(ends) != 1 or np.linalg.norm(ends[0]) < 1e-6:
+        ends = [*_ends(model, body), model.body_ipos[body]]
+    far = max(ends, key=np.linalg.norm)
+    length = float(np.linalg.norm(far))
+    return (far / length, length) if length > 1e-6 else (np.array([1.0, 0, 0]), 0.0)
+
+
+def _children(model, body: int):
+    return [c for c in np.flatnonzero(model.body_parentid == body) if c != body]
+
+
+def _ends(model, body: int):
+    """Far ends of the geoms' axes, without their radius, in the body's frame."""
+    import mujoco
+
+    long = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
+    for geom in np.flatnonzero(model.geom_bodyid == body):
+        axis = np.zeros(3)
+        mujoco.mju_rotVecQuat(axis, np.array([0.0, 0, 1]), model.geom_quat[geom])
+        half = model.geom_size[geom, 1] if int(model.geom_type[geom]) in long else 0.0
+        yield model.geom_pos[geom] + half * axis
+        yield model.geom_pos[geom] - half * axis
+
+
+def joints_of(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
+    """The hinges and slides.
+
+    Args:
+        model: compiled.
+        torque: (nv) typical.
+        motion: gives, for a joint's id, its speeds' root mean square, largest speed,
+            lowest and highest position seen.
+        measured: ids of joints whose position is recorded.
+    """
+    found = []
+    for j in range(model.njnt):
+        if model.jnt_type[j] not in (2, 3):  # slide, hinge
+            continue
+        dof = int(model.jnt_dofadr[j])
+        speed, fastest, low, high = motion(j)
+        joint = Joint(
+            id=j,
+            name=model.joint(j).name,
+            dof=dof,
+            qpos=int(model.jnt_qposadr[j]),
+            unit="m" if model.jnt_type[j] == 2 else "rad",
+            torque=max(float(torque[dof]), 1e-9),
+            speed=max(speed, 1e-3),
+            fastest=max(fastest, 1e-3),
+            range=max(high - low, 1e-3),
+            middle=(high + low) / 2,
+            inertia=float(model.dof_M0[dof]),
+            measured=j in measured,
+        )
+        found.append(joint)
+    return tuple(found)
+
+
+def bodies_of(model: "mujoco.MjModel") -> tuple[Moving, ...]:
+    """The bodies that move and have a name."""
+    found = []
+    for b in range(1, model.nbody):
+        if model.body_weldid[b] == 0 or not model.body(b).name:
+            continue
+        axis, length = along(model, b)
+        size = _size(model, b, length)
+        far = axis * length
+        box = np.stack([np.minimum(0, far) - size, np.maximum(0, far) + size], axis=1)
+        moving = Moving(
+            id=b,
+            name=model.body(b).name,
+            mass=float(model.body_mass[b]),
+            chain=float(model.body_subtreemass[b]),
+            size=size,
+            far=far,
+            com=model.body_ipos[b].copy(),
+            box=box,
+            length=length,
+            offset=float(np.linalg.norm(model.body_pos[b])),
+            parent=int(model.body_parentid[b]),
+            free=bool((model.jnt_type[model.jnt_bodyid == b] == 0).any()),
+        )
+        found.append(moving)
+    return tuple(found)
+
+
+def _size(model, body: int, length: float) -> float:
+    """Extent [m] of a body, from its geoms or else its inertia."""
+    bound = model.geom_rbound[model.geom_bodyid == body]
+    mass = max(float(model.body_mass[body]), 1e-9)
+    gyration = float(np.sqrt(model.body_inertia[body].max() / mass))
+    return max([length, gyration, *bound, 1e-3])

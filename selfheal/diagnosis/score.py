@@ -1,0 +1,94 @@
+"""The contract's score: open loop on held-out episodes, as anyone would replay them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..recording.data import Floats
+from .terms import Term
+from .windows import Windows, windows
+from .world import World
+
+PIECE = 0.5  # [s] where the initial state is not given (contract section 2)
+
+
+def replayed(world: World) -> Windows:
+    """Whole episodes where their initial state is given, pieces of 0.5 s elsewhere."""
+    steps = max(1, round(PIECE / world.step))
+    whole = [log.qpos0 is not None for log in world.logs]
+    parts = [
+        windows(world.logs, None if given else steps, only=i)
+        for i, given in enumerate(whole)
+    ]
+    return Windows.joined(parts)
+
+
+def errors(
+    world: World, pieces: Windows, terms: Sequence[Term], values: Floats
+) -> Floats:
+    """Squared errors (E, S) summed over each episode, of each signal; NaN unread."""
+    told = world.simulate(terms, values[None], pieces)[0]
+    apart = told - pieces.readings
+    out = np.full((len(world.logs), len(world.signals)), np.nan)
+    log = pieces.log[pieces.window]
+    for s, c in enumerate(world.signals):
+        x = apart[:, c.columns]
+        if c.kind == "body_orientation":
+            other = told[:, c.columns] + pieces.readings[:, c.columns]
+            x = np.where((x**2).sum(1, keepdims=True) < (other**2).sum(1, keepdims=True),
+                         x, other)  # fmt: skip
+        read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
+        square = np.where(read, (x**2).sum(axis=1), 0.0)
+        square = np.where(read & ~np.isfinite(square), np.inf, square)
+        for e in range(len(world.logs)):
+            rows = (log == e) & read
+            if rows.any():
+                out[e, s] = square[rows].sum()
+    return out
+
+
+def counts(world: World, pieces: Windows) -> Floats:
+    """Readings (E, S) of each signal in each episode."""
+    log = pieces.log[pieces.window]
+    out = np.zeros((len(world.logs), len(world.signals)))
+    for s, c in enumerate(world.signals):
+        read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
+        out[:, s] = np.bincount(log[read], minlength=len(world.logs))
+    return out
+
+
+def normalized(world: World, squares: Floats, count: Floats) -> Floats:
+    """Error (S) of each signal over its standard deviation, all episodes together."""
+    spread = np.array([c.spread for c in world.signals])
+    total = np.nansum(squares, axis=0) / np.maximum(count.sum(axis=0), 1)
+    return np.where(count.sum(axis=0) > 0, np.sqrt(total) / spread, np.nan)
+
+
+def score(world: World, squares: Floats, count: Floats) -> float:
+    """The contract's number: root mean square over the position-like signals."""
+    each = normalized(world, squares, count)
+    scored = np.array([c.scored for c in world.signals])
+    return float(np.sqrt(np.nanmean(each[scored] ** 2)))
+
+
+def interval(
+    world: World, squares: Floats, count: Floats, signal: int
+) -> tuple[float, float, float]:
+    """A signal's error and its 90 % interval, by a bootstrap of whole episodes."""
+    rng = np.random.default_rng(0)
+    draws = rng.integers(len(squares), size=(300, len(squares)))
+    value = normalized(world, squares, count)[signal]
+    each = [normalized(world, squares[d], count[d])[signal] for d in draws]
+    low, high = (
+        np.nanquantile(each, [0.05, 0.95]) if np.isfinite(value) else (value,) * 2
+    )
+    return float(value), float(low), float(high)
+
+
+def noise_floor(world: World) -> Floats:
+    """Normalized noise (S) of each signal's readings; NaN where unknown."""
+    out = []
+    for c in world.signals:
+        noise = np.where(np.isfinite(c.noise), c.noise, 0.0)
+        out.append(np.sqrt((noise**2).sum()) / c.spread)
+    return np.array(out)

@@ -1,0 +1,106 @@
+"""The true signals of a batch of simulations, in the columns of the channels."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from ..recording.data import Floats
+from .plant import Plant
+from .scene import Channel
+from .terms import Term
+
+Bound = Mapping[str, Floats]
+
+
+class Sensors:
+    """Reads channels from a batch.
+
+    Attributes:
+        needs: fields of the batch that must be bound.
+        width: columns of all channels.
+    """
+
+    def __init__(self, plant: Plant, signals: Sequence[Channel], terms=()) -> None:
+        """`terms` may say that an encoder sits behind a gap or a spring."""
+        self.width = sum(c.width for c in signals)
+        self.needs: set[str] = set()
+        self._state: list[tuple[slice, Callable[[Bound], Floats]]] = []
+        self._forward: list[tuple[slice, Callable[[Bound], Floats]]] = []
+        behind = _behind(plant, terms)
+        for c in signals:
+            needs, read = _reader(plant, c, behind)
+            self.needs |= needs
+            now = (
+                self._state
+                if c.kind.startswith("joint_") and not needs
+                else self._forward
+            )
+            now.append((c.columns, read))
+
+    def of_state(self, bound: Bound, out: Floats) -> None:
+        """Write what follows from position and velocity alone, before a step."""
+        for columns, read in self._state:
+            out[:, columns] = read(bound)
+
+    def of_forward(self, bound: Bound, out: Floats) -> None:
+        """Write what a step has computed of the state before it."""
+        for columns, read in self._forward:
+            out[:, columns] = read(bound)
+
+
+def _behind(plant: Plant, terms: Sequence[Term]) -> dict[str, int]:
+    """Second joint of each joint whose position is read behind it."""
+    places = [plant.place(p) for t in terms for p in t.places if "suffix" in p]
+    return {
+        plant.model.joint(p["joint"]).name: p["extra_jnt"]
+        for p in places
+        if p["side"] == "link"
+    }
+
+
+def _reader(plant: Plant, c: Channel, behind) -> tuple[set[str], Callable]:
+    model = plant.model
+    if c.kind in ("joint_position", "joint_velocity"):
+        return set(), _joint(model, c, behind)
+    if c.kind == "joint_torque":
+        a = model.actuator(c.target).id
+        gear = float(model.actuator_gear[a, 0])
+        return {"actuator_force"}, lambda b: gear * b["actuator_force"][:, [a]]
+    if c.kind == "sensor":
+        s = model.sensor(c.target)
+        rows = slice(int(s.adr[0]), int(s.adr[0]) + int(s.dim[0]))
+        return {"sensordata"}, lambda b: b["sensordata"][:, rows]
+    return _body(model, c)
+
+
+def _joint(model, c: Channel, behind) -> Callable:
+    joint = model.joint(c.target)
+    field, address = (
+        ("qpos", "qposadr") if c.kind == "joint_position" else ("qvel", "dofadr")
+    )
+    at = int(getattr(joint, address)[0])
+    if c.target not in behind:
+        return lambda b: b[field][:, [at]]
+    extra = int(getattr(model.joint(behind[c.target]), address)[0])
+    return lambda b: b[field][:, [at]] + b[field][:, [extra]]
+
+
+def _body(model, c: Channel) -> tuple[set[str], Callable]:
+    i = model.body(c.target).id
+    root = int(model.body_rootid[i])
+    if c.kind == "body_position":
+        return {"xpos"}, lambda b: b["xpos"][:, i]
+    if c.kind == "body_orientation":
+        return {"xquat"}, lambda b: b["xquat"][:, i]
+    if c.kind == "body_angular_velocity":
+        return {"cvel", "xmat"}, lambda b: np.einsum(
+            "nji,nj->ni", b["xmat"][:, i].reshape(-1, 3, 3), b["cvel"][:, i, :3]
+        )
+    # cvel is of the point that coincides with the tree's center of mass
+    return (
+        {"cvel", "xpos", "subtree_com"},
+        lambda b: (
+            b["cvel"][:, i, 3:]
+            + np.cross(b["cvel"][:, i, :3], b["xpos"][:, i] - b["subtree_com"][:, root])
+        ),
+    )

@@ -1,0 +1,279 @@
+"""Where windows begin: the robot's state, from what was read around that time."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..recording.data import Floats
+from .plant import Plant, parts
+from .scene import Channel
+from .terms import Term
+
+GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
+
+
+def estimate(
+    model, signals: tuple[Channel, ...], log, at: Floats, step: float, reads
+) -> tuple[Floats, Floats, Floats]:
+    """State at times `at` (W) [steps] of one episode.
+
+    Args:
+        model: the given one.
+        signals: channels.
+        log: of the episode.
+        at: (W).
+        step: [s].
+        reads: of a signal: bias, gain, delay, each a number.
+
+    Returns:
+        qpos (W, nq), qvel (W, nv); NaN where nothing tells. Its standard deviation
+        (W, 2 nv), of positions and then velocities.
+    """
+    shape = (len(at),)
+    qpos, qvel = (
+        np.full((*shape, model.nq), np.nan),
+        np.full((*shape, model.nv), np.nan),
+    )
+    std = np.full((*shape, 2 * model.nv), np.nan)
+    told = _Told(signals, log, at, step, reads)
+    for j in range(model.njnt):
+        q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
+        name = model.joint(j).name
+        if model.jnt_type[j] in (2, 3):
+            value, slope, s, r = told("joint_position", name)
+            rate = told("joint_velocity", name)
+            qpos[:, q], qvel[:, v] = value[:, 0], slope[:, 0]
+            std[:, v], std[:, model.nv + v] = s[:, 0], r[:, 0]
+            lost = np.isnan(slope[:, 0])
+            qvel[lost, v] = rate[0][lost, 0]
+        elif model.jnt_type[j] == 0:
+            body = model.body(model.jnt_bodyid[j]).name
+            _free(told, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
+                  std[:, v : v + 6], std[:, model.nv + v : model.nv + v + 6])  # fmt: skip
+    return qpos, qvel, std
+
+
+class _Told:
+    """Values and slopes of signals at some times of an episode."""
+
+    def __init__(self, signals, log, at, step, reads) -> None:
+        self.signals, self.log, self.at, self.step = signals, log, at, step
+        self.reads = reads
+
+    def __call__(self, kind: str, target: str):
+        """Value, slope [1/s] and their standard deviations, each (W, width)."""
+        for c in self.signals:
+            if c.kind == kind and c.target == target:
+                said = self.reads.get(c.name, {})
+                at = self.at + said.get("delay", 0.0) / self.step
+                value, slope = self.log.smooth(at, self.step)
+                gain = said.get("gain", 1.0)
+                value = (value[:, c.columns] - said.get("bias", 0.0)) / gain
+                s, r = self._std(c)
+                return value, slope[:, c.columns] / gain, s, r
+        lost = np.full((len(self.at), 4), np.nan)
+        return lost, lost, lost, lost
+
+    def _std(self, c: Channel) -> tuple[Floats, Floats]:
+        """Standard deviations of a parabola's value and slope, larger at an end."""
+        times = self.log.at * self.step
+        gap = float(np.median(np.diff(times))) if times.size > 1 else 1.0
+        m = max(2, int(round(0.022 / gap)))
+        n = 2 * m + 1
+        inside = np.minimum(
+            self.at * self.step - times[0], times[-1] - self.at * self.step
+        )
+        near = np.clip(1 - inside / (m * gap), 0, 1)[:, None]  # 1 at an end
+        noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
+        value = noise * np.sqrt(2.25 / n) * (1 + near)
+        slope = noise * np.sqrt(3.0 / n) / (m * gap) * (1 + 3 * near)
+        return value, slope
+
+
+def _free(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
+    """Fill in the state of a floating body."""
+    place, rate, s, r = told("body_position", body)
+    qpos[:, :3], qvel[:, :3] = place[:, :3], rate[:, :3]
+    std_q[:, :3], std_v[:, :3] = s[:, :3], r[:, :3]
+    linear, _, s, _ = told("body_linear_velocity", body)
+    known = np.isfinite(linear[:, :3]).all(axis=1)
+    qvel[known, :3], std_v[known, :3] = linear[known, :3], s[known, :3]
+    turn, slope, s, r = told("body_orientation", body)
+    length = np.linalg.norm(turn, axis=1, keepdims=True)
+    unit = turn / length
+    qpos[:, 3:7] = unit
+    qvel[:, 3:6] = 2 * _body_rate(unit, slope / length)
+    std_q[:, 3:6], std_v[:, 3:6] = 2 * s[:, 1:4], 2 * r[:, 1:4]
+    angular, _, s, _ = told("body_angular_velocity", body)
+    known = np.isfinite(angular[:, :3]).all(axis=1)
+    qvel[known, 3:6], std_v[known, 3:6] = angular[known, :3], s[known, :3]
+
+
+def _body_rate(unit: Floats, slope: Floats) -> Floats:
+    """Vector part of conj(unit) slope, both (W, 4)."""
+    w, x, y, z = (unit * [1, -1, -1, -1]).T
+    a, b, c, d = slope.T
+    return np.stack(
+        [w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
+         w * d + x * c - y * b + z * a], axis=1,
+    )  # fmt: skip
+
+
+class States:
+    """Initial states of a batch."""
+
+    def __init__(self, world, plant: Plant, terms, values, windows, reads) -> None:
+        """`reads`: of a signal: bias, gain, delay (n), as the hypotheses have them."""
+        self.world, self.plant, self.windows = world, plant, windows
+        self.terms, self.values, self.reads = terms, values, reads
+
+    def begin(self, models, kick: Floats | None):
+        """Position (N, nq), velocity (N, nv), activation (N, na), sums by actuator."""
+        n, w = len(self.values), len(self.windows)
+        qpos, qvel = self._given(n)
+        if kick is not None:
+            qpos, qvel = _kicked(self.world.workshop.given, qpos, qvel, kick)
+        model = self.plant.model
+        q, v = np.zeros((n, w, model.nq)), np.zeros((n, w, model.nv))
+        q[:] = model.qpos0
+        q[..., self.plant.qpos], v[..., self.plant.dof] = qpos, qvel
+        for term, part in zip(self.terms, parts(self.terms, self.values), strict=True):
+            for place in term.places:
+                if "suffix" in place:
+                    self._settle(models, term, self.plant.place(place), part, q, v)
+        return (
+            q.reshape(n * w, -1), v.reshape(n * w, -1), self._activation(n),
+            self._sums(n),
+        )  # fmt: skip
+
+    def _given(self, n: int) -> tuple[Floats, Floats]:
+        """State (n, W, ...) in the given model's coordinates."""
+        world, windows = self.world, self.windows
+        given = world.workshop.given
+        states = [dict() for _ in range(n)] if self.reads else [{}]
+        for name, said in self.reads.items():
+            for i, one in enumerate(states):
+                one[name] = {k: float(v[i]) for k, v in said.items() if k != "step"}
+        qpos = np.empty((len(states), len(windows), given.nq))
+        qvel = np.empty((len(states), len(windows), given.nv))
+        for i, one in enumerate(states):
+            for log in np.unique(windows.log):
+                rows = np.flatnonzero(windows.log == log)
+                q, v, _ = start_of(world, int(log), windows.start[rows], one)
+                qpos[i, rows], qvel[i, rows] = q, v
+        shape = (n, len(windows))
+        return (
+            np.broadcast_to(qpos, (*shape, given.nq)).copy(),
+            np.broadcast_to(qvel, (*shape, given.nv)).copy(),
+        )
+
+    def _settle(self, models, term: Term, place, values, q, v) -> None:
+        """Let a gap or a spring yield to the load that it bears at the start."""
+        import mujoco
+
+        for i, model in enumerate(models):
+            data = mujoco.MjData(model)
+            for k in range(q.shape[1]):
+                data.qpos[:], data.qvel[:] = q[i, k], v[i, k]
+                mujoco.mj_forward(model, data)
+                load = -float(data.qfrc_bias[place["dof"]])
+                extra = term.effect.yields(values[i], load)
+                q[i, k, place["extra_qpos"]] = extra
+                if place["side"] == "link":
+                    q[i, k, place["qpos"]] -= extra
+
+    def _activation(self, n: int) -> Floats | None:
+        """Activations (N, na): what filters of the command have come to."""
+        model, world, windows = self.plant.model, self.world, self.windows
+        if not model.na:
+            return None
+        out = np.zeros((len(windows), model.na))
+        for log in np.unique(windows.log):
+            rows = np.flatnonzero(windows.log == log)
+            past = filtered(model, world.logs[log].ctrl, world.step)
+            out[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
+        return np.tile(out, (n, 1))
+
+    def _sums(self, n: int) -> Mapping[int, Floats]:
+        """Of each integrating servo: the summed error (N) [rad s] at the start."""
+        world, windows = self.world, self.windows
+        out = {}
+        for term in self.terms:
+            for place in term.places:
+                if term.effect.name == "integral_action":
+                    total = np.zeros(len(windows))
+                    for log in np.unique(windows.log):
+                        rows = np.flatnonzero(windows.log == log)
+                        past = _error_sum(world, world.logs[log], place)
+                        total[rows] = past[
+                            np.minimum(windows.start[rows], len(past) - 1)
+                        ]
+                    out[place["actuator"]] = np.tile(total, n)
+        return out
+
+
+def start_of(world, log: int, start, reads) -> tuple[Floats, Floats, Floats]:
+    """State at grid points `start` (W) of an episode: as given, read, or at rest.
+
+    Returns:
+        qpos (W, nq), qvel (W, nv), standard deviation (W, 2 nv).
+    """
+    episode, model = world.logs[log], world.workshop.given
+    at = np.asarray(start, float)
+    qpos, qvel, std = estimate(model, world.signals, episode, at, world.step, reads)
+    first = at == 0
+    if episode.qpos0 is not None:
+        qpos[first] = episode.qpos0
+        std[first, : model.nv] = GIVEN
+    if episode.qvel0 is not None:
+        qvel[first] = episode.qvel0
+        std[first, model.nv :] = GIVEN
+    qpos = np.where(np.isfinite(qpos), qpos, model.qpos0)
+    qvel = np.where(np.isfinite(qvel), qvel, 0.0)
+    return qpos, qvel, np.where(np.isfinite(std), std, GIVEN)
+
+
+def _kicked(model, qpos: Floats, qvel: Floats, kick: Floats):
+    """States (n, W, ...) moved by (n, W, 2 nv)."""
+    import mujoco
+
+    qpos = qpos.copy()
+    plain = np.ones(model.nq, bool)
+    for j in range(model.njnt):
+        if model.jnt_type[j] in (0, 1):
+            a = int(model.jnt_qposadr[j]) + (3 if model.jnt_type[j] == 0 else 0)
+            plain[a : a + 4] = False
+    if plain.all():
+        qpos += kick[..., : model.nv]
+    else:
+        for i, w in np.argwhere(kick[..., : model.nv].any(axis=-1)):
+            mujoco.mj_integratePos(model, qpos[i, w], kick[i, w, : model.nv], 1.0)
+    return qpos, qvel + kick[..., model.nv :]
+
+
+def filtered(model, ctrl: Floats, step: float) -> Floats:
+    """Activations (G, na) along a grid of commands, for first-order filters."""
+    out = np.zeros((len(ctrl), model.na))
+    for a in range(model.nu):
+        first = int(model.actuator_actadr[a])
+        if first < 0 or model.actuator_dyntype[a] not in (2, 3):  # filter, filterexact
+            continue
+        keep = np.exp(-step / max(float(model.actuator_dynprm[a, 0]), 1e-9))
+        now = ctrl[0, a]
+        for k in range(len(ctrl)):
+            out[k, first] = now
+            now = ctrl[k, a] + (now - ctrl[k, a]) * keep
+    return out
+
+
+def _error_sum(world, log, place) -> Floats:
+    """Summed error (G) of a servo along the grid, by what was commanded and read."""
+    grid = np.arange(len(log.ctrl), dtype=float)
+    model = world.workshop.given
+    joint = next(j for j in range(model.njnt) if model.jnt_qposadr[j] == place["qpos"])
+    name = model.joint(joint).name
+    c = next(c for c in world.signals if (c.kind, c.target) == ("joint_position", name))
+    value, _ = log.smooth(grid, world.step)
+    error = log.ctrl[:, place["actuator"]] - value[:, c.first]
+    error = np.where(np.isfinite(error), error, 0.0)
+    return np.concatenate([[0.0], np.cumsum(error)[:-1]]) * world.step

@@ -1,0 +1,162 @@
+"""What the model states and a careful user would let a fit change (contract 2)."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .effects.body import stretch
+from .scene import Scene
+from .terms import Effect, Floats, Parameter, Term
+
+MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
+
+
+class Stated(Effect):
+    """A number that the model states, times a factor near one."""
+
+    name = "stated"
+    group = "stated"
+
+    def __init__(self, scale: Callable) -> None:
+        """`scale(model, place, factor)` edits a compiled model."""
+        self.scale = scale
+
+    def terms(self, scene: Scene) -> list[Term]:
+        """It is not searched for."""
+        return []
+
+    def edit(self, model, place, values: Floats) -> None:
+        self.scale(model, place, values[0])
+
+
+def _term(scale, target: str, reach: float, value: float, unit: str, **place) -> Term:
+    parameter = Parameter("factor", "1", 1.0, 1 - reach, 1 + reach, reach / 3)
+    note = {"value": value, "unit": unit}
+    return Term(Stated(scale), (target,), (place,), (parameter,), ((1.0,),), note)
+
+
+def _field(name: str) -> Callable:
+    def scale(model, place, factor):
+        getattr(model, name)[place["at"]] *= factor
+
+    return scale
+
+
+def _of_dof(name: str) -> Callable:
+    def scale(model, place, factor):
+        getattr(model, name)[place["dof"]] *= factor
+
+    return scale
+
+
+def _stiffness(model, place, factor):
+    model.jnt_stiffness[place["joint"]] *= factor
+
+
+def _mass(model, place, factor):
+    model.body_mass[place["at"]] *= factor
+    model.body_inertia[place["at"]] *= factor
+
+
+def _kp(model, place, factor):
+    model.actuator_gainprm[place["at"], 0] *= factor
+    model.actuator_biasprm[place["at"], 1] *= factor
+
+
+def _kv(model, place, factor):
+    model.actuator_biasprm[place["at"], 2] *= factor
+
+
+def _time(model, place, factor):
+    model.actuator_dynprm[place["at"], 0] *= factor
+
+
+def _length(model, place, factor):
+    stretch(model, place["at"], factor)
+
+
+def _friction(model, place, factor):
+    model.geom_friction[place["at"], 0] *= factor
+
+
+def stated_terms(scene: Scene) -> list[Term]:
+    """Everything that the model states and that is not zero, as terms."""
+    return [
+        *_of_bodies(scene),
+        *_of_joints(scene),
+        *_of_actuators(scene),
+        *_of_geoms(scene),
+    ]
+
+
+def _of_bodies(scene: Scene) -> list[Term]:
+    found = []
+    for body in scene.bodies:
+        name = f"body:{body.name}"
+        found.append(
+            _term(_mass, f"{name}/mass", MASS, body.mass, "kg", at=body.id, name="mass")
+        )
+        inertia = float(scene.model.body_inertia[body.id].max())
+        found.append(
+            _term(_field("body_inertia"), f"{name}/inertia", MASS, inertia, "kg m^2",
+                  at=body.id)
+        )  # fmt: skip
+        if body.length > 0:
+            found.append(
+                _term(_length, f"{name}/length", LENGTH, body.length, "m", at=body.id)
+            )
+    return found
+
+
+def _of_joints(scene: Scene) -> list[Term]:
+    model, found = scene.model, []
+    for joint in scene.joints:
+        speed = f"{joint.force} s/{joint.unit}"
+        inertia = "kg m^2" if joint.unit == "rad" else "kg"
+        for field, unit in (
+            ("damping", speed), ("armature", inertia), ("frictionloss", joint.force)
+        ):  # fmt: skip
+            value = float(getattr(model, f"dof_{field}")[joint.dof])
+            if value:
+                scale = _of_dof(f"dof_{field}")
+                target = f"joint:{joint.name}/{field}"
+                found.append(_term(scale, target, REST, value, unit, dof=joint.dof))
+        if model.jnt_stiffness[joint.id]:
+            found.append(
+                _term(_stiffness, f"joint:{joint.name}/stiffness", REST,
+                      float(model.jnt_stiffness[joint.id]),
+                      f"{joint.force}/{joint.unit}", joint=joint.id)
+            )  # fmt: skip
+    return found
+
+
+def _of_actuators(scene: Scene) -> list[Term]:
+    model, found = scene.model, []
+    for a in scene.actuators:
+        name = f"actuator:{a.name}"
+        gain, bias = model.actuator_gainprm[a.id, 0], model.actuator_biasprm[a.id]
+        if gain not in (0.0, 1.0) or bias[1]:
+            unit = f"{a.force}/{a.unit}" if a.servo else f"{a.force}/ctrl"
+            word = "kp" if a.servo else "gain"
+            found.append(_term(_kp, f"{name}/{word}", REST, float(gain), unit, at=a.id))
+        if bias[2]:
+            unit = f"{a.force} s/{a.unit}"
+            found.append(_term(_kv, f"{name}/kv", REST, float(-bias[2]), unit, at=a.id))
+        if model.actuator_dyntype[a.id] in (2, 3) and model.actuator_dynprm[a.id, 0]:
+            value = float(model.actuator_dynprm[a.id, 0])
+            found.append(_term(_time, f"{name}/timeconst", REST, value, "s", at=a.id))
+    return found
+
+
+def _of_geoms(scene: Scene) -> list[Term]:
+    """Sliding friction where it is stated; MuJoCo's default is nobody's statement."""
+    model = scene.model
+    if not scene.touches:
+        return []
+    stated = np.abs(model.geom_friction - [1.0, 0.005, 0.0001]).max(axis=1) > 1e-12
+    solid = (model.geom_contype | model.geom_conaffinity) > 0
+    return [
+        _term(_friction, f"geom:{model.geom(g).name or g}/friction", REST,
+              float(model.geom_friction[g, 0]), "1", at=int(g))
+        for g in np.flatnonzero(stated & solid)
+    ]  # fmt: skip

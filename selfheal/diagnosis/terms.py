@@ -1,0 +1,158 @@
+"""What a hypothesis is made of: an effect, the places it acts at, its parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from .patch import Insert, Rename, Set
+    from .scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        name: MJCF's own where it has one.
+        unit: of the value; for a slide joint N and m stand for N m and rad.
+        absent: the value at which the effect is exactly not there.
+        low: the smallest value that makes sense.
+        high: the largest.
+        scale: a change that the robot would show; the unit of a search step.
+    """
+
+    name: str
+    unit: str
+    absent: float
+    low: float
+    high: float
+    scale: float
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """An effect at one place, or at several that share its parameters.
+
+    Attributes:
+        effect: what happens.
+        targets: where, as the contract writes it ("joint:knee"); one a place.
+        places: what the effect needs to act there (indices of the model); one a place.
+        parameters: in the order of the values.
+        starts: values a search may begin at, each (p).
+        note: what else a finding of it says.
+    """
+
+    effect: "Effect"
+    targets: tuple[str, ...]
+    places: tuple[Mapping[str, Any], ...]
+    parameters: tuple[Parameter, ...]
+    starts: tuple[tuple[float, ...], ...]
+    note: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def low(self) -> Floats:
+        """Smallest values (p)."""
+        return np.array([p.low for p in self.parameters], float)
+
+    @property
+    def high(self) -> Floats:
+        """Largest values (p)."""
+        return np.array([p.high for p in self.parameters], float)
+
+    @property
+    def scale(self) -> Floats:
+        """Values' natural steps (p)."""
+        return np.array([p.scale for p in self.parameters], float)
+
+    @property
+    def label(self) -> str:
+        """As a person reads it."""
+        return f"{self.effect.name} at {', '.join(self.targets)}"
+
+
+@dataclass
+class Moment:
+    """What an effect may read and write at one step of N simulations.
+
+    Attributes:
+        time: (N) [s] since each episode began.
+        qpos: (N, nq) now.
+        qvel: (N, nv) now.
+        ctrl: (N, nu) command of this step.
+        actuator_torque: (N, nv) at the joints, of the step before.
+        applied: (N, nv) force of effects, to be added to.
+        frictionloss: (N, nv) dry friction of this step, to be changed.
+        forcerange: (N, nu, 2) of the actuators, to be changed; None where no effect
+            says that it does.
+        sums: (N) summed error of each integrating servo [rad s], to be added to.
+        step: of the simulation [s].
+    """
+
+    time: Floats
+    qpos: Floats
+    qvel: Floats
+    ctrl: Floats
+    actuator_torque: Floats
+    applied: Floats
+    frictionloss: Floats
+    forcerange: Floats | None
+    sums: Mapping[int, Floats]
+    step: float
+
+
+class Effect:
+    """A piece of physics that a model may lack; at its absent values it does nothing.
+
+    A subclass says where it could be (`terms`) and overrides the one or two ways in
+    which it acts. Values are (p), or (N, p) where N simulations run at once.
+    """
+
+    name = ""
+    group = ""
+    says = ""
+    equation = ""
+    source = ""
+    separate_by = ""
+    regime = "always"
+    rare = False  # people measure lengths and masses better than friction and delays
+    limits_actuators = False  # writes Moment.forcerange
+
+    def terms(self, scene: "Scene") -> list[Term]:
+        """Every place where it could be."""
+        raise NotImplementedError
+
+    def edit(self, model: "mujoco.MjModel", place, values: Floats) -> None:
+        """Change a compiled model; values (p)."""
+
+    def structure(self, spec: "mujoco.MjSpec", place) -> None:
+        """Add to the model what an edit of numbers cannot."""
+
+    def command(self, ctrl: Floats, step: float, place, values: Floats) -> Floats:
+        """Commands (N, G, nu) on a grid of `step` s, as they reach the actuators."""
+        return ctrl
+
+    def act(self, moment: Moment, place, values: Floats) -> None:
+        """Add forces, or change limits, at one step; values (N, p)."""
+
+    def measure(self, place, values: Floats) -> Mapping[str, Floats]:
+        """Of signal place["signal"]: bias, gain, delay (N), those that it changes."""
+        return {}
+
+    def changes(
+        self, model: "mujoco.MjModel", place, values: Floats
+    ) -> "Sequence[Set | Insert | Rename] | None":
+        """The edit of the MJCF's text that is the same; None: MuJoCo has no such."""
+        return None
+
+
+def does(effect: Effect, verb: str) -> bool:
+    """Whether an effect acts in the way `verb` ("edit", "act", ...)."""
+    return getattr(type(effect), verb) is not getattr(Effect, verb)

@@ -1,0 +1,288 @@
+"""Simulation against recording: takes hypotheses, gives what the sensors would say."""
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from ..recording.data import Floats
+from .logs import Log
+from .plant import Plant, Workshop, parts
+from .scene import Channel
+from .sense import Sensors
+from .state import States
+from .terms import Moment, Term, does
+from .windows import Windows
+
+ROOM = 3e7  # numbers kept of one batch; chosen: 240 MB
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A robot's model and its recordings.
+
+    Attributes:
+        workshop: makes compiled models.
+        signals: the channels compared.
+        logs: episodes on a grid of `step` s.
+        step: of the simulation [s].
+    """
+
+    workshop: Workshop
+    signals: tuple[Channel, ...]
+    logs: tuple[Log, ...]
+    step: float
+
+    def simulate(
+        self,
+        terms: Sequence[Term],
+        values: Floats,
+        windows: Windows,
+        *,
+        kick: Floats | None = None,
+    ) -> Floats:
+        """What the sensors would say.
+
+        Args:
+            terms: what is true beyond the given model.
+            values: (n, P) of all terms' parameters, of n hypotheses.
+            windows: W pieces with M samples.
+            kick: (n, W, 2 nv) added to the initial state, positions and then
+                velocities in the given model's degrees of freedom.
+
+        Returns:
+            (n, M, C); NaN after a hypothesis diverged.
+        """
+        values = np.atleast_2d(values)
+        width = max(1, sum(c.width for c in self.signals))
+        size = len(windows) * (int(windows.steps.max()) + 2) * width
+        count = max(1, int(ROOM / size))
+        pieces = [
+            self._simulate(
+                terms, values[i : i + count], windows,
+                None if kick is None else kick[i : i + count],
+            )
+            for i in range(0, len(values), count)
+        ]  # fmt: skip
+        return np.concatenate(pieces)
+
+    def _simulate(self, terms, values, windows, kick) -> Floats:
+        plant = self.workshop.plant(terms)
+        shares = parts(terms, values)
+        models = [plant.variant(terms, v) for v in values]
+        reads = self.readings_of(terms, shares, len(values))
+        start = States(self, plant, terms, values, windows, reads).begin(models, kick)
+        sensors = Sensors(plant, self.signals, terms)
+        commands = self._commands(terms, shares, windows, len(values))
+        if any(does(t.effect, "act") for t in terms):
+            told = self._stepped(
+                plant, models, terms, shares, start, commands, windows, sensors
+            )
+        else:
+            told = _rolled(plant, models, start, commands, sensors)
+        return self._sample(told, windows, reads, len(values))
+
+    def readings_of(self, terms, shares, n: int) -> dict[str, dict[str, Floats]]:
+        """Of each signal that a term changes: bias, gain, delay, step (n)."""
+        reads: dict[str, dict[str, Floats]] = {}
+        for term, part in zip(terms, shares, strict=True):
+            if does(term.effect, "measure"):
+                for place in term.places:
+                    said = term.effect.measure(place, part)
+                    reads.setdefault(place["signal"], {}).update(said)
+        return reads
+
+    def _commands(self, terms, shares, windows: Windows, n: int) -> Floats:
+        """Commands (n W, K, nu) of each step, as they reach the actuators."""
+        model = self.workshop.given
+        steps = np.arange(int(windows.steps.max()) + 2)
+        out = np.empty((n, len(windows), len(steps), model.nu))
+        if not model.nu:
+            return out.reshape(n * len(windows), len(steps), 0)
+        for i in np.unique(windows.log):
+            rows = np.flatnonzero(windows.log == i)
+            grid = self.command(terms, shares, self.logs[i])
+            at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
+            out[:, rows] = grid[:, at]
+        return out.reshape(n * len(windows), len(steps), model.nu)
+
+    def command(self, terms, shares, log: Log) -> Floats:
+        """Commands (1 or n, G, nu) of an episode, as they reach the actuators."""
+        ctrl = log.ctrl[None]
+        for term, part in zip(terms, shares, strict=True):
+            if does(term.effect, "command"):
+                for place in term.places:
+                    ctrl = term.effect.command(ctrl, self.step, place, part)
+        return ctrl
+
+    def _stepped(
+        self, plant: Plant, models, terms, shares, start, commands, windows, sensors
+    ) -> Floats:
+        """True signals (N, K, C), where effects act at every step."""
+        n, w = len(models), len(windows)
+        acts = [
+            (t.effect, plant.place(place), np.repeat(part, w, axis=0))
+            for t, part in zip(terms, shares, strict=True)
+            if does(t.effect, "act")
+            for place in t.places
+        ]
+        begin = np.tile(windows.start * self.step, n)
+        # a thread a group: threads that wait for each other at every step are slow
+        groups = np.array_split(np.arange(n * w), len(os.sched_getaffinity(0)))
+        groups = [g for g in groups if len(g)]
+
+        def run(rows: np.ndarray) -> Floats:
+            batch = _batch(plant, models, w, rows, start, 1)
+            return _step_by_step(
+                batch, plant, [(e, p, v[rows]) for e, p, v in acts],
+                {a: s[rows] for a, s in start[3].items()}, commands[rows],
+                begin[rows], sensors, self.step,
+            )  # fmt: skip
+
+        with ThreadPoolExecutor(len(groups)) as pool:
+            return np.concatenate(list(pool.map(run, groups)))
+
+    def _sample(self, told: Floats, windows: Windows, reads, n: int) -> Floats:
+        """Signals (n, M, C) at the samples' times, as the sensors would say them."""
+        told = told.reshape(n, len(windows), *told.shape[1:])
+        out = np.empty((n, len(windows.at), told.shape[-1]))
+        for c in self.signals:
+            said = reads.get(c.name, {})
+            delay = said.get("delay", np.zeros(1))[:, None] / self.step
+            at = windows.at[None] - delay
+            low = np.clip(np.floor(at).astype(int), 0, told.shape[2] - 2)
+            share = (at - low)[..., None]
+            rows = np.arange(n)[:, None]
+            before, after = (
+                told[rows, windows.window[None], low + i, c.columns] for i in (0, 1)
+            )
+            value = before + share * (after - before)
+            gain = said.get("gain", np.ones(1))[:, None, None]
+            bias = said.get("bias", np.zeros(1))[:, None, None]
+            value = gain * value + bias
+            if "step" in said:
+                step = np.maximum(said["step"], 1e-12)[:, None, None]
+                value = step * np.round(value / step)
+            out[:, :, c.columns] = value
+        return out
+
+
+def _batch(plant: Plant, models, w: int, rows, start, threads: int):
+    """Simulations `rows` of n models by w windows, at their start."""
+    from mujoco.batch import Batch
+
+    batch = Batch(plant.model, len(rows), nthread=threads)
+    for name in _numbers(plant.model):
+        values = [_get(m, name) for m in models]
+        usual = _get(plant.model, name)
+        if any(not np.array_equal(v, usual) for v in values):
+            batch.expand(name)[:] = np.stack(values)[rows // w]
+    batch.bind("qpos")[:], batch.bind("qvel")[:] = start[0][rows], start[1][rows]
+    if plant.model.na:
+        batch.bind("act")[:] = start[2][rows]
+    return batch
+
+
+@cache
+def _fields() -> tuple[str, ...]:
+    """Fields that an edit of a compiled model may change."""
+    from mujoco.batch import MODEL_FIELDS
+
+    key = ("actuator_", "body_", "dof_", "geom_", "jnt_", "qpos", "site_", "opt.")
+    return tuple(sorted(f for f in MODEL_FIELDS if f.startswith(key)))
+
+
+def _numbers(model) -> list[str]:
+    return [
+        f for f in _fields() if np.size(_get(model, f)) and _get(model, f) is not None
+    ]
+
+
+def _get(model, name: str):
+    if name.startswith("opt."):
+        return np.array(getattr(model.opt, name[4:]))
+    return getattr(model, name, None)
+
+
+def _rolled(plant: Plant, models, start, commands: Floats, sensors) -> Floats:
+    """True signals (N, K, C), where MuJoCo alone does all the work."""
+    size, steps = commands.shape[:2]
+    threads = len(os.sched_getaffinity(0))
+    rows = np.arange(size)
+    batch = _batch(plant, models, size // len(models), rows, start, threads)
+    fields = sorted({"qpos", "qvel", *sensors.needs})
+    told = np.empty((size, steps, sensors.width))
+    seen = batch.rollout(steps, commands if plant.model.nu else None, record=fields)
+    # a step leaves position and velocity new, and all else as before it
+    for name, first in (("qpos", start[0]), ("qvel", start[1])):
+        seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
+    flat = {k: v.reshape(size * steps, *v.shape[2:]) for k, v in seen.items()}
+    sensors.of_state(flat, told.reshape(size * steps, -1))
+    sensors.of_forward(flat, told.reshape(size * steps, -1))
+    told[_diverged(batch)] = np.nan
+    return told
+
+
+def _diverged(batch) -> np.ndarray:
+    """(N) whether MuJoCo warned that a simulation is no longer one."""
+    bad = [
+        int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{x}"))
+        for x in ("QPOS", "QVEL", "QACC")
+    ]
+    return batch.warning[:, bad, 1].any(axis=1)
+
+
+def _step_by_step(
+    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, dt: float
+) -> Floats:
+    """True signals (N, K, C) of simulations in which effects act at every step."""
+    bound = {name: batch.bind(name) for name in {"qpos", "qvel", *sensors.needs}}
+    ctrl = batch.bind("ctrl") if plant.model.nu else None
+    forces = _Forces(batch, acts, sums, dt)
+    told = np.empty((len(commands), commands.shape[1], sensors.width))
+    for k in range(commands.shape[1]):
+        if ctrl is not None:
+            ctrl[:] = commands[:, k]
+        sensors.of_state(bound, told[:, k])
+        forces.step(bound["qpos"], bound["qvel"], ctrl, begin + k * dt)
+        batch.step()
+        sensors.of_forward(bound, told[:, k])
+    told[_diverged(batch)] = np.nan
+    return told
+
+
+class _Forces:
+    """What effects do at each step, written into a batch."""
+
+    def __init__(self, batch, acts, sums: Mapping[int, Floats], step: float) -> None:
+        self.acts = acts
+        self.applied = batch.bind("qfrc_applied")
+        self.torque = batch.bind("qfrc_actuator")
+        self.loss = batch.expand("dof_frictionloss")
+        self.usual_loss = self.loss.copy()
+        self.limits: Floats | None = None
+        self.sums = {a: s.copy() for a, s in sums.items()}
+        self.dt = step
+        if any(effect.limits_actuators for effect, _, _ in acts):
+            limited = batch.expand("actuator_forcelimited")
+            self.limits = batch.expand("actuator_forcerange")
+            wide = np.where(limited[..., None] > 0, self.limits, [-np.inf, np.inf])
+            self.usual_limits = np.clip(wide, -1e9, 1e9)
+            limited[:] = 1
+
+    def step(self, qpos, qvel, ctrl, time) -> None:
+        """Let every effect act on the state of now."""
+        self.applied[:] = 0
+        self.loss[:] = self.usual_loss
+        if self.limits is not None:
+            self.limits[:] = self.usual_limits
+        moment = Moment(
+            time, qpos, qvel, ctrl, self.torque, self.applied, self.loss,
+            self.limits, self.sums, self.dt,
+        )  # fmt: skip
+        for effect, place, values in self.acts:
+            effect.act(moment, place, values)
