@@ -9,10 +9,11 @@ from typing import Any
 import mujoco
 import numpy as np
 from _sealed_effects import EFFECTS, Effect, blank, drawing
-from _sealed_measure import Bench, draw_noise, draw_sensors, pieces
+from _sealed_measure import Bench, Noise, draw_noise, draw_sensors, pieces
 from _sealed_motions import plans, sampling
+from _sealed_proof import open_loop, score
 from _sealed_robots import FAST, ROBOTS, Draw, Robot
-from _sealed_strength import integration, strength
+from _sealed_strength import coarse, integration, strength
 from _sealed_truth import Plan, Truth, Unfit, change, hidden, nuisances, simulate
 from _sealed_unlisted import UNLISTED
 
@@ -247,7 +248,7 @@ def _build(kind: str, seed: int, name: str, chosen: list[Effect], rng: Rng) -> C
     shape, targets, zero, density = blank(name), [], frozenset[str](), 0.0
     for effect in chosen:
         places = effect.targets(shape)
-        targets.append(places[rng.integers(len(places))])
+        targets.append(places[int(rng.integers(len(places)))])
         more, medium = drawing(effect, targets[-1], rng)
         zero, density = zero | more, max(density, medium)
     made = scene(name, rng, zero, density)
@@ -266,7 +267,32 @@ def _build(kind: str, seed: int, name: str, chosen: list[Effect], rng: Rng) -> C
     if length := _test_piece(made.robot):
         proof = pieces(proof, test, length)
     key = _key(kind, seed, made, bench, placed, train)
+    key["test"] = _standard(made, bench, proof, test)
     return Case(case_name(seed), made.robot, recorded, proof, key)
+
+
+def _standard(made: Scene, bench: Bench, proof: Recording, runs) -> dict[str, Any]:
+    """Scores on the test that any diagnosis is to be held against.
+
+    given: the model as given. stated: with the true values of all it states, without
+    the effects. floor: the truth itself, so noise alone.
+    """
+    given = mujoco.MjModel.from_xml_string(made.robot.xml)
+    stated = coarse(made.truth()).compile()
+    silent = replace(bench, noise=Noise(*[0.0] * 8))
+    clean = silent.recording(made.test, runs, np.random.default_rng(0), state=True)
+    if length := _test_piece(made.robot):
+        clean = pieces(clean, runs, length)
+    heard = {
+        name: {key: s.values for key, s in episode.signals.items()}
+        for name, episode in clean.episodes.items()
+    }
+    scores = {
+        "given": score(open_loop(given, proof), proof),
+        "stated": score(open_loop(stated, proof), proof),
+        "floor": score(heard, proof),
+    }
+    return {k: v if np.isfinite(v) else None for k, v in scores.items()}
 
 
 def _test_piece(robot: Robot) -> float:

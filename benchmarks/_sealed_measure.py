@@ -67,8 +67,8 @@ def draw_noise(rng: Rng) -> Noise:
         position,
         between(5e-3, 4e-2),
         between(0.01, 0.04),
-        between(3e-4, 1e-3),
-        between(1e-3, 3e-3),
+        between(4e-4, 1.5e-3),
+        between(2e-3, 6e-3),
         float(rng.uniform(0.5, 0.95)) if colored < 0.35 else 0.0,
         position if coarse < 0.2 else 0.0,
         float(rng.uniform(0.005, 0.05)) if gaps < 0.3 else 0.0,
@@ -162,7 +162,8 @@ class Bench:
         size = self.sigma(signal)
         if signal.kind == "body_orientation":
             error = disturbance((len(values), 3), self.noise.memory, rng) * size
-            values = np.array([_turned(q, e) for q, e in zip(values, error)])  # noqa: B905
+            pairs = zip(values, error, strict=True)
+            values = np.array([_turned(q, e) for q, e in pairs])
         else:
             values = values + size * disturbance(values.shape, self.noise.memory, rng)
         step = self.readings.get(name, Reading()).step

@@ -98,7 +98,7 @@ def _thrown(robot: Robot, rng: Rng, sampling) -> Plan:
     at = rows(robot, rng, sampling[0], TOSS_SECONDS, sampling[1])
     turn = rng.normal(size=4)
     speed = np.r_[rng.uniform(-1.2, 1.2, 2), rng.uniform(-0.5, 0.8)]
-    spin = rng.normal(0, 4.0, 3)
+    spin = rng.normal(0, 3.0, 3)
     place = np.r_[rng.uniform(-0.1, 0.1, 2), rng.uniform(0.16, 0.3)]
     start = np.r_[place, turn / np.linalg.norm(turn)]
     return Plan("toss", at, 1, np.zeros((len(at), 0)), start, np.r_[speed, spin])

@@ -366,7 +366,7 @@ def quadruped(draw: Draw) -> Robot:
     )
 
 
-def _toss(draw: Draw, name: str, geom: str) -> Robot:
+def _toss(draw: Draw, name: str, geom: str, step: float = 0.001) -> Robot:
     world = f"""    <geom name="table" type="plane" size="3 3 0.1"
           friction="FRI 0.005 1e-4"/>
     <body name="{name}">
@@ -376,7 +376,7 @@ def _toss(draw: Draw, name: str, geom: str) -> Robot:
     world = world.replace("FRI", str(draw.about(0.4)))
     return Robot(
         f"toss_{name}",
-        _model(draw, name, world, "", 0.001, "RK4"),
+        _model(draw, name, world, "", step, "RK4"),
         (),
         {},
         "none",
@@ -385,6 +385,7 @@ def _toss(draw: Draw, name: str, geom: str) -> Robot:
         links=(name,),
         free=name,
         contact=True,
+        step=step,
         fine=0.0001,
     )
 
@@ -402,10 +403,9 @@ def toss_stick(draw: Draw) -> Robot:
     size = f"{draw.about(0.015):.4g} {draw.about(0.09):.4g}"
     mass = draw.about(0.15)
     geom = (
-        f'<geom type="capsule" size="{size}" mass="{mass}" '
-        'friction="0.1 0.005 1e-4" condim="4"/>'
+        f'<geom type="capsule" size="{size}" mass="{mass}" friction="0.1 0.005 1e-4"/>'
     )
-    return _toss(draw, "stick", geom)
+    return _toss(draw, "stick", geom, 0.0005)
 
 
 ROBOTS: Mapping[str, Callable[[Draw], Robot]] = {

@@ -142,10 +142,10 @@ def strength(bench: Bench, base: Truth, runs: Sequence[Run]) -> tuple[float, flo
         return np.inf, np.inf
     if largest(raw) < 1:
         return largest(raw), largest(raw)
-    coarse, slopes, bounds = _coarse(base), [], []
-    plain = simulated(coarse)
+    given, slopes, bounds = coarse(base), [], []
+    plain = simulated(given)
     for group in groups(robot):
-        nudged = coarse.copy()
+        nudged = given.copy()
         for nuisance in group:
             change(nudged, nuisance, 1 + NUDGE)
         moved = residual(bench, simulated(nudged), plain)
@@ -155,13 +155,13 @@ def strength(bench: Bench, base: Truth, runs: Sequence[Run]) -> tuple[float, flo
     return largest(raw), largest(left)
 
 
-def _coarse(base: Truth) -> Any:
+def coarse(base: Truth) -> Any:
     """The hidden robot with the given model's step and integrator."""
     given = mujoco.MjModel.from_xml_string(base.robot.xml)
-    coarse = base.spec.copy()
-    coarse.option.timestep = given.opt.timestep
-    coarse.option.integrator = given.opt.integrator
-    return coarse
+    spec = base.spec.copy()
+    spec.option.timestep = given.opt.timestep
+    spec.option.integrator = given.opt.integrator
+    return spec
 
 
 def _refitted(raw: dict[str, np.ndarray], slopes: np.ndarray, bounds: np.ndarray):
@@ -179,7 +179,6 @@ def _refitted(raw: dict[str, np.ndarray], slopes: np.ndarray, bounds: np.ndarray
 def integration(bench: Bench, base: Truth, runs: Sequence[Run]) -> float:
     """What the given model's step and integrator alone cost, over noise."""
     robot, pieces = base.robot, pick(base.robot, runs)
-    coarse = _coarse(base)
     one = replay(base.spec.compile(), robot.fine, runs, pieces)
-    other = replay(coarse.compile(), robot.fine, runs, pieces)
+    other = replay(coarse(base).compile(), robot.fine, runs, pieces)
     return largest(residual(bench, one, other))

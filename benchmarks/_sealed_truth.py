@@ -220,9 +220,9 @@ def stretch(body: Any, factors: np.ndarray) -> None:
 
 
 def _stretch_inertia(body: Any, factors: np.ndarray) -> None:
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, body.iquat)
-    turn = turn.reshape(3, 3)
+    flat = np.zeros(9)
+    mujoco.mju_quat2Mat(flat, body.iquat)
+    turn = flat.reshape(3, 3)
     inertia = turn @ np.diag(body.inertia) @ turn.T
     spread = (np.trace(inertia) / 2 * np.eye(3) - inertia) * np.outer(factors, factors)
     values, axes = np.linalg.eigh(np.trace(spread) * np.eye(3) - spread)

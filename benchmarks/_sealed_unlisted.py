@@ -10,7 +10,7 @@ from _sealed_effects import Effect, Rng, Sized, Values
 from _sealed_robots import Robot
 from _sealed_truth import Force, Truth
 
-Push = Callable[[Any, Any, float], None]
+Push = Force
 
 
 def _joints(robot: Robot) -> list[str]:

@@ -16,8 +16,10 @@ import time
 from pathlib import Path
 
 import mujoco
-from _common import parser
+from _common import parser, publish
 from _sealed_make import KINDS, MIXED, case_name, make, save
+from _sealed_run import Limits, run_cases
+from _sealed_score import confusion, figures, read_all, sections
 from _sealed_truth import Unfit
 
 
@@ -58,6 +60,26 @@ def make_cases(options) -> int:
     return 1 if failed else 0
 
 
+def run(options) -> int:
+    """Diagnose the cases that have no diagnosis yet."""
+    program = tuple(options.program.split())
+    limits = Limits(options.seconds, program)
+    return 1 if run_cases(options.cases, options.jobs, limits) else 0
+
+
+def score(options) -> int:
+    """Open the keys and write the page."""
+    cases = read_all(options.cases, options.keys)
+    data = {
+        "figures": figures(cases),
+        "confusion": confusion(cases),
+        "cases": cases,
+    }
+    title = "The sealed benchmark of diagnose"
+    publish(options.root, "sealed", title, sections(cases), data)
+    return 0
+
+
 def main() -> int:
     """Read the command line and do what it says."""
     line = parser(__doc__ or "")
@@ -70,8 +92,19 @@ def main() -> int:
     making.add_argument("--keys", type=Path, required=True)
     making.add_argument("--effects", nargs="*", default=(), help="only these")
     making.add_argument("--robots", nargs="*", default=(), help="only these")
+    making.set_defaults(do=make_cases)
+    running = commands.add_parser("run", help="diagnose them")
+    running.add_argument("--cases", type=Path, required=True)
+    running.add_argument("--jobs", type=int, default=2)
+    running.add_argument("--seconds", type=float, default=900.0, help="of each at most")
+    running.add_argument("--program", default="selfheal diagnose")
+    running.set_defaults(do=run)
+    scoring = commands.add_parser("score", help="open the keys")
+    scoring.add_argument("--cases", type=Path, required=True)
+    scoring.add_argument("--keys", type=Path, required=True)
+    scoring.set_defaults(do=score)
     options = line.parse_args()
-    return make_cases(options)
+    return options.do(options)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,245 @@
+"""One case judged: takes key, diagnosis and model, gives what was right."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import mujoco
+from _sealed_unlisted import RELATED
+
+# effects.md section 1: pairs that motion alone does not separate
+CLASSES = (
+    {"viscous_friction", "servo_gain"},
+    {"command_delay", "sensor_delay"},
+    {"joint_spring", "sensor_gain"},
+    {"slope", "wind"},
+    {"coulomb_friction", "stribeck_friction"},
+    {"payload", "com_shift"},
+)
+WORLDLY = {"ground_friction", "ground_compliance", "fluid_drag", "wind", "slope"}
+TURNS = {"phase", "azimuth"}  # angles that are the same after a whole turn
+
+Finding = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Places:
+    """What of a model is the same place: joint, its actuators, signals and body.
+
+    Attributes:
+        same: by target: every name of the place.
+    """
+
+    same: Mapping[str, frozenset[str]]
+
+    def of(self, finding: Finding) -> frozenset[str]:
+        """The place of a finding or of a truth."""
+        target = str(finding.get("target", ""))
+        world = {"world"} if finding.get("effect") in WORLDLY else set()
+        return self.same.get(target, frozenset({target})) | world
+
+
+def read_places(case: Path) -> Places:
+    """The places of a case's model and recording."""
+    model = mujoco.MjModel.from_xml_path(str(case / "model.xml"))
+    same: dict[str, frozenset[str]] = {"world": frozenset({"world"})}
+    for b in range(1, model.nbody):
+        name = f"body:{model.body(b).name}"
+        first, count = model.body_jntadr[b], model.body_jntnum[b]
+        joints = [f"joint:{model.joint(first + j).name}" for j in range(count)]
+        same[name] = frozenset({name, *joints})
+        same |= {joint: frozenset({joint, name}) for joint in joints}
+    for a in range(model.nu):
+        joint = f"joint:{model.joint(model.actuator_trnid[a, 0]).name}"
+        same[f"actuator:{model.actuator(a).name}"] = same[joint]
+    for g in range(model.ngeom):
+        body = model.geom_bodyid[g]
+        name = f"body:{model.body(body).name}"
+        same[f"geom:{model.geom(g).name}"] = same[name] if body else same["world"]
+    return Places(same | _signals(case, same))
+
+
+def _signals(case: Path, same: Mapping[str, frozenset[str]]):
+    """The place of every signal."""
+    found = {}
+    with h5py.File(case / "recording.h5") as file:
+        episode = next(iter(file["episodes"].values()))
+        for name, signal in episode["signals"].items():
+            sort = signal.attrs["kind"].partition("_")[0]
+            sort = "actuator" if signal.attrs["kind"] == "joint_torque" else sort
+            target = f"{sort}:{signal.attrs['target']}"
+            found[f"sensor:{name}"] = same.get(target, frozenset({target}))
+    return found
+
+
+def alike(one: str, other: str) -> bool:
+    """The same effect, or one of its class."""
+    return one == other or any({one, other} <= c for c in CLASSES)
+
+
+def names_truth(finding: Finding, truth: Finding) -> bool:
+    """The finding is the truth, of its class, or says that it may be it."""
+    name = truth["effect"]
+    return alike(finding["effect"], name) or name in finding.get("equivalent", ())
+
+
+def real_findings(diagnosis: Mapping[str, Any] | None, key: Mapping[str, Any]):
+    """Findings but those that the noise itself made true: encoder steps."""
+    steps = set(key.get("quantized_noise", ()))
+    findings = (diagnosis or {}).get("findings") or []
+    return [
+        f
+        for f in findings
+        if not (f["effect"] == "quantization" and f["target"] in steps)
+    ]
+
+
+def judge(
+    key: Mapping[str, Any],
+    diagnosis: Mapping[str, Any] | None,
+    run: Mapping[str, Any] | None,
+    places: Places,
+) -> dict[str, Any]:
+    """What was right in one case.
+
+    Args:
+        key: the truth.
+        diagnosis: diagnosis.json, or None where there is none.
+        run: run.json, or None.
+        places: of the model.
+    """
+    findings = real_findings(diagnosis, key)
+    fit = (diagnosis or {}).get("fit") or {}
+    judged: dict[str, Any] = {
+        "seed": key["seed"],
+        "kind": key["kind"],
+        "robot": key["robot"],
+        "truth": [f"{e['effect']} {e['target']}" for e in key["effects"]],
+        "verdict": (diagnosis or {}).get("verdict", "failed"),
+        "found": [f"{f['effect']} {f['target']}" for f in findings],
+        "removed": fit.get("explainable_removed"),
+        "run": {k: v for k, v in (run or {}).items() if k != "stderr"},
+    }
+    return judged | _JUDGES[key["kind"]](key["effects"], findings, places, judged)
+
+
+def _null(truths, findings, places: Places, judged) -> dict[str, Any]:
+    return {"false_name": bool(findings), "quiet": judged["verdict"] == "nothing"}
+
+
+def _unlisted(truths, findings, places: Places, judged) -> dict[str, Any]:
+    related = RELATED.get(truths[0]["effect"], ())
+    described = all(f["effect"] in related for f in findings)
+    return {
+        "no_wrong_name": not findings and judged["verdict"] not in ("failed",),
+        "related_only": described and judged["verdict"] not in ("explained", "failed"),
+        "noticed": judged["verdict"] in ("unlisted", "partly", "explained"),
+    }
+
+
+def _single(truths, findings, places: Places, judged) -> dict[str, Any]:
+    truth = truths[0]
+    first = findings[0] if findings else None
+    right = first is not None and names_truth(first, truth)
+    return {
+        "first": first["effect"] if first else judged["verdict"],
+        "exact": first is not None and first["effect"] == truth["effect"],
+        "class": right,
+        "place": first is not None and bool(places.of(first) & places.of(truth)),
+        "listed": any(names_truth(f, truth) for f in findings),
+        "extra": sum(not names_truth(f, truth) for f in findings),
+        "covered": coverage(truths, findings, places),
+    }
+
+
+def _double(truths, findings, places: Places, judged) -> dict[str, Any]:
+    def exact(finding, truth):
+        return finding["effect"] == truth["effect"]
+
+    def placed(finding, truth):
+        same = places.of(finding) & places.of(truth)
+        return names_truth(finding, truth) and bool(same)
+
+    return {
+        "hits": {
+            "exact": _matched(truths, findings, exact),
+            "class": _matched(truths, findings, names_truth),
+            "class and place": _matched(truths, findings, placed),
+        },
+        "truths": len(truths),
+        "findings": len(findings),
+        "covered": coverage(truths, findings, places),
+    }
+
+
+_JUDGES = {"null": _null, "unlisted": _unlisted, "single": _single, "double": _double}
+
+
+def _matched(truths: Sequence, findings: Sequence, fits) -> int:
+    """The most pairs of a truth and a finding that fit, each used once."""
+    if not truths:
+        return 0
+    truth, rest = truths[0], truths[1:]
+    best = _matched(rest, findings, fits)
+    for i, finding in enumerate(findings):
+        if fits(finding, truth):
+            others = [*findings[:i], *findings[i + 1 :]]
+            best = max(best, 1 + _matched(rest, others, fits))
+    return best
+
+
+def coverage(truths, findings, places: Places) -> list[dict[str, Any]]:
+    """Each parameter of a rightly named effect: does its interval hold the truth."""
+    found = []
+    for truth in truths:
+        for finding in findings:
+            same = finding["effect"] == truth["effect"]
+            if same and places.of(finding) & places.of(truth):
+                found += _intervals(truth, finding)
+                break
+    return found
+
+
+def _intervals(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
+    stated = dict(_scalars(finding.get("parameters", ())))
+    found = []
+    for parameter in truth["parameters"]:
+        name, value = parameter["name"], parameter["value"]
+        if name not in stated or None in stated[name]:
+            continue
+        middle, low, high = stated[name]
+        if name in TURNS:
+            value += 2 * math.pi * round((middle - value) / (2 * math.pi))
+        error = abs(middle - value) / max(abs(value), 1e-12)
+        label = f"{truth['effect']} {name}"
+        inside = bool(low <= value <= high)
+        found.append({"parameter": label, "inside": inside, "error": error})
+    return found
+
+
+def _scalars(parameters):
+    """Name and (value, low, high), a vector as its columns x, y, z."""
+    for p in parameters:
+        value, low, high = p.get("value"), p.get("low"), p.get("high")
+        if not isinstance(value, (list, tuple)):
+            yield p["name"], (value, low, high)
+            continue
+        for axis, triple in zip("xyz", zip(value, low, high, strict=True), strict=True):
+            yield f"{p['name']}_{axis}", triple
+
+
+def read_case(case: Path, keys: Path) -> dict[str, Any]:
+    """Judge one case of a folder."""
+    key = json.loads((keys / case.name / "key.json").read_text())
+    diagnosis = _read(case / "diagnosis" / "diagnosis.json")
+    run = _read(case / "run.json")
+    judged = judge(key, diagnosis, run, read_places(case))
+    return {"case": case.name, **judged, "test": key.get("test", {})}
+
+
+def _read(file: Path) -> dict[str, Any] | None:
+    return json.loads(file.read_text()) if file.is_file() else None

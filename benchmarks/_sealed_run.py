@@ -1,0 +1,141 @@
+"""Runs of the sealed benchmark: takes cases, gives each its diagnosis folder.
+
+Every case is diagnosed by a process of its own, in a temporary folder that holds its
+model and its recording and nothing else.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from selfheal.files import atomic_path
+
+GIVEN = ("model.xml", "recording.h5")
+TAIL = 2000  # characters of a process's last words that are kept
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one process may take.
+
+    Attributes:
+        seconds: after which it is killed and recorded as a failure.
+        program: words that start the diagnosis.
+        cores: of each process; empty: all.
+    """
+
+    seconds: float
+    program: tuple[str, ...]
+    cores: frozenset[int] = frozenset()
+
+
+def cases(folder: Path) -> list[Path]:
+    """Every case of a folder, in order."""
+    return sorted(p.parent for p in folder.glob("*/model.xml"))
+
+
+def left(folder: Path) -> list[Path]:
+    """Cases without a diagnosis."""
+    return [c for c in cases(folder) if not (c / "diagnosis/diagnosis.json").is_file()]
+
+
+def diagnose(case: Path, limits: Limits) -> dict[str, Any]:
+    """Diagnose one case; what happened is written to its run.json."""
+    with tempfile.TemporaryDirectory(prefix="sealed-") as room:
+        for name in GIVEN:
+            shutil.copy(case / name, room)
+        record = _watch(Path(room), limits)
+        made = Path(room) / "diagnosis"
+        if record["exit_code"] == 0 and (made / "diagnosis.json").is_file():
+            shutil.rmtree(case / "diagnosis", ignore_errors=True)
+            shutil.copytree(made, case / "diagnosis")
+    with atomic_path(case / "run.json") as path:
+        path.write_text(json.dumps(record, indent=1) + "\n")
+    return record
+
+
+def _watch(room: Path, limits: Limits) -> dict[str, Any]:
+    """Start the process, wait for it, kill it when its time is over."""
+    words = [*limits.program, *GIVEN, "--out", "diagnosis/", "--json"]
+    start = time.perf_counter()
+    with (
+        tempfile.TemporaryFile() as out,
+        tempfile.TemporaryFile() as err,
+    ):
+        process = subprocess.Popen(
+            words, cwd=room, stdout=out, stderr=err, start_new_session=True
+        )
+        if limits.cores:
+            os.sched_setaffinity(process.pid, limits.cores)
+        code, usage, late = _wait(process, start + limits.seconds)
+        return {
+            "exit_code": code,
+            "late": late,
+            "seconds": time.perf_counter() - start,
+            "megabytes": usage.ru_maxrss / 1024,
+            "stderr": _tail(err),
+        }
+
+
+def _wait(process: subprocess.Popen, until: float) -> tuple[int, Any, bool]:
+    """Exit code, resources used, and whether it had to be killed."""
+    late = False
+    try:
+        while True:
+            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+            if pid:
+                process.returncode = os.waitstatus_to_exitcode(status)
+                return process.returncode, usage, late
+            if time.perf_counter() > until and not late:
+                late = True
+                os.killpg(process.pid, signal.SIGKILL)
+            time.sleep(0.1)
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+
+
+def _tail(file: Any) -> str:
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(size - TAIL, 0))
+    return file.read().decode(errors="replace")
+
+
+def run_cases(folder: Path, jobs: int, limits: Limits) -> int:
+    """Diagnose every case that has no diagnosis yet; gives how many failed."""
+    todo, free = left(folder), SimpleQueue[frozenset[int]]()
+    mine = sorted(os.sched_getaffinity(0))
+    for job in range(jobs):
+        free.put(frozenset() if jobs == 1 else frozenset({mine[job % len(mine)]}))
+
+    def one(case: Path) -> dict[str, Any]:
+        cores = free.get()
+        try:
+            return diagnose(case, Limits(limits.seconds, limits.program, cores))
+        finally:
+            free.put(cores)
+
+    failed, start = 0, time.perf_counter()
+    with ThreadPoolExecutor(jobs) as pool:
+        futures = {pool.submit(one, case): case for case in todo}
+        for count, future in enumerate(as_completed(futures), 1):
+            record = future.result()
+            failed += record["exit_code"] != 0
+            rest = (time.perf_counter() - start) / count * (len(todo) - count)
+            print(
+                f"{count}/{len(todo)} {futures[future].name}: exit "
+                f"{record['exit_code']}, {record['seconds']:.1f} s; about "
+                f"{rest / 60:.1f} min left",
+                file=sys.stderr,
+            )
+    return failed
