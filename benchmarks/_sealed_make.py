@@ -11,7 +11,7 @@ import numpy as np
 from _sealed_effects import EFFECTS, Effect, blank, drawing
 from _sealed_measure import Bench, Noise, draw_noise, draw_sensors, pieces
 from _sealed_motions import plans, sampling
-from _sealed_proof import open_loop, score
+from _sealed_proof import open_loop, score, values
 from _sealed_robots import FAST, ROBOTS, Draw, Robot
 from _sealed_strength import coarse, integration, strength
 from _sealed_truth import Plan, Truth, Unfit, change, hidden, nuisances, simulate
@@ -283,14 +283,10 @@ def _standard(made: Scene, bench: Bench, proof: Recording, runs) -> dict[str, An
     clean = silent.recording(made.test, runs, np.random.default_rng(0), state=True)
     if length := _test_piece(made.robot):
         clean = pieces(clean, runs, length)
-    heard = {
-        name: {key: s.values for key, s in episode.signals.items()}
-        for name, episode in clean.episodes.items()
-    }
     scores = {
         "given": score(open_loop(given, proof), proof),
         "stated": score(open_loop(stated, proof), proof),
-        "floor": score(heard, proof),
+        "floor": score(values(clean), proof),
     }
     return {k: v if np.isfinite(v) else None for k, v in scores.items()}
 

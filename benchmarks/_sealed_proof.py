@@ -1,6 +1,7 @@
 """The contract's score of a model on a test: takes recordings, gives one number."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -82,10 +83,16 @@ def _columns(predicted: np.ndarray, seen: np.ndarray, kind: str):
     return predicted, seen
 
 
+def values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
+    """The plain arrays of a recording."""
+    return {
+        name: {key: signal.values for key, signal in episode.signals.items()}
+        for name, episode in recording.episodes.items()
+    }
+
+
 def blank(recording: Recording) -> Recording:
     """The inputs alone: the same recording with every sample missing."""
-    from dataclasses import replace
-
     episodes = {
         key: replace(
             e,

@@ -18,7 +18,10 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from _sealed_proof import blank, score, values
+
 from selfheal.files import atomic_path
+from selfheal.recording import read, write
 
 GIVEN = ("model.xml", "recording.h5")
 TAIL = 2000  # characters of a process's last words that are kept
@@ -58,6 +61,7 @@ def diagnose(case: Path, limits: Limits) -> dict[str, Any]:
         made = Path(room) / "diagnosis"
         if record["exit_code"] == 0 and (made / "diagnosis.json").is_file():
             shutil.rmtree(case / "diagnosis", ignore_errors=True)
+            (case / "proof.json").unlink(missing_ok=True)  # of another diagnosis
             shutil.copytree(made, case / "diagnosis")
     with atomic_path(case / "run.json") as path:
         path.write_text(json.dumps(record, indent=1) + "\n")
@@ -109,6 +113,31 @@ def _tail(file: Any) -> str:
     size = file.seek(0, os.SEEK_END)
     file.seek(max(size - TAIL, 0))
     return file.read().decode(errors="replace")
+
+
+def prove(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
+    """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json.
+
+    Args:
+        case: folder that has the diagnosis.
+        key: folder that has test.h5.
+        program: words that start the replay.
+    """
+    kept, diagnosis = case / "proof.json", case / "diagnosis"
+    if kept.is_file():
+        return json.loads(kept.read_text())["patched"]
+    if not (diagnosis / "diagnosis.json").is_file():
+        return None
+    test, patched = read(key / "test.h5"), None
+    with tempfile.TemporaryDirectory(prefix="sealed-") as room:
+        write(blank(test), Path(room) / "inputs.h5")
+        words = [*program, str(diagnosis.resolve()), "inputs.h5", "--out", "out.h5"]
+        done = subprocess.run(words, cwd=room, capture_output=True, check=False)
+        if done.returncode == 0:
+            patched = score(values(read(Path(room) / "out.h5")), test)
+    with atomic_path(kept) as path:
+        path.write_text(json.dumps({"patched": patched}) + "\n")
+    return patched
 
 
 def run_cases(folder: Path, jobs: int, limits: Limits) -> int:

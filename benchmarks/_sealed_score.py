@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from _common import Section, share
 from _sealed_judge import read_case
+from _sealed_run import prove
 from scipy.stats import binomtest
 
 Judged = dict[str, Any]
@@ -52,6 +53,9 @@ def figures(cases: Sequence[Judged]) -> dict[str, Any]:
         "unlisted noticed": rate(c["noticed"] for c in odd),
         "set F1": {k: f1(double, k) for k in ("exact", "class", "class and place")},
         "explainable removed, median over explained": median(removed),
+        "of what the effect costs on the test, removed, median": median(
+            removed_on_test(c) for c in single + double if c["verdict"] == "explained"
+        ),
         "explained with a figure": len([r for r in removed if r is not None]),
         "intervals that hold the truth": rate(p["inside"] for p in covered),
         "parameter error, median": median([p["error"] for p in covered]),
@@ -63,6 +67,18 @@ def figures(cases: Sequence[Judged]) -> dict[str, Any]:
 
 def _explained(case: Judged) -> bool:
     return case["verdict"] == "explained" and case["removed"] is not None
+
+
+def removed_on_test(case: Judged) -> float | None:
+    """(stated - patched) / (stated - floor), by `selfheal replay` on the sealed test.
+
+    stated is the score of the true values without the effects, floor that of the truth.
+    """
+    test, patched = case["test"], case.get("patched")
+    stated, floor = test.get("stated"), test.get("floor")
+    if None in (stated, floor, patched) or stated - floor < 0.05 * stated:
+        return None
+    return (stated - patched) / (stated - floor)
 
 
 def f1(cases: Sequence[Judged], how: str) -> float | None:
@@ -95,10 +111,20 @@ def confusion(cases: Sequence[Judged]) -> dict[str, Counter[str]]:
     return dict(rows)
 
 
-def read_all(folder: Path, keys: Path) -> list[Judged]:
-    """Every case that has a key, judged."""
+def read_all(folder: Path, keys: Path, replay: tuple[str, ...] = ()) -> list[Judged]:
+    """Every case that has a key, judged.
+
+    Args:
+        folder: of the cases.
+        keys: of what is concealed.
+        replay: words that start a replay; empty: the test is not replayed.
+    """
     names = sorted(p.parent.name for p in keys.glob("*/key.json"))
-    return [read_case(folder / n, keys) for n in names if (folder / n).is_dir()]
+    found = [read_case(folder / n, keys) for n in names if (folder / n).is_dir()]
+    for case in found if replay else ():
+        name = case["case"]
+        case["patched"] = prove(folder / name, keys / name, replay)
+    return found
 
 
 # ---------------------------------------------------------------- the page

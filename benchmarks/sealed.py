@@ -69,7 +69,7 @@ def run(options) -> int:
 
 def score(options) -> int:
     """Open the keys and write the page."""
-    cases = read_all(options.cases, options.keys)
+    cases = read_all(options.cases, options.keys, tuple(options.replay.split()))
     data = {
         "figures": figures(cases),
         "confusion": confusion(cases),
@@ -102,6 +102,11 @@ def main() -> int:
     scoring = commands.add_parser("score", help="open the keys")
     scoring.add_argument("--cases", type=Path, required=True)
     scoring.add_argument("--keys", type=Path, required=True)
+    scoring.add_argument(
+        "--replay",
+        default="selfheal replay",
+        help="proves each diagnosis on its test; empty: not",
+    )
     scoring.set_defaults(do=score)
     options = line.parse_args()
     return options.do(options)

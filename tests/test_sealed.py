@@ -17,8 +17,8 @@ from _sealed_effects import BY_NAME, EFFECTS, blank
 from _sealed_judge import read_case, read_places
 from _sealed_make import Placed, Unfit, make, save, scene
 from _sealed_robots import ROBOTS
-from _sealed_run import Limits, left, run_cases
-from _sealed_score import figures, sections
+from _sealed_run import Limits, left, prove, run_cases
+from _sealed_score import figures, removed_on_test, sections
 from _sealed_truth import simulate
 from _sealed_unlisted import UNLISTED
 
@@ -238,6 +238,23 @@ def test_run_sees_model_and_recording_alone_and_goes_on(folders, case, tmp_path)
     record = json.loads((cases / case.name / "run.json").read_text())
     assert record["exit_code"] == 0 and record["seconds"] > 0
     assert left(cases) == []
+
+
+def test_replay_of_the_truth_scores_the_floor(folders, case, tmp_path):
+    cases, keys = folders
+    sealed = keys / case.name
+    _diagnosed(folders, case.name, _perfect(case.key))
+    program = tmp_path / "replay.py"
+    program.write_text(
+        f"import shutil, sys\nshutil.copy({str(sealed / 'test.h5')!r}, sys.argv[4])\n"
+    )
+    words = (sys.executable, str(program))
+    assert prove(cases / case.name, sealed, words) == 0.0
+    judged = {
+        **read_case(cases / case.name, keys),
+        "patched": case.key["test"]["floor"],
+    }
+    assert removed_on_test(judged) == 1.0
 
 
 def test_crash_is_recorded(folders, case):

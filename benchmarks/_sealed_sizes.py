@@ -1,0 +1,239 @@
+"""How large an effect is: takes robot, target and generator, gives a function.
+
+That function turns a size, about 1, into the effect's parameters.
+"""
+
+import math
+from collections.abc import Callable
+
+import _sealed_sites as at
+import mujoco
+import numpy as np
+from _sealed_robots import GRAVITY, Robot
+
+Rng = np.random.Generator
+Values = dict[str, float]
+Sized = Callable[[float], Values]
+
+
+def load_of(robot: Robot, target: str) -> float:
+    return robot.load[at.joint_of(robot, target)]
+
+
+def speed_of(robot: Robot, target: str) -> float:
+    """Typical speed of a joint [rad/s]: its motion once a second."""
+    return 2 * math.pi * robot.amplitude[at.joint_of(robot, target)] / 2
+
+
+def number(key: str, value: float, signed: bool = False):
+    """One parameter that starts from a plain number."""
+
+    def draw(robot: Robot, target: str, rng: Rng) -> Sized:
+        sign = rng.choice([-1.0, 1.0]) if signed else 1.0
+        return lambda size: {key: sign * size * value}
+
+    return draw
+
+
+def stated_of(robot: Robot, target: str, key: str) -> float:
+    """Smallest value of a joint that no refit of the given one may reach."""
+    joint = mujoco.MjSpec.from_string(robot.xml).joint(at.name_of(target))
+    return 1.35 * float(np.ravel(getattr(joint, key))[0])
+
+
+def damping(robot: Robot, target: str, rng: Rng) -> Sized:
+    base = load_of(robot, target) / speed_of(robot, target)
+    least = stated_of(robot, target, "damping")
+    return lambda size: {"damping": least + 0.15 * size * base}
+
+
+def dry(robot: Robot, target: str, rng: Rng) -> Sized:
+    least, base = stated_of(robot, target, "frictionloss"), load_of(robot, target)
+    return lambda size: {"frictionloss": least + 0.12 * size * base}
+
+
+def damping2(robot: Robot, target: str, rng: Rng) -> Sized:
+    base = load_of(robot, target) / speed_of(robot, target) ** 2
+    return lambda size: {"damping2": 0.15 * size * base}
+
+
+def stribeck(robot: Robot, target: str, rng: Rng) -> Sized:
+    ratio, slow = rng.uniform(2.0, 3.5), rng.uniform(0.05, 0.2)
+    base = 0.08 * load_of(robot, target)
+
+    def values(size: float) -> Values:
+        coulomb = size * base
+        static = ratio * coulomb
+        return {
+            "coulomb": coulomb,
+            "static": static,
+            "stribeck_velocity": slow * speed_of(robot, target) / 4,
+        }
+
+    return values
+
+
+def asymmetric(robot: Robot, target: str, rng: Rng) -> Sized:
+    base, uneven = 0.1 * load_of(robot, target), rng.uniform(2.0, 4.0)
+    pair = rng.permutation([1.0, uneven])
+    return lambda s: {"positive": s * base * pair[0], "negative": s * base * pair[1]}
+
+
+def compliance(robot: Robot, target: str, rng: Rng) -> Sized:
+    base, lossy = 15 * load_of(robot, target), rng.uniform(0.002, 0.008)
+    return lambda s: {"stiffness": base / s, "damping": lossy * base / s}
+
+
+def ripple(robot: Robot, target: str, rng: Rng) -> Sized:
+    poles, phase = float(rng.integers(6, 25)), rng.uniform(0, 2 * math.pi)
+    if robot.name == "cartpole" and target == "joint:j1":
+        poles *= 4
+    base = 0.15 * load_of(robot, target)
+    return lambda s: {"amplitude": s * base, "poles": poles, "phase": phase}
+
+
+def armature(robot: Robot, target: str, rng: Rng) -> Sized:
+    typical = load_of(robot, target) / GRAVITY * 0.1
+    if robot.name == "cartpole" and target == "joint:j1":
+        typical = 0.5
+    least = stated_of(robot, target, "armature")
+    return lambda s: {"armature": least + 0.5 * s * typical}
+
+
+def spring(robot: Robot, target: str, rng: Rng) -> Sized:
+    rest = rng.uniform(-0.4, 0.4) * robot.amplitude[at.name_of(target)]
+    base = 0.25 * load_of(robot, target) / robot.amplitude[at.name_of(target)]
+    return lambda s: {"stiffness": s * base, "springref": rest}
+
+
+def coupling(robot: Robot, target: str, rng: Rng) -> Sized:
+    ratio = rng.choice([-1, 1]) * rng.uniform(0.5, 1.2)
+    base = 0.25 * load_of(robot, target)
+    return lambda s: {"stiffness": s * base, "ratio": ratio}
+
+
+def stop(robot: Robot, target: str, rng: Rng) -> Sized:
+    joint = at.name_of(target)
+    side, reach = rng.choice([-1, 1]), robot.amplitude[joint]
+    middle = robot.center.get(joint, 0.0)
+    return lambda s: {"range": middle + side * reach * max(0.8 - 0.2 * s, 0.15)}
+
+
+def limit(robot: Robot, target: str, rng: Rng) -> Sized:
+    load = load_of(robot, target)
+    return lambda s: {"limit": load * max(1.6 / (1 + 0.5 * s), 0.15)}
+
+
+def motor(robot: Robot, target: str, rng: Rng) -> Sized:
+    load, speed = load_of(robot, target), speed_of(robot, target)
+    stall = rng.uniform(2.0, 3.5)
+
+    def values(size: float) -> Values:
+        soft = 1 / (1 + 0.4 * size)
+        return {
+            "stall_torque": stall * load * (0.5 + soft),
+            "no_load_speed": 3.0 * speed * soft,
+        }
+
+    return values
+
+
+def rate(robot: Robot, target: str, rng: Rng) -> Sized:
+    speed = speed_of(robot, target)
+    return lambda s: {"rate": 2.0 * speed / (1 + s)}
+
+
+def kp(robot: Robot, target: str, rng: Rng) -> Sized:
+    spec = mujoco.MjSpec.from_string(robot.xml)
+    actuator, more = spec.actuator(at.name_of(target)), rng.random() < 0.4
+    given = float(actuator.gainprm[0])
+    if more:
+        return lambda s: {"kp": given * (1.4 + 0.5 * s)}
+    return lambda s: {"kp": given * max(0.65 / (1 + 0.4 * s), 0.2)}
+
+
+def integral(robot: Robot, target: str, rng: Rng) -> Sized:
+    load = load_of(robot, target)
+    return lambda s: {"ki": 10 * load * s, "imax": 0.6 * load}
+
+
+def payload(robot: Robot, target: str, rng: Rng) -> Sized:
+    spec = mujoco.MjSpec.from_string(robot.xml)
+    model = spec.compile()
+    body = model.body(at.name_of(target))
+    mass = body.mass[0]
+    if robot.free:
+        place = rng.uniform(-0.03, 0.03, 3)
+    else:
+        place = np.array([0, 0, 2 * body.ipos[2] * rng.uniform(0.7, 1.0)])
+    names = dict(zip(("position_x", "position_y", "position_z"), place, strict=True))
+    return lambda s: {"mass": 0.35 * s * mass, **names}
+
+
+def shift(robot: Robot, target: str, rng: Rng) -> Sized:
+    """A center of mass that moves across the link, where hinges can see it."""
+    direction = rng.normal(size=3)
+    if not robot.free:
+        direction *= [1.0, 0.0, 0.3]
+    direction /= np.linalg.norm(direction)
+    scale = 0.012 if not robot.contact else 0.008
+    return lambda s: dict(zip("xyz", s * scale * direction, strict=True))
+
+
+def slope(robot: Robot, target: str, rng: Rng) -> Sized:
+    planar = not robot.free and robot.name != "arm3"
+    azimuth = rng.choice([0.0, math.pi]) if planar else rng.uniform(-math.pi, math.pi)
+    return lambda s: {"tilt": 0.04 * s, "azimuth": azimuth}
+
+
+def wind(robot: Robot, target: str, rng: Rng) -> Sized:
+    azimuth = rng.uniform(-0.4, 0.4) + rng.choice([0, math.pi])
+    speed = 3.0
+    direction = [math.cos(azimuth), math.sin(azimuth) if robot.free else 0.0, 0.0]
+    return lambda s: dict(
+        zip(("vx", "vy", "vz"), [speed * s * d for d in direction], strict=True)
+    )
+
+
+def grip(robot: Robot, target: str, rng: Rng) -> Sized:
+    spec = mujoco.MjSpec.from_string(robot.xml)
+    spec.compile()
+    given = max(float(g.friction[0]) for g in at.ground(spec))
+    if rng.random() < 0.35:
+        return lambda s: {"friction": given * (1.35 + 0.4 * s)}
+    return lambda s: {"friction": given * max(0.65 / (1 + 0.5 * s), 0.1)}
+
+
+def soft(robot: Robot, target: str, rng: Rng) -> Sized:
+    ratio = rng.uniform(0.5, 1.0)
+    return lambda s: {"timeconst": 0.02 * (1 + s), "dampratio": ratio}
+
+
+def length(robot: Robot, target: str, rng: Rng) -> Sized:
+    spec = mujoco.MjSpec.from_string(robot.xml)
+    length, sign = at.limb_length(spec.body(at.name_of(target))), rng.choice([-1, 1])
+    return lambda s: {"length": length * max(1 + sign * (0.06 + 0.08 * s), 0.4)}
+
+
+def mount(robot: Robot, target: str, rng: Rng) -> Sized:
+    if at.limbs(robot):
+        direction = rng.normal(size=3) * [1, 0.3, 1]
+    else:
+        direction = rng.normal(size=3) * [1, 0, 0.3]
+    direction /= np.linalg.norm(direction)
+    return lambda s: dict(zip("xyz", 0.012 * s * direction, strict=True))
+
+
+def none(robot: Robot, target: str, rng: Rng) -> Sized:
+    return lambda s: {}
+
+
+def angle(robot: Robot, target: str, rng: Rng) -> Sized:
+    joint = at.name_of(target)
+    angle = robot.center.get(joint, 0.0) + robot.amplitude[joint] * rng.uniform(-1, 1)
+    return lambda s: {"angle": angle * 0.7}
+
+
+def sensor_gain(robot: Robot, target: str, rng: Rng) -> Sized:
+    sign = rng.choice([-1, 1])
+    return lambda s: {"gain": max(1 + sign * 0.05 * s, 0.3)}
