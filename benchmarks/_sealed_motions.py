@@ -106,12 +106,13 @@ def _thrown(robot: Robot, rng: Rng, sampling) -> Plan:
 
 def sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
     """Rate [Hz], jitter (share of a period), samples that a command is held."""
-    slowest = 150 if robot.free else 100
-    rate = float(
-        rng.choice([r for r in (100, 150, 200, 250, 400, 500) if r >= slowest])
-    )
-    if robot.contact and robot.drive == "servo":
-        rate = min(rate, 200.0)
+    # of a driven robot, whole steps of the given model: commands then fall between
+    # two steps in the jittered cases only
+    legged = robot.contact and robot.drive == "servo"
+    rates = (100, 125) if legged else (100, 200, 250, 500)
+    if robot.drive == "none":
+        rates = (150, 200, 250, 400, 500)
+    rate = float(rng.choice(rates))
     jitter = float(rng.choice([0.0, 0.0, 0.2, 0.35]))
     # a torque feedback at less than 100 Hz would not be stable
     slow_hold = max(2, int(rate / 100)) if robot.drive == "torque" else int(rate / 40)

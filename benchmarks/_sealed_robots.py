@@ -136,14 +136,13 @@ def pendulum(draw: Draw) -> Robot:
     rest = _actuators([draw.servo("m1", "j1", 12 * load, 0.5 * load)])
     return Robot(
         "pendulum",
-        _model(draw, "pendulum", world, rest, 0.002, "RK4"),
+        _model(draw, "pendulum", world, rest, 0.001, "RK4"),
         ("j1",),
         {"m1": "j1"},
         "servo",
         {"j1": load},
         {"j1": 1.3},
         links=("link1",),
-        step=0.002,
         window=1.0,
     )
 
@@ -198,7 +197,7 @@ def arm2_torque(draw: Draw) -> Robot:
     motors = [f'<motor name="m{i}" joint="j{i}"/>' for i in (1, 2)]
     return Robot(
         "arm2_torque",
-        _model(draw, "arm2", world, _actuators(motors), 0.002, "RK4"),
+        _model(draw, "arm2", world, _actuators(motors), 0.001, "RK4"),
         ("j1", "j2"),
         {"m1": "j1", "m2": "j2"},
         "torque",
@@ -209,7 +208,6 @@ def arm2_torque(draw: Draw) -> Robot:
             "j2": (5 * load[1], 0.4 * load[1]),
         },
         links=("link1", "link2"),
-        step=0.002,
     )
 
 
@@ -273,7 +271,7 @@ def cartpole(draw: Draw) -> Robot:
     rest = _actuators(['<motor name="m1" joint="j1"/>'])
     return Robot(
         "cartpole",
-        _model(draw, "cartpole", world, rest, 0.002, "RK4"),
+        _model(draw, "cartpole", world, rest, 0.001, "RK4"),
         ("j1", "j2"),
         {"m1": "j1"},
         "torque",
@@ -281,7 +279,6 @@ def cartpole(draw: Draw) -> Robot:
         {"j1": 0.25, "j2": 1.0},
         gains={"j1": (60.0, 12.0)},
         links=("cart", "pole"),
-        step=0.002,
     )
 
 
