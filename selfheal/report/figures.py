@@ -1,18 +1,20 @@
-"""Figures of a self-modeling run: a Run in, matplotlib figures out.
+"""Figures of a run, and of a diagnosis: either in, matplotlib figures out.
 
 All are made inside `picture.style()`.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate
 from ..body.genome import build
+from ..diagnosis.result import Located, Trace
 from ..selfmodel.run import Cycle, Run
 from .draw import NEUTRAL, RIGHT, WRONG, draw, from_above, from_behind, window
 from .facts import TILT_NAMES, action_name, right_edges, thousands
-from .picture import BLUE, LINE, MUTED, ORANGE, WIDTH, canvas, label
+from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, canvas, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,6 +23,16 @@ if TYPE_CHECKING:
 _ROWS, _COLUMNS = 8, 4  # most cycles, and rivals of each, that are drawn
 _MOST_JOINTS = 4  # named beside a cycle; chosen
 _TICKS = 9  # most labels on an axis of cycles; chosen
+# of words on a map, whose colors are those of the page at no time of day
+_BLACK, _WHITE = "#111111", "#fefefe"
+_POINTS = 700  # most of a curve that are drawn; chosen
+SIGNALS = 16  # most rows of the map; chosen
+_CLEAR = 0.01  # p-value below which a cell of the map is framed; chosen
+_CURVES: dict[str, Any] = {
+    "given": {"color": MUTED, "lw": 1.0, "ls": (0, (4, 2))},
+    "refit": {"color": ORANGE, "lw": 1.2},
+    "patched": {"color": BLUE, "lw": 1.4},
+}
 
 
 def _figure(height: float) -> "Figure":
@@ -190,7 +202,7 @@ def sureness(run: Run) -> "Figure":
     ax.spines[:].set_visible(False)
     for (i, k), value in np.ndenumerate(values):
         if np.isfinite(value) and count <= 24:
-            ink = "#111111" if value > 0.5 else "#ffffff"
+            ink = _BLACK if value > 0.5 else _WHITE
             ax.text(k + 1, i + 1, f"{100 * value:.0f}", ha="center", va="center",
                     fontsize=7.5, color=ink)  # fmt: skip
     _wrong_cells(ax, run)
@@ -211,3 +223,108 @@ def _wrong_cells(ax: "Axes", run: Run) -> None:
             corner = (k + 0.56, i + 0.56)
             frame = Rectangle(corner, 0.88, 0.88, fill=False, ec=WRONG, lw=1.6)
             ax.add_patch(frame)
+
+
+def traces(chosen: Sequence[Trace]) -> "Figure":
+    """Stretches read and predicted, what each prediction is off by below it."""
+    columns = min(2, len(chosen))
+    rows = -(-len(chosen) // columns)
+    fig = _figure(0.4 + 2.7 * rows)
+    grid = fig.add_gridspec(rows, columns)
+    for at, trace in enumerate(chosen):
+        inner = grid[at // columns, at % columns].subgridspec(
+            2, 1, height_ratios=(3, 1.3)
+        )
+        top = fig.add_subplot(inner[0])
+        _trace(top, fig.add_subplot(inner[1], sharex=top), trace)
+    handles = top.get_legend_handles_labels()
+    fig.legend(*handles, loc="outside upper right", ncols=4)
+    return fig
+
+
+def _trace(top: "Axes", below: "Axes", trace: Trace) -> None:
+    """One stretch, on two axes."""
+    size = len(trace.time)
+    at = np.unique(np.linspace(0, size - 1, min(size, _POINTS)).astype(int))
+    time, read = trace.time[at], trace.read[at]
+    curves = {name: getattr(trace, name)[at] for name in _CURVES}
+    top.plot(time, read, color=INK, lw=3.4, alpha=0.45, label="measured")
+    below.axhline(0, color=LINE, lw=0.8)
+    for name, curve in curves.items():
+        top.plot(time, curve, label=name, **_CURVES[name])
+        below.plot(time, curve - read, **_CURVES[name])
+    fitted = [curves["refit"], curves["patched"]]
+    # a model that is far off leaves the picture instead of flattening the others
+    room = _span(read) or _span(np.concatenate(fitted))
+    _limit(top, read, fitted, 0.6 * room)
+    _limit(below, 0 * read, [curve - read for curve in fitted], 1.2 * room)
+    title = f"{label(trace.signal)}, episode {label(trace.episode)}"
+    top.set_title(title, loc="left", weight="bold")
+    top.set_ylabel(label(trace.unit))
+    top.tick_params(labelbottom=False)
+    below.set_ylabel("off by", fontsize=8)
+    below.set_xlabel("time [s]")
+
+
+def _span(values: Floats) -> float:
+    """From the lowest to the highest of the values that are numbers, or 0."""
+    known = values[np.isfinite(values)]
+    return float(np.ptp(known)) if known.size else 0.0
+
+
+def _limit(ax: "Axes", read: Floats, curves: Sequence[Floats], room: float) -> None:
+    """Show all of `read`, and of the curves what is at most `room` away from it."""
+    known = read[np.isfinite(read)]
+    every = np.concatenate([known, *(curve[np.isfinite(curve)] for curve in curves)])
+    if not every.size:
+        return
+    low, high = (known.min(), known.max()) if known.size else (-np.inf, np.inf)
+    bottom, top = max(every.min(), low - room), min(every.max(), high + room)
+    margin = 0.06 * (top - bottom) or 1e-9 + 0.01 * abs(top)
+    ax.set_ylim(bottom - margin, top + margin)
+
+
+def error_map(located: Located) -> "Figure":
+    """Where the squared error lies: a row a signal, a column a regime."""
+    worst = np.argsort(-np.nan_to_num(located.share).sum(axis=1), kind="stable")
+    rows = np.sort(worst[:SIGNALS])
+    share, p_value = located.share[rows], located.p_value[rows]
+    most = max(0.01, float(np.nan_to_num(share).max()))
+    fig = _figure(1.0 + 0.3 * len(rows))
+    ax = fig.subplots()
+    edges = np.arange(share.shape[1] + 1) + 0.5, np.arange(len(rows) + 1) + 0.5
+    mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(share), cmap="Blues", vmin=0,
+                         vmax=most, edgecolors="face", lw=0.3)  # fmt: skip
+    regimes = [label(r.replace("_", " ")) for r in located.regimes]
+    ax.set_xticks(np.arange(len(regimes)) + 1, regimes)
+    ax.xaxis.tick_top()
+    names = [label(located.signals[i]) for i in rows]
+    ax.set_yticks(np.arange(len(names)) + 1, names)
+    ax.invert_yaxis()
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    for (i, k), value in np.ndenumerate(share):
+        clear = bool(p_value[i, k] < _CLEAR)
+        dark = bool(value > 0.55 * most)
+        _cell(ax, (k + 1, i + 1), value, dark=dark, clear=clear)
+    bar = fig.colorbar(mesh, ax=ax, pad=0.01, fraction=0.03, format="{x:.0%}")
+    bar.outline.set_visible(False)
+    return fig
+
+
+def _cell(
+    ax: "Axes", at: tuple[float, float], share: float, *, dark: bool, clear: bool
+) -> None:
+    """What a cell of the map says, and a frame where that is no accident."""
+    from matplotlib.patches import Rectangle
+
+    known = bool(np.isfinite(share))
+    ink = (_WHITE if dark else _BLACK) if known else MUTED
+    words = f"{100 * share:.0f}" if known else "\N{EN DASH}"
+    if known and 0 < share < 0.005:
+        words = "<1"
+    ax.text(*at, words, ha="center", va="center", fontsize=8, color=ink,
+            weight="bold" if clear else "normal")  # fmt: skip
+    if clear:
+        corner = (at[0] - 0.46, at[1] - 0.44)
+        ax.add_patch(Rectangle(corner, 0.92, 0.88, fill=False, ec=WRONG, lw=1.8))

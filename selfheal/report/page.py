@@ -8,6 +8,7 @@ import html
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 from ..files import atomic_path
 
@@ -86,6 +87,59 @@ def details(summary: str, *pieces: object) -> Html:
     return Html(f"<details><summary>{text(summary)}</summary>{join(*pieces)}</details>")
 
 
+def bullets(items: Iterable[object]) -> Html:
+    """A list, an item a line."""
+    inner = "".join(f"<li>{text(item)}</li>" for item in items)
+    return Html(f"<ul>{inner}</ul>" if inner else "")
+
+
+def bars(rows: Iterable[tuple[str, str, float]]) -> Html:
+    """Numbers one below the other, each with a bar; the longest at most 3 others long.
+
+    Args:
+        rows: a label, the number as it is written, the number; NaN has no bar.
+    """
+    rows = list(rows)
+    second, first = [0.0, 0.0, *sorted(x for _, _, x in rows if isfinite(x))][-2:]
+    full = (min(first, 3 * second) or first) if first > 0 else 1.0
+
+    def share(number: float) -> float:
+        return min(max(number / full, 0.0), 1.0) if isfinite(number) else 0.0
+
+    inner = "".join(
+        f"<div><span>{text(label)}</span><b>{text(written)}</b>"
+        f'<i><i style="width:{100 * share(number):.1f}%"></i></i></div>'
+        for label, written, number in rows
+    )
+    return Html(f'<div class="bars">{inner}</div>')
+
+
+def diff(change: str) -> Html:
+    """A unified diff, what is added and what is taken away in two colors."""
+    lines = change.splitlines()
+    shown = "\n".join(
+        f'<span class="{_side(line, at)}">{text(_short(line))}</span>'
+        for at, line in enumerate(lines[:_MOST_LINES])
+    )
+    left = len(lines) - _MOST_LINES
+    more = paragraph(mark(f"{left} more lines.", "soft")) if left > 0 else ""
+    return join(Html(f'<pre class="diff">{shown}</pre>'), more)
+
+
+def _side(line: str, at: int) -> str:
+    """The class of a diff's line number `at`, from 0."""
+    if line[:2] == "@@" or (at < 2 and line[:3] in ("---", "+++")):
+        return "soft"
+    return {"+": "right", "-": "wrong"}.get(line[:1], "same")
+
+
+def _short(line: str) -> str:
+    """A line, without its end where that is far away."""
+    if len(line) <= _LONGEST_LINE:
+        return line
+    return line[: _LONGEST_LINE - 1] + "\N{HORIZONTAL ELLIPSIS}"
+
+
 def page(title: str, sections: Iterable[Section], *, lead: str) -> str:
     """The whole page.
 
@@ -122,6 +176,8 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
     with atomic_path(path) as temporary:
         temporary.write_text(page, encoding="utf-8")
 
+
+_MOST_LINES, _LONGEST_LINE = 400, 300  # of a diff; chosen
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -161,4 +217,21 @@ th.n { white-space: normal; }
 .wrong { color: var(--wrong); font-weight: 600; }
 .soft, details > summary { color: var(--muted); }
 details > summary { cursor: pointer; margin: .6rem 0; }
+h3 { font-size: 1.05rem; margin: 1.4rem 0 .2rem; }
+ul { max-width: 48rem; margin: .5rem 0; padding-left: 1.2rem; }
+.bars { display: grid; gap: .35rem; max-width: 48rem; margin: .9rem 0; }
+.bars > div { display: grid; grid-template-columns: 13rem 5.5rem 1fr; gap: .8rem;
+  align-items: center; }
+.bars b { text-align: right; font-variant-numeric: tabular-nums; }
+.bars > div > i { display: block; }
+.bars i > i { display: block; height: .8rem; min-width: 2px; border-radius: 2px;
+  background: var(--right); }
+@media (max-width: 45rem) { .bars > div { grid-template-columns: 8rem 5.5rem 1fr; } }
+.diff { background: var(--card); border: 1px solid var(--line); border-radius: 8px;
+  padding: .7rem .9rem; white-space: pre-wrap; overflow-wrap: anywhere;
+  font-size: .82rem; line-height: 1.45; }
+.diff .right, .diff .wrong { font-weight: 400; }
+@media print { body { max-width: none; padding: 0; } h2, h3 { break-after: avoid; }
+  figure, tr, .bars { break-inside: avoid; }
+  * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
 """

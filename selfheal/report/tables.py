@@ -1,8 +1,14 @@
-"""Tables of a self-modeling run: a Run in, markup out."""
+"""Tables of a self-modeling run, and of a diagnosis: either in, markup out."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from math import floor, isfinite, log10
+from typing import Any
 
 import numpy as np
 
 from ..body.genome import HINGE_NAMES
+from ..diagnosis.result import Candidate, SignalFit
+from ..diagnosis.stated import LENGTH, MASS, REST
 from ..selfmodel.run import Run
 from .facts import (
     SIDES,
@@ -14,9 +20,12 @@ from .facts import (
     percent,
     true_side,
 )
-from .page import Html, join, mark, paragraph, table
+from .page import Html, details, join, mark, paragraph, table, text
 
 _MOST_RIVALS = 12  # rows of the table; chosen
+_MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
+_AT_BOUND = 0.01  # of the way to a bound that counts as having got there; chosen
+_DASH = "\N{EN DASH}"
 
 
 def tree(run: Run) -> Html:
@@ -119,3 +128,200 @@ def _rival(run: Run, rival: Rival) -> list[object]:
     if rival.right is not None:
         row.append(f"{rival.right} of {run.anatomy.size}")
     return row
+
+
+def given_number(value: object) -> float:
+    """A number of a document; NaN where it says that there is none."""
+    return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def short(value: object, digits: int = 3) -> str:
+    """A number of a document by its leading digits, or a dash."""
+    known = given_number(value)
+    return f"{known:.{digits}g}" if isfinite(known) else _DASH
+
+
+def quantity(stated: Mapping[str, Any]) -> str:
+    """A value with its unit and interval, to the digits that the interval gives.
+
+    Args:
+        stated: value, low, high and unit, as the document has them; a vector's are
+            lists, and its interval is left out.
+    """
+    value, low, high = (stated.get(key) for key in ("value", "low", "high"))
+    unit = f" {stated.get('unit') or ''}".removesuffix(" 1").rstrip()
+    if isinstance(value, Sequence):
+        each = zip(value, low or value, high or value, strict=True)
+        written = [_digits(*map(given_number, x))(given_number(x[0])) for x in each]
+        return f"({', '.join(written)}){unit}"
+    value, low, high = map(given_number, (value, low, high))
+    return _scalar(value, low, high, unit)
+
+
+def _scalar(value: float, low: float, high: float, unit: str) -> str:
+    """A number with its unit and, where it is known, its interval."""
+    written = _digits(value, low, high)
+    said = f"{written(value)}{unit}"
+    if not (isfinite(low) and isfinite(high)):
+        return said
+    return f"{said} ({written(low)} to {written(high)})"
+
+
+def _digits(value: float, low: float, high: float) -> Callable[[float], str]:
+    """How to write a value and its interval."""
+    half, size = (high - low) / 2, max(abs(low), abs(high), abs(value))
+    if not (isfinite(half) and half > 0 and 1e-4 <= size < 1e6):
+        return short
+    places = min(max(0, -floor(log10(half / 2))), 8)
+    return lambda x: number(x, places)
+
+
+def findings(document: Mapping[str, Any]) -> Html:
+    """A row a finding: what, where, how much, and where it shows."""
+    rows = [
+        (
+            found["effect"],
+            found["target"],
+            Html("<br>".join(text(_parameter(p)) for p in found["parameters"])),
+            Html("<br>".join(text(_shown_in(s)) for s in _seen(found))),
+        )
+        for found in document["findings"]
+    ]
+    head = ("effect", "where", "value (90 % interval)", "seen in (share of error)")
+    return table(head, rows, "llll")
+
+
+def _parameter(stated: Mapping[str, Any]) -> str:
+    return f"{stated['name']} {quantity(stated)}"
+
+
+def _seen(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """The signals that a finding shows in, at most three."""
+    return (found.get("where") or {}).get("signals", ())[:3]
+
+
+def _shown_in(signal: Mapping[str, Any]) -> str:
+    share = percent(given_number(signal.get("share_of_error")))
+    return f"{signal['name']} ({share}, p {short(signal.get('p_value'), 2)})"
+
+
+def candidates(chosen: Sequence[Candidate], found: Sequence[Mapping[str, Any]]) -> Html:
+    """A row a candidate, with the evidence of those that earned a name."""
+    left = list(found)
+    rivals = {name for f in found for name in f.get("equivalent", ())}
+    rows = []
+    for rank, candidate in enumerate(chosen):
+        own = [f for f in left if _is(candidate, f)]
+        left = [f for f in left if f not in own]
+        if rank < _MOST_CANDIDATES or own:
+            rows.append(_candidate(rank + 1, candidate, own, rivals))
+    # named after another one was, so not among the first
+    for f in left:
+        candidate = Candidate(f["effect"], f["target"], float("nan"), True)
+        rows.append(_candidate(_DASH, candidate, [f], rivals))
+    head = ("rank", "effect", "where", "error left", "gain [nats]", "p", "stability",
+            "")  # fmt: skip
+    return table(head, rows, "rllrrrrl")
+
+
+def _is(candidate: Candidate, finding: Mapping[str, Any]) -> bool:
+    """Whether a finding is that candidate, or one place of it."""
+    places = candidate.target.split(", ")
+    return finding["effect"] == candidate.effect and finding["target"] in places
+
+
+def _candidate(
+    rank: object,
+    candidate: Candidate,
+    own: Sequence[Mapping[str, Any]],
+    rivals: Collection[str],
+) -> list[object]:
+    """A candidate's row.
+
+    Args:
+        rank: from 1, or a dash.
+        candidate: of the row.
+        own: the findings that it is.
+        rivals: names that the data cannot tell from a finding's.
+    """
+    evidence = own[0].get("evidence") or {} if own else {}
+    status = "named" if candidate.named else ""
+    if not status and candidate.effect in rivals:
+        status = "not told apart"
+    return [
+        rank,
+        candidate.effect,
+        candidate.target,
+        percent(candidate.left),
+        short(evidence.get("heldout_nll_gain"), 2),
+        short(evidence.get("p_value"), 2),
+        percent(given_number(evidence.get("stability"))),
+        mark(status, "right" if candidate.named else "soft") if status else "",
+    ]
+
+
+def refit(stated: Sequence[Mapping[str, Any]]) -> Html:
+    """A row a parameter that the model states, those at a bound first."""
+    ordered = sorted(stated, key=lambda entry: not at_bound(entry))
+    rows = [_refit(entry) for entry in ordered]
+    head = ("parameter", "given", "re-fitted (90 % interval)", "change", "")
+    first = max(_MOST_REFIT, sum(map(at_bound, stated)))
+    shown = table(head, rows[:first], "lrlrl")
+    if len(rows) <= first:
+        return shown
+    more = table(head, rows[first:], "lrlrl")
+    return join(shown, details(f"{len(rows) - first} more", more))
+
+
+def _refit(entry: Mapping[str, Any]) -> list[object]:
+    """A parameter's row."""
+    change = _change(entry)
+    return [
+        entry["parameter"],
+        short(entry.get("given")),
+        quantity(entry),
+        f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else _DASH,
+        mark("at its bound", "wrong") if at_bound(entry) else "",
+    ]
+
+
+def _change(entry: Mapping[str, Any]) -> float:
+    """Change of a re-fitted value, relative to the given one; NaN if there is none."""
+    given, value = given_number(entry.get("given")), given_number(entry.get("value"))
+    return value / given - 1 if given else float("nan")
+
+
+def at_bound(entry: Mapping[str, Any]) -> bool:
+    """Whether a re-fitted value went as far as a careful user would let it."""
+    field = str(entry["parameter"]).rpartition("/")[2]
+    reach = {"mass": MASS, "inertia": MASS, "length": LENGTH}.get(field, REST)
+    return abs(_change(entry)) >= (1 - _AT_BOUND) * reach
+
+
+def held_out(signals: Sequence[SignalFit]) -> Html:
+    """A row a signal: its error by each model, those that count first."""
+    rows = [
+        (
+            s.name,
+            *(_error(e) for e in (s.given, s.refit, s.patched)),
+            short(s.floor),
+            mark("worse than re-fitted", "wrong") if worse(s) else "",
+            "" if s.scored else mark("not scored", "soft"),
+        )
+        for s in sorted(signals, key=lambda s: not s.scored)
+    ]
+    head = ("signal", "given", "re-fitted", "patched", "floor", "", "")
+    return table(head, rows, "lrrrrll")
+
+
+def worse(signal: SignalFit) -> bool:
+    """Whether the findings make a signal worse by more than the last digit."""
+    return signal.patched[0] > 1.01 * signal.refit[0]
+
+
+def _error(error: tuple[float, float, float]) -> Html:
+    """An error above its interval."""
+    value, low, high = error
+    known = isfinite(low) and isfinite(high)
+    between = f"{short(low)} to {short(high)}" if known else _DASH
+    return join(short(value), Html("<br>"), mark(between, "soft"))

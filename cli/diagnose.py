@@ -1,0 +1,318 @@
+"""`selfheal diagnose`, `replay`, `effects`: a model and recordings in, findings out."""
+
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from selfheal.diagnosis.result import Diagnosis
+    from selfheal.recording import Recording
+
+_JSON = typer.Option("--json", help="One JSON object for scripts.")
+_FILES = ("diagnosis.json", "patched.xml", "report.html")
+
+
+def diagnose(
+    model: Annotated[
+        Path, typer.Argument(metavar="MODEL", help="The robot's MJCF or URDF.")
+    ],
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(metavar="RECORDING.h5...", help="What the real robot did."),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where the three files go.")
+    ],
+    held_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ID",
+            help="An episode, a piece id[t0,t1], or a file to prove it on; once each.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
+    ] = False,
+    as_json: Annotated[bool, _JSON] = False,
+) -> None:
+    """Find where a model and recordings differ, and which physics is missing."""
+    from selfheal.diagnosis.diagnose import diagnose as find
+    from selfheal.diagnosis.folder import check_folder, write
+    from selfheal.errors import InputError
+    from selfheal.report.diagnose import page
+
+    if seed < 0:
+        raise InputError(f"seed must not be negative; not {seed}")
+    _check_model(model)
+    read = _read(recordings, held_out or [])
+    names = _held_out(held_out or [], read)
+    folder = check_folder(out, force)
+    _check_lost(folder)
+    with _progress(quiet=as_json) as show:
+        found = find(model, [*read.values()], held_out=names, seed=seed, progress=show)
+        show("writing the report", 0.0)
+        files = [str(path) for path in read]
+        write(found, folder, page(found, str(model), files), force)
+    if as_json:
+        from ._print import print_json
+
+        extra = {"seconds": round(found.seconds, 1), "folder": str(folder)}
+        print_json({**found.document, **extra})
+    else:
+        _print_diagnosis(found, folder)
+
+
+def _check_model(model: Path) -> None:
+    """Refuse a model that is no file."""
+    from selfheal.errors import InputError
+
+    if not model.is_file():
+        raise InputError(f"{model}: there is no such file")
+
+
+def _check_lost(folder: Path) -> None:
+    """Refuse to replace a folder that holds more than a diagnosis."""
+    from selfheal.errors import InputError
+
+    there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    other = [name for name in there if name not in _FILES]
+    if other:
+        raise InputError(
+            f"{folder} holds {other[0]} too, which --force would delete; give another "
+            "--out"
+        )
+
+
+def _read(paths: Sequence[Path], held_out: Sequence[str]) -> dict[Path, "Recording"]:
+    """Every recording, those named only to be held out too; no file twice."""
+    from selfheal.errors import InputError
+    from selfheal.recording import read
+
+    seen: dict[Path, Path] = {}
+    for path in paths:
+        real = path.resolve()
+        if real in seen:
+            raise InputError(f"{path} is given twice, first as {seen[real]}")
+        seen[real] = path
+    for path in filter(_is_file, map(Path, held_out)):
+        seen.setdefault(path.resolve(), path)
+    return {path: read(path) for path in seen.values()}
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a name to hold out is that of a file, not of an episode."""
+    return path.suffix == ".h5" and path.is_file()
+
+
+def _held_out(
+    held_out: Sequence[str], recordings: Mapping[Path, "Recording"]
+) -> list[str]:
+    """Names to hold out, a file as all of its episodes."""
+    by_file = {path.resolve(): recording for path, recording in recordings.items()}
+    names: list[str] = []
+    for entry in held_out:
+        if _is_file(Path(entry)):
+            whole = by_file[Path(entry).resolve()]
+            names += [f"{whole.file}:{episode}" for episode in whole.episodes]
+        else:
+            names.append(entry)
+    return names
+
+
+class _Show:
+    """Live progress on standard error: a bar, and a line for each stage."""
+
+    def __init__(self, quiet: bool) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        self.console = Console(stderr=True, quiet=quiet)
+        self.start, self.stage = time.perf_counter(), ""
+        self.bar = Progress(
+            BarColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.description}", markup=False),
+            console=self.console,
+            transient=True,
+        )
+        self.task = self.bar.add_task("reading", total=1.0)
+
+    def __call__(self, what: str, share: float) -> None:
+        """Show what is being done and how much of that is done."""
+        self.bar.update(self.task, description=what, completed=share)
+        stage = what.partition(" ")[0]  # "trying this", "trying that": one stage
+        if stage != self.stage:
+            self.stage = stage
+            seconds = time.perf_counter() - self.start
+            self.console.print(
+                f"{seconds:6.1f} s  {what}", highlight=False, markup=False
+            )
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[_Show]:
+    """Progress while a diagnosis goes on."""
+    show = _Show(quiet)
+    if quiet:
+        yield show
+        return
+    with show.bar:
+        yield show
+
+
+def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
+    """The verdict, the findings, the errors, the files."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from selfheal.report.diagnose import sentence
+
+    console = Console()
+    # text, not markup: a name in a file may hold square brackets
+    console.print(Text(sentence(found.document), style="bold"), soft_wrap=True)
+    _print_findings(console, found.document["findings"])
+    _print_fit(console, found.document["fit"])
+    for remark in found.remarks:
+        console.print(Text(f"note: {remark}"), soft_wrap=True)
+    for name in _FILES:
+        console.print(Text(os.fspath(folder / name)), soft_wrap=True)
+
+
+def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None:
+    """A row a finding, and how to tell it from its equals."""
+    if not findings:
+        return
+    from rich.text import Text
+
+    from selfheal.report.tables import quantity
+
+    head = ("effect", "where", "value (90 % interval)", "cannot be told from")
+    rows = [
+        (
+            found["effect"],
+            found["target"],
+            "\n".join(f"{p['name']} {quantity(p)}" for p in found["parameters"]),
+            "\n".join(found.get("equivalent", ())),
+        )
+        for found in findings
+    ]
+    _print_table(console, head, rows)
+    for found in findings:
+        if found.get("equivalent") and found.get("separate_by"):
+            advice = f"to separate {found['effect']}: {found['separate_by']}"
+            console.print(Text(advice), soft_wrap=True)
+
+
+def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
+    """The error on held-out recordings."""
+    from selfheal.report.tables import short
+
+    keys = ("given", "refit", "patched", "floor")
+    row = ["held-out error", *(short(fit.get(key)) for key in keys)]
+    removed = fit.get("explainable_removed")
+    row.append("\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %")
+    _print_table(console, ("", *keys, "explainable removed"), [row])
+
+
+def _print_table(
+    console: Any, head: Sequence[str], rows: Sequence[Sequence[str]], whole: int = 0
+) -> None:
+    """A table; cells of the first `whole` columns are never broken."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table()
+    for column, title in enumerate(head):
+        table.add_column(title, overflow="fold", no_wrap=column < whole)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    console.print(table)
+
+
+def replay(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A diagnosis.")],
+    inputs: Annotated[
+        Path, typer.Argument(metavar="INPUTS.h5", help="Commands, start, signals.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="PREDICTED.h5", help="Where the prediction goes.")
+    ],
+    model: Annotated[
+        Path | None,
+        typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
+    ] = None,
+    as_json: Annotated[bool, _JSON] = False,
+) -> None:
+    """Predict what the robot does, by the patched model, open loop."""
+    from selfheal.diagnosis.replay import replay as predict
+    from selfheal.recording import read, write
+
+    start = time.perf_counter()
+    _check_replay(folder, inputs, out, model)
+    predicted = predict(folder, read(inputs), model=model)
+    write(predicted, out)
+    told = {
+        "format": "selfheal-replay",
+        "version": 1,
+        "diagnosis": str(folder),
+        "model": None if model is None else str(model),
+        "inputs": str(inputs),
+        "predicted": str(out),
+        "episodes": len(predicted.episodes),
+        "samples": sum(e.time.size for e in predicted.episodes.values()),
+        "seconds": round(time.perf_counter() - start, 1),
+    }
+    if as_json:
+        from ._print import print_json
+
+        print_json(told)
+    else:
+        typer.echo(
+            f"{told['episodes']} episodes, {told['samples']} samples predicted in "
+            f"{told['seconds']} s: {out}"
+        )
+
+
+def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> None:
+    """Refuse what cannot work before anything is simulated."""
+    from selfheal.errors import InputError
+    from selfheal.files import check_writable_folder
+
+    if not (folder / _FILES[0]).is_file():
+        raise InputError(
+            f"{folder} is no diagnosis: it has no {_FILES[0]}; make one by 'selfheal "
+            "diagnose'"
+        )
+    if model is not None:
+        _check_model(model)
+    if not inputs.is_file():
+        raise InputError(f"{inputs}: there is no such file")
+    if out.resolve() == inputs.resolve():
+        raise InputError(f"--out {out} would overwrite the inputs")
+    if out.is_dir():
+        raise InputError(f"cannot write {out}: it is a folder")
+    check_writable_folder(out.parent)
+
+
+def effects(as_json: Annotated[bool, _JSON] = False) -> None:
+    """List the physics that can be found missing."""
+    from selfheal.diagnosis.effects import catalogue
+
+    keys = ("name", "group", "says", "equation", "source", "separate_by")
+    found = [{key: getattr(e, key) for key in keys} for e in catalogue().values()]
+    if as_json:
+        from ._print import print_json
+
+        print_json({"format": "selfheal-effects", "version": 1, "effects": found})
+        return
+    from rich.console import Console
+
+    head = ("name", "where", "what happens", "equation")
+    rows = [[str(e[key]) for key in keys[:4]] for e in found]
+    _print_table(Console(), head, rows, whole=2)

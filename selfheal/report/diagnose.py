@@ -1,0 +1,399 @@
+"""The report of a diagnosis: a Diagnosis in, one HTML page out."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..diagnosis.effects import catalogue
+from ..diagnosis.result import Diagnosis, Located
+from . import figures, tables
+from .facts import percent
+from .page import Html, Section, bars, bullets, diff, join, mark, paragraph, table
+from .page import page as whole
+from .picture import figure, style
+from .tables import given_number, quantity, short
+
+_MOST_TRACES, _MOST_NAMED, _NEAREST = 6, 3, 3  # drawn, in a sentence, advised; chosen
+_MOST_PLACES = 4  # that a sentence names; chosen
+_ALL = 0.995  # share of the explainable error that is called all of it; chosen
+
+# what is the case at {at}, by effect; {all} are all parameters, by name
+_SAYS = {
+    "viscous_friction": "{at} has viscous friction of {damping} {lacks}",
+    "coulomb_friction": "{at} has dry friction of {frictionloss} {lacks}",
+    "stribeck_friction": "{at} has dry friction {lacks}: {static} at rest, {coulomb} "
+    "in motion",
+    "load_dependent_friction": "{at} has friction {lacks}: {load_coefficient} of the "
+    "torque that it passes on",
+    "asymmetric_friction": "{at} has dry friction {lacks}: {positive} one way, "
+    "{negative} the other",
+    "quadratic_damping": "{at} has drag of {damping2} {lacks}",
+    "backlash": "{at} has play of {gap} {lacks}",
+    "compliance": "{at} gives way, with a stiffness of {stiffness} {lacks}",
+    "cogging": "{at} has a torque of {amplitude} {lacks}, rippling with its angle",
+    "armature": "{at} has a rotor inertia of {armature}, {other}",
+    "joint_spring": "{at} has a spring of {stiffness} {lacks}",
+    "joint_coupling": "{at} is coupled to another joint by {stiffness} {lacks}",
+    "hard_stop": "{at} has a hard stop at {range} {lacks}",
+    "command_delay": "{at} acts on its commands {delay} late",
+    "actuator_lag": "{at} follows its commands with a time constant of {timeconst} "
+    "{lacks}",
+    "torque_saturation": "{at} cannot give more than {limit}",
+    "speed_torque_limit": "{at} gives less torque the faster it turns: {stall_torque} "
+    "at rest, none at {no_load_speed}",
+    "rate_limit": "{at} follows its commands at {rate} at most",
+    "servo_gain": "{at} has gains {other} ({all})",
+    "integral_action": "{at} sums up its error with a gain of {ki}",
+    "payload": "{at} carries a mass of {mass} {lacks}",
+    "com_shift": "{at} has its center of mass elsewhere than in the model ({all})",
+    "link_length": "{at} has a length of {length}, {other}",
+    "mount_shift": "{at} is attached elsewhere than in the model ({all})",
+    "limb_loss": "{at} is lost",
+    "joint_jam": "{at} is stuck at {angle}",
+    "slope": "the ground slopes by {tilt}, {other}",
+    "fluid_drag": "a fluid {lacks} drags at {at} ({all})",
+    "wind": "a wind {lacks} blows ({all})",
+    "ground_friction": "contact has a friction of {friction}, {other}",
+    "ground_compliance": "contact gives way, {other} ({all})",
+    "sensor_bias": "{at} is off by {bias}",
+    "sensor_gain": "{at} reads {gain} times what is true",
+    "sensor_delay": "{at} comes {delay} late",
+    "quantization": "{at} comes in steps of {step}",
+}
+_COMMON = {"lacks": "that the model lacks", "other": "other than in the model"}
+_MEANS = {
+    "explained": "What remains is as large as noise.",
+    "partly": "The findings help on recordings that the fit did not see, but what "
+    "remains is not noise, and no further effect of the catalogue earns its place. "
+    "Use the patched model where its error is small enough, and look at the map below "
+    "for where the rest lies.",
+    "unlisted": "The re-fitted model is wrong in a way that is no noise, yet no effect "
+    "of the catalogue predicts recordings better that the fit did not see. The map "
+    "below tells where to look.",
+    "nothing": "After re-fitting what the model states, what remains on recordings "
+    "that the fit did not see is as large as noise. That holds for motions like these; "
+    "what was never excited cannot be seen, and stands under Remarks.",
+}
+
+
+def page(diagnosis: Diagnosis, model: str, recordings: Sequence[str]) -> str:
+    """The page of a diagnosis, as one self-contained HTML text.
+
+    Args:
+        diagnosis: to be told.
+        model: the file that was given.
+        recordings: the files that it was compared with.
+    """
+    with style():
+        sections = [
+            _missing(diagnosis),
+            _before_after(diagnosis),
+            _traces(diagnosis),
+            _located(diagnosis.located),
+            _candidates(diagnosis),
+            _refit(diagnosis),
+            _change(diagnosis),
+            _held_out(diagnosis),
+            _remarks(diagnosis),
+            _computed(diagnosis, model, recordings),
+        ]
+    title = f"Diagnosis of {Path(model).name}"
+    return whole(title, sections, lead=sentence(diagnosis.document))
+
+
+# ---- in words
+
+
+def sentence(document: Mapping[str, Any]) -> str:
+    """The verdict of diagnosis.json in a sentence."""
+    verdict, found = document["verdict"], document["findings"]
+    if verdict == "nothing":
+        return (
+            "Nothing is missing that these recordings can show: what the re-fitted "
+            "model leaves is noise."
+        )
+    if verdict == "unlisted" or not found:
+        return (
+            "The model lacks physics that is not in the catalogue: structured error "
+            "remains, and no effect earns its place."
+        )
+    rest = "" if verdict == "explained" else (
+        ", and structured error remains that has no name"
+    )  # fmt: skip
+    return f"{_named(found)}; {_effect(document['fit'], len(_clauses(found)))}{rest}."
+
+
+def _named(found: Sequence[Mapping[str, Any]]) -> str:
+    """What was found, as the first half of a sentence."""
+    said = _clauses(found)
+    if len(said) == 1:
+        return _capital(said[0])
+    first = ", first of all" if len(said) > _MOST_NAMED else ""
+    shown = "; ".join(said[:_MOST_NAMED])
+    return f"{len(said)} things differ from the model{first}: {shown}"
+
+
+def _clauses(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A clause a finding; the same thing in several places is one."""
+    alike: dict[str, list[Mapping[str, Any]]] = {}
+    for finding in found:
+        alike.setdefault(_clause(finding, "{}"), []).append(finding)
+    return [
+        _clause(same[0], _places([finding["target"] for finding in same]))
+        for same in alike.values()
+    ]
+
+
+def _effect(fit: Mapping[str, Any], count: int) -> str:
+    """How much the findings help, as the second half."""
+    them = "it" if count == 1 else "together they"
+    removed = given_number(fit.get("explainable_removed"))
+    refit, patched = short(fit.get("refit"), 2), short(fit.get("patched"), 2)
+    if not isfinite(removed):
+        verb = "brings" if count == 1 else "bring"
+        return f"{them} {verb} the held-out error from {refit} to {patched}"
+    verb = "explains" if count == 1 else "explain"
+    if removed <= 0:
+        return f"{them} {verb} none of the held-out error ({refit} before)"
+    much = percent(removed) if removed < _ALL else "all"
+    return f"{them} {verb} {much} of the error that can be explained"
+
+
+def _clause(finding: Mapping[str, Any], place: str) -> str:
+    """A finding in plain words, without a capital and a full stop."""
+    parameters = {p["name"]: quantity(p) for p in finding["parameters"]}
+    every = ", ".join(f"{name} {said}" for name, said in parameters.items())
+    words = {**_COMMON, **parameters, "at": place, "all": every}
+    effect = finding["effect"]
+    try:
+        return _SAYS[effect].format_map(words)
+    except KeyError:  # another package's effect, or its parameters
+        known = f" ({every})" if every else ""
+        return f"{place} shows {_plain(effect)}{known} that the model lacks"
+
+
+def _places(targets: Sequence[str]) -> str:
+    """Targets as a person says them."""
+    if len(targets) == 1:
+        return _place(targets[0])
+    kind, names = targets[0].partition(":")[0], [t.partition(":")[2] for t in targets]
+    kind = "signal" if kind == "sensor" else kind
+    if len(names) > _MOST_PLACES:
+        return f"each of {len(names)} {kind}s"
+    return f"each of the {kind}s {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _place(target: str) -> str:
+    """A target as a person says it."""
+    kind, colon, name = target.partition(":")
+    if not colon:
+        return "the robot" if kind == "world" else f"the {kind}"
+    return f"the {'signal' if kind == 'sensor' else kind} {name}"
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+# ---- section by section
+
+
+def _missing(diagnosis: Diagnosis) -> Section:
+    """The findings, what the verdict means, what to do."""
+    document = diagnosis.document
+    found, verdict = document["findings"], document["verdict"]
+    body = [tables.findings(document)] if found else []
+    body.append(paragraph(_MEANS.get(verdict, f"The verdict is {verdict}.")))
+    body.append(bullets(note for f in found for note in _notes(f)))
+    if verdict in ("partly", "unlisted") and (tries := _experiments(diagnosis)):
+        body += [paragraph("Experiments that would show more:"), bullets(tries)]
+    return Section("What is missing" if found else "What this means", tuple(body))
+
+
+def _notes(finding: Mapping[str, Any]) -> Iterable[Html]:
+    """What a user should know of a finding besides its numbers."""
+    named = f"{finding['effect']} at {finding['target']}"
+    rivals = ", ".join(finding.get("equivalent", ()))
+    if rivals:
+        advice = finding.get("separate_by")
+        how = f" To separate them: {advice}." if advice else ""
+        yield join(mark(named, "right"), f" cannot be told from {rivals} by these "
+                   f"data.{how}")  # fmt: skip
+    where = finding.get("where") or {}
+    if where.get("regime", "always") != "always":
+        yield join(mark(named, "right"), " shows most in the regime "
+                   f"\N{LEFT DOUBLE QUOTATION MARK}{_plain(where['regime'])}"
+                   f"\N{RIGHT DOUBLE QUOTATION MARK}{_windows(where)}.")  # fmt: skip
+    if onset := where.get("onset"):
+        moment = quantity({**onset, "value": onset.get("time"), "unit": "s"})
+        yield join(mark(named, "right"), f" sets in at {moment} of episode "
+                   f"{onset.get('episode')}.")  # fmt: skip
+    if measured := finding.get("measured"):
+        yield join(mark(named, "right"), f": the joint's position is read at the "
+                   f"{measured}'s side.")  # fmt: skip
+
+    if finding.get("native") is False:
+        yield join(mark(named, "right"), ": plain MuJoCo cannot express it, so it is "
+                   "not in patched.xml; selfheal replay applies it.")  # fmt: skip
+
+
+def _windows(where: Mapping[str, Any]) -> str:
+    """The first window that a finding shows in."""
+    for window in where.get("windows", ())[:1]:
+        start, end = short(window.get("start")), short(window.get("end"))
+        return f", for example from {start} to {end} s of episode {window['episode']}"
+    return ""
+
+
+def _experiments(diagnosis: Diagnosis) -> list[str]:
+    """What would tell the best candidates that earned no name from one another."""
+    known = catalogue()
+    found = [
+        f"{_capital(known[c.effect].separate_by)}: would decide about {c.effect} at "
+        f"{c.target}."
+        for c in diagnosis.candidates
+        if not c.named and c.effect in known and known[c.effect].separate_by
+    ]
+    return found[:_NEAREST]
+
+
+def _before_after(diagnosis: Diagnosis) -> Section:
+    """Four numbers."""
+    fit = diagnosis.document["fit"]
+    rows = {
+        "model as given": "given",
+        "what it states, re-fitted": "refit",
+        "with the findings": "patched",
+        "floor": "floor",
+    }
+    errors = {label: given_number(fit.get(key)) for label, key in rows.items()}
+    drawn = bars((label, short(error), error) for label, error in errors.items())
+    removed = given_number(fit.get("explainable_removed"))
+    if not diagnosis.document["findings"]:
+        said = "Nothing is named, so the patched model is the re-fitted one."
+    elif isfinite(removed):
+        said = f"Of the error that can be explained, they remove {percent(removed)}."
+    else:
+        said = "The re-fitted model is within 5 % of the floor: no share is stated."
+    note = (
+        "Normalized error on held-out recordings: 0 is perfect, 1 is as far off as a "
+        "constant. The floor is what noise, or a correction of free form, leaves; what "
+        "lies between it and the re-fitted model can be explained."
+    )
+    return Section("Before and after", (drawn, said, paragraph(mark(note, "soft"))))
+
+
+def _traces(diagnosis: Diagnosis) -> Section:
+    """The worst stretches."""
+    chosen = [t for t in diagnosis.traces if len(t.time)][:_MOST_TRACES]
+    title = "Measured against predicted, where it was worst"
+    if not chosen:
+        return Section(title, ("There is no held-out stretch to show.",))
+    caption = (
+        "Held-out stretches, none of them seen by the fit. Below each: predicted minus "
+        "measured. A curve that leaves the picture is further off."
+    )
+    return Section(title, (figure(figures.traces(chosen), caption),))
+
+
+def _located(located: Located) -> Section:
+    """The map."""
+    title = "Where the re-fitted model is wrong"
+    share = np.asarray(located.share)
+    if not share.size or not np.isfinite(share).any():
+        return Section(title, ("There is no error that could be located.",))
+    caption = (
+        "Share of the squared error in percent, by signal and regime. Framed: more "
+        "than elsewhere, p below 0.01, corrected for the whole map. A dash: never seen."
+    )
+    if len(located.signals) > figures.SIGNALS:
+        caption += f" The {figures.SIGNALS} signals with the most error are shown."
+    return Section(title, (figure(figures.error_map(located), caption),))
+
+
+def _candidates(diagnosis: Diagnosis) -> Section:
+    """The ranking."""
+    found = diagnosis.document["findings"]
+    if not diagnosis.candidates and not found:
+        return Section("Candidates", ("No effect came near to being tried.",))
+    note = (
+        "Error left: share of the squared error that the effect alone leaves, before "
+        "anything else is named. Gain: in the log-likelihood of what the fit did not "
+        "see, an effective sample. p: corrected for every candidate tried. Stability: "
+        "how often it, or what cannot be told from it, comes first when the recordings "
+        "are resampled."
+    )
+    ranking = tables.candidates(diagnosis.candidates, found)
+    return Section("Candidates", (ranking, paragraph(mark(note, "soft"))))
+
+
+def _refit(diagnosis: Diagnosis) -> Section:
+    """What the model stated already."""
+    title, stated = "What the model already states", diagnosis.document["refit"]
+    if not stated:
+        return Section(title, ("It states nothing that was re-fitted.",))
+    stuck = sum(map(tables.at_bound, stated))
+    said = (
+        "Opened as far as a careful user would: mass and inertia 15 %, lengths 3 %, "
+        "the rest 30 %."
+    )
+    if stuck:
+        said += f" At their bounds: {stuck}; the true value may lie beyond."
+    return Section(title, (said, tables.refit(stated)))
+
+
+def _change(diagnosis: Diagnosis) -> Section:
+    """The diff."""
+    title = "The change to the model"
+    same = "patched.xml says the same as the given model."
+    return Section(title, (diff(diagnosis.diff) if diagnosis.diff.strip() else same,))
+
+
+def _held_out(diagnosis: Diagnosis) -> Section:
+    """The table of signals."""
+    title, signals = "Held-out recordings, signal by signal", diagnosis.signals
+    if not signals:
+        return Section(title, ("No signal could be compared.",))
+    harmed = [s.name for s in signals if tables.worse(s)]
+    said = (
+        f"Made worse by the findings: {', '.join(harmed)}."
+        if harmed
+        else "No signal is made worse by the findings."
+    )
+    note = "Below each error: its 90 % interval over episodes."
+    return Section(
+        title, (said, tables.held_out(signals), paragraph(mark(note, "soft")))
+    )
+
+
+def _remarks(diagnosis: Diagnosis) -> Section:
+    """What else a user should read."""
+    return Section("Remarks", (bullets(diagnosis.remarks) or "None.",))
+
+
+def _computed(diagnosis: Diagnosis, model: str, recordings: Sequence[str]) -> Section:
+    """What was done with what."""
+    rows = [
+        ("model", model),
+        ("recordings", ", ".join(recordings)),
+        ("held out", ", ".join(diagnosis.document["fit"].get("held_out", ()))),
+        ("windows simulated", f"{diagnosis.simulations:,}"),
+        ("time taken", f"{diagnosis.seconds:.1f} s"),
+    ]
+    said = (
+        "Recordings were held out first. On the rest, what the model states was "
+        "re-fitted within its bounds; then every effect of the catalogue was tried "
+        "everywhere it could be, together with that re-fit. A name is given only to "
+        "what predicts windows better that its fit did not see, after paying for all "
+        "that was tried. The held-out recordings were replayed once, open loop, at the "
+        "end."
+    )
+    body = table(("what", "which"), rows, "ll")
+    return Section("How this was computed", (said, body))
