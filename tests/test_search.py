@@ -8,7 +8,13 @@ import pytest
 from toys import PARTS, Toy, anatomy, truth_genome
 
 from selfheal.body.body import centers_in_torso, edge_f1
-from selfheal.body.genome import Genomes, build, concatenate, random_genomes
+from selfheal.body.genome import (
+    HINGE_NAMES,
+    Genomes,
+    build,
+    concatenate,
+    random_genomes,
+)
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import (
     CAPPED_LOSS,
@@ -186,6 +192,23 @@ def test_neighbors_are_other_bodies_of_the_space(name):
         coarse = neighbors(space, genome, rng)
         assert (coarse.length == genome.length).all()
         assert (coarse.parent != genome.parent).any(axis=1).any()
+
+
+def test_one_change_brings_a_part_to_any_place_with_any_hinge():
+    """Two changes through a body that fits worse are not climbed."""
+    space, rng = space_of("full"), np.random.default_rng(0)
+    genome = random_bodies(anatomy(), space, 1, rng)
+    around = concatenate(genome, neighbors(space, genome, rng))
+    for part in range(genome.parent.shape[1]):
+        spots = np.column_stack(
+            [around.parent[:, part], around.side[:, part], around.hinge[:, part]]
+        )
+        others = np.delete(np.arange(genome.parent.shape[1]), part)
+        still = np.ones(len(around), bool)
+        for gene in ("parent", "placement", "hinge"):
+            values = getattr(around, gene)[:, others]
+            still &= (values == getattr(genome, gene)[:, others]).all(axis=1)
+        assert len(np.unique(spots[still], axis=0)) == 4 * (part + 1) * len(HINGE_NAMES)
 
 
 def test_a_neighbor_of_a_neighbor_can_be_the_body_itself():

@@ -23,8 +23,12 @@ class Statics:
 
     name = "statics"
 
-    def __init__(self, substeps: int = 5, threads: int = 0) -> None:
-        """`substeps` >= 1: accuracy against speed; `threads`: 0 = every core."""
+    def __init__(self, substeps: int = 8, threads: int = 0) -> None:
+        """`substeps` >= 1: accuracy against speed; `threads`: 0 = every core.
+
+        Of 1,500 random trees 94.5 % rest where `mujoco` says with 5, 95.2 % with 8,
+        95.4 % with 10 and 95.3 % with 20; a pose takes 60 % longer with 8 than with 5.
+        """
         self.substeps, self.threads = substeps, threads or cores()
 
     def simulate(self, bodies: Bodies, targets: Floats) -> Readings:

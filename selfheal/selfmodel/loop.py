@@ -159,8 +159,9 @@ class _Loop:
         reading = felt(self.robot.act(action))
         self.evidence = self.evidence.add(action, reading)
         n, cycles = len(self.evidence), self.settings.cycles
-        # later cycles weigh more: each of their candidates costs more simulations
-        limit = self.settings.budget * n * (n + 1) // (cycles * (cycles + 1))
+        # cycle n's share grows as n^3: what is found on few actions seldom lasts
+        share = (n * (n + 1)) ** 2, (cycles * (cycles + 1)) ** 2
+        limit = self.settings.budget * share[0] // share[1]
         self.strategy.search(self.evidence, limit, self.rng)
         believed = self._believed()
         seconds = before + time.perf_counter() - start

@@ -78,13 +78,20 @@ def _copies(genome: Genomes, count: int) -> Genomes:
     return genome[np.zeros(count, np.int64)]
 
 
-def _reattached(genome: Genomes) -> Genomes:
-    """Every part at the middle of every side of every possible parent."""
+def _reattached(genome: Genomes, kinds: Ints) -> Genomes:
+    """Every part at the middle of every side of every possible parent.
+
+    Args:
+        genome: a batch of one.
+        kinds: (H) of hinge to try at each; none leaves the part's own.
+    """
     p = genome.parent.shape[1]
     spots = [(i, k, s) for i in range(p) for k in range(i + 1) for s in range(4)]
-    part, parent, side = np.array(spots).T
-    out, row = _copies(genome, len(spots)), np.arange(len(spots))
+    part, parent, side = np.repeat(spots, max(1, len(kinds)), axis=0).T
+    out, row = _copies(genome, len(part)), np.arange(len(part))
     out.parent[row, part], out.placement[row, part] = parent, (side + 0.5) / 4
+    if len(kinds):
+        out.hinge[row, part] = np.tile(kinds, len(spots))
     return out
 
 
@@ -139,16 +146,11 @@ def _nudged(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
     return out
 
 
-def _rehinged(genome: Genomes) -> Genomes:
-    """Every part with every other kind of hinge."""
-    p, kinds = genome.parent.shape[1], len(HINGE_NAMES)
-    out, row = _copies(genome, p * kinds), np.arange(p * kinds)
-    out.hinge[row, row // kinds] = row % kinds
-    return out
-
-
 def neighbors(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
     """Bodies one discrete change away, in random order, valid, without the body itself.
+
+    Where hinges are unknown a part changes its place and its hinge at once: in most
+    places the hinge that was right in another one is as wrong as any.
 
     Args:
         space: which genes may change.
@@ -156,10 +158,13 @@ def neighbors(space: Space, genome: Genomes, rng: np.random.Generator) -> Genome
         rng: for the order.
     """
     pairs, cycles = _orders(genome.parent.shape[1])
-    batches = [_reattached(genome), _moved(genome, pairs), _relabeled(genome, pairs)]
-    batches.append(_moved(genome, cycles))
-    if space.hinges:
-        batches.append(_rehinged(genome))
+    kinds = np.arange(len(HINGE_NAMES) if space.hinges else 0)
+    batches = [
+        _reattached(genome, kinds),
+        _moved(genome, pairs),
+        _relabeled(genome, pairs),
+        _moved(genome, cycles),
+    ]
     return _shuffled(concatenate(*batches), genome, rng)
 
 
