@@ -15,9 +15,9 @@ from ..recording.data import Floats
 from . import document as doc
 from . import locate, score
 from .effects import catalogue
-from .fit import Base, Fit, Problem, fit, try_term, whitened
+from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import Naming, Scored, better, held_out, name_effects, reweighed, some_of
+from .name import Naming, Scored, better, held_out, name_effects, some_of
 from .patch import difference, patched
 from .plant import Workshop
 from .prepare import scene_of, world_of
@@ -155,13 +155,10 @@ def _polished(case: _Case, naming: Naming) -> Naming:
     start = Problem(case.world, pieces, naming.problem.sigma)
     problem = whitened(start, found.terms, found.values)
     count = len(stated_terms(case.scene))
-    alone = fit(problem, found.terms[:count], naming.stated.fit.values, rounds=4)
-    final = fit(problem, found.terms, found.values, rounds=6)
-    problem = reweighed(problem, final)
-    final = fit(problem, found.terms, final.values, rounds=4)
-    again = fit(problem, found.terms[:count], alone.values, rounds=2)
+    alone = fit(problem, found.terms[:count], naming.stated.fit.values, rounds=3)
+    final = fit(problem, found.terms, found.values, rounds=4) if naming.named else alone
     return replace(
-        naming, problem=problem, stated=Scored(again, held_out(problem, again)),
+        naming, problem=problem, stated=Scored(alone, held_out(problem, alone)),
         final=Scored(final, held_out(problem, final)),
     )  # fmt: skip
 
@@ -239,7 +236,7 @@ def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagno
         "patched": score.errors(case.held, pieces, found.terms, found.values),
     }
     numbers = {k: score.score(case.held, s, count) for k, s in squares.items()}
-    numbers["floor"] = _floor(case, numbers)
+    numbers["floor"] = min(_floor(case, pieces, found), numbers["patched"])
     located, where = _located(case, naming)
     text, diff = _patch(case, found)
     document = {
@@ -258,11 +255,26 @@ def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagno
     )  # fmt: skip
 
 
-def _floor(case: _Case, numbers: dict[str, float]) -> float:
-    each = score.noise_floor(case.held)
-    scored = np.array([c.scored for c in case.held.signals])
-    noise = float(np.sqrt(np.nanmean(each[scored] ** 2))) if scored.any() else np.nan
-    return min(noise, numbers["patched"]) if np.isfinite(noise) else numbers["patched"]
+def _floor(case: _Case, pieces: Windows, found: Fit) -> float:
+    """Score that the readings' noise alone would leave, as far as it is known.
+
+    Noise is in what a prediction is compared with and, where the initial state was
+    read, in what it starts from.
+    """
+    world = case.held
+    kick = start_errors(world, pieces)
+    told = world.simulate(
+        found.terms, np.tile(found.values, (len(kick), 1)), pieces, kick=kick
+    )
+    moved = np.nansum((told[1:] - told[0]) ** 2, axis=0)
+    squares = []
+    for c in world.signals:
+        noise = np.nansum(np.nan_to_num(c.noise) ** 2)
+        read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
+        start = moved[read][:, c.columns].sum(axis=1)
+        squares.append((noise + (start.mean() if read.any() else 0)) / c.spread**2)
+    scored = np.array([c.scored for c in world.signals])
+    return float(np.sqrt(np.mean(np.array(squares)[scored]))) if scored.any() else 0.0
 
 
 def _removed(numbers: dict[str, float]) -> float | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..recording.data import Floats
+from .state import start_of
 from .terms import Term
 from .windows import Windows
 from .world import World
@@ -76,11 +77,8 @@ def _aligned(apart: Floats, told: Floats, problem: Problem) -> Floats:
     return apart
 
 
-def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
-    """The same problem, in which what an uncertain start could cause costs less."""
-    from .state import start_of
-
-    world, windows = problem.world, problem.windows
+def start_errors(world: World, windows: Windows) -> Floats:
+    """Initial states (1 + 2 nv, W, 2 nv) off by nothing, and by one error each."""
     nv = world.workshop.given.nv
     std = np.empty((len(windows), 2 * nv))
     for log in np.unique(windows.log):
@@ -89,10 +87,16 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     kick = np.zeros((2 * nv + 1, len(windows), 2 * nv))
     for i in range(2 * nv):
         kick[i + 1, :, i] = std[:, i]
+    return kick
+
+
+def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
+    """The same problem, in which what an uncertain start could cause costs less."""
+    kick = start_errors(problem.world, problem.windows)
     plain = replace(problem, whiten=())
     told = plain.residuals(terms, np.tile(values, (len(kick), 1)), kick=kick)
     moved = (told[1:] - told[0]).T  # (R, 2 nv), of one standard deviation each
-    edges = np.searchsorted(plain.window_of, np.arange(len(windows) + 1))
+    edges = np.searchsorted(plain.window_of, np.arange(len(problem.windows) + 1))
     out = []
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         u, s, _ = np.linalg.svd(moved[a:b], full_matrices=False)

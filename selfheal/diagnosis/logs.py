@@ -55,8 +55,10 @@ def _nearest(times: Floats, at: Floats) -> np.ndarray:
     return np.where(at - times[left] <= times[right] - at, left, right)
 
 
-def channels(recordings: Sequence[Recording], half: int | None = None):
-    """The signals that every episode has, as channels with empty statistics."""
+def channels(
+    recordings: Sequence[Recording], *, empty: bool = False
+) -> tuple[Channel, ...]:
+    """The signals that a model predicts; those without a reading only if `empty`."""
     episodes = [e for r in recordings for e in r.episodes.values()]
     found: dict[str, tuple[str, str, str, int]] = {}
     for episode in episodes:
@@ -74,7 +76,9 @@ def channels(recordings: Sequence[Recording], half: int | None = None):
         ]
         stack = np.concatenate(values)
         if not np.isfinite(stack).any():
-            continue
+            if not empty:
+                continue
+            stack = np.ones_like(stack)
         out.append(
             Channel(
                 name, kind, target, unit, width, first,

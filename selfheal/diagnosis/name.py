@@ -13,10 +13,10 @@ from .terms import Term
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
 # candidates are tried on more and more steps of simulation, for more and more rounds,
 # and ever fewer of them; chosen for a minute a joint
-STEPS, ROUNDS, KEEP = (2500, 6000, 15000), (1, 3, 2), (14, 6, 6)
-FITTED = 4  # of the last ones, with every other value fitted anew; chosen
-SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name
-WORTH = 0.01  # least share of the held-out squared error that a name removes
+STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
+FITTED = 3  # of the last ones, with every other value fitted anew; chosen
+SURE = 0.05  # p-value, corrected for every candidate tried, that earns a name; chosen
+WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 STEADY = 1.5  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
 
@@ -198,6 +198,15 @@ def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
     return Base.of(problem.take(chosen), part)
 
 
+def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
+    """As many of the windows, drawn at random, as simulate about so many steps."""
+    size = len(problem.windows)
+    count = int(np.clip(steps / problem.windows.steps.mean(), 24, size))
+    if count >= 0.8 * size:
+        return problem
+    return problem.take(np.sort(rng.permutation(size)[:count]))
+
+
 def _key(term: Term) -> tuple:
     return term.effect.name, term.targets, tuple(term.note.items())
 
@@ -255,6 +264,7 @@ def name_effects(
     stated = tuple(stated)
     begin = np.ones(len(stated))
     progress("refitting what the model states", 0.0)
+    problem = fewer(problem, STEPS[-1], rng)
     found = fit(problem, stated, begin)
     problem = reweighed(problem, found)
     now = scored(problem, stated, found.values)
@@ -329,30 +339,30 @@ def _winner(problem, now: Scored, finals, tried: int):
     if not good:
         return None
     good.sort(key=lambda x: x[0].held.sum())
-    lead = good[0][0].held
-    near = [g for g in good if _as_good(problem, g[0].held, lead)]
-    # of those that the data cannot rank, the usual one, with the least to choose
-    best = min(
-        near, key=lambda g: (g[1].effect.rare, len(g[1].parameters), g[0].held.sum())
-    )
+    lead = good[0][0]
+    close = [g for g in good if _as_good(problem, g[0], lead, 2.0)]
+    usual = [g for g in close if not g[1].effect.rare] or close
+    near = [g for g in usual if _as_good(problem, g[0], usual[0][0])]
+    # of those that the data cannot rank, a usual one, with the least to choose
+    best = min(near, key=lambda g: (len(g[1].parameters), g[0].held.sum()))
     s, term, p = best
     also = tuple(
         g[1]
         for g in sorted(good, key=lambda x: x[0].held.sum())
-        if g[1] is not term and _as_good(problem, g[0].held, s.held, 2.0)
+        if g[1] is not term and _as_good(problem, g[0], s, 2.0)
     )
     gain = 0.5 * np.log(now.held.sum() / max(s.held.sum(), 1e-300))
     stability = _stability(problem, [(g[0].held, g[1]) for g in good], (term, *also))
     return s, term, Evidence(float(gain), p, stability), also[:3]
 
 
-def _as_good(problem, held: Floats, lead: Floats, errors: float = 1.0) -> bool:
-    """Whether blocks of windows do not tell `held` (W) to be worse than `lead`."""
-    apart = np.bincount(blocks_of(problem), held - lead)
+def _as_good(problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
+    """Whether the windows do not tell that `other` predicts worse than `lead`."""
+    apart = np.bincount(blocks_of(problem), other.held - lead.held)
     noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
-    return bool(apart.sum() <= errors * noise + 1e-9 * lead.sum()) and bool(
-        held.sum() < 1.1 * lead.sum()
-    )
+    ratio = other.held.sum() / max(lead.held.sum(), 1e-300)
+    nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
+    return bool(apart.sum() <= errors * noise and ratio < 1.5) or bool(nats < errors)
 
 
 def _stability(problem, helds, winners) -> float:

@@ -1,10 +1,11 @@
 """From files to something that can be simulated and asked where effects could be."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..recording import Recording, check_against_model, names_of
+from ..recording import Episode, Recording, check_against_model, names_of
 from ..recording.data import Floats
 from .logs import channels, log
 from .plant import Workshop
@@ -27,17 +28,15 @@ def world_of(workshop: Workshop, recordings: Sequence[Recording]) -> World:
     step = float(model.opt.timestep)
     several = len(recordings) > 1
     logs = tuple(
-        log(f"{r.file}:{name}" if several else name, _ordered(e, model), signals, step)
+        log(f"{r.file}:{name}" if several else name, in_order(e, model), signals, step)
         for r in recordings
         for name, e in r.episodes.items()
     )
     return World(workshop, signals, logs, step)
 
 
-def _ordered(episode, model):
+def in_order(episode: Episode, model) -> Episode:
     """The episode with its commands in the model's order."""
-    from dataclasses import replace
-
     names = [model.actuator(a).name for a in range(model.nu)]
     order = [episode.ctrl_names.index(name) for name in names]
     return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=tuple(names))
@@ -52,7 +51,7 @@ def scene_of(world: World) -> Scene:
     }
     joints = joints_of(model, motion.torque, motion, measured)
     return Scene(
-        model, world.step, world.signals, joints, _actuators(world, joints),
+        model, world.step, world.signals, joints, actuators_of(world, joints),
         bodies_of(model), motion.touches,
     )  # fmt: skip
 
@@ -117,7 +116,8 @@ def _stands_on_something(model) -> bool:
     return bool((fixed & solid).any() and (model.jnt_type == 0).any())
 
 
-def _actuators(world: World, joints) -> tuple[Actuator, ...]:
+def actuators_of(world: World, joints) -> tuple[Actuator, ...]:
+    """The actuators, and how the recordings use them."""
     model, found = world.workshop.given, []
     by_id = {j.id: j for j in joints}
     for a in range(model.nu):

@@ -143,7 +143,7 @@ class States:
                     self._settle(models, term, self.plant.place(place), part, q, v)
         return (
             q.reshape(n * w, -1), v.reshape(n * w, -1), self._activation(n),
-            self._sums(n),
+            self._sums(n), self._history(n),
         )  # fmt: skip
 
     def _given(self, n: int) -> tuple[Floats, Floats]:
@@ -171,9 +171,12 @@ class States:
         """Let a gap or a spring yield to the load that it bears at the start."""
         import mujoco
 
+        log, start = self.windows.log, self.windows.start
+        given = [self.world.logs[i].qpos0 is not None for i in log]
+        free = np.flatnonzero(~np.array(given) | (start > 0))  # else it starts at 0
         for i, model in enumerate(models):
             data = mujoco.MjData(model)
-            for k in range(q.shape[1]):
+            for k in free:
                 data.qpos[:], data.qvel[:] = q[i, k], v[i, k]
                 mujoco.mj_forward(model, data)
                 load = -float(data.qfrc_bias[place["dof"]])
@@ -194,6 +197,29 @@ class States:
             out[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
         return np.tile(out, (n, 1))
 
+    def _history(self, n: int) -> Floats | None:
+        """Buffers (N, nhistory) of actuators that the model delays: the past command.
+
+        Before an episode's first sample that one was given (contract section 2).
+        """
+        import mujoco
+
+        model, world, windows = self.plant.model, self.world, self.windows
+        if not model.nhistory:
+            return None
+        out = np.empty((len(windows), model.nhistory))
+        for w in range(len(windows)):
+            data = mujoco.MjData(model)
+            ctrl = world.logs[int(windows.log[w])].ctrl
+            for a in range(model.nu):
+                size = int(model.actuator_history[a, 0])
+                if size:
+                    past = int(windows.start[w]) + np.arange(-size, 0)
+                    values = ctrl[np.clip(past, 0, len(ctrl) - 1), a]
+                    mujoco.mj_initCtrlHistory(model, data, a, None, values[:, None])
+            out[w] = data.history
+        return np.tile(out, (n, 1))
+
     def _sums(self, n: int) -> Mapping[int, Floats]:
         """Of each integrating servo: the summed error (N) [rad s] at the start."""
         world, windows = self.world, self.windows
@@ -202,7 +228,7 @@ class States:
             for place in term.places:
                 if term.effect.name == "integral_action":
                     total = np.zeros(len(windows))
-                    for log in np.unique(windows.log):
+                    for log in np.unique(windows.log[windows.start > 0]):
                         rows = np.flatnonzero(windows.log == log)
                         past = _error_sum(world, world.logs[log], place)
                         total[rows] = past[

@@ -58,9 +58,10 @@ def edits(
                 found += (
                     term.effect.changes(plant.model, plant.place(place), part) or []
                 )
-    found += [
+    found = [
+        *found,
         *_of_joints(source, plant.model, model),
-        *_of_actuators(source, plant.model, model),
+        *_of_actuators(source, plant.model, model, found),
         *_of_bodies(source, plant.model, model),
         *_of_geoms(plant.model, model),
         *_of_option(plant.model, model),
@@ -116,7 +117,8 @@ def _angle(value, degree: bool):
     return np.rad2deg(value) if degree else value
 
 
-def _of_actuators(source: Source, old, new) -> Iterator[Edit]:
+def _of_actuators(source: Source, old, new, before: Sequence[Edit]) -> Iterator[Edit]:
+    general = {e.name for e in before if isinstance(e, Rename)}
     for a in range(new.nu):
         told: dict[str, str | None] = {}
         law = [
@@ -124,6 +126,7 @@ def _of_actuators(source: Source, old, new) -> Iterator[Edit]:
             for m in (old, new)
         ]
         tag = source.actuator(old.actuator(a).name, a)
+        tag = "general" if _name(old.actuator, a) in general else tag
         if _differs(*law):
             told |= _law(tag, new, a)
         if _differs(old.actuator_dynprm[a, 0], new.actuator_dynprm[a, 0]):

@@ -68,7 +68,11 @@ class Windows:
 
 
 def windows(
-    logs: Sequence[Log], steps: int | None, *, only: int | None = None
+    logs: Sequence[Log],
+    steps: int | None,
+    *,
+    only: int | None = None,
+    empty: bool = False,
 ) -> Windows:
     """Cut episodes into pieces of about `steps`; None: each episode is one piece.
 
@@ -76,6 +80,7 @@ def windows(
         logs: episodes.
         steps: of a piece.
         only: the one episode to cut; None: all.
+        empty: whether samples without a reading count.
     """
     log, start, length, rows, at, readings = [], [], [], [], [], []
     for i, episode in enumerate(logs):
@@ -89,7 +94,8 @@ def windows(
             inside = (episode.at > a) & (episode.at <= b)
             if a == 0:
                 inside |= episode.at == 0
-            inside &= np.isfinite(episode.readings).any(axis=1)
+            if not empty:
+                inside &= np.isfinite(episode.readings).any(axis=1)
             if not inside.any():
                 continue
             rows.append(np.full(int(inside.sum()), len(log)))

@@ -184,6 +184,8 @@ def _batch(plant: Plant, models, w: int, rows, start, threads: int):
     batch.bind("qpos")[:], batch.bind("qvel")[:] = start[0][rows], start[1][rows]
     if plant.model.na:
         batch.bind("act")[:] = start[2][rows]
+    if plant.model.nhistory:
+        batch.bind("history")[:] = start[4][rows]
     return batch
 
 

@@ -186,11 +186,11 @@ class TorqueSaturation(AtActuator):
 
     def parameters(self, scene, actuator):
         most = actuator.most
-        low, high = 0.02 * most, 20 * most
+        low, high = 0.005 * most, 20 * most
         return (Parameter("limit", actuator.force, high, low, high, 0.1 * most),)
 
     def starts(self, scene, actuator):
-        return tuple((share * actuator.most,) for share in (0.9, 0.6, 0.35))
+        return tuple((s * actuator.most,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05))
 
     def edit(self, model, place, values):
         gear = abs(model.actuator_gear[place["actuator"], 0])
@@ -213,7 +213,7 @@ class SpeedTorqueLimit(AtActuator):
         most, speed = actuator.most, scene.joint_at(actuator.dof).fastest
         unit = f"{scene.joint_at(actuator.dof).unit}/s"
         return (
-            Parameter("stall_torque", actuator.force, 20 * most, 0.05 * most,
+            Parameter("stall_torque", actuator.force, 20 * most, 0.01 * most,
                       20 * most, 0.2 * most),
             Parameter("no_load_speed", unit, 100 * speed, 0.2 * speed,
                       100 * speed, 0.3 * speed),
@@ -221,7 +221,10 @@ class SpeedTorqueLimit(AtActuator):
 
     def starts(self, scene, actuator):
         most, speed = actuator.most, scene.joint_at(actuator.dof).fastest
-        return ((most, 1.3 * speed), (0.6 * most, 1.3 * speed), (most, 4 * speed))
+        return (
+            (most, 1.3 * speed), (0.6 * most, 1.3 * speed), (most, 4 * speed),
+            (0.2 * most, 1.3 * speed), (0.2 * most, 4 * speed),
+        )  # fmt: skip
 
     def fits(self, scene, actuator):
         return actuator.dof >= 0

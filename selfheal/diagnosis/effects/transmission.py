@@ -102,7 +102,8 @@ def _one_sided(effect, joint, side: int) -> Term:
     )  # fmt: skip
     starts = ((end - side * 0.02 * joint.range,), (end - side * 0.1 * joint.range,))
     place = {"joint": joint.id, "side": side, "dof": joint.dof}
-    return Term(effect, (f"joint:{joint.name}",), (place,), (parameter,), starts)
+    note = {"side": side}
+    return Term(effect, (f"joint:{joint.name}",), (place,), (parameter,), starts, note)
 
 
 def _range(model, place, value) -> tuple[float, float]:
@@ -207,6 +208,8 @@ class Extra(AtJoint):
 
     def structure(self, spec, place):
         """Add a joint of the same axis between the motor and the body it moves."""
+        if place.get("there"):
+            return  # a patched model's text has it already
         joint = spec.joints[place["joint"]]
         joint.parent.add_joint(
             name=joint.name + self.suffix,

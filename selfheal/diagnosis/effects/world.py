@@ -45,6 +45,7 @@ class Slope(OfWorld):
 
 class FluidDrag(OfWorld):
     name = "fluid_drag"
+    rare = True
     says = "Air or water resists the parts that move through it."
     equation = "MuJoCo's inertia-box fluid model, of density or viscosity"
     source = "MuJoCo option/density, viscosity"
@@ -69,6 +70,7 @@ class FluidDrag(OfWorld):
 
 class Wind(OfWorld):
     name = "wind"
+    rare = True
     says = "The air moves."
     equation = "drag of the velocity relative to (vx, vy, vz)"
     source = "MuJoCo option/wind"

@@ -1,0 +1,216 @@
+"""A diagnosed model replayed: takes commands and initial states, gives the signals."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, RecordingError
+from ..recording import Episode, Recording
+from ..recording.data import Floats
+from .effects import effect
+from .folder import read
+from .logs import channels, log
+from .plant import Workshop
+from .prepare import actuators_of, in_order
+from .scene import Scene, bodies_of, joints_of
+from .stated import stated_terms
+from .terms import Parameter, Term
+from .windows import windows
+from .world import World
+
+ADDED = ("_play", "_flex")  # joints that a patch adds (contract section 2)
+
+
+def replay(
+    folder: str | os.PathLike[str],
+    recording: Recording,
+    *,
+    model: str | os.PathLike[str] | None = None,
+) -> Recording:
+    """The recording with every predictable signal filled in, open loop.
+
+    Args:
+        folder: of a diagnosis.
+        recording: commands and initial states; signals of NaN say what is asked for.
+        model: another version of the robot's model; None: the patched one.
+
+    Raises:
+        InputError: the folder holds no diagnosis.
+        ModelError: MuJoCo cannot load the model.
+        RecordingError: an episode has no qpos0, or speaks of what the model lacks.
+    """
+    document = read(folder)
+    path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
+    workshop = Workshop(path)
+    terms, values = _terms(document, workshop, patched=model is None)
+    episodes = {
+        name: _played(workshop, recording, name, terms, values)
+        for name in recording.episodes
+    }
+    return replace(recording, episodes=episodes)
+
+
+def _terms(
+    document: Mapping[str, Any], workshop: Workshop, patched: bool
+) -> tuple[list[Term], Floats]:
+    """What is true beyond the model, and its values in a row."""
+    terms: list[Term] = []
+    values: list[Floats] = []
+    if not patched:
+        for term, factor in _refitted(document, workshop):
+            terms.append(term)
+            values.append(np.array([factor]))
+    for finding in document["findings"]:
+        if patched and finding.get("native") and not _reads_link(finding):
+            continue
+        terms.append(restored(finding, workshop, patched))
+        values.append(_numbers(finding))
+    return terms, np.concatenate([*values, np.zeros(0)])
+
+
+def _reads_link(finding: Mapping[str, Any]) -> bool:
+    return finding.get("measured") == "link"
+
+
+def _refitted(document, workshop: Workshop) -> Iterator[tuple[Term, float]]:
+    """What the diagnosis fitted anew, as factors of what this model states."""
+    stated = {t.targets[0]: t for t in stated_terms(bare_scene(workshop))}
+    for entry in document["refit"]:
+        if entry["parameter"] in stated and entry["given"]:
+            yield stated[entry["parameter"]], entry["value"] / entry["given"]
+
+
+def _numbers(finding: Mapping[str, Any]) -> Floats:
+    return np.concatenate([
+        np.atleast_1d(np.array(p["value"], float)) for p in finding["parameters"]
+    ] + [np.zeros(0)])  # fmt: skip
+
+
+def restored(finding: Mapping[str, Any], workshop: Workshop, patched: bool) -> Term:
+    """A finding as a term of a model.
+
+    Raises:
+        InputError: the model does not have what the finding is about.
+    """
+    kind = effect(finding["effect"])
+    names = [p["name"] for p in finding["parameters"]]
+    place = place_of(workshop.given, finding, names)
+    if patched:
+        place["there"] = True  # the joint that it adds is in the text already
+    parameters = tuple(
+        Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
+        for i in range(len(_numbers(finding)))
+    )
+    return Term(kind, (finding["target"],), (place,), parameters, ())
+
+
+def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """What an effect needs to act where a finding says, in a given model."""
+    kind = effect(finding["effect"])
+    sort, _, name = finding["target"].partition(":")
+    place: dict[str, Any] = {"side": finding.get("measured") or finding.get("side")}
+    try:
+        if sort == "joint":
+            place |= _joint(model, name)
+            if "other" in finding:
+                other = _joint(model, finding["other"].partition(":")[2])
+                place |= {"other_dof": other["dof"], "other_qpos": other["qpos"]}
+            if getattr(kind, "suffix", ""):
+                place["suffix"] = kind.suffix  # type: ignore[attr-defined]
+        elif sort == "actuator":
+            a = model.actuator(name).id
+            place |= {"actuator": a, "gear": float(model.actuator_gear[a, 0])}
+            if model.actuator_trntype[a] in (0, 1):
+                joint = model.joint(int(model.actuator_trnid[a, 0]))
+                place |= {"dof": int(joint.dofadr[0]), "qpos": int(joint.qposadr[0])}
+        elif sort == "body":
+            place["body"] = model.body(name).id
+        elif sort == "sensor":
+            place["signal"] = name
+        else:
+            fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
+            solid = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
+            place["geoms"] = tuple(int(g) for g in fixed[solid > 0])
+            place["field"] = names[0] if names else ""
+    except KeyError as error:
+        raise InputError(f"the model has no {sort} {name!r}, which the diagnosis names"
+                         ) from error  # fmt: skip
+    return place
+
+
+def _joint(model, name: str) -> dict[str, Any]:
+    joint = model.joint(name)
+    dof = int(joint.dofadr[0])
+    return {"joint": joint.id, "dof": dof, "qpos": int(joint.qposadr[0]),
+            "inertia": float(model.dof_M0[dof])}  # fmt: skip
+
+
+def bare_scene(workshop: Workshop) -> Scene:
+    """A robot of which nothing was recorded."""
+    model = workshop.given
+    joints = joints_of(model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set())
+    world = World(workshop, (), (), float(model.opt.timestep))
+    return Scene(
+        model, world.step, (), joints, actuators_of(world, joints), bodies_of(model),
+        True,
+    )  # fmt: skip
+
+
+def _played(
+    workshop: Workshop, recording: Recording, name: str, terms, values: Floats
+) -> Episode:
+    """One episode, filled in."""
+    episode = recording.episodes[name]
+    if episode.qpos0 is None:
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: it has no qpos0; a replay needs the "
+            "state that it starts from"
+        )
+    model = workshop.given
+    begun = in_order(_with_added(episode, model, recording, name), model)
+    one = replace(recording, episodes={name: begun})
+    signals = channels([one], empty=True)
+    step = float(model.opt.timestep)
+    world = World(workshop, signals, (log(name, begun, signals, step),), step)
+    pieces = windows(world.logs, None, empty=True)
+    told = world.simulate(terms, values[None], pieces)[0]
+    if not np.isfinite(told).all():
+        row = int(np.argmin(np.isfinite(told).all(axis=1)))
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: the model diverges; the first "
+            f"sample lost is at {episode.time[row]:.3f} s"
+        )
+    filled = dict(episode.signals)
+    for c in signals:
+        old = episode.signals[c.name]
+        filled[c.name] = replace(
+            old, values=told[:, c.columns].reshape(old.values.shape)
+        )
+    return replace(episode, signals=filled)
+
+
+def _with_added(episode: Episode, model, recording: Recording, name: str) -> Episode:
+    """The episode with a place in its state for joints that a patch added."""
+    q0, v0 = [], []
+    qpos = list(np.zeros(0) if episode.qpos0 is None else episode.qpos0)
+    size = len(qpos)
+    qvel = list(np.zeros(0) if episode.qvel0 is None else episode.qvel0)
+    for j in range(model.njnt):
+        width = {0: (7, 6), 1: (4, 3)}.get(int(model.jnt_type[j]), (1, 1))
+        added = model.joint(j).name.endswith(ADDED)
+        for state, old, n in ((q0, qpos, width[0]), (v0, qvel, width[1])):
+            state += [0.0] * n if added else old[:n]
+            if not added:
+                del old[:n]
+    if len(q0) != model.nq or qpos:
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: qpos0 has {size} "
+            "values, which are not those of this model"
+        )
+    v0 = v0 if len(v0) == model.nv else [0.0] * model.nv
+    return replace(episode, qpos0=np.array(q0), qvel0=np.array(v0))
+
