@@ -119,7 +119,7 @@ def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Sc
     return Scored(found, held_out(problem, found))
 
 
-def better(problem: Problem, old: Scored, new: Scored, tried: int) -> float:
+def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
     """p-value that `new` predicts better than `old`, paying for `tried` tries.
 
     A likelihood ratio of held-out residuals with as many samples as are independent,
@@ -213,8 +213,11 @@ def _key(term: Term) -> tuple:
 
 def screened(
     bases: Sequence[Base], candidates: Sequence[Term], progress: Progress
-) -> list[Fit]:
+) -> tuple[list[Fit], float]:
     """Candidates' fits, the best first, in the last of the bases.
+
+    And how many independent candidates there were, by how alike their answers to the
+    residuals are (participation ratio of their correlations; Galwey 2009).
 
     Args:
         bases: the same fit in more and more windows; fewer and fewer candidates are
@@ -224,11 +227,16 @@ def screened(
     """
     left = [(0.0, term) for term in candidates]
     fits: list[Fit] = []
-    for base, rounds, keep in zip(bases, ROUNDS, KEEP, strict=True):
+    answers: list[Floats] = []
+    for stage, (base, rounds, keep) in enumerate(
+        zip(bases, ROUNDS, KEEP, strict=True)
+    ):
         tried = []
         for i, (_, term) in enumerate(left):
             progress(f"trying {term.label}", i / len(left))
             found = try_term(base, term, rounds=rounds)
+            if stage == 0:
+                answers.append(base.fit.residuals - found.residuals)
             values = found.values[len(base.fit.values) :]
             begun = replace(term, starts=(tuple(values),))
             tried.append((found.cost / base.fit.cost, begun, found, term))
@@ -236,7 +244,16 @@ def screened(
         tried = tried[:keep]
         left = [(cost, begun) for cost, begun, _, _ in tried]
         fits = [found for _, _, found, _ in tried]
-    return fits
+    return fits, _independent(np.array(answers))
+
+
+def _independent(answers: Floats) -> float:
+    """How many of (n, R) answers are independent, between 1 and n."""
+    size = np.linalg.norm(answers, axis=1)
+    unit = answers[size > 0] / size[size > 0, None]
+    return len(unit) ** 2 / max(float(((unit @ unit.T) ** 2).sum()), 1.0)
+
+
 
 
 def name_effects(
@@ -278,7 +295,7 @@ def name_effects(
         open_to = [t for t in candidates if _key(t) not in taken and _fresh(t, kept)]
         all_of_it = Base.of(problem, now.fit)
         bases = [some_of(all_of_it, steps, rng) for steps in STEPS]
-        fits = screened(bases, open_to, progress)
+        fits, independent = screened(bases, open_to, progress)
         part = bases[-1]
         if not first:
             first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
@@ -286,7 +303,7 @@ def name_effects(
             part.problem,
             Scored(part.fit, held_out(part.problem, part.fit)),
             _finalists(part.problem, fits, progress),
-            len(candidates),
+            independent,
         )
         if won is None:
             break
@@ -328,7 +345,7 @@ def _finalists(problem: Problem, fits: Sequence[Fit], progress) -> list[Scored]:
     return found
 
 
-def _winner(problem, now: Scored, finals, tried: int):
+def _winner(problem, now: Scored, finals, tried: float):
     """The candidate that earns a name, why, and what cannot be told from it."""
     good = []
     for s in finals:
