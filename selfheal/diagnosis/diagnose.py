@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, UnknownNameError
 from ..recording import Recording, split
 from ..recording.data import Floats
 from . import document as doc
@@ -19,7 +19,7 @@ from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
 from .name import Naming, Scored, better, held_out, name_effects, some_of
 from .patch import difference, patched
-from .plant import Workshop
+from .plant import Workshop, parts
 from .prepare import scene_of, world_of
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
 from .scene import Scene
@@ -32,6 +32,7 @@ from .world import World
 WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
 LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
+WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 ABOVE = 3.0  # times the noise that an unexplained residual must be, to be one; chosen
 
 Progress = Callable[[str, float], None]
@@ -95,8 +96,8 @@ def diagnose(
 
 def _prepare(model, recordings, held_out) -> _Case:
     workshop = Workshop(os.fspath(model))
-    pairs = [split(r, held_out=_own(r, recordings, held_out)) for r in recordings]
-    world = world_of(workshop, [fit for fit, _ in pairs])
+    pairs = _parted(recordings, held_out)
+    world = world_of(workshop, [fit for fit, _ in pairs if fit.episodes])
     held = world_of(workshop, [h for _, h in pairs if h.episodes])
     if not world.signals:
         raise RecordingError("no signal holds a reading that the model can predict")
@@ -106,12 +107,47 @@ def _prepare(model, recordings, held_out) -> _Case:
     return _Case(workshop, world, held, scene_of(world), names)
 
 
-def _own(recording: Recording, recordings, held_out) -> list[str]:
-    """The held-out names that belong to one of several files."""
-    if len(recordings) == 1:
-        return list(held_out)
-    own = Path(recording.file).name
-    return [h for h in held_out if h.split(":")[0] in (recording.file, own)]
+def _parted(
+    recordings: Sequence[Recording], held_out: Sequence[str]
+) -> list[tuple[Recording, Recording]]:
+    """Of each recording, what may be fitted and what is held out.
+
+    Raises:
+        UnknownNameError: a name that is no episode.
+        RecordingError: nothing is left to fit.
+    """
+    if not held_out or len(recordings) == 1:
+        return [split(r, held_out=held_out) for r in recordings]
+    own: list[list[str]] = [[] for _ in recordings]
+    for entry in held_out:
+        own[_owner(recordings, entry)].append(entry)
+    pairs = []
+    for recording, entries in zip(recordings, own, strict=True):
+        whole = {e.removeprefix(f"{recording.file}:") for e in entries}
+        whole = {e.removeprefix(f"{Path(recording.file).name}:") for e in whole}
+        none = replace(recording, episodes={})
+        if not entries:
+            pairs.append((recording, none))
+        elif whole >= set(recording.episodes):
+            pairs.append((none, recording))
+        else:
+            pairs.append(split(recording, held_out=entries))
+    if not any(fit.episodes for fit, _ in pairs):
+        raise RecordingError("held out is everything; nothing is left to fit")
+    return pairs
+
+
+def _owner(recordings: Sequence[Recording], entry: str) -> int:
+    """Which of several recordings a held-out name speaks of."""
+    for i, recording in enumerate(recordings):
+        for file in (recording.file, Path(recording.file).name):
+            if entry.startswith(f"{file}:"):
+                return i
+    for i, recording in enumerate(recordings):
+        if any(entry == n or entry.startswith(f"{n}[") for n in recording.episodes):
+            return i
+    valid = [f"{Path(r.file).name}:{n}" for r in recordings for n in r.episodes]
+    raise UnknownNameError("held-out episode", entry, valid)
 
 
 def _problem(case: _Case, seconds: float) -> Problem:
@@ -156,11 +192,32 @@ def _polished(case: _Case, naming: Naming) -> Naming:
     problem = whitened(start, found.terms, found.values)
     count = len(stated_terms(case.scene))
     alone = fit(problem, found.terms[:count], naming.stated.fit.values, rounds=3)
-    final = fit(problem, found.terms, found.values, rounds=4) if naming.named else alone
+    alone = _spared(problem, alone)
+    if naming.named:
+        final = _spared(problem, fit(problem, found.terms, found.values, rounds=4))
+    else:
+        final = alone
     return replace(
         naming, problem=problem, stated=Scored(alone, held_out(problem, alone)),
         final=Scored(final, held_out(problem, final)),
     )  # fmt: skip
+
+
+def _spared(problem: Problem, found: Fit) -> Fit:
+    """Without changes to stated values that the data do not ask for."""
+    errors = doc.uncertainty(problem, found)
+    firsts = np.cumsum([0, *(len(t.parameters) for t in found.terms)])[:-1]
+    idle = [
+        t.effect.name == "stated" and abs(found.values[i] - 1) < doc.LEVEL * errors[i]
+        for t, i in zip(found.terms, firsts, strict=True)
+    ]
+    if not any(idle):
+        return found
+    keep = [k for k, free in enumerate(idle) if not free]
+    terms = tuple(found.terms[k] for k in keep)
+    values = [parts(found.terms, found.values)[k] for k in keep]
+    less = fit(problem, terms, np.concatenate([*values, np.zeros(0)]), rounds=3)
+    return less if less.cost < 1.01 * found.cost else found
 
 
 @dataclass(frozen=True)
@@ -221,7 +278,8 @@ def _judged(naming: Naming, structure: _Structure) -> tuple[Naming, str]:
         bare = Scored(naming.stated.fit, naming.stated.held)
         return replace(naming, named=(), final=bare), "unlisted"
     if naming.named:
-        return naming, "partly" if structure.left else "explained"
+        whole = structure.explained > WHOLE or not structure.left
+        return naming, "explained" if whole else "partly"
     return naming, "unlisted" if structure.left else "nothing"
 
 
@@ -250,8 +308,9 @@ def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagno
     }  # fmt: skip
     return Diagnosis(
         doc.plain(document), text, diff, _traces(case, pieces, stated, found),
-        located, _signals(case, squares, count), _candidates(naming), _remarks(structure),
-        time.monotonic() - begun, 0,
+        located, _signals(case, squares, count), _candidates(naming),
+        _remarks(structure), time.monotonic() - begun,
+        int(case.world.counted[0] + case.held.counted[0]),
     )  # fmt: skip
 
 
@@ -402,9 +461,8 @@ def _signals(case: _Case, squares, count) -> tuple[SignalFit, ...]:
     world, noise = case.held, score.noise_floor(case.held)
     return tuple(
         SignalFit(
-            c.name, c.scored,
-            *(score.interval(world, squares[k], count, s) for k in squares),
-            float(noise[s]),
+            c.name, c.scored, floor=float(noise[s]),
+            **{k: score.interval(world, x, count, s) for k, x in squares.items()},
         )
         for s, c in enumerate(world.signals)
     )  # fmt: skip
@@ -423,6 +481,7 @@ def _remarks(structure: _Structure) -> tuple[str, ...]:
     found = []
     if structure.left and structure.share > 0.05:
         found.append(
-            f"A torque of free form would explain {structure.share:.0%} of what is left."
+            f"A torque of free form would explain {structure.share:.0%} of what is "
+            "left."
         )
     return tuple(found)

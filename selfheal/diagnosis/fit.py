@@ -63,7 +63,8 @@ class Problem:
 
     def by_window(self, values: Floats) -> Floats:
         """Sum of (R) values over each window (W)."""
-        return np.bincount(self.window_of, values, minlength=len(self.windows))
+        count = len(self.windows)
+        return np.bincount(self.window_of, values, minlength=count).astype(float)
 
 
 def _aligned(apart: Floats, told: Floats, problem: Problem) -> Floats:

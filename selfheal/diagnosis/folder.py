@@ -12,6 +12,8 @@ from ..files import check_writable_folder
 from .document import text_of
 from .result import Diagnosis
 
+FILES = ("diagnosis.json", "patched.xml", "report.html")
+
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     """Refuse a folder that cannot be written or would be lost.
@@ -22,9 +24,15 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; would fit: a folder to be made")
-    if folder.is_dir() and any(folder.iterdir()) and not force:
+    held = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
+    if held and not force:
         raise InputError(
             f"{folder} exists and is not empty; give another --out, or --force"
+        )
+    if others := [name for name in held if name not in FILES]:
+        raise InputError(
+            f"{folder} holds {', '.join(others[:3])}, which --force would delete; "
+            f"would fit: a folder of {', '.join(FILES)} alone, or a new one"
         )
     check_writable_folder(folder.resolve().parent)
     return folder
@@ -40,9 +48,11 @@ def write(diagnosis: Diagnosis, folder, page: str, force: bool) -> None:
         (new / "diagnosis.json").write_text(text_of(diagnosis.document))
         (new / "patched.xml").write_bytes(diagnosis.patched.encode())
         (new / "report.html").write_text(page, encoding="utf-8")
+        old = new.with_suffix(".old")
         if folder.exists():
-            shutil.rmtree(folder)
+            os.replace(folder, old)
         os.replace(new, folder)
+        shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(new, ignore_errors=True)
 

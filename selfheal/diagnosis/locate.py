@@ -13,7 +13,7 @@ AFTER = 0.25  # [s] that a reversal or a step counts for; chosen
 FEW = 20  # samples of a regime below which nothing is said of it; chosen
 
 
-def regimes(world: World, scene: Scene, windows: Windows) -> Floats:
+def regimes(world: World, scene: Scene, windows: Windows) -> np.ndarray:
     """Whether each sample of each signal (M, S) is in each regime: (R, M, S)."""
     out = np.zeros((len(REGIMES), len(windows.at), len(world.signals)), bool)
     at = windows.start[windows.window] + windows.at
@@ -116,8 +116,9 @@ def _turns(sign: Floats) -> np.ndarray:
 def _since(events: np.ndarray, steps: int) -> np.ndarray:
     """Whether one of the events was in the last so many steps."""
     count = np.cumsum(events)
-    return count > np.concatenate([np.zeros(min(steps, len(count)), int),
-                                   count[:-steps] if steps < len(count) else []])  # fmt: skip
+    before = np.zeros_like(count)
+    before[steps:] = count[:-steps]
+    return count > before
 
 
 def grid(world: World, scene: Scene, windows: Windows, square: Floats):

@@ -1,4 +1,4 @@
-"""Which physics is missing: takes a fitted model, gives the effects that earn a name."""
+"""Which physics is missing: takes a fitted model, gives effects that earn a name."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -228,9 +228,7 @@ def screened(
     left = [(0.0, term) for term in candidates]
     fits: list[Fit] = []
     answers: list[Floats] = []
-    for stage, (base, rounds, keep) in enumerate(
-        zip(bases, ROUNDS, KEEP, strict=True)
-    ):
+    for stage, (base, rounds, keep) in enumerate(zip(bases, ROUNDS, KEEP, strict=True)):
         tried = []
         for i, (_, term) in enumerate(left):
             progress(f"trying {term.label}", i / len(left))
@@ -252,8 +250,6 @@ def _independent(answers: Floats) -> float:
     size = np.linalg.norm(answers, axis=1)
     unit = answers[size > 0] / size[size > 0, None]
     return len(unit) ** 2 / max(float(((unit @ unit.T) ** 2).sum()), 1.0)
-
-
 
 
 def name_effects(

@@ -125,7 +125,7 @@ class Workshop:
         for term in adds:
             for place in term.places:
                 term.effect.structure(spec, place)
-        _open_up(spec, given)
+        _open_up(spec)
         model = spec.compile()
         model.opt.disableflags |= int(
             mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -150,20 +150,10 @@ def _same_joints(spec, given, model) -> list[int]:
     return [j for j in range(model.njnt) if model.joint(j).name not in added]
 
 
-def _open_up(spec, given) -> None:
-    """Let a free body's center of mass be moved.
-
-    MuJoCo keeps no inertia off the diagonal of a body whose center of mass is at its
-    origin; a micrometer makes it keep all.
-    """
+def _open_up(spec) -> None:
+    """Keep room for inertia off the diagonal, so that a center of mass can be moved."""
     for body in spec.bodies[1:]:
-        b = body.id
-        if given.body_simple[b] and (given.jnt_type[given.jnt_bodyid == b] == 0).any():
-            body.explicitinertial = True
-            body.mass = float(given.body_mass[b])
-            body.inertia = given.body_inertia[b]
-            body.iquat = given.body_iquat[b]
-            body.ipos = given.body_ipos[b] + np.array([1e-6, 0, 0])
+        body.simple = 0
 
 
 def _ignore(message: str) -> None:

@@ -195,7 +195,8 @@ def _played(
 
 def _with_added(episode: Episode, model, recording: Recording, name: str) -> Episode:
     """The episode with a place in its state for joints that a patch added."""
-    q0, v0 = [], []
+    q0: list[float] = []
+    v0: list[float] = []
     qpos = list(np.zeros(0) if episode.qpos0 is None else episode.qpos0)
     size = len(qpos)
     qvel = list(np.zeros(0) if episode.qvel0 is None else episode.qvel0)
@@ -213,4 +214,3 @@ def _with_added(episode: Episode, model, recording: Recording, name: str) -> Epi
         )
     v0 = v0 if len(v0) == model.nv else [0.0] * model.nv
     return replace(episode, qpos0=np.array(q0), qvel0=np.array(v0))
-

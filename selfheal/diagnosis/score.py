@@ -35,8 +35,8 @@ def errors(
         x = apart[:, c.columns]
         if c.kind == "body_orientation":
             other = told[:, c.columns] + pieces.readings[:, c.columns]
-            x = np.where((x**2).sum(1, keepdims=True) < (other**2).sum(1, keepdims=True),
-                         x, other)  # fmt: skip
+            nearer = (x**2).sum(1, keepdims=True) < (other**2).sum(1, keepdims=True)
+            x = np.where(nearer, x, other)
         read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
         square = np.where(read, (x**2).sum(axis=1), 0.0)
         square = np.where(read & ~np.isfinite(square), np.inf, square)

@@ -48,8 +48,9 @@ def estimate(
             qvel[lost, v] = rate[0][lost, 0]
         elif model.jnt_type[j] == 0:
             body = model.body(model.jnt_bodyid[j]).name
+            rates = slice(model.nv + v, model.nv + v + 6)
             _free(told, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
-                  std[:, v : v + 6], std[:, model.nv + v : model.nv + v + 6])  # fmt: skip
+                  std[:, v : v + 6], std[:, rates])  # fmt: skip
     return qpos, qvel, std
 
 
@@ -150,7 +151,9 @@ class States:
         """State (n, W, ...) in the given model's coordinates."""
         world, windows = self.world, self.windows
         given = world.workshop.given
-        states = [dict() for _ in range(n)] if self.reads else [{}]
+        states: list[dict[str, Mapping[str, float]]] = [
+            {} for _ in range(n if self.reads else 1)
+        ]
         for name, said in self.reads.items():
             for i, one in enumerate(states):
                 one[name] = {k: float(v[i]) for k, v in said.items() if k != "step"}

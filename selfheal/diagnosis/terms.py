@@ -146,6 +146,10 @@ class Effect:
         """Of signal place["signal"]: bias, gain, delay (N), those that it changes."""
         return {}
 
+    def yields(self, values: Floats, load: float) -> float:
+        """Where a joint that it adds rests under a load [N m or N]."""
+        return 0.0
+
     def changes(
         self, model: "mujoco.MjModel", place, values: Floats
     ) -> "Sequence[Set | Insert | Rename] | None":

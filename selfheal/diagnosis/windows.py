@@ -57,10 +57,9 @@ class Windows:
         first = np.cumsum([0, *(len(p) for p in parts)])
         each = zip(parts, first, strict=False)
         return cls(
-            *(
-                np.concatenate([getattr(p, k) for p in parts])
-                for k in ("log", "start", "steps")
-            ),
+            np.concatenate([p.log for p in parts]),
+            np.concatenate([p.start for p in parts]),
+            np.concatenate([p.steps for p in parts]),
             np.concatenate([p.window + n for p, n in each]),
             np.concatenate([p.at for p in parts]),
             np.concatenate([p.readings for p in parts]),
@@ -82,7 +81,12 @@ def windows(
         only: the one episode to cut; None: all.
         empty: whether samples without a reading count.
     """
-    log, start, length, rows, at, readings = [], [], [], [], [], []
+    log: list[int] = []
+    start: list[int] = []
+    length: list[int] = []
+    rows: list[np.ndarray] = []
+    at: list[Floats] = []
+    readings: list[Floats] = []
     for i, episode in enumerate(logs):
         if only is not None and i != only:
             continue

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 
 import mujoco
@@ -30,12 +30,14 @@ class World:
         signals: the channels compared.
         logs: episodes on a grid of `step` s.
         step: of the simulation [s].
+        counted: (1) windows simulated so far.
     """
 
     workshop: Workshop
     signals: tuple[Channel, ...]
     logs: tuple[Log, ...]
     step: float
+    counted: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
 
     def simulate(
         self,
@@ -72,6 +74,7 @@ class World:
 
     def _simulate(self, terms, values, windows, kick) -> Floats:
         plant = self.workshop.plant(terms)
+        self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
         models = [plant.variant(terms, v) for v in values]
         reads = self.readings_of(terms, shares, len(values))

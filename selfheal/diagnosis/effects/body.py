@@ -50,8 +50,11 @@ class Payload(AtBody):
     regime = "high_load"
 
     def parameters(self, scene, body):
-        axis = [Parameter("position_" + x, "m", float(body.far[i]), *body.box[i],
-                          0.3 * body.size) for i, x in enumerate("xyz")]  # fmt: skip
+        axis = [
+            Parameter("position_" + x, "m", float(body.far[i]), float(body.box[i, 0]),
+                      float(body.box[i, 1]), 0.3 * body.size)
+            for i, x in enumerate("xyz")
+        ]  # fmt: skip
         mass = Parameter("mass", "kg", 0.0, 0.0, 5 * body.chain, 0.2 * body.mass)
         return (mass, *axis)
 
@@ -67,9 +70,9 @@ def spatial(model, body: int) -> Floats:
     """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
     import mujoco
 
-    turn = np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
-    turn = turn.reshape(3, 3)
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, model.body_iquat[body])
+    turn = flat.reshape(3, 3)
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
 
 
@@ -164,7 +167,7 @@ def stretch(model, body: int, ratio: float) -> None:
         mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
         lies = np.abs(turn.reshape(3, 3).T @ axis)  # along the geom's own axes
         if lies.max() > 0.99:
-            _stretch_geom(model, geom, int(lies.argmax()), ratio)
+            _stretch_geom(model, int(geom), int(lies.argmax()), ratio)
     for site in np.flatnonzero(model.site_bodyid == body):
         model.site_pos[site] = grow @ model.site_pos[site]
 
@@ -261,6 +264,7 @@ class JointJam(Effect):
     separate_by = "command the joint"
 
     def terms(self, scene):
+        """At every joint that was not seen to move."""
         return [
             Term(
                 self,
@@ -275,7 +279,7 @@ class JointJam(Effect):
                 ((joint.middle,),),
             )
             for joint in scene.joints
-            if joint.range < 0.1 or not joint.measured  # of one that moves, nobody would say so
+            if joint.range < 0.1 or not joint.measured
         ]  # fmt: skip
 
     def edit(self, model, place, values):

@@ -1,7 +1,5 @@
 """What a sensor makes of the truth: round to step (gain x true(t - delay) + bias)."""
 
-import numpy as np
-
 from ..terms import Effect, Parameter, Term
 
 

@@ -227,10 +227,6 @@ class Extra(AtJoint):
         """MJCF attributes of the second joint."""
         raise NotImplementedError
 
-    def yields(self, values, load: float) -> float:
-        """Where the second joint rests under a load [N m or N]."""
-        raise NotImplementedError
-
     def changes(self, model, place, values):
         joint = model.joint(place["joint"])
         kind = "slide" if model.jnt_type[joint.id] == 2 else "hinge"
