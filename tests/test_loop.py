@@ -95,7 +95,7 @@ def test_a_finished_run_stays_as_it_is():
 
 def test_what_a_run_says_is_what_it_did():
     toy, progress = Toy(), []
-    runs = list(identify(toy, SMALL, progress=lambda _, n: progress.append(n)))
+    runs = list(identify(toy, SMALL, progress=progress.append))
     cycles, result = runs[-1].cycles, runs[-1].result
     assert toy.acts == len(cycles) == SMALL.cycles
     tried = [cycle.action for cycle in cycles]
@@ -130,6 +130,8 @@ def test_the_toy_is_identified():
         ({"space": "any"}, UnknownNameError, "'any'; valid: free, full, sides"),
         ({"engine": "ode"}, UnknownNameError, "'ode'; valid: auto, mjx, mujoco, sta"),
         ({"method": "paper", "space": "full"}, InputError, "only the space 'free'"),
+        ({"known_lengths": True}, InputError, "go with space 'full'; in 'free' they"),
+        ({"method": "paper", "random_actions": True}, InputError, "not 'paper'"),
     ],
 )
 def test_settings_without_sense_are_refused_before_any_work(change, kind, text):

@@ -24,7 +24,7 @@ BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the t
 _CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
 _SHOWN = 16  # rivals kept in a cycle's record; chosen
 
-Progress = Callable[[str, int], None]
+Progress = Callable[[int], None]
 
 
 def felt(recording: Recording) -> Floats:
@@ -72,6 +72,16 @@ def check(settings: Settings, robot: Robot) -> None:
         raise InputError(f"the seed must not be negative; not {settings.seed}")
     if settings.method != "default" and settings.space != "free":
         raise InputError(f"method {settings.method!r} knows only the space 'free'")
+    if settings.method != "default" and settings.random_actions:
+        raise InputError(
+            f"random actions go with method 'default', not {settings.method!r}; "
+            "methods 'random-batch' and 'random-alternate' are the baselines of 2006"
+        )
+    if settings.known_lengths and settings.space != "full":
+        raise InputError(
+            f"known lengths go with space 'full'; in {settings.space!r} they are "
+            "always known"
+        )
 
 
 def check_same(run: Run, robot: Robot) -> None:
@@ -142,7 +152,7 @@ class _Loop:
             robot.anatomy,
             make_engine("statics" if name == "auto" else name),
             actions=robot.actions,
-            progress=lambda count: progress("search", count),
+            progress=progress,
         )
         self.strategy = _strategy(settings, self.evaluator)
         self.evaluator.loss = self.strategy.loss
@@ -169,7 +179,7 @@ class _Loop:
 
     def _believed(self) -> tuple[Genomes, Floats, Floats]:
         """The rivals, best first, confirmed by a second engine if there is one."""
-        genomes, tables, losses = self.strategy.rivals(self.evidence)
+        genomes, tables, losses = self.strategy.rivals()
         order = np.arange(min(_SHOWN, len(losses)))
         if self.judge:
             top = order[:_CONFIRMED]
@@ -263,7 +273,7 @@ def _strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
     return Released(evaluator, method=settings.method, cycles=settings.cycles)
 
 
-def _nothing(what: str, count: int) -> None:
+def _nothing(count: int) -> None:
     """No progress is shown."""
 
 
@@ -280,7 +290,7 @@ def identify(
         robot: acts.
         settings: what to do.
         run: one to go on with, made by the same robot and settings; None = start.
-        progress: called with ("search", simulations so far) now and then.
+        progress: called with the search's simulations so far now and then.
 
     Raises:
         InputError: settings or recordings that make no sense.

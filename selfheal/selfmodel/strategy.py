@@ -48,7 +48,7 @@ class Strategy(Protocol):
         """Look for bodies until about `limit` simulations were spent in all."""
         ...
 
-    def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
+    def rivals(self) -> tuple[Genomes, Floats, Floats]:
         """Genomes (K), tables (K, A, 3) and losses (K), best first."""
         ...
 
@@ -105,7 +105,7 @@ class Rivals:
         """Climb; see `RivalSearch.run`."""
         self.finder.run(evidence, limit, rng)
 
-    def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
+    def rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The crowd."""
         crowd = self.finder.crowd
         return crowd.genomes, crowd.tables, crowd.losses
@@ -163,7 +163,7 @@ class Released:
         else:
             self.finder.run(evidence, 0, rng)
 
-    def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
+    def rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The climbers; their tables are not simulated, for the rule has none."""
         genomes = self.finder.genomes
         shape = (len(genomes), len(self.evaluator.actions), 3)
