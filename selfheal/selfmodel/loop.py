@@ -185,10 +185,12 @@ class _Loop:
             top = order[:_CONFIRMED]
             losses = losses.copy()
             losses[top] = self.judge.losses(genomes[top], tables[top], self.evidence)
-            order[: len(top)] = top[np.argsort(losses[top], kind="stable")]
+            costs = losses[top] + self.strategy.prior(genomes[top])
+            order[: len(top)] = top[np.argsort(costs, kind="stable")]
         if np.isnan(tables[order[:1]]).any():  # a method that keeps no tables
             tables = tables.copy()
-            tables[order[:5]] = self.evaluator.table_aside(genomes[order[:5]])
+            with self.evaluator.aside():
+                tables[order[:5]] = self.evaluator.table(genomes[order[:5]])
         return genomes[order], tables[order], losses[order]
 
     def _cycle(self, run: Run, action: int, why: str, reading: Floats, genomes: Genomes,
@@ -206,8 +208,8 @@ class _Loop:
             tables=tables,
             losses=losses,
             sureness=sureness(
-                *self.strategy.candidates(self.evidence),
-                genomes[:1],
+                *self.strategy.candidates(),
+                genomes.parent[0],
                 survived=_survived(run, genomes),
             ),
             tilt_error=float(gap.sum(axis=1).mean()),
@@ -242,7 +244,8 @@ class _Loop:
             self.evidence = self.evidence.add(cycle.action, cycle.felt)
         start = "strategy_"
         self.strategy.restore(
-            {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
+            {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)},
+            self.evidence,
         )
         self.rng.bit_generator.state = json.loads(state["random"])
         e.hardness = state["hardness"].copy()
