@@ -88,8 +88,8 @@ class Kin:
         """Take in the rivals, and what is around the best, given new evidence."""
         with self.evaluator.aside():
             self.take(rivals.genomes, rivals.tables)
-            self._forget(evidence)
-            near = self._near(evidence, rng)
+            losses = self._forget(self._losses(evidence))
+            near = self._near(losses, evidence, rng)
             new = self._unknown(near)[:_NEW]
             if len(new):
                 self.take(near[new], self.evaluator.table(near[new]))
@@ -150,21 +150,23 @@ class Kin:
         """(K) what the prior adds to the loss of every body and of its twins."""
         return cost(self.evaluator.anatomy, self.crowd.genomes)
 
-    def _forget(self, evidence: Evidence) -> None:
-        """Keep the best, and none that is hopelessly behind."""
-        losses = np.array([x.min() for x in self._losses(evidence)])
-        costs = losses + self._extra()
+    def _forget(self, losses: list[Floats]) -> list[Floats]:
+        """Keep the best, and none that is hopelessly behind; the losses of those."""
+        best = np.array([x.min() for x in losses])
+        costs = best + self._extra()
         order = np.argsort(costs, kind="stable")[:_KEPT]
         order = order[costs[order] <= costs.min() + 1.5 * _WINDOW]
-        self.crowd.losses = losses
+        self.crowd.losses = best
         self.crowd.take(order)
         self._family = [self._family[k] for k in order]
         self._distinct = [self._distinct[k] for k in order]
+        return [losses[k] for k in order]
 
-    def _near(self, evidence: Evidence, rng: np.random.Generator) -> Genomes:
+    def _near(
+        self, losses: list[Floats], evidence: Evidence, rng: np.random.Generator
+    ) -> Genomes:
         """Changes of the best bodies that lose next to nothing, best first."""
         best, around = self.crowd.losses.min(), []
-        losses = self._losses(evidence)
         for row in range(min(_AROUND, len(losses))):
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))
