@@ -8,13 +8,14 @@ from selfheal.body.genome import Genomes, from_tree, random_genomes
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.explore import (
-    belief_in_right,
+    belief_left,
     choose,
     contrasts,
     first_action,
     plausibility,
     random_action,
     voters,
+    worth,
 )
 from selfheal.selfmodel.kin import Kin
 from selfheal.selfmodel.prior import cost, limbs
@@ -53,6 +54,11 @@ def test_no_action_is_drawn_twice_and_all_are_drawn():
         assert sorted(tried) == [0, 1, 2, 3]
         firsts.add(tried[0])
     assert firsts == {0, 1, 2, 3}
+
+
+def belief_in_right(tables, parent, belief) -> np.ndarray:
+    """(A) belief in the right tree that can be expected after each action."""
+    return belief_left(tables, parent, belief) @ belief
 
 
 def _trees(count: int) -> np.ndarray:
@@ -106,6 +112,15 @@ def test_what_an_action_says_of_bodies_of_one_tree_counts_for_nothing():
     tilts[:, 0, 0], tilts[:, 1, 0] = [0, 99, 0, 99], [0, 0, 99, 99]
     pairs = np.array([[0], [0], [1], [1]])
     np.testing.assert_allclose(belief_in_right(tilts, pairs, _even(4)), [0.5, 1])
+
+
+def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
+    tilts, belief = np.zeros((4, 3, 3)), _even(4)
+    tilts[:, 0, 0], tilts[:, 1, 0], tilts[:, 2, 0] = [0, 0, 0, 99], [0, 0, 99, 99], 0
+    left = belief_left(tilts, _trees(4), belief)
+    np.testing.assert_allclose(left @ belief, [0.5, 0.5, 0.25])
+    score = worth(left, belief)
+    assert score[1] > score[0] > score[2]
 
 
 def test_contrasts_count_the_like_parts_that_an_action_sends_apart():

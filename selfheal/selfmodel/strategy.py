@@ -10,12 +10,13 @@ from ..body.body import Floats, Ints
 from ..body.genome import Genomes
 from .evaluate import CAPPED_LOSS, PAPER_LOSS, Evaluator, Evidence, Loss
 from .explore import (
-    belief_in_right,
+    belief_left,
     choose,
     first_action,
     plausibility,
     random_action,
     voters,
+    worth,
 )
 from .kin import Hypotheses, Kin
 from .paper import CEILING, GENERATIONS, JUDGES, PaperSearch, Slips
@@ -96,11 +97,11 @@ class Rivals:
         some, belief = voters(self.found, rng)
         # a part of the vote is the same for all: those known are not all there are
         belief = (1 - _UNKNOWN) * belief + _UNKNOWN / len(belief)
-        score = belief_in_right(some.tables, some.genomes.parent, belief)
-        action = choose(score, evidence.tried)
+        left = belief_left(some.tables, some.genomes.parent, belief)
+        action = choose(worth(left, belief), evidence.tried)
         return action, (
             f"of {len(self.found):,} bodies that might be it, leaves "
-            f"{100 * score[action]:.0f} % belief in the right tree"
+            f"{100 * left[action] @ belief:.0f} % belief in the right tree"
         )
 
     def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
