@@ -240,7 +240,7 @@ class _Show:
         )
         self.task = self.bar.add_task("starting", total=settings.budget, speed="")
 
-    def __call__(self, _: str, count: int) -> None:
+    def __call__(self, count: int) -> None:
         """Show the number of simulations so far."""
         if self.base is None:
             self.base, self.start = count, time.perf_counter()

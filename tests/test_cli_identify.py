@@ -129,6 +129,12 @@ BAD = [
     (["--robot", "starfish", "--space", "any"], "unknown space 'any'; valid: free"),
     (["--robot", "starfish", "--engine", "ode"], "unknown engine 'ode'; valid: auto"),
     (["--robot", "starfish", "--cycles", "0"], "cycles must be 1 to 36"),
+    (["--robot", "starfish", "--known-lengths"], "known lengths go with space 'full'"),
+    (["--robot", "starfish", "--space", "sides", "--known-lengths"], "always known"),
+    (
+        ["--robot", "starfish", "--method", "paper", "--random-actions"],
+        "random actions go with method 'default', not 'paper'",
+    ),
     (["--robot", "starfish", "--cycles", "37"], "cycles must be 1 to 36"),
     (["--robot", "starfish", "--budget", "-5"], "budget must be positive; not -5"),
     (["--robot", "starfish", "--seed", "-1"], "seed must not be negative"),

@@ -8,13 +8,17 @@ from selfheal.body.genome import Genomes, from_tree, random_genomes
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.explore import (
+    belief_left,
     choose,
-    hypotheses,
-    new_contrasts,
+    contrasts,
+    first_action,
     plausibility,
     random_action,
-    telling_apart,
+    voters,
+    worth,
 )
+from selfheal.selfmodel.kin import Kin
+from selfheal.selfmodel.prior import cost, limbs
 from selfheal.selfmodel.search import RivalSearch
 from selfheal.selfmodel.space import genome_key, space_of
 from selfheal.selfmodel.strategy import Rivals
@@ -52,52 +56,83 @@ def test_no_action_is_drawn_twice_and_all_are_drawn():
     assert firsts == {0, 1, 2, 3}
 
 
+def belief_in_right(tables, parent, belief) -> np.ndarray:
+    """(A) belief in the right tree that can be expected after each action."""
+    return belief_left(tables, parent, belief) @ belief
+
+
+def _trees(count: int) -> np.ndarray:
+    """(count, 1) trees, no two alike."""
+    return np.arange(count)[:, None]
+
+
 def test_an_action_on_which_all_agree_tells_nothing():
     tables = np.repeat(_tables(1), 6, axis=0)
-    np.testing.assert_allclose(telling_apart(tables, _even(6)), 0, atol=1e-12)
+    score = belief_in_right(tables, _trees(6), _even(6))
+    np.testing.assert_allclose(score, 1 / 6, atol=1e-12)
 
 
 def test_more_disagreement_tells_more():
     tables, last = _tables(5), np.zeros(ACTIONS)
     for scale in (0.01, 0.1, 1, 10):
-        score = telling_apart(scale * tables, _even(5))
+        score = belief_in_right(scale * tables, _trees(5), _even(5))
         assert (score > last).all()
         last = score
-    # five equally likely bodies, each apart from the four others
-    np.testing.assert_allclose(telling_apart(1e4 * tables, _even(5)), 0.8)
+    np.testing.assert_allclose(belief_in_right(1e4 * tables, _trees(5), _even(5)), 1)
 
 
 def test_the_order_and_the_splitting_of_bodies_are_irrelevant():
     tables, belief = _tables(5), np.array([0.5, 0.2, 0.1, 0.1, 0.1])
-    score = telling_apart(tables, belief)
+    tree = np.array([[0], [1], [0], [2], [3]])
+    score = belief_in_right(tables, tree, belief)
     order = np.array([3, 1, 4, 0, 2])
-    np.testing.assert_allclose(telling_apart(tables[order], belief[order]), score)
-    twice = np.concatenate([tables, tables])
+    again = belief_in_right(tables[order], tree[order], belief[order])
+    np.testing.assert_allclose(again, score)
+    twice = [np.concatenate([x, x]) for x in (tables, tree)]
     halves = np.concatenate([belief, belief]) / 2
-    np.testing.assert_allclose(telling_apart(twice, halves), score)
-    np.testing.assert_allclose(telling_apart(-tables, belief), score)
+    np.testing.assert_allclose(belief_in_right(*twice, halves), score)
+    np.testing.assert_allclose(belief_in_right(-tables, tree, belief), score)
 
 
-def test_an_action_tells_no_more_than_there_is_to_know():
-    """At most the chance that two bodies drawn by belief are not the same one."""
+def test_belief_in_the_right_tree_is_a_probability_and_no_reading_lowers_it():
+    """At least the chance that two bodies drawn by belief are of the same tree."""
+    tree = np.array([[0], [1], [1]])
     for belief in ([0.4, 0.3, 0.3], [0.9, 0.05, 0.05], [1.0, 0, 0]):
-        score = telling_apart(_tables(3), np.array(belief))
-        most = 1 - np.dot(belief, belief)
-        assert ((score >= -1e-12) & (score <= most + 1e-12)).all()
+        score = belief_in_right(_tables(3), tree, np.array(belief))
+        least = belief[0] ** 2 + (belief[1] + belief[2]) ** 2
+        assert ((score >= least - 1e-12) & (score <= 1 + 1e-12)).all()
 
 
-def test_a_contrast_between_like_parts_is_new_once():
+def test_what_an_action_says_of_bodies_of_one_tree_counts_for_nothing():
+    tables = _tables(4)
+    tree = np.zeros((4, PARTS), int)
+    np.testing.assert_allclose(belief_in_right(tables, tree, _even(4)), 1)
+    # one action tells sides apart, the other trees: bodies of trees 0, 0, 1, 1
+    tilts = np.zeros((4, 2, 3))
+    tilts[:, 0, 0], tilts[:, 1, 0] = [0, 99, 0, 99], [0, 0, 99, 99]
+    pairs = np.array([[0], [0], [1], [1]])
+    np.testing.assert_allclose(belief_in_right(tilts, pairs, _even(4)), [0.5, 1])
+
+
+def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
+    tilts, belief = np.zeros((4, 3, 3)), _even(4)
+    tilts[:, 0, 0], tilts[:, 1, 0], tilts[:, 2, 0] = [0, 0, 0, 99], [0, 0, 99, 99], 0
+    left = belief_left(tilts, _trees(4), belief)
+    np.testing.assert_allclose(left @ belief, [0.5, 0.5, 0.25])
+    score = worth(left, belief)
+    assert score[1] > score[0] > score[2]
+
+
+def test_contrasts_count_the_like_parts_that_an_action_sends_apart():
     toy = Toy()
     twins = Twins.of(toy.anatomy, toy.actions)
     # parts 1 and 2 are alike, and 3 and 4: two pairs
     apart = toy.actions[:, [0, 2]] != toy.actions[:, [1, 3]]
-    first = new_contrasts(twins, toy.actions, ())
-    np.testing.assert_allclose(first, apart.mean(axis=1))
-    for action in range(len(toy.actions)):
-        later = new_contrasts(twins, toy.actions, (action,))
-        np.testing.assert_allclose(later, (apart & ~apart[action]).mean(axis=1))
-    done = new_contrasts(twins, toy.actions, tuple(range(len(toy.actions))))
-    np.testing.assert_array_equal(done, 0)
+    found = contrasts(twins, toy.actions)
+    np.testing.assert_array_equal(found, apart.sum(axis=1))
+    rng = np.random.default_rng(0)
+    first = {first_action(twins, toy.actions, rng) for _ in range(100)}
+    assert first == set(np.flatnonzero(found == 2))
 
 
 def test_plausibility_is_a_distribution_that_falls_with_the_loss():
@@ -112,21 +147,40 @@ def _random(count: int) -> Genomes:
     return random_genomes(anatomy(), count, np.random.default_rng(0), False)
 
 
+def test_the_prior_counts_limbs_and_not_labels():
+    like = anatomy()
+    star = from_tree(like, np.array([[0, 0, 1, 2]]), np.full((1, PARTS), 0.125))
+    crossed = from_tree(like, np.array([[0, 0, 2, 1]]), np.full((1, PARTS), 0.125))
+    chain = from_tree(like, np.array([[0, 1, 2, 3]]), np.full((1, PARTS), 0.125))
+    assert [limbs(like, g)[0] for g in (star, crossed, chain)] == [2, 2, 4]
+    assert (cost(like, chain) > cost(like, star)).all()
+    twins = Twins.of(like, Toy().actions)
+    genomes = _random(20)
+    for turn in range(len(twins.turns)):
+        for trade in range(len(twins.trade)):
+            rows = np.array([twins.valid(p)[trade] for p in genomes.parent])
+            some = genomes[np.flatnonzero(rows)]
+            same = np.full(len(some.parent), turn), np.full(len(some.parent), trade)
+            np.testing.assert_array_equal(
+                cost(like, twins.genomes(some, *same)), cost(like, some)
+            )
+
+
 @pytest.mark.parametrize("survived", [0, 1, 15])
 def test_sureness_is_a_probability(survived):
-    genomes = _random(30)
-    losses = np.linspace(0, 5, 30)
-    sure = sureness(genomes, losses, genomes[:1], survived=survived)
+    parent = _random(30).parent
+    belief = plausibility(np.linspace(0, 5, 30))
+    sure = sureness(parent, belief, parent[0], survived=survived)
     assert sure.shape == (PARTS,)
     assert ((sure >= 0) & (sure <= 1 + 1e-12)).all()
     assert sure[0] == 1  # the first part can only hang on the torso
 
 
 def test_a_body_that_stands_longer_is_surer():
-    genomes = _random(30)
-    losses = np.append(0, np.full(29, 1e3))
+    parent = _random(30).parent
+    belief = np.append(1, np.zeros(29))
     new, old = (
-        sureness(genomes, losses, genomes[:1], survived=survived)
+        sureness(parent, belief, parent[0], survived=survived)
         for survived in (0, 10_000)
     )
     assert (new[1:] < old[1:]).all()
@@ -135,8 +189,7 @@ def test_a_body_that_stands_longer_is_surer():
 
 def test_bodies_that_explain_equally_well_share_the_sureness():
     parent = np.array([[0, 0, 1, 1], [0, 0, 1, 2], [0, 0, 0, 1], [0, 1, 1, 0]])
-    genomes = from_tree(anatomy(), parent, np.full((4, PARTS), 0.125))
-    sure = sureness(genomes, np.zeros(4), genomes[:1], survived=10_000)
+    sure = sureness(parent, _even(4), parent[0], survived=10_000)
     np.testing.assert_allclose(sure, [1, 0.75, 0.75, 0.5], atol=1e-3)
 
 
@@ -153,25 +206,69 @@ def searched():
     return evaluator, search, evidence
 
 
-def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched):
+@pytest.fixture(scope="module")
+def found(searched):
+    """What is believed possible after the search."""
     evaluator, search, evidence = searched
-    genomes, tables, losses = hypotheses(
-        search.crowd, search.twins, evidence, evaluator
-    )
-    keys = {genome_key(genomes, row) for row in range(len(genomes))}
-    assert len(keys) == len(genomes) == len(tables) == len(losses)
-    assert (np.diff(np.round(losses, 5)) >= 0).all()
+    kin = Kin(search.space, evaluator, search.twins)
+    before = evaluator.spent, evaluator.chosen
+    kin.learn(search.crowd, evidence, np.random.default_rng(0))
+    assert evaluator.spent == before[0] and evaluator.chosen > before[1]
+    return kin, kin.hypotheses(evidence)
+
+
+def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched, found):
+    evaluator, search, evidence = searched
+    some = found[1][np.arange(min(50, len(found[1])))]
+    genomes = some.genomes
+    assert len({genome_key(genomes, row) for row in range(len(some))}) == len(some)
+    assert (np.diff(np.round(some.costs, 5)) >= 0).all()
     tried = list(evidence.tried)
-    again = evaluator.loss(tables[:, tried], evidence.felt).sum(axis=1)
-    np.testing.assert_allclose(again, losses, atol=1e-6)
-    assert losses[0] <= search.crowd.losses[0] + 1e-6
+    again = evaluator.loss(some.tables[:, tried], evidence.felt).sum(axis=1)
+    np.testing.assert_allclose(again, some.losses, atol=1e-6)
+    np.testing.assert_allclose(evaluator.table(genomes[:3]), some.tables[:3], atol=1e-6)
+    np.testing.assert_allclose(
+        some.costs, some.losses + cost(evaluator.anatomy, genomes)
+    )
+    assert some.losses.min() <= search.crowd.losses[0] + 1e-6
+
+
+def test_kin_know_each_other_by_no_twin_of_theirs(searched, found):
+    _, search, _ = searched
+    kin, _ = found
+    count = len(kin.crowd)
+    assert count > len(search.crowd) / 2
+    parent, valid_of = kin.crowd.genomes.parent, search.twins.valid
+    valid = np.flatnonzero([valid_of(p).all() for p in parent])
+    trade = np.full(len(valid), len(search.twins.trade) - 1)
+    twins = search.twins.genomes(kin.crowd.genomes[valid], 0 * trade + 1, trade)
+    kin.take(twins, kin.crowd.tables[valid])
+    assert len(kin.crowd) == count
+
+
+def test_voters_stand_for_all_belief(found):
+    _, every = found
+    rng = np.random.default_rng(0)
+    some, belief = voters(every, rng)
+    assert belief.sum() == pytest.approx(1) and len(some) <= len(every)
+    likeliest = plausibility(every.costs)[0]
+    assert abs(belief[0] - likeliest) < 0.01
 
 
 def test_the_method_chooses_untried_actions_and_says_why(searched):
+    evaluator, _, evidence = searched
+    method = Rivals(evaluator, space="free", known_lengths=False, random_actions=False)
+    rng = np.random.default_rng(0)
+    first, why = method.choose(Evidence(), rng)
+    assert 0 <= first < len(evaluator.actions) and "random" in why
+    method.search(evidence, evaluator.spent + 500, rng)
+    action, why = method.choose(evidence, rng)
+    assert action not in evidence.tried and "belief" in why
+
+
+def test_among_bodies_that_fit_as_well_the_one_of_fewer_limbs_is_believed(searched):
     evaluator, search, evidence = searched
     method = Rivals(evaluator, space="free", known_lengths=False, random_actions=False)
     method.finder = search
-    action, why = method.choose(evidence, np.random.default_rng(0))
-    assert action not in evidence.tried and why
-    first, why = method.choose(Evidence(), np.random.default_rng(0))
-    assert 0 <= first < len(evaluator.actions) and "random" in why
+    genomes, _, losses = method.rivals()
+    assert (np.diff(losses + method.prior(genomes)) >= -1e-12).all()

@@ -18,6 +18,7 @@ from selfheal.cli import app
 from selfheal.errors import InputError, RecordingError, RunFileError, UnknownNameError
 from selfheal.recording import Recording
 from selfheal.selfmodel.loop import check, felt, identify
+from selfheal.selfmodel.prior import cost
 from selfheal.selfmodel.run import Run, Settings, held, load, save
 from selfheal.selfmodel.strategy import METHODS
 
@@ -95,7 +96,7 @@ def test_a_finished_run_stays_as_it_is():
 
 def test_what_a_run_says_is_what_it_did():
     toy, progress = Toy(), []
-    runs = list(identify(toy, SMALL, progress=lambda _, n: progress.append(n)))
+    runs = list(identify(toy, SMALL, progress=progress.append))
     cycles, result = runs[-1].cycles, runs[-1].result
     assert toy.acts == len(cycles) == SMALL.cycles
     tried = [cycle.action for cycle in cycles]
@@ -106,7 +107,8 @@ def test_what_a_run_says_is_what_it_did():
     assert cycles[-1].spent == runs[-1].counts["statics"] == progress[-1]
     assert runs[-1].counts["mujoco"] == len(toy.actions)
     for cycle in cycles:
-        assert (np.diff(cycle.losses) >= 0).all()
+        costs = cycle.losses + cost(toy.anatomy, cycle.genomes)
+        assert (np.diff(costs) >= -1e-12).all()
         assert ((cycle.sureness >= 0) & (cycle.sureness <= 1)).all()
         np.testing.assert_allclose(cycle.felt, felt(toy.act(cycle.action)))
 
@@ -130,6 +132,8 @@ def test_the_toy_is_identified():
         ({"space": "any"}, UnknownNameError, "'any'; valid: free, full, sides"),
         ({"engine": "ode"}, UnknownNameError, "'ode'; valid: auto, mjx, mujoco, sta"),
         ({"method": "paper", "space": "full"}, InputError, "only the space 'free'"),
+        ({"known_lengths": True}, InputError, "go with space 'full'; in 'free' they"),
+        ({"method": "paper", "random_actions": True}, InputError, "not 'paper'"),
     ],
 )
 def test_settings_without_sense_are_refused_before_any_work(change, kind, text):

@@ -176,6 +176,14 @@ def test_one_cycle_with_one_rival_has_a_page():
     assert "Candidates kept: 1." in words and "After 1 action and" in words
 
 
+def test_the_first_sentence_has_the_tilt_error_of_the_result():
+    run = _run()
+    done = replace(run, result={"tilt_error": 43.21})
+    assert "measured tilts to 43.21 degrees" in _words(identify_page(done))
+    unfinished = _last(replace(run, result={}), tilt_error=12.34)
+    assert "measured tilts to 12.34 degrees" in _words(identify_page(unfinished))
+
+
 def test_missing_readings_and_diverged_rivals_have_a_page():
     run = _run()
     last = run.cycles[-1]

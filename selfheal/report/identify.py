@@ -58,9 +58,10 @@ def _lead(run: Run) -> str:
         if right is None
         else f", with {right.sum()} of {right.size} attachments correct"
     )
+    error = run.result.get("tilt_error", last.tilt_error)  # the last check's, if done
     return (
         f"{unfinished}{body}, the best body explains the measured tilts to "
-        f"{number(last.tilt_error)} degrees an action{known}{_least_sure(run)}."
+        f"{number(error)} degrees an action{known}{_least_sure(run)}."
     )
 
 

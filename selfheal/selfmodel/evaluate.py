@@ -4,7 +4,8 @@ A channel row is (left/right tilt [deg], forward/back tilt [deg], clearance [mm]
 One simulation is one candidate under one action, on any engine.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -107,15 +108,25 @@ class Evaluator:
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
         self.loss = loss
         self.spent, self.chosen, self.failed = 0, 0, 0
+        self._aside = False
         self.hardness = np.full(len(actions), np.inf)
 
-    def table_aside(self, genomes: Genomes) -> Floats:
-        """`table`, with its simulations counted as `chosen`, not as `spent`."""
-        before = self.spent
-        table = self.table(genomes)
-        self.chosen += self.spent - before
-        self.spent = before
-        return table
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Count what is simulated meanwhile as `chosen`, not as `spent`."""
+        self._aside = True
+        try:
+            yield
+        finally:
+            self._aside = False
+
+    def _count(self, simulated: int) -> None:
+        """Count simulations, and tell of those of the search."""
+        if self._aside:
+            self.chosen += simulated
+            return
+        self.spent += simulated
+        self.progress(self.spent)
 
     def hardest_first(self, evidence: Evidence) -> Ints:
         """Positions in the evidence, hardest action first; untested ones lead."""
@@ -124,8 +135,7 @@ class Evaluator:
     def simulate(self, bodies: Bodies, actions: Ints) -> Floats:
         """(N, 3) channels of N bodies, each under an action (N); NaN where diverged."""
         readings = self.engine.simulate(bodies, self.actions[actions])
-        self.spent += len(actions)
-        self.progress(self.spent)
+        self._count(len(actions))
         self.failed += int(readings.failed.sum())
         return channels(readings)
 
@@ -179,9 +189,8 @@ class Evaluator:
             each = race(
                 bodies, self.actions[tried], felt, weight=weight, cap=cap, bound=before
             )
-            self.spent += int((~np.isnan(each)).sum())
+            self._count(int((~np.isnan(each)).sum()))
             self.failed += int(np.isinf(each).sum())
-            self.progress(self.spent)
         else:
             each = self._waves(bodies, tried, felt, bound)
         self._note(tried, each)

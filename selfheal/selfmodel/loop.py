@@ -24,7 +24,7 @@ BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the t
 _CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
 _SHOWN = 16  # rivals kept in a cycle's record; chosen
 
-Progress = Callable[[str, int], None]
+Progress = Callable[[int], None]
 
 
 def felt(recording: Recording) -> Floats:
@@ -72,6 +72,16 @@ def check(settings: Settings, robot: Robot) -> None:
         raise InputError(f"the seed must not be negative; not {settings.seed}")
     if settings.method != "default" and settings.space != "free":
         raise InputError(f"method {settings.method!r} knows only the space 'free'")
+    if settings.method != "default" and settings.random_actions:
+        raise InputError(
+            f"random actions go with method 'default', not {settings.method!r}; "
+            "methods 'random-batch' and 'random-alternate' are the baselines of 2006"
+        )
+    if settings.known_lengths and settings.space != "full":
+        raise InputError(
+            f"known lengths go with space 'full'; in {settings.space!r} they are "
+            "always known"
+        )
 
 
 def check_same(run: Run, robot: Robot) -> None:
@@ -142,7 +152,7 @@ class _Loop:
             robot.anatomy,
             make_engine("statics" if name == "auto" else name),
             actions=robot.actions,
-            progress=lambda count: progress("search", count),
+            progress=progress,
         )
         self.strategy = _strategy(settings, self.evaluator)
         self.evaluator.loss = self.strategy.loss
@@ -170,16 +180,18 @@ class _Loop:
 
     def _believed(self) -> tuple[Genomes, Floats, Floats]:
         """The rivals, best first, confirmed by a second engine if there is one."""
-        genomes, tables, losses = self.strategy.rivals(self.evidence)
+        genomes, tables, losses = self.strategy.rivals()
         order = np.arange(min(_SHOWN, len(losses)))
         if self.judge:
             top = order[:_CONFIRMED]
             losses = losses.copy()
             losses[top] = self.judge.losses(genomes[top], tables[top], self.evidence)
-            order[: len(top)] = top[np.argsort(losses[top], kind="stable")]
+            costs = losses[top] + self.strategy.prior(genomes[top])
+            order[: len(top)] = top[np.argsort(costs, kind="stable")]
         if np.isnan(tables[order[:1]]).any():  # a method that keeps no tables
             tables = tables.copy()
-            tables[order[:5]] = self.evaluator.table_aside(genomes[order[:5]])
+            with self.evaluator.aside():
+                tables[order[:5]] = self.evaluator.table(genomes[order[:5]])
         return genomes[order], tables[order], losses[order]
 
     def _cycle(self, run: Run, action: int, why: str, reading: Floats, genomes: Genomes,
@@ -197,8 +209,8 @@ class _Loop:
             tables=tables,
             losses=losses,
             sureness=sureness(
-                *self.strategy.candidates(self.evidence),
-                genomes[:1],
+                *self.strategy.candidates(),
+                genomes.parent[0],
                 survived=_survived(run, genomes),
             ),
             tilt_error=float(gap.sum(axis=1).mean()),
@@ -233,7 +245,8 @@ class _Loop:
             self.evidence = self.evidence.add(cycle.action, cycle.felt)
         start = "strategy_"
         self.strategy.restore(
-            {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
+            {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)},
+            self.evidence,
         )
         self.rng.bit_generator.state = json.loads(state["random"])
         e.hardness = state["hardness"].copy()
@@ -264,7 +277,7 @@ def _strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
     return Released(evaluator, method=settings.method, cycles=settings.cycles)
 
 
-def _nothing(what: str, count: int) -> None:
+def _nothing(count: int) -> None:
     """No progress is shown."""
 
 
@@ -281,7 +294,7 @@ def identify(
         robot: acts.
         settings: what to do.
         run: one to go on with, made by the same robot and settings; None = start.
-        progress: called with ("search", simulations so far) now and then.
+        progress: called with the search's simulations so far now and then.
 
     Raises:
         InputError: settings or recordings that make no sense.

@@ -118,7 +118,8 @@ class PaperSearch:
         best = from_unit(self.evaluator.anatomy, self.genes[:JUDGES])
         shaken = best.placement * rng.uniform(0.9, 1.1, best.placement.shape)
         copies = Genomes(best.parent, shaken % 1.0, best.hinge, best.length)
-        both = self.evaluator.table_aside(concatenate(best, copies))
+        with self.evaluator.aside():
+            both = self.evaluator.table(concatenate(best, copies))
         tables, moved = np.nan_to_num(both[:JUDGES]), np.nan_to_num(both[JUDGES:])
         scale = np.array([1, 1, 0.01])  # clearance in units of 10 cm, as in the loss
         sensitivity = (np.abs(tables - moved) * scale).sum(axis=(0, 2))

@@ -6,33 +6,35 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..body.body import Floats
+from ..body.body import Floats, Ints
 from ..body.genome import Genomes
 from .evaluate import CAPPED_LOSS, PAPER_LOSS, Evaluator, Evidence, Loss
 from .explore import (
+    belief_left,
     choose,
-    hypotheses,
-    new_contrasts,
+    first_action,
     plausibility,
     random_action,
-    telling_apart,
+    voters,
+    worth,
 )
+from .kin import Hypotheses, Kin
 from .paper import CEILING, GENERATIONS, JUDGES, PaperSearch, Slips
+from .prior import cost
 from .search import Crowd, RivalSearch
 from .space import space_of
 from .symmetry import Twins
 
 METHODS = {
-    "default": "rivals climbed from many starts; actions that tell them apart",
+    "default": "rivals climbed from many starts; actions that tell their trees apart",
     "paper": "the 2006 rule: fifteen climbers, actions by its released score",
     "random-batch": "baseline 1 of 2006: all actions random, then the 2006 search",
     "random-alternate": "baseline 2 of 2006: a random action, the 2006 search, in turn",
 }
 BUDGETS = {name: CEILING for name in METHODS} | {"default": 262_000}
 
-# Chosen on simulated robots: a first contrast between all like parts is worth half of
-# telling two bodies apart for certain.
-_CONTRAST = 0.5
+# Chosen: of the vote, for bodies that are not known; bodies the search is told of.
+_UNKNOWN, _TOLD = 0.05, 8
 
 
 class Strategy(Protocol):
@@ -48,20 +50,24 @@ class Strategy(Protocol):
         """Look for bodies until about `limit` simulations were spent in all."""
         ...
 
-    def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
+    def rivals(self) -> tuple[Genomes, Floats, Floats]:
         """Genomes (K), tables (K, A, 3) and losses (K), best first."""
         ...
 
-    def candidates(self, evidence: Evidence) -> tuple[Genomes, Floats]:
-        """Genomes (M) and losses (M) of every body that might be the right one."""
+    def candidates(self) -> tuple[Ints, Floats]:
+        """Trees (M, P) of the bodies that might be the right one, and belief (M)."""
+        ...
+
+    def prior(self, genomes: Genomes) -> Floats:
+        """(N) what a prior adds to the losses of bodies; rivals are ranked by both."""
         ...
 
     def state(self) -> dict[str, Any]:
         """Arrays from which `restore` goes on."""
         ...
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state."""
+    def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
+        """Go on from a state, and what was felt until then."""
         ...
 
 
@@ -73,61 +79,88 @@ class Rivals:
         """`random_actions` leaves the choice to chance, for comparison."""
         self.loss, self.evaluator = CAPPED_LOSS, evaluator
         twins = Twins.of(evaluator.anatomy, evaluator.actions)
-        self.finder = RivalSearch(
-            space_of(space, known_lengths=known_lengths), evaluator, twins
-        )
+        where = space_of(space, known_lengths=known_lengths)
+        self.finder = RivalSearch(where, evaluator, twins)
+        self.kin = Kin(where, evaluator, twins)
+        self.found: Hypotheses | None = None  # on the evidence so far
         self.random_actions = random_actions
 
     def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
-        """The action that best tells the rivals and their twins apart."""
-        count = len(self.evaluator.actions)
-        if not len(evidence) or self.random_actions:
-            why = "nothing is known yet" if not len(evidence) else "asked to be random"
-            return random_action(count, evidence.tried, rng), f"random: {why}"
-        genomes, tables, losses = hypotheses(
-            self.finder.crowd, self.finder.twins, evidence, self.evaluator
-        )
-        belief = plausibility(losses)
-        # a tenth of the vote is the same for all: those known are not all there are
-        belief = 0.9 * belief + 0.1 / len(belief)
-        apart = telling_apart(tables, belief)
-        contrast = new_contrasts(
-            self.finder.twins, self.evaluator.actions, evidence.tried
-        )
-        action = choose(apart + _CONTRAST * contrast, evidence.tried)
+        """The action that best tells the trees of the hypotheses apart."""
+        actions = self.evaluator.actions
+        if self.random_actions:
+            action = random_action(len(actions), evidence.tried, rng)
+            return action, "random: asked to be random"
+        if not self.found:
+            action = first_action(self.finder.twins, actions, rng)
+            return action, "random, of those that move like parts differently"
+        some, belief = voters(self.found, rng)
+        # a part of the vote is the same for all: those known are not all there are
+        belief = (1 - _UNKNOWN) * belief + _UNKNOWN / len(belief)
+        left = belief_left(some.tables, some.genomes.parent, belief)
+        action = choose(worth(left, belief), evidence.tried)
         return action, (
-            f"tells two of {len(genomes)} candidate bodies apart with probability "
-            f"{apart[action]:.2f}, {100 * contrast[action]:.0f} % of like parts for "
-            "the first time"
+            f"of {len(self.found):,} bodies that might be it, leaves "
+            f"{100 * left[action] @ belief:.0f} % belief in the right tree"
         )
 
     def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
-        """Climb; see `RivalSearch.run`."""
+        """Climb (see `RivalSearch.run`), and look at what is near the peaks."""
         self.finder.run(evidence, limit, rng)
+        self.kin.learn(self.finder.crowd, evidence, rng)
+        self.found = self.kin.hypotheses(evidence)
+        self._tell()
 
-    def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
-        """The crowd."""
+    def _tell(self) -> None:
+        """Let the search go on from the best hypotheses too."""
+        assert self.found is not None
+        best = self.found[np.arange(min(_TOLD, len(self.found)))]
+        genomes, tables, crowd = best.genomes, best.tables, self.finder.crowd
+        for k, loss in enumerate(best.losses):
+            crowd.add(genomes[[k]], tables[k], float(loss))
+        crowd.cut(self.finder.size + _TOLD)
+
+    def rivals(self) -> tuple[Genomes, Floats, Floats]:
+        """The crowd, by loss and prior."""
         crowd = self.finder.crowd
-        return crowd.genomes, crowd.tables, crowd.losses
+        order = np.argsort(crowd.losses + self.prior(crowd.genomes), kind="stable")
+        return crowd.genomes[order], crowd.tables[order], crowd.losses[order]
 
-    def candidates(self, evidence: Evidence) -> tuple[Genomes, Floats]:
-        """The rivals and their twins."""
-        genomes, _, losses = hypotheses(
-            self.finder.crowd, self.finder.twins, evidence, self.evaluator
-        )
-        return genomes, losses
+    def candidates(self) -> tuple[Ints, Floats]:
+        """The rivals, their kin and all their twins."""
+        if not self.found:
+            crowd = self.finder.crowd
+            return crowd.genomes.parent, np.full(len(crowd), 1 / len(crowd))
+        return self.found.genomes.parent, plausibility(self.found.costs)
+
+    def prior(self, genomes: Genomes) -> Floats:
+        """Bodies of few kinds of limbs are likelier."""
+        return cost(self.evaluator.anatomy, genomes)
 
     def state(self) -> dict[str, Any]:
-        """The crowd's arrays."""
-        crowd = self.finder.crowd
-        genes = {f.name: getattr(crowd.genomes, f.name) for f in fields(Genomes)}
-        names = ("tables", "losses")
-        return genes | {name: getattr(crowd, name) for name in names}
+        """The arrays of the crowd and of its kin."""
+        return _arrays(self.finder.crowd) | {
+            f"kin_{name}": value for name, value in _arrays(self.kin.crowd).items()
+        }
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
-        genomes = Genomes(*(state[f.name] for f in fields(Genomes)))
-        self.finder.crowd = Crowd(genomes, state["tables"], state["losses"])
+        self.finder.crowd = _crowd(state, "")
+        kin = _crowd(state, "kin_")
+        self.kin.take(kin.genomes, kin.tables)
+        self.found = self.kin.hypotheses(evidence)
+
+
+def _arrays(crowd: Crowd) -> dict[str, Floats | Ints]:
+    """The arrays of a crowd by name."""
+    genes = {f.name: getattr(crowd.genomes, f.name) for f in fields(Genomes)}
+    return genes | {name: getattr(crowd, name) for name in ("tables", "losses")}
+
+
+def _crowd(state: Mapping[str, Any], prefix: str) -> Crowd:
+    """The crowd whose arrays stand under a prefix."""
+    genomes = Genomes(*(state[prefix + f.name] for f in fields(Genomes)))
+    return Crowd(genomes, state[prefix + "tables"], state[prefix + "losses"])
 
 
 class Released:
@@ -163,22 +196,26 @@ class Released:
         else:
             self.finder.run(evidence, 0, rng)
 
-    def rivals(self, evidence: Evidence) -> tuple[Genomes, Floats, Floats]:
+    def rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The climbers; their tables are not simulated, for the rule has none."""
         genomes = self.finder.genomes
         shape = (len(genomes), len(self.evaluator.actions), 3)
         return genomes, np.full(shape, np.nan), self.finder.losses
 
-    def candidates(self, evidence: Evidence) -> tuple[Genomes, Floats]:
+    def candidates(self) -> tuple[Ints, Floats]:
         """The climbers."""
-        return self.finder.genomes, self.finder.losses
+        return self.finder.genomes.parent, plausibility(self.finder.losses)
+
+    def prior(self, genomes: Genomes) -> Floats:
+        """The rule knows none."""
+        return np.zeros(len(genomes))
 
     def state(self) -> dict[str, Any]:
         """The climbers."""
         return {"genes": self.finder.genes, "losses": self.finder.losses,
                 "weight": self.weight}  # fmt: skip
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
         self.finder.genes, self.finder.losses = state["genes"], state["losses"]
         self.weight = float(state["weight"])

@@ -1,32 +1,25 @@
 """Sureness: the stated probability that each attachment of the best body is right."""
 
-import numpy as np
-
-from ..body.body import Floats
-from ..body.genome import Genomes
+from ..body.body import Floats, Ints
 
 # Fitted to 68 simulated runs, no real reading among them (docs/results/sureness.md):
-# loss that makes a body e times less likely, and how often an attachment of a body
-# that is not the right one is right all the same.
-_TEMPERATURE, _RIGHT_ANYWAY = 4.0, 0.8
+# the chance that the right body was not found, when its tree is new, and how often an
+# attachment of a body that is not the right one is right all the same.
+_MISSED, _RIGHT_ANYWAY = 0.25, 0.8
 
 
-def sureness(
-    genomes: Genomes, losses: Floats, best: Genomes, *, survived: int
-) -> Floats:
+def sureness(parent: Ints, belief: Floats, best: Ints, *, survived: int) -> Floats:
     """(P) probability that each part hangs on the parent it has in the best body.
 
     Args:
-        genomes: (M) bodies that might be it.
-        losses: (M) over the evidence.
-        best: (1) the body believed in.
+        parent: (M, P) trees of bodies that might be it.
+        belief: (M) in each, sum 1.
+        best: (P) the tree believed in.
         survived: actions that this tree has stood as the best. The chance that the
-            right body was not found is taken as 0.5 / (survived + 1).
+            right body was not found is taken as 0.25 / (survived + 1).
     """
-    weight = np.exp(-(losses - losses.min()) / _TEMPERATURE)
-    agree = genomes.parent == best.parent
-    seen = weight @ agree / weight.sum()
-    missed = 0.5 / (survived + 1)
+    seen = belief @ (parent == best)
+    missed = _MISSED / (survived + 1)
     sure = seen * (1 - missed * (1 - _RIGHT_ANYWAY))
     sure[0] = 1.0  # part 1 has nothing but the torso to hang on
     return sure

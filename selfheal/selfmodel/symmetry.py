@@ -85,25 +85,35 @@ class Twins:
 
     def table(self, table: Floats, turn: int, trade: int) -> Floats:
         """(A, 3) channels of one twin under every action; NaN where not known."""
-        twin = table[self.action[trade]] @ self.tilt[turn].T
-        return np.where((self.action[trade] < 0)[:, None], np.nan, twin)
+        return self.tables(table[None], np.array([turn]), np.array([trade]))[0]
+
+    def tables(self, tables: Floats, turn: Ints, trade: Ints) -> Floats:
+        """(N, A, 3) channels of a twin (turn, trade) of each body, from its table."""
+        source = self.action[trade]  # (N, A)
+        found = np.take_along_axis(tables, np.maximum(source, 0)[..., None], axis=1)
+        twins = found @ self.tilt[turn].transpose(0, 2, 1)
+        return np.where((source < 0)[..., None], np.nan, twins)
 
     def genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
         """The genome (1) of one twin of a row."""
+        return self.genomes(genomes[[row]], np.array([turn]), np.array([trade]))
+
+    def genomes(self, genomes: Genomes, turn: Ints, trade: Ints) -> Genomes:
+        """The genomes (N) of a twin (turn, trade) of each of N bodies."""
         to = self.trade[trade]
-        quarters, mirrored = self.turns[turn]
-        parent, placement = genomes.parent[row], genomes.placement[row]
-        hinge = genomes.hinge[row]
-        if mirrored:
-            placement, hinge = 0.75 - placement, _MIRRORED_HINGE[hinge]
+        quarters, mirrored = self.turns[turn].T[..., None]
+        parent, placement, hinge = genomes.parent, genomes.placement, genomes.hinge
+        placement = np.where(mirrored, 0.75 - placement, placement)
+        hinge = np.where(mirrored, _MIRRORED_HINGE[hinge], hinge)
         placement = placement - 0.25 * quarters * (parent == 0)
-        label = np.append(0, to + 1)
-        old = np.argsort(to)  # part i of the twin was part old[i]
+        label = np.hstack([np.zeros((len(to), 1), np.int64), to + 1])
+        parent = np.take_along_axis(label, parent, axis=1)
+        old = np.argsort(to, axis=1)  # part i of the twin was part old[i]
         return Genomes(
-            label[parent][None, old],
-            _wrapped(placement)[None, old],
-            hinge[None, old],
-            genomes.length[row][None, old],
+            np.take_along_axis(parent, old, axis=1),
+            np.take_along_axis(_wrapped(placement), old, axis=1),
+            np.take_along_axis(hinge, old, axis=1),
+            np.take_along_axis(genomes.length, old, axis=1),
         )
 
 
@@ -117,11 +127,16 @@ def _rounded(actions: Floats) -> Floats:
     return np.round(np.asarray(actions, float), 6) + 0.0
 
 
-def _trades(anatomy: Anatomy) -> Ints:
-    """(T, P) relabelings among parts that are alike."""
+def kinds(anatomy: Anatomy) -> Ints:
+    """(P) a number for each part, the same for parts that are alike."""
     a = anatomy
     kind = np.column_stack([a.length, a.radius, a.mass, a.block_half, a.block_mass])
-    _, group = np.unique(np.round(kind, 9), axis=0, return_inverse=True)
+    return np.unique(np.round(kind, 9), axis=0, return_inverse=True)[1].ravel()
+
+
+def _trades(anatomy: Anatomy) -> Ints:
+    """(T, P) relabelings among parts that are alike."""
+    a, group = anatomy, kinds(anatomy)
     groups = [np.flatnonzero(group == g) for g in range(group.max() + 1)]
     base = np.arange(a.size)
     if prod(factorial(len(g)) for g in groups) > _MOST_TRADES:

@@ -1,0 +1,207 @@
+"""Kin: bodies near the best rivals, and all their twins, that might be the right one.
+
+The search keeps the few peaks that it climbs. Whether an action settles the tree, and
+how sure one may be of it, depends on everything that explains the readings as well:
+the changes around the peaks that lose next to nothing. Their tables are simulated
+once, beside the search, and serve for every later reading.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.body import Floats, Ints
+from ..body.genome import Genomes, concatenate
+from .evaluate import Evaluator, Evidence
+from .prior import cost
+from .search import Crowd
+from .space import Space, neighbors
+from .symmetry import Twins
+
+_AROUND = 4  # best bodies whose changes are looked at after each reading; chosen
+_NEXT_TO_NOTHING = 3.0  # loss by which such a change may be behind the best; chosen
+_NEW = 96  # of them are simulated under every action, each time; chosen
+_KEPT = 192  # bodies, besides their twins; chosen
+_WINDOW = 8.0  # loss behind the best at which belief, exp(-8), is nothing; chosen
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Distinct bodies (N), by the body that was simulated and which twin of it.
+
+    Attributes:
+        kin: what was simulated.
+        twins: of the robot.
+        row: (N) of the kin.
+        turn: (N), and
+        trade: (N) that make the twin.
+        losses: (N) over the evidence.
+        costs: (N) losses and prior.
+    """
+
+    kin: Crowd
+    twins: Twins
+    row: Ints
+    turn: Ints
+    trade: Ints
+    losses: Floats
+    costs: Floats
+
+    def __len__(self) -> int:
+        return len(self.losses)
+
+    def __getitem__(self, rows: Ints) -> "Hypotheses":
+        """Some of them."""
+        return replace(
+            self,
+            row=self.row[rows],
+            turn=self.turn[rows],
+            trade=self.trade[rows],
+            losses=self.losses[rows],
+            costs=self.costs[rows],
+        )
+
+    @property
+    def genomes(self) -> Genomes:
+        """(N) their genomes."""
+        return self.twins.genomes(self.kin.genomes[self.row], self.turn, self.trade)
+
+    @property
+    def tables(self) -> Floats:
+        """(N, A, 3) their channels under every action."""
+        return self.twins.tables(self.kin.tables[self.row], self.turn, self.trade)
+
+
+class Kin:
+    """The bodies simulated; see the module."""
+
+    def __init__(self, space: Space, evaluator: Evaluator, twins: Twins) -> None:
+        """Nobody yet."""
+        self.space, self.evaluator, self.twins = space, evaluator, twins
+        self.crowd = Crowd.empty(*evaluator.actions.shape[::-1])
+        self._family: list[int] = []  # a name that all twins of a body share
+        self._distinct: list[Ints] = []  # twins (flat) that differ from one another
+
+    def learn(
+        self, rivals: Crowd, evidence: Evidence, rng: np.random.Generator
+    ) -> None:
+        """Take in the rivals, and what is around the best, given new evidence."""
+        with self.evaluator.aside():
+            self.take(rivals.genomes, rivals.tables)
+            losses = self._forget(self._losses(evidence))
+            near = self._near(losses, evidence, rng)
+            new = self._unknown(near)[:_NEW]
+            if len(new):
+                self.take(near[new], self.evaluator.table(near[new]))
+
+    def hypotheses(self, evidence: Evidence) -> Hypotheses:
+        """Every distinct twin that is not far behind the best one, best first.
+
+        None if every body diverged under some action tried.
+        """
+        losses, extra = self._losses(evidence), self._extra()
+        best = min(x.min() + e for x, e in zip(losses, extra, strict=True))
+        found = []
+        for row, (loss, e) in enumerate(zip(losses, extra, strict=True)):
+            close = np.flatnonzero((loss + e <= best + _WINDOW) & np.isfinite(loss))
+            flat = self._distinct[row][close]
+            turn, trade = np.divmod(flat, len(self.twins.trade))
+            found.append((np.full_like(flat, row), turn, trade, loss[close],
+                          loss[close] + e))  # fmt: skip
+        columns = [np.concatenate(x) for x in zip(*found, strict=True)]
+        order = np.argsort(np.round(columns[-1], 6), kind="stable")
+        return Hypotheses(self.crowd, self.twins, *(x[order] for x in columns))
+
+    def take(self, genomes: Genomes, tables: Floats) -> None:
+        """Take in bodies that are no twin of one that is known."""
+        for row in range(len(genomes)):
+            family, distinct = self._named(genomes[[row]])
+            if family not in self._family:
+                self._family.append(family)
+                self._distinct.append(distinct)
+                c = self.crowd
+                self.crowd = Crowd(
+                    concatenate(c.genomes, genomes[[row]]),
+                    np.concatenate([c.tables, tables[[row]]]),
+                    np.append(c.losses, np.inf),
+                )
+
+    def _named(self, genome: Genomes) -> tuple[int, Ints]:
+        """The name of a body's family, and its twins that differ from one another."""
+        trades = np.flatnonzero(self.twins.valid(genome.parent[0]))
+        turn = np.repeat(np.arange(len(self.twins.turns)), len(trades))
+        trade = np.tile(trades, len(self.twins.turns))
+        twins = self.twins.genomes(genome[np.zeros_like(turn)], turn, trade)
+        names, first = np.unique(_names(twins), return_index=True)
+        first.sort()
+        return int(names[0]), (turn * len(self.twins.trade) + trade)[first]
+
+    def _losses(self, evidence: Evidence) -> list[Floats]:
+        """Losses of the distinct twins of every body; infinite where not known."""
+        tried, felt = np.asarray(evidence.tried), evidence.felt
+        pairs = zip(self.crowd.genomes.parent, self.crowd.tables, strict=True)
+        loss = self.evaluator.loss
+        return [
+            self.twins.losses(parent, table, tried, felt, loss).ravel()[distinct]
+            for (parent, table), distinct in zip(pairs, self._distinct, strict=True)
+        ]
+
+    def _extra(self) -> Floats:
+        """(K) what the prior adds to the loss of every body and of its twins."""
+        return cost(self.evaluator.anatomy, self.crowd.genomes)
+
+    def _forget(self, losses: list[Floats]) -> list[Floats]:
+        """Keep the best, and none that is hopelessly behind; the losses of those."""
+        best = np.array([x.min() for x in losses])
+        costs = best + self._extra()
+        order = np.argsort(costs, kind="stable")[:_KEPT]
+        order = order[costs[order] <= costs.min() + 1.5 * _WINDOW]
+        self.crowd.losses = best
+        self.crowd.take(order)
+        self._family = [self._family[k] for k in order]
+        self._distinct = [self._distinct[k] for k in order]
+        return [losses[k] for k in order]
+
+    def _near(
+        self, losses: list[Floats], evidence: Evidence, rng: np.random.Generator
+    ) -> Genomes:
+        """Changes of the best bodies that lose next to nothing, best first."""
+        best, around = self.crowd.losses.min(), []
+        for row in range(min(_AROUND, len(losses))):
+            flat = int(self._distinct[row][np.argmin(losses[row])])
+            turn, trade = divmod(flat, len(self.twins.trade))
+            twin = self.twins.genome(self.crowd.genomes, row, turn, trade)
+            around.append(neighbors(self.space, twin, rng))
+        genomes = concatenate(*around)
+        total, _ = self.evaluator.losses(
+            genomes,
+            evidence,
+            bound=np.full(len(genomes), best + _NEXT_TO_NOTHING),
+            order=self.evaluator.hardest_first(evidence),
+        )
+        order = np.argsort(np.round(total), kind="stable")
+        return genomes[order[np.isfinite(total[order])]]
+
+    def _unknown(self, genomes: Genomes) -> Ints:
+        """Rows of which none is a twin of another or of a body that is known."""
+        seen, rows = set(self._family), []
+        for row in range(len(genomes)):
+            family, _ = self._named(genomes[[row]])
+            if family not in seen:
+                seen.add(family)
+                rows.append(row)
+            if len(rows) == _NEW:
+                break
+        return np.array(rows, np.int64)
+
+
+def _names(genomes: Genomes) -> Ints:
+    """(N) a number for each genome, the same for bodies equal to a thousandth."""
+    numbers = [
+        genomes.parent, np.round(genomes.placement * 1000).astype(np.int64) % 1000,
+        genomes.hinge, np.round(genomes.length * 1e4).astype(np.int64),
+    ]  # fmt: skip
+    genes = np.hstack(numbers)
+    salt = np.random.default_rng(0).integers(1, 2**62, genes.shape[1]) | 1
+    with np.errstate(over="ignore"):
+        return (genes * salt).sum(axis=1)
