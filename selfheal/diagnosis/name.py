@@ -187,7 +187,7 @@ def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
     """The same fit in windows, drawn at random, that simulate about so many steps."""
     problem, found = base.problem, base.fit
     size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), 8, size))
+    count = int(np.clip(steps / problem.windows.steps.mean(), min(4, size), size))
     if count >= 0.8 * size:
         return base
     chosen = np.sort(rng.permutation(size)[:count])
