@@ -33,6 +33,8 @@ WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
 LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
+STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
+QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything; chosen
 ABOVE = 3.0  # times the noise that an unexplained residual must be, to be one; chosen
 
 Progress = Callable[[str, float], None]
@@ -82,6 +84,7 @@ def diagnose(
     told = progress or (lambda what, share: None)
     case = _prepare(model, recordings, held_out)
     problem = _problem(case, WINDOW)
+    _check_enough(case.world, problem)
     naming = name_effects(
         problem, case.scene, stated_terms(case.scene), catalogue().values(),
         rng=np.random.default_rng(seed), progress=told,
@@ -162,6 +165,28 @@ def _problem(case: _Case, seconds: float) -> Problem:
     spread = np.concatenate([np.full(c.width, c.spread) for c in world.signals])
     sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
     return whitened(Problem(world, pieces, sigma), stated, np.ones(len(stated)))
+
+
+def _check_enough(world: World, problem: Problem) -> None:
+    """Refuse what could only be answered with "nothing", for want of evidence.
+
+    Raises:
+        RecordingError: too short, or nothing moved.
+    """
+    if len(problem.windows) < SHORT:
+        raise RecordingError(
+            f"{len(problem.windows)} pieces of {WINDOW} s are too few to decide "
+            f"anything; would fit: at least {SHORT}, better 40, beside what is held out"
+        )
+    loud = [
+        c.name for c in world.signals
+        if c.scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
+    ]  # fmt: skip
+    if not loud:
+        raise RecordingError(
+            "no position-like signal moves by more than its noise; would fit: a "
+            "recording in which the robot moves"
+        )
 
 
 def _windows(world: World, seconds: float) -> Windows:
@@ -309,7 +334,7 @@ def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagno
     return Diagnosis(
         doc.plain(document), text, diff, _traces(case, pieces, stated, found),
         located, _signals(case, squares, count), _candidates(naming),
-        _remarks(structure), time.monotonic() - begun,
+        _remarks(case, naming, structure), time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
     )  # fmt: skip
 
@@ -477,11 +502,27 @@ def _candidates(naming: Naming) -> tuple[Candidate, ...]:
     )  # fmt: skip
 
 
-def _remarks(structure: _Structure) -> tuple[str, ...]:
-    found = []
+def _remarks(case: _Case, naming: Naming, structure: _Structure) -> tuple[str, ...]:
+    """What a reader should know before believing the rest."""
+    found = [
+        f"Joint {j.name} moved by less than {STILL} {j.unit}: what is wrong with it, "
+        "if anything is, these recordings cannot show."
+        for j in case.scene.joints
+        if j.measured and j.range < STILL
+    ]
     if structure.left and structure.share > 0.05:
         found.append(
             f"A torque of free form would explain {structure.share:.0%} of what is "
             "left."
         )
+    loose = [e["parameter"] for e in doc.refit_of(naming) if _is_loose(naming, e)]
+    if loose:
+        found.append(f"Not pinned down by these data: {', '.join(loose)}.")
     return tuple(found)
+
+
+def _is_loose(naming: Naming, entry: dict[str, Any]) -> bool:
+    """Whether a stated value's interval is as wide as what a user would grant it."""
+    term = next(t for t in naming.final.fit.terms if t.targets[0] == entry["parameter"])
+    (p,) = term.parameters
+    return entry["high"] - entry["low"] > 0.9 * abs(entry["given"]) * (p.high - p.low)

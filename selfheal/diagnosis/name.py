@@ -172,8 +172,7 @@ def _correlation_time(x: Floats) -> float:
 def reweighed(problem: Problem, found: Fit) -> Problem:
     """Each column's residuals measured by how large they are now."""
     width = problem.windows.readings.shape[1]
-    plain = replace(problem, whiten=problem.whiten)
-    r = plain.residuals(found.terms, found.values[None])[0].reshape(-1, width)
+    r = found.residuals.reshape(-1, width)
     known = np.isfinite(problem.windows.readings)
     size = np.sqrt((r**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     noise = np.concatenate([c.noise for c in problem.world.signals])
@@ -309,9 +308,10 @@ def name_effects(
         before = now.fit.terms[len(stated) :]
         problem, now, gone = _look_back(problem, best, len(stated), rivals)
         tabu |= {_key(t) for t in gone}
-        for new in now.fit.terms[len(stated) :]:
-            evidence.setdefault(_key(new), why)  # one that took another's place
-            rivals.setdefault(_key(new), tuple(t for t in before if t is not new))
+        after = now.fit.terms[len(stated) :]
+        for new in after:  # one of them may have taken another's place
+            evidence.setdefault(_key(new), why)
+            rivals.setdefault(_key(new), tuple(t for t in before if t not in after))
     alone = scored(problem, stated, now.fit.values[: len(stated)])
     named = tuple(
         Named(t, evidence[_key(t)], rivals[_key(t)])
