@@ -17,7 +17,7 @@ STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.05  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
-STEADY = 1.5  # standard errors over the blocks that a gain must exceed; chosen
+STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
 
 Progress = Callable[[str, float], None]
@@ -300,6 +300,9 @@ def name_effects(
             _finalists(part.problem, fits, progress),
             independent,
         )
+        if won is None and tabu:
+            tabu = set()
+            continue
         if won is None:
             break
         best, term, why, also = won
@@ -307,7 +310,7 @@ def name_effects(
         progress(f"fitting {term.label}", 0.0)
         before = now.fit.terms[len(stated) :]
         problem, now, gone = _look_back(problem, best, len(stated), rivals)
-        tabu |= {_key(t) for t in gone}
+        tabu = {_key(t) for t in gone}  # for one round: what follows may need it
         after = now.fit.terms[len(stated) :]
         for new in after:  # one of them may have taken another's place
             evidence.setdefault(_key(new), why)
@@ -399,9 +402,7 @@ def _look_back(problem, best: Scored, stated: int, rivals):
         tries = []
         for term in now.fit.terms[stated:]:
             without = _without(problem, now, term)
-            p = better(problem, without, now, 1)
-            worth = without.held.sum() > (1 + WORTH) * now.held.sum()
-            if p > SURE or not worth:
+            if without.held.sum() < (1 + WORTH) * now.held.sum():
                 tries.append((without.held.sum(), term, without))
         if not tries:
             break
