@@ -33,6 +33,7 @@ WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
 LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
+PROVEN = 0.98  # of the re-fitted model's held-out error, that names must stay below
 STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything; chosen
 ABOVE = 3.0  # times the noise that an unexplained residual must be, to be one; chosen
@@ -94,7 +95,15 @@ def diagnose(
     told("looking for what has no name", 0.0)
     structure = _structure(case, naming)
     naming, verdict = _judged(naming, structure)
-    return _told(case, naming, verdict, structure, begun)
+    proof = _Proof.of(case, naming)
+    refuted: tuple[str, ...] = ()
+    if naming.named and proof.numbers["patched"] > PROVEN * proof.numbers["refit"]:
+        # what does not hold where nothing was fitted is no finding
+        refuted = tuple(n.term.label for n in naming.named)
+        naming, verdict = _bare(naming), "unlisted"
+        proof = _Proof.of(case, naming)
+    remarks = _remarks(case, naming, structure, refuted)
+    return _told(case, naming, verdict, proof, remarks, begun)
 
 
 def _prepare(model, recordings, held_out) -> _Case:
@@ -297,29 +306,59 @@ def _noise(problem: Problem) -> float:
     return float((count * (noise / problem.sigma) ** 2).sum())
 
 
+def _bare(naming: Naming) -> Naming:
+    """The same without any name."""
+    return replace(naming, named=(), final=naming.stated)
+
+
+@dataclass(frozen=True, eq=False)
+class _Proof:
+    """Errors on held-out episodes.
+
+    Attributes:
+        pieces: that were replayed.
+        count: readings (E, S).
+        squares: squared errors (E, S) of each model.
+        numbers: scores, of the floor too.
+    """
+
+    pieces: Windows
+    count: Floats
+    squares: dict[str, Floats]
+    numbers: dict[str, float]
+
+    @classmethod
+    def of(cls, case: _Case, naming: Naming) -> "_Proof":
+        """Of the model as given, re-fitted, and with what was named."""
+        world, none = case.held, ((), np.zeros(0))
+        found, stated = naming.final.fit, naming.stated.fit
+        pieces = score.replayed(world)
+        count = score.counts(world, pieces)
+        models = {"given": none, "refit": (stated.terms, stated.values),
+                  "patched": (found.terms, found.values)}  # fmt: skip
+        squares = {
+            k: score.errors(world, pieces, terms, values)
+            for k, (terms, values) in models.items()
+        }
+        numbers = {k: score.score(world, s, count) for k, s in squares.items()}
+        numbers["floor"] = min(_floor(case, pieces, found), numbers["patched"])
+        return cls(pieces, count, squares, numbers)
+
+
 def _judged(naming: Naming, structure: _Structure) -> tuple[Naming, str]:
     """The verdict; names that explain too little are taken back."""
     if naming.named and structure.left and structure.explained < EXPLAINED:
-        bare = Scored(naming.stated.fit, naming.stated.held)
-        return replace(naming, named=(), final=bare), "unlisted"
+        return _bare(naming), "unlisted"
     if naming.named:
         whole = structure.explained > WHOLE or not structure.left
         return naming, "explained" if whole else "partly"
     return naming, "unlisted" if structure.left else "nothing"
 
 
-def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagnosis:
-    found, stated = naming.final.fit, naming.stated.fit
-    pieces = score.replayed(case.held)
-    count = score.counts(case.held, pieces)
-    none: tuple[Term, ...] = ()
-    squares = {
-        "given": score.errors(case.held, pieces, none, np.zeros(0)),
-        "refit": score.errors(case.held, pieces, stated.terms, stated.values),
-        "patched": score.errors(case.held, pieces, found.terms, found.values),
-    }
-    numbers = {k: score.score(case.held, s, count) for k, s in squares.items()}
-    numbers["floor"] = min(_floor(case, pieces, found), numbers["patched"])
+def _told(
+    case: _Case, naming: Naming, verdict: str, proof: _Proof, remarks, begun: float
+) -> Diagnosis:
+    found, stated, numbers = naming.final.fit, naming.stated.fit, proof.numbers
     located, where = _located(case, naming)
     text, diff = _patch(case, found)
     document = {
@@ -332,9 +371,9 @@ def _told(case: _Case, naming: Naming, verdict: str, structure, begun) -> Diagno
                 "explainable_removed": _removed(numbers)},
     }  # fmt: skip
     return Diagnosis(
-        doc.plain(document), text, diff, _traces(case, pieces, stated, found),
-        located, _signals(case, squares, count), _candidates(naming),
-        _remarks(case, naming, structure), time.monotonic() - begun,
+        doc.plain(document), text, diff, _traces(case, proof.pieces, stated, found),
+        located, _signals(case, proof.squares, proof.count), _candidates(naming),
+        remarks, time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
     )  # fmt: skip
 
@@ -502,7 +541,9 @@ def _candidates(naming: Naming) -> tuple[Candidate, ...]:
     )  # fmt: skip
 
 
-def _remarks(case: _Case, naming: Naming, structure: _Structure) -> tuple[str, ...]:
+def _remarks(
+    case: _Case, naming: Naming, structure: _Structure, refuted: Sequence[str]
+) -> tuple[str, ...]:
     """What a reader should know before believing the rest."""
     found = [
         f"Joint {j.name} moved by less than {STILL} {j.unit}: what is wrong with it, "
@@ -510,6 +551,11 @@ def _remarks(case: _Case, naming: Naming, structure: _Structure) -> tuple[str, .
         for j in case.scene.joints
         if j.measured and j.range < STILL
     ]
+    if refuted:
+        found.append(
+            f"What fitted best, {'; '.join(refuted)}, did not hold on the held-out "
+            "episodes, so nothing is named."
+        )
     if structure.left and structure.share > 0.05:
         found.append(
             f"A torque of free form would explain {structure.share:.0%} of what is "

@@ -15,7 +15,7 @@ BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; 
 # and ever fewer of them; chosen for a minute a joint
 STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
-SURE = 0.05  # p-value, corrected for every candidate tried, that earns a name; chosen
+SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
