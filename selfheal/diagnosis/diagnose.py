@@ -34,6 +34,7 @@ LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 PROVEN = 0.98  # of the re-fitted model's held-out error, that names must stay below
+HELD = 0.8  # least share removed on held-out episodes for "explained"; chosen
 STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything; chosen
 ABOVE = 3.0  # times the noise that an unexplained residual must be, to be one; chosen
@@ -102,6 +103,9 @@ def diagnose(
         refuted = tuple(n.term.label for n in naming.named)
         naming, verdict = _bare(naming), "unlisted"
         proof = _Proof.of(case, naming)
+    removed = _removed(proof.numbers)
+    if verdict == "explained" and removed is not None and removed < HELD:
+        verdict = "partly"
     remarks = _remarks(case, naming, structure, refuted)
     return _told(case, naming, verdict, proof, remarks, begun)
 
@@ -419,7 +423,7 @@ def _located(case: _Case, naming: Naming):
     for n, named in enumerate(naming.named):
         less = _squares(problem, _without(naming.final.fit, named.term))
         gain = less - _squares(problem, naming.final.fit)
-        where[n] = _where(case, pieces, masks, gain, before, p)
+        where[n] = _where(case, pieces, masks, gain)
     return located, where
 
 
@@ -442,14 +446,14 @@ def _squares(problem: Problem, found: Fit) -> Floats:
     )
 
 
-def _where(case: _Case, pieces: Windows, masks, gain, before, p) -> dict[str, Any]:
+def _where(case: _Case, pieces: Windows, masks, gain: Floats) -> dict[str, Any]:
     world = case.world
     by_signal = np.maximum(gain.sum(axis=0), 0)
     by_signal = by_signal / max(by_signal.sum(), 1e-300)
     order = np.argsort(-by_signal)
     signals = [
         {"name": world.signals[s].name, "share_of_error": by_signal[s],
-         "p_value": float(p[s].min())}
+         "p_value": _helped(pieces, gain[:, s])}
         for s in order if by_signal[s] > 0.02
     ]  # fmt: skip
     by_window = np.bincount(pieces.window, gain.sum(axis=1), minlength=len(pieces))
@@ -459,6 +463,15 @@ def _where(case: _Case, pieces: Windows, masks, gain, before, p) -> dict[str, An
         "regime": _regime(masks, gain),
         "windows": [_window(world, pieces, int(w)) for w in worst],
     }
+
+
+def _helped(pieces: Windows, gain: Floats) -> float:
+    """p-value that an effect lowers a signal's error, over windows."""
+    from scipy.stats import wilcoxon
+
+    each = np.bincount(pieces.window, gain, minlength=len(pieces))
+    each = each[each != 0]
+    return float(wilcoxon(each, alternative="greater").pvalue) if len(each) > 5 else 1.0
 
 
 def _regime(masks: np.ndarray, gain: Floats) -> str:
