@@ -8,7 +8,7 @@ import pytest
 from toys_diagnosis import bench, places
 
 from selfheal.diagnosis import score
-from selfheal.diagnosis.diagnose import _patch
+from selfheal.diagnosis.answer import patch_of
 from selfheal.diagnosis.effects import GROUPS, catalogue, effect
 from selfheal.diagnosis.fit import Fit
 from selfheal.diagnosis.replay import replay
@@ -235,7 +235,7 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
         values = np.concatenate([factors, own])
         told = b.world.simulate(terms, values[None], b.pieces)[0]
         assert np.isfinite(told).all()
-        text, _ = _patch(b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0))))
+        text, _ = patch_of(b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0))))
         folder = tmp_path / str(n)
         _write(folder, text, _document(stated, factors, term, own))
         for model in (None, b.path):

@@ -1,0 +1,231 @@
+"""What a user is told: takes a proven naming, gives a Diagnosis."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..recording.data import Floats
+from . import document as doc
+from . import locate, score
+from .case import Case
+from .fit import Fit, Problem
+from .name import Naming
+from .patch import difference, patched
+from .prove import Proof, Structure, removed_share
+from .result import Candidate, Diagnosis, Located, SignalFit, Trace
+from .terms import Term
+from .textual import Source, edits
+from .windows import Windows
+from .world import World
+
+STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
+
+
+def answer_of(
+    case: Case,
+    naming: Naming,
+    verdict: str,
+    proof: Proof,
+    remarks: Sequence[str],
+    begun: float,
+) -> Diagnosis:
+    """The document, the patched model, and what a page draws beside them."""
+    found, stated, numbers = naming.final.fit, naming.stated.fit, proof.numbers
+    located, where = _located(case, naming)
+    text, diff = patch_of(case, found)
+    document = {
+        "format": "selfheal-diagnosis",
+        "version": 1,
+        "verdict": verdict,
+        "findings": doc.findings_of(naming, where),
+        "refit": doc.refit_of(naming),
+        "fit": {"held_out": list(case.names), **numbers,
+                "explainable_removed": removed_share(numbers)},
+    }  # fmt: skip
+    return Diagnosis(
+        doc.plain(document), text, diff, _traces(case, proof.pieces, stated, found),
+        located, _signals(case, proof.squares, proof.count), _candidates(naming),
+        tuple(remarks), time.monotonic() - begun,
+        int(case.world.counted[0] + case.held.counted[0]),
+    )  # fmt: skip
+
+
+def _located(case: Case, naming: Naming):
+    """The map of the re-fitted model's error, and where each finding acts."""
+    world, problem = case.world, naming.problem
+    pieces = problem.windows
+    before = _squares(problem, naming.stated.fit)
+    share, p = locate.grid(world, case.scene, pieces, before)
+    located = Located(tuple(c.name for c in world.signals), locate.REGIMES, share, p)
+    where = {}
+    masks = locate.regimes(world, case.scene, pieces)
+    for n, named in enumerate(naming.named):
+        less = _squares(problem, _without(naming.final.fit, named.term))
+        gain = less - _squares(problem, naming.final.fit)
+        where[n] = _where(case, pieces, masks, gain)
+    return located, where
+
+
+def _without(found: Fit, term: Term) -> Fit:
+    """The same fit with one effect taken away and nothing fitted anew."""
+    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
+    rest = [i for i, t in enumerate(found.terms) if t is not term]
+    values = [found.values[ends[i] : ends[i + 1]] for i in rest]
+    terms = tuple(found.terms[i] for i in rest)
+    return replace(found, terms=terms, values=np.concatenate([*values, np.zeros(0)]))
+
+
+def _squares(problem: Problem, found: Fit) -> Floats:
+    """Squared residuals (M, S) in standard deviations, summed over columns."""
+    plain = replace(problem, whiten=())
+    r = plain.residuals(found.terms, found.values[None])[0]
+    r = r.reshape(problem.windows.readings.shape)
+    return np.stack(
+        [(r[:, c.columns] ** 2).sum(axis=1) for c in problem.world.signals], axis=1
+    )
+
+
+def _where(case: Case, pieces: Windows, masks, gain: Floats) -> dict[str, Any]:
+    world = case.world
+    by_signal = np.maximum(gain.sum(axis=0), 0)
+    by_signal = by_signal / max(by_signal.sum(), 1e-300)
+    order = np.argsort(-by_signal)
+    signals = [
+        {"name": world.signals[s].name, "share_of_error": by_signal[s],
+         "p_value": _helped(pieces, gain[:, s])}
+        for s in order if by_signal[s] > 0.02
+    ]  # fmt: skip
+    by_window = np.bincount(pieces.window, gain.sum(axis=1), minlength=len(pieces))
+    worst = np.argsort(-by_window)[:3]
+    return {
+        "signals": signals,
+        "regime": _regime(masks, gain),
+        "windows": [_window(world, pieces, int(w)) for w in worst],
+    }
+
+
+def _helped(pieces: Windows, gain: Floats) -> float:
+    """p-value that an effect lowers a signal's error, over windows."""
+    from scipy.stats import wilcoxon
+
+    each = np.bincount(pieces.window, gain, minlength=len(pieces))
+    each = each[each != 0]
+    return float(wilcoxon(each, alternative="greater").pvalue) if len(each) > 5 else 1.0
+
+
+def _regime(masks: np.ndarray, gain: Floats) -> str:
+    """Where the gain is densest, if anywhere."""
+    total, size = gain.sum(), gain.size
+    best, density = "always", 1.5
+    for r, name in enumerate(locate.REGIMES):
+        inside = masks[r]
+        if inside.sum() < locate.FEW or total <= 0:
+            continue
+        share = gain[inside].sum() / total
+        if share > 0.3 and share / (inside.sum() / size) > density:
+            best, density = name, share / (inside.sum() / size)
+    return best
+
+
+def _window(world: World, pieces: Windows, w: int) -> dict[str, Any]:
+    log = world.logs[int(pieces.log[w])]
+    start = log.start + pieces.start[w] * world.step
+    return {"episode": log.id, "start": start,
+            "end": start + pieces.steps[w] * world.step}  # fmt: skip
+
+
+def patch_of(case: Case, found: Fit) -> tuple[str, str]:
+    """Text of patched.xml, and its difference from the given model's."""
+    path = Path(case.workshop.path)
+    home = path.resolve().parent
+    given = patched(path, (), home)
+    plant = case.workshop.plant(found.terms)
+    changes = edits(Source(given), plant, found.terms, found.values)
+    text = patched(path, changes, home)
+    return text, difference(given, text)
+
+
+def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:
+    """The worst stretches of the held-out episodes, by the re-fitted model."""
+    world, none = case.held, ((), np.zeros(0))
+    each = [
+        world.simulate(terms, values[None], pieces)[0]
+        for terms, values in (none, (stated.terms, stated.values),
+                              (found.terms, found.values))
+    ]  # fmt: skip
+    worst = []
+    for c in world.signals:
+        for k in range(c.first, c.first + c.width):
+            apart = (each[1][:, k] - pieces.readings[:, k]) / c.spread
+            square = np.nan_to_num(apart**2, nan=0.0, posinf=0.0)
+            by = np.bincount(pieces.window, square, minlength=len(pieces))
+            w = int(by.argmax())
+            worst.append((by[w] * (2 if c.scored else 1), c, k, w))
+    worst.sort(key=lambda x: -x[0])
+    return tuple(_trace(world, pieces, each, c, k, w) for _, c, k, w in worst[:4])
+
+
+def _trace(world: World, pieces: Windows, each, c, k: int, w: int) -> Trace:
+    rows = np.flatnonzero(pieces.window == w)
+    log = world.logs[int(pieces.log[w])]
+    at = log.start + (pieces.start[w] + pieces.at[rows]) * world.step
+    name = c.name if c.width == 1 else f"{c.name}[{k - c.first}]"
+    return Trace(log.id, name, c.unit, at, pieces.readings[rows, k],
+                 *(e[rows, k] for e in each))  # fmt: skip
+
+
+def _signals(case: Case, squares, count) -> tuple[SignalFit, ...]:
+    world, noise = case.held, score.noise_floor(case.held)
+    return tuple(
+        SignalFit(
+            c.name, c.scored, floor=float(noise[s]),
+            **{k: score.interval(world, x, count, s) for k, x in squares.items()},
+        )
+        for s, c in enumerate(world.signals)
+    )  # fmt: skip
+
+
+def _candidates(naming: Naming) -> tuple[Candidate, ...]:
+    named = {(n.term.effect.name, n.term.targets) for n in naming.named}
+    return tuple(
+        Candidate(t.effect.name, ", ".join(t.targets), left,
+                  (t.effect.name, t.targets) in named)
+        for t, left in naming.ranking
+    )  # fmt: skip
+
+
+def remarks_of(
+    case: Case, naming: Naming, structure: Structure, refuted: Sequence[str]
+) -> tuple[str, ...]:
+    """What a reader should know before believing the rest."""
+    found = [
+        f"Joint {j.name} moved by less than {STILL} {j.unit}: what is wrong with it, "
+        "if anything is, these recordings cannot show."
+        for j in case.scene.joints
+        if j.measured and j.range < STILL
+    ]
+    if refuted:
+        found.append(
+            f"What fitted best, {'; '.join(refuted)}, did not hold on the held-out "
+            "episodes, so nothing is named."
+        )
+    if structure.left and structure.share > 0.05:
+        found.append(
+            f"A torque of free form would explain {structure.share:.0%} of what is "
+            "left."
+        )
+    loose = [e["parameter"] for e in doc.refit_of(naming) if _is_loose(naming, e)]
+    if loose:
+        found.append(f"Not pinned down by these data: {', '.join(loose)}.")
+    return tuple(found)
+
+
+def _is_loose(naming: Naming, entry: dict[str, Any]) -> bool:
+    """Whether a stated value's interval is as wide as what a user would grant it."""
+    term = next(t for t in naming.final.fit.terms if t.targets[0] == entry["parameter"])
+    (p,) = term.parameters
+    return entry["high"] - entry["low"] > 0.9 * abs(entry["given"]) * (p.high - p.low)

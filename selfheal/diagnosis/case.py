@@ -1,0 +1,156 @@
+"""A robot's recordings made ready for a diagnosis: parted, checked, cut to pieces."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import RecordingError, UnknownNameError
+from ..recording import Recording, split
+from .fit import Problem, whitened
+from .plant import Workshop
+from .prepare import scene_of, world_of
+from .scene import Scene
+from .state import estimate
+from .stated import stated_terms
+from .windows import Windows, windows
+from .world import World
+
+WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
+QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A robot's recordings, parted.
+
+    Attributes:
+        workshop: of the given model.
+        world: what may be fitted.
+        held: what is judged on.
+        scene: of the robot.
+        names: of the held-out pieces, as the contract writes them.
+    """
+
+    workshop: Workshop
+    world: World
+    held: World
+    scene: Scene
+    names: tuple[str, ...]
+
+
+def prepare(
+    model: str | os.PathLike[str],
+    recordings: Sequence[Recording],
+    held_out: Sequence[str],
+) -> Case:
+    """A model and its recordings, parted; errors as `diagnose` says."""
+    workshop = Workshop(os.fspath(model))
+    pairs = _parted(recordings, held_out)
+    world = world_of(workshop, [fit for fit, _ in pairs if fit.episodes])
+    held = world_of(workshop, [h for _, h in pairs if h.episodes])
+    if not world.signals:
+        raise RecordingError("no signal holds a reading that the model can predict")
+    names = tuple(
+        f"{Path(h.file).name}:{name}" for _, h in pairs for name in h.episodes
+    )
+    return Case(workshop, world, held, scene_of(world), names)
+
+
+def _parted(
+    recordings: Sequence[Recording], held_out: Sequence[str]
+) -> list[tuple[Recording, Recording]]:
+    """Of each recording, what may be fitted and what is held out.
+
+    Raises:
+        UnknownNameError: a name that is no episode.
+        RecordingError: nothing is left to fit.
+    """
+    if not held_out or len(recordings) == 1:
+        return [split(r, held_out=held_out) for r in recordings]
+    own: list[list[str]] = [[] for _ in recordings]
+    for entry in held_out:
+        own[_owner(recordings, entry)].append(entry)
+    pairs = []
+    for recording, entries in zip(recordings, own, strict=True):
+        whole = {e.removeprefix(f"{recording.file}:") for e in entries}
+        whole = {e.removeprefix(f"{Path(recording.file).name}:") for e in whole}
+        none = replace(recording, episodes={})
+        if not entries:
+            pairs.append((recording, none))
+        elif whole >= set(recording.episodes):
+            pairs.append((none, recording))
+        else:
+            pairs.append(split(recording, held_out=entries))
+    if not any(fit.episodes for fit, _ in pairs):
+        raise RecordingError("held out is everything; nothing is left to fit")
+    return pairs
+
+
+def _owner(recordings: Sequence[Recording], entry: str) -> int:
+    """Which of several recordings a held-out name speaks of."""
+    for i, recording in enumerate(recordings):
+        for file in (recording.file, Path(recording.file).name):
+            if entry.startswith(f"{file}:"):
+                return i
+    for i, recording in enumerate(recordings):
+        if any(entry == n or entry.startswith(f"{n}[") for n in recording.episodes):
+            return i
+    valid = [f"{Path(r.file).name}:{n}" for r in recordings for n in r.episodes]
+    raise UnknownNameError("held-out episode", entry, valid)
+
+
+def problem_of(case: Case, seconds: float) -> Problem:
+    """Windows of the fitted recordings, weighted by the given model's error."""
+    world = case.world
+    pieces = pieces_of(world, seconds)
+    stated = stated_terms(case.scene)
+    apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
+    sigma = np.sqrt(
+        np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
+    )
+    spread = np.concatenate([np.full(c.width, c.spread) for c in world.signals])
+    sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
+    return whitened(Problem(world, pieces, sigma), stated, np.ones(len(stated)))
+
+
+def check_enough(world: World, problem: Problem) -> None:
+    """Refuse what could only be answered with "nothing", for want of evidence.
+
+    Raises:
+        RecordingError: too short, or nothing moved.
+    """
+    if len(problem.windows) < SHORT:
+        raise RecordingError(
+            f"{len(problem.windows)} pieces of {WINDOW} s are too few to decide "
+            f"anything; would fit: at least {SHORT}, better 40, beside what is held out"
+        )
+    loud = [
+        c.name for c in world.signals
+        if c.scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
+    ]  # fmt: skip
+    if not loud:
+        raise RecordingError(
+            "no position-like signal moves by more than its noise; would fit: a "
+            "recording in which the robot moves"
+        )
+
+
+def pieces_of(world: World, seconds: float) -> Windows:
+    """Pieces that begin where the state can be read; whole episodes elsewhere."""
+    steps = max(2, round(seconds / world.step))
+    parts = []
+    for i, log in enumerate(world.logs):
+        parts.append(
+            windows(world.logs, steps if _readable(world, log) else None, only=i)
+        )
+    return Windows.joined(parts)
+
+
+def _readable(world: World, log) -> bool:
+    """Whether readings tell every joint's position all along."""
+    at = np.linspace(0, log.at[-1], 9)[1:-1]
+    qpos, _, _ = estimate(world.workshop.given, world.signals, log, at, world.step, {})
+    return bool(np.isfinite(qpos).all(axis=1).mean() > 0.5)
