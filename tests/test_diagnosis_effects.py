@@ -167,20 +167,7 @@ def test_starts_and_absent_values_are_within_bounds(name, benches):
         assert (term.scale > 0).all() and (term.low < term.high).all()
 
 
-CAN_BE_ABSENT = [
-    pytest.param(
-        n,
-        marks=pytest.mark.xfail(
-            strict=True,
-            reason="HardStop.edit says that the joint is limited before it asks if it "
-            "was: a joint without limits gets a second stop, at 0",
-        ),
-    )
-    if n == "hard_stop"
-    else n
-    for n in NAMES
-    if n not in NEVER_ABSENT
-]
+CAN_BE_ABSENT = [n for n in NAMES if n not in NEVER_ABSENT]
 
 
 @pytest.mark.parametrize("name", CAN_BE_ABSENT)
@@ -208,22 +195,7 @@ def test_present_an_effect_changes_what_is_predicted(name, benches):
     assert np.isfinite(moved).all() and max(moved) > 1e-4
 
 
-PATCHED = [
-    pytest.param(
-        n,
-        marks=pytest.mark.xfail(
-            strict=True,
-            reason="the patch of a delay that is no multiple of the time step lacks "
-            'interp="linear": MuJoCo then holds the sample before',
-        ),
-    )
-    if n == "command_delay"
-    else n
-    for n in NAMES
-]
-
-
-@pytest.mark.parametrize("name", PATCHED)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
     name, benches, tmp_path
 ):

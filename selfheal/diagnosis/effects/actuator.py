@@ -67,7 +67,11 @@ class CommandDelay(AtActuator):
 
     def changes(self, model, place, values):
         steps = int(np.ceil(values[0] / model.opt.timestep)) + 1
-        told = {"delay": number(values[0]), "nsample": str(max(steps, 2))}
+        told = {
+            "delay": number(values[0]),
+            "nsample": str(max(steps, 2) + 1),
+            "interp": "linear",
+        }
         return [Set("actuator", _name(model, place), told)]
 
 

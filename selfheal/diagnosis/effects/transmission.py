@@ -89,8 +89,8 @@ class HardStop(AtJoint):
         ]
 
     def edit(self, model, place, values):
-        model.jnt_limited[place["joint"]] = 1
         model.jnt_range[place["joint"]] = _range(model, place, values[0])
+        model.jnt_limited[place["joint"]] = 1
 
 
 def _one_sided(effect, joint, side: int) -> Term:
