@@ -17,6 +17,7 @@ from .stated import stated_terms
 
 PROVEN = 0.98  # of the re-fitted model's held-out error, that names must stay below
 HELD = 0.8  # least share removed on held-out episodes for "explained"; chosen
+NOISE = 1.5  # times the floor, a held-out error that is noise; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -66,5 +67,10 @@ def diagnose(
     removed = removed_share(proof.numbers)
     if verdict == "explained" and removed is not None and removed < HELD:
         verdict = "partly"
+    if (
+        verdict == "unlisted"
+        and proof.numbers["refit"] < NOISE * proof.numbers["floor"]
+    ):
+        verdict = "nothing"
     remarks = remarks_of(case, naming, structure, refuted)
     return answer_of(case, naming, verdict, proof, remarks, begun)
