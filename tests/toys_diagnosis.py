@@ -217,10 +217,10 @@ def _episode(robot, model, seconds, rate, rng, torque, noise, states) -> Episode
     every = round(1 / rate / model.opt.timestep)
     told: dict[str, list] = {name: [] for name in robot.signals}
     for u in ctrl:
+        data.ctrl[:] = u
         mujoco.mj_forward(model, data)
         for name, (kind, target, _) in robot.signals.items():
             told[name].append(read_one(model, data, kind, target))
-        data.ctrl[:] = u
         for _ in range(every):
             torque(data)
             mujoco.mj_step(model, data)

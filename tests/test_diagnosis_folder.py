@@ -1,0 +1,297 @@
+"""A diagnosis on disk: whole or not there; replays of it, and what they refuse."""
+
+import json
+import os
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from test_diagnosis_score import undiagnosed
+from toys_diagnosis import ROBOTS, record
+
+from selfheal.diagnosis import folder
+from selfheal.diagnosis.document import plain, text_of
+from selfheal.diagnosis.replay import replay
+from selfheal.diagnosis.result import Diagnosis, Located
+from selfheal.errors import InputError, RecordingError, UnknownNameError
+
+FILES = ["diagnosis.json", "patched.xml", "report.html"]
+
+
+def _diagnosis(verdict="nothing") -> Diagnosis:
+    document = {
+        "format": "selfheal-diagnosis", "version": 1, "verdict": verdict,
+        "findings": [], "refit": [], "fit": {"floor": float("nan")},
+    }  # fmt: skip
+    located = Located((), (), np.zeros((0, 0)), np.zeros((0, 0)))
+    return Diagnosis(document, "<mujoco/>", "", (), located, (), (), (), 1.0, 2)
+
+
+def _names(path) -> list[str]:
+    return sorted(p.name for p in path.iterdir())
+
+
+# on disk
+
+
+def test_a_diagnosis_is_three_files_and_is_read_back(tmp_path):
+    out = tmp_path / "out"
+    folder.write(_diagnosis(), out, "<html/>", False)
+    assert _names(out) == FILES and _names(tmp_path) == ["out"]
+    assert folder.read(out)["verdict"] == "nothing"
+    assert folder.read(out)["fit"] == {"floor": None}
+
+
+def test_an_earlier_diagnosis_is_replaced_by_force_only(tmp_path):
+    out = tmp_path / "out"
+    folder.write(_diagnosis(), out, "", False)
+    with pytest.raises(InputError, match="--force"):
+        folder.write(_diagnosis("unlisted"), out, "", False)
+    assert folder.read(out)["verdict"] == "nothing"
+    folder.write(_diagnosis("unlisted"), out, "", True)
+    assert folder.read(out)["verdict"] == "unlisted" and _names(tmp_path) == ["out"]
+
+
+def test_an_empty_folder_is_taken(tmp_path):
+    (tmp_path / "out").mkdir()
+    folder.write(_diagnosis(), tmp_path / "out", "", False)
+    assert _names(tmp_path / "out") == FILES
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_other_files_are_never_deleted(force, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("")
+    with pytest.raises(InputError):
+        folder.check_folder(out, force)
+    assert _names(out) == ["thesis.tex"]
+
+
+def test_a_file_is_no_folder(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="is a file"):
+        folder.check_folder(tmp_path / "out", True)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
+    there, tmp_path, monkeypatch
+):
+    out = tmp_path / "out"
+    if there:
+        folder.write(_diagnosis(), out, "old", False)
+    broken = replace(_diagnosis(), patched=None)
+    with pytest.raises(AttributeError):
+        folder.write(broken, out, "new", True)
+    assert _names(tmp_path) == (["out"] if there else [])
+    if there:
+        assert (out / "report.html").read_text() == "old"
+
+    def refuse(*_):
+        raise OSError("no")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(OSError, match="no"):
+        folder.write(_diagnosis(), out, "new", True)
+    assert _names(tmp_path) == (["out"] if there else [])
+
+
+BAD = [
+    (None, "cannot read"),
+    ("{", "is not JSON"),
+    ("[]", "is not a selfheal-diagnosis"),
+    ('{"format": "selfheal-diagnosis", "version": 2}', "of version 1"),
+    ('{"format": "selfheal-run", "version": 1}', "is not a selfheal-diagnosis"),
+]
+
+
+@pytest.mark.parametrize("text, said", BAD, ids=[b[1] for b in BAD])
+def test_what_is_no_diagnosis_is_refused(text, said, tmp_path):
+    if text is not None:
+        (tmp_path / "diagnosis.json").write_text(text)
+    with pytest.raises(InputError, match=said):
+        folder.read(tmp_path)
+
+
+def test_json_has_no_nan_and_no_numpy():
+    thing = {"a": np.float64("nan"), "b": (np.inf, np.int64(3), np.bool_(True)),
+             "c": np.array([1.0, np.nan]), "d": "x", "e": None}  # fmt: skip
+    told = json.loads(text_of(thing), parse_constant=lambda word: pytest.fail(word))
+    assert told == {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x",
+                    "e": None}  # fmt: skip
+    assert plain(thing) == told
+
+
+# replay
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """The folder of a diagnosis that found nothing, and a recording."""
+    path = tmp_path / "model.xml"
+    path.write_text(ROBOTS["arm"].xml)
+    return undiagnosed(tmp_path / "out", path), record(ROBOTS["arm"], seconds=0.3)
+
+
+def _with(recording, **more):
+    episodes = {k: replace(e, **more) for k, e in recording.episodes.items()}
+    return replace(recording, episodes=episodes)
+
+
+def _emptied(recording):
+    """The recording without a single reading."""
+    episodes = {}
+    for key, episode in recording.episodes.items():
+        signals = {
+            name: replace(s, values=np.full_like(s.values, np.nan))
+            for name, s in episode.signals.items()
+        }
+        episodes[key] = replace(episode, signals=signals)
+    return replace(recording, episodes=episodes)
+
+
+def test_a_replay_needs_no_reading_and_fills_in_every_row(arm):
+    out, recording = arm
+    played, again = replay(out, _emptied(recording)), replay(out, recording)
+    for key, episode in played.episodes.items():
+        assert set(episode.signals) == set(recording.episodes[key].signals)
+        for name, signal in episode.signals.items():
+            given = recording.episodes[key].signals[name]
+            assert signal.values.shape == given.values.shape
+            assert np.isfinite(signal.values).all(), name
+            other = again.episodes[key].signals[name].values
+            np.testing.assert_allclose(signal.values, other, atol=1e-12)
+
+
+def test_a_replay_is_what_plain_mujoco_does(arm):
+    out, recording = arm
+    played = replay(out, recording)
+    model = mujoco.MjModel.from_xml_string(ROBOTS["arm"].xml)
+    every = round(0.01 / model.opt.timestep)
+    for key, episode in recording.episodes.items():
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
+        told = []
+        for u in episode.ctrl:
+            told.append(data.qpos.copy())
+            data.ctrl[:] = u
+            mujoco.mj_step(model, data, every)
+        signals = played.episodes[key].signals
+        both = np.stack([signals[n].values for n in ("shoulder", "elbow")], axis=1)
+        np.testing.assert_allclose(both, told, atol=1e-9)
+
+
+def test_a_motor_torque_is_told_at_the_joint(tmp_path):
+    xml = ROBOTS["arm"].xml.replace('kv="0.4"', 'kv="0.4" gear="-3"')
+    path = tmp_path / "model.xml"
+    path.write_text(xml)
+    recording = record(replace(ROBOTS["arm"], xml=xml), seconds=0.2, finer=1, noise=0)
+    played = replay(undiagnosed(tmp_path / "out", path), recording)
+    for key, episode in recording.episodes.items():
+        both = [
+            e.signals["elbow_torque"].values for e in (episode, played.episodes[key])
+        ]
+        np.testing.assert_allclose(*both, atol=1e-6)
+
+
+def test_supply_voltage_and_temperature_stay_unread(arm):
+    out, recording = arm
+    (first, *_) = recording.episodes
+    episode = recording.episodes[first]
+    nan = np.full(episode.time.size, np.nan)
+    some = episode.signals["elbow"]
+    more = {
+        "heat": replace(some, kind="temperature", target="", unit="degC"),
+        "supply": replace(some, kind="supply_voltage", target="", unit="V"),
+    }
+    more = {k: replace(s, values=nan) for k, s in more.items()}
+    asked = replace(
+        recording,
+        episodes={first: replace(episode, signals={**episode.signals, **more})},
+    )
+    signals = replay(out, asked).episodes[first].signals
+    assert np.isnan(signals["heat"].values).all()
+    assert np.isnan(signals["supply"].values).all()
+    assert np.isfinite(signals["elbow"].values).all()
+
+
+def test_a_missing_qpos0_is_refused_with_its_episode(arm):
+    out, recording = arm
+    with pytest.raises(RecordingError, match="'000': it has no qpos0"):
+        replay(out, _with(recording, qpos0=None))
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_a_qpos0_of_another_model_is_refused(size, arm):
+    out, recording = arm
+    with pytest.raises(RecordingError, match=f"qpos0 has {size} values"):
+        replay(out, _with(recording, qpos0=np.zeros(size)))
+
+
+def test_a_missing_qvel0_is_rest(arm):
+    out, recording = arm
+    bare = replay(out, _with(recording, qvel0=None))
+    rest = replay(out, _with(recording, qvel0=np.zeros(2)))
+    for key, episode in bare.episodes.items():
+        other = rest.episodes[key].signals["elbow"].values
+        np.testing.assert_array_equal(episode.signals["elbow"].values, other)
+
+
+@pytest.mark.xfail(
+    strict=True, reason="a qvel0 of the wrong size is taken for rest without a word"
+)
+def test_a_qvel0_of_another_model_is_refused(arm):
+    out, recording = arm
+    with pytest.raises(RecordingError, match="qvel0"):
+        replay(out, _with(recording, qvel0=np.ones(3)))
+
+
+def _find(out, **finding) -> None:
+    path = out / "diagnosis.json"
+    document = json.loads(path.read_text())
+    found = {"effect": "coulomb_friction", "target": "joint:elbow",
+             "parameters": [{"name": "frictionloss", "value": 0.1}]}  # fmt: skip
+    document["findings"] = [{**found, **finding}]
+    path.write_text(json.dumps(document))
+
+
+def test_a_finding_of_what_the_model_lacks_is_refused(arm):
+    out, recording = arm
+    _find(out, target="joint:wrist")
+    with pytest.raises(InputError, match="no joint 'wrist'"):
+        replay(out, recording)
+
+
+def test_a_finding_of_an_unknown_effect_is_refused(arm):
+    out, recording = arm
+    _find(out, effect="gremlins")
+    with pytest.raises(UnknownNameError, match="gremlins"):
+        replay(out, recording)
+
+
+def test_a_diverging_model_is_told_with_episode_and_time(arm):
+    out, recording = arm
+    _find(out, effect="joint_spring", native=False,
+          parameters=[{"name": "stiffness", "value": -1e9},
+                      {"name": "springref", "value": 0.0}])  # fmt: skip
+    with pytest.raises(RecordingError, match=r"'000': the model diverges.* s$"):
+        replay(out, recording)
+
+
+def test_another_version_of_the_model_gets_values_as_ratios(arm, tmp_path):
+    """A firmware gain four times as high, re-fitted 10 % lower, is still 10 % lower."""
+    out, recording = arm
+    document = json.loads((out / "diagnosis.json").read_text())
+    entry = {"parameter": "actuator:elbow_servo/kp", "given": 10.0, "value": 9.0}
+    document["refit"] = [entry]
+    (out / "diagnosis.json").write_text(json.dumps(document))
+    texts = [ROBOTS["arm"].xml.replace('kp="10"', f'kp="{kp}"') for kp in (40, 36)]
+    for name, text in zip(("other.xml", "right.xml"), texts, strict=True):
+        (tmp_path / name).write_text(text)
+    played = replay(out, recording, model=tmp_path / "other.xml")
+    true = replay(undiagnosed(tmp_path / "none", tmp_path / "right.xml"), recording)
+    for key, episode in played.episodes.items():
+        other = true.episodes[key].signals["elbow"].values
+        np.testing.assert_allclose(episode.signals["elbow"].values, other, atol=1e-9)
