@@ -239,9 +239,6 @@ def test_a_missing_qvel0_is_rest(arm):
         np.testing.assert_array_equal(episode.signals["elbow"].values, other)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a qvel0 of the wrong size is taken for rest without a word"
-)
 def test_a_qvel0_of_another_model_is_refused(arm):
     out, recording = arm
     with pytest.raises(RecordingError, match="qvel0"):

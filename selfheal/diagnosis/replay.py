@@ -212,5 +212,11 @@ def _with_added(episode: Episode, model, recording: Recording, name: str) -> Epi
             f"{recording.file}, episode {name!r}: qpos0 has {size} "
             "values, which are not those of this model"
         )
-    v0 = v0 if len(v0) == model.nv else [0.0] * model.nv
+    if episode.qvel0 is None:
+        v0 = [0.0] * model.nv
+    elif len(v0) != model.nv or qvel:
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: qvel0 has {len(episode.qvel0)} "
+            "values, which are not those of this model"
+        )
     return replace(episode, qpos0=np.array(q0), qvel0=np.array(v0))
