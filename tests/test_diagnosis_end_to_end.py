@@ -240,8 +240,8 @@ def test_the_same_seed_gives_the_same_diagnosis(few, model):
 @pytest.mark.xfail(
     strict=True,
     reason="prepare._Motion sets no ctrl and takes a ninth of the actuators' force: a "
-    "joint that only its motor loads seems to bear nothing (0.009 N of 2), and friction "
-    "may be no more than 0.027 N, of 0.5",
+    "joint that only its motor loads seems to bear nothing (0.009 N of 2), and its "
+    "friction may be no more than 0.027 N, of 0.5",
 )
 def test_a_slide_is_told_in_newtons_and_meters(few, tmp_path):
     robot = ROBOTS["cart_pole"]
