@@ -1,11 +1,12 @@
 """Every effect: absent it is not there, present it shows, and a patch says the same."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toys_diagnosis import bench, places
+from toys_diagnosis import ROBOTS, bench, places
 
 from selfheal.diagnosis import score
 from selfheal.diagnosis.answer import patch_of
@@ -179,6 +180,63 @@ def test_at_its_absent_values_an_effect_is_not_there(name, benches):
             max(NEARLY_ABSENT[name], 0.3 * present) if name in NEARLY_ABSENT else 1e-7
         )
         assert moved <= most, (term.label, moved)
+
+
+# a model that states much of what an effect could be
+STATING = {
+    "arm": {
+        'armature="0.005"': 'armature="0.005" frictionloss="0.05" stiffness="0.5" '
+        'springref="0.2" limited="true" range="-0.6 0.5"',
+        'kp="10" kv="0.4"': 'kp="10" kv="0.4" forcerange="-1 1"',
+    },
+    "box": {
+        'friction="0.6 0.005 0.0001"/>\n    <body': 'friction="0.6 0.005 0.0001" '
+        'solref="0.01 0.7"/>\n    <body',
+        'friction="0.6 0.005 0.0001"/>\n    </body': 'friction="0.9 0.005 0.0001"/>\n'
+        "    </body",
+    },
+}
+OVERRIDES = {
+    "asymmetric_friction": "sets the frictionloss that the model states to zero",
+    "stribeck_friction": "sets the frictionloss that the model states to zero",
+    "joint_spring": "absent springref is the middle of the angles seen, not the stated",
+    "hard_stop": "lifts the stop that the model states",
+    "torque_saturation": "lifts the forcerange that the model states",
+    "ground_friction": "absent friction is the largest of all geoms, not the ground's",
+    "ground_compliance": "absent values are MuJoCo's, not the solref that is stated",
+}
+STATED = [
+    pytest.param(n, marks=pytest.mark.xfail(strict=True, reason=OVERRIDES[n]))
+    if n in OVERRIDES
+    else n
+    for n in CAN_BE_ABSENT
+]
+
+
+@pytest.fixture(scope="module")
+def stating(tmp_path_factory):
+    """Robots whose models state springs, stops, limits, dry friction, a soft floor."""
+    found = {}
+    for name, changes in STATING.items():
+        xml = ROBOTS[name].xml
+        for old, new in changes.items():
+            assert old in xml
+            xml = xml.replace(old, new)
+        robot = replace(ROBOTS[name], xml=xml)
+        folder = tmp_path_factory.mktemp(name)
+        b = bench(robot, folder, episodes=2, seconds=0.8, seed=4)
+        pieces = score.replayed(b.world)
+        plain = b.world.simulate((), np.zeros((1, 0)), pieces)[0]
+        found[name] = SimpleNamespace(**vars(b), pieces=pieces, plain=plain)
+    return found
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_an_absent_effect_leaves_what_the_model_states(name, stating):
+    most = NEARLY_ABSENT.get(name, 1e-7)
+    for b in stating.values():
+        for term in effect(name).terms(b.scene):
+            assert _moved(b, (term,), _absent(term)) <= most, term.label
 
 
 def test_the_stiffer_a_compliant_drive_the_less_it_shows(benches):
