@@ -11,13 +11,11 @@ from .answer import answer_of, remarks_of
 from .case import WINDOW, check_enough, prepare, problem_of
 from .effects import catalogue
 from .name import name_effects
-from .prove import Proof, bare, judged, polished, removed_share, structure_of
+from .prove import Proof, judged, polished, removed_share, structure_of, upheld
 from .result import Diagnosis
 from .stated import stated_terms
 
-PROVEN = 0.98  # of the re-fitted model's held-out error, that names must stay below
 HELD = 0.8  # least share removed on held-out episodes for "explained"; chosen
-NOISE = 1.5  # times the floor, a held-out error that is noise; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -54,23 +52,14 @@ def diagnose(
     )  # fmt: skip
     say("fitting everything once more", 0.0)
     naming = polished(case, naming)
+    say("testing what was found on the held-out episodes", 0.0)
+    naming, refuted = upheld(case, naming)
     say("looking for what has no name", 0.0)
     structure = structure_of(case, naming)
     naming, verdict = judged(naming, structure)
     proof = Proof.of(case, naming)
-    refuted: tuple[str, ...] = ()
-    if naming.named and proof.numbers["patched"] > PROVEN * proof.numbers["refit"]:
-        # what does not hold where nothing was fitted is no finding
-        refuted = tuple(n.term.label for n in naming.named)
-        naming, verdict = bare(naming), "unlisted"
-        proof = Proof.of(case, naming)
     removed = removed_share(proof.numbers)
     if verdict == "explained" and removed is not None and removed < HELD:
         verdict = "partly"
-    if (
-        verdict == "unlisted"
-        and proof.numbers["refit"] < NOISE * proof.numbers["floor"]
-    ):
-        verdict = "nothing"
     remarks = remarks_of(case, naming, structure, refuted)
     return answer_of(case, naming, verdict, proof, remarks, begun)

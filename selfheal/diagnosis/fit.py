@@ -11,7 +11,7 @@ from .terms import Term
 from .windows import Windows
 from .world import World
 
-FAR = 30.0  # of a residual's standard deviations; a diverged sample is that far off
+FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 
@@ -39,7 +39,7 @@ class Problem:
 
     def residuals(self, terms: Sequence[Term], values: Floats, **more) -> Floats:
         """(n, R) readings less prediction, in standard deviations; 0 where missing."""
-        told = self.world.simulate(terms, values, self.windows, **more)
+        told = self.world.simulate(terms, values, self.windows, centered=True, **more)
         apart = told - self.windows.readings
         apart = _aligned(apart, told, self) / self.sigma
         known = np.isfinite(self.windows.readings)

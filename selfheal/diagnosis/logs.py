@@ -25,8 +25,10 @@ class Log:
         at: (T) sample times since then, in steps of the simulation.
         readings: (T, C) of all channels; NaN where missing.
         ctrl: (G, nu) mean command of each step of the grid.
+        centered: (G, nu) mean command from half a step before to half a step after.
         parabola: (T, C, 3) through the neighbors of each sample: value, slope [1/s],
             half the curvature; NaN where too few.
+        scatter: (T, C) standard deviation of those neighbors about it.
         qpos0, qvel0: given state at the first sample, or None.
     """
 
@@ -35,20 +37,23 @@ class Log:
     at: Floats
     readings: Floats
     ctrl: Floats
+    centered: Floats
     parabola: Floats
+    scatter: Floats
     qpos0: Floats | None
     qvel0: Floats | None
 
     def smooth(self, at: Floats, step: float) -> tuple[Floats, Floats]:
         """Value and slope (..., C) of all channels at times `at` [steps]."""
-        near = _nearest(self.at, at)
+        near = nearest(self.at, at)
         a = self.parabola[near]
         dt = ((at - self.at[near]) * step)[..., None]
         value = a[..., 0] + dt * (a[..., 1] + dt * a[..., 2])
         return value, a[..., 1] + 2 * dt * a[..., 2]
 
 
-def _nearest(times: Floats, at: Floats) -> np.ndarray:
+def nearest(times: Floats, at: Floats) -> np.ndarray:
+    """Number of the sample nearest in time."""
     right = np.clip(np.searchsorted(times, at), 1, max(len(times) - 1, 1))
     right = np.minimum(right, len(times) - 1)
     left = np.maximum(right - 1, 0)
@@ -131,9 +136,11 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             if c.kind == "body_orientation":
                 readings[:, c.columns] = _continuous(values)
     at = (time - time[0]) / step
+    parabola, variance = _parabola(time, readings)
     return Log(
         name, float(time[0]), at, readings, _means(at, episode.ctrl),
-        _parabola(time, readings)[0], episode.qpos0, episode.qvel0,
+        _centered(at, episode.ctrl), parabola, np.sqrt(variance), episode.qpos0,
+        episode.qvel0,
     )  # fmt: skip
 
 
@@ -157,6 +164,11 @@ def _means(at: Floats, ctrl: Floats) -> Floats:
     edges = np.arange(steps + 1.0)
     at_edges = [np.interp(edges, knots, total[:, i]) for i in range(ctrl.shape[1])]
     return np.diff(np.array(at_edges).reshape(ctrl.shape[1], steps + 1), axis=1).T
+
+
+def _centered(at: Floats, ctrl: Floats) -> Floats:
+    """As `_means`, half a step earlier; before the first sample its command holds."""
+    return _means(np.append(-0.5, at[1:]) + 0.5, ctrl)
 
 
 def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Base, Fit, Problem, bounds, fit, step, try_term, whitened
+from .plant import parts
 from .scene import Scene
 from .terms import Term
 
@@ -401,9 +402,10 @@ def _look_back(problem, best: Scored, stated: int, rivals):
     while len(now.fit.terms) > stated + 1:
         tries = []
         for term in now.fit.terms[stated:]:
-            without = _without(problem, now, term)
-            if without.held.sum() < (1 + WORTH) * now.held.sum():
-                tries.append((without.held.sum(), term, without))
+            less = without(problem, now.fit, term)
+            held = held_out(problem, less)
+            if held.sum() < (1 + WORTH) * now.held.sum():
+                tries.append((held.sum(), term, Scored(less, held)))
         if not tries:
             break
         _, term, now = min(tries, key=lambda x: x[0])
@@ -415,9 +417,11 @@ def _look_back(problem, best: Scored, stated: int, rivals):
 
 def _swapped(problem, now: Scored, term: Term, rivals: Sequence[Term]) -> Scored:
     """The fit with one of a term's rivals in its place, if that predicts better."""
+    others = [t for t in now.fit.terms if t is not term]
+    rivals = [r for r in rivals if _fresh(r, others)]
     if not rivals:
         return now
-    base = Base.of(problem, _without(problem, now, term).fit)
+    base = Base.of(problem, without(problem, now.fit, term))
     tried = [try_term(base, rival) for rival in rivals]
     helds = [Scored(f, held_out(problem, f)) for f in tried]
     best = min(helds, key=lambda s: s.held.sum())
@@ -427,10 +431,9 @@ def _swapped(problem, now: Scored, term: Term, rivals: Sequence[Term]) -> Scored
     return full if full.held.sum() < 0.97 * now.held.sum() else now
 
 
-def _without(problem, now: Scored, term: Term) -> Scored:
+def without(problem: Problem, found: Fit, term: Term) -> Fit:
     """The fit of all terms but one."""
-    ends = np.cumsum([0, *(len(t.parameters) for t in now.fit.terms)])
-    rest = [i for i, t in enumerate(now.fit.terms) if t is not term]
-    start = [now.fit.values[ends[i] : ends[i + 1]] for i in rest]
-    terms = [now.fit.terms[i] for i in rest]
-    return scored(problem, terms, np.concatenate([*start, np.zeros(0)]), rounds=3)
+    values = parts(found.terms, found.values)
+    rest = [i for i, t in enumerate(found.terms) if t is not term]
+    start = np.concatenate([*(values[i] for i in rest), np.zeros(0)])
+    return fit(problem, [found.terms[i] for i in rest], start, rounds=3)

@@ -122,9 +122,10 @@ class Workshop:
         mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
         spec = mujoco.MjSpec.from_file(self.path)
         given = self.given
-        for term in adds:
-            for place in term.places:
-                term.effect.structure(spec, place)
+        # the last joint first: an added one shifts what follows it
+        sites = [(t.effect, place) for t in adds for place in t.places]
+        for effect, place in sorted(sites, key=lambda s: -s[1]["joint"]):
+            effect.structure(spec, place)
         _open_up(spec)
         model = spec.compile()
         model.opt.disableflags |= int(

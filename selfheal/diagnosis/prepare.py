@@ -70,10 +70,11 @@ class _Motion:
         for i, episode in enumerate(world.logs):
             at = np.linspace(0, episode.at[-1], each).astype(int)
             qpos, qvel, _ = start_of(world, i, at, {})
-            for q, v in zip(qpos, qvel, strict=True):
-                data.qpos[:], data.qvel[:] = q, v
+            ctrl = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)]
+            for q, v, u in zip(qpos, qvel, ctrl, strict=True):
+                data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, u
                 mujoco.mj_forward(model, data)
-                torques.append(np.abs(data.qfrc_bias) + np.abs(data.qfrc_actuator) / 9)
+                torques.append(np.abs(data.qfrc_bias) + np.abs(data.qfrc_actuator) / 2)
                 touches |= bool(data.ncon)
             states.append(np.hstack([qpos, qvel]))
         self.states = np.vstack(states)

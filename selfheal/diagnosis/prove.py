@@ -7,37 +7,77 @@ import numpy as np
 from ..recording.data import Floats
 from . import document as doc
 from . import score
-from .case import Case, pieces_of
+from .case import WINDOW, Case, pieces_of
 from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import Naming, Scored, better, held_out, some_of
+from .name import Naming, Scored, better, fewer, held_out, without
 from .plant import parts
-from .stated import stated_terms
 from .windows import Windows
 
 LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-ABOVE = 3.0  # times the noise that an unexplained residual must be, to be one; chosen
+ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
+GROWN = 1.5  # times as far above the noise: longer pieces say less then; chosen
+HELPS = 0.01  # of the squared error in held-out episodes that a name removes; chosen
 
 
 def polished(case: Case, naming: Naming) -> Naming:
-    """The same names, fitted to longer pieces."""
-    found = naming.final.fit
-    pieces = pieces_of(case.world, LONG)
-    start = Problem(case.world, pieces, naming.problem.sigma)
-    problem = whitened(start, found.terms, found.values)
-    count = len(stated_terms(case.scene))
-    alone = fit(problem, found.terms[:count], naming.stated.fit.values, rounds=3)
-    alone = _spared(problem, alone)
+    """The same names, fitted to all pieces, and to longer ones if those can be told.
+
+    Where errors of the initial state grow too fast, longer pieces say less, not more.
+    """
+    found, sigma = naming.final.fit, naming.problem.sigma
+    for seconds in (WINDOW, LONG):
+        start = Problem(case.world, pieces_of(case.world, seconds), sigma)
+        problem = whitened(start, found.terms, found.values)
+        told = problem.residuals(found.terms, found.values[None])[0]
+        if seconds == LONG and above(problem, told) > GROWN * above(
+            naming.problem, found.residuals
+        ):
+            return naming
+        naming = _refitted(problem, naming)
+        found = naming.final.fit
+    return naming
+
+
+def _refitted(problem: Problem, naming: Naming) -> Naming:
+    """The same names in other windows."""
+    found, stated = naming.final.fit, naming.stated.fit
+    alone = _spared(problem, fit(problem, stated.terms, stated.values, rounds=3))
+    final = alone
     if naming.named:
-        final = _spared(problem, fit(problem, found.terms, found.values, rounds=4))
-    else:
-        final = alone
+        final = _spared(problem, fit(problem, found.terms, found.values, rounds=3))
     return replace(
         naming, problem=problem, stated=Scored(alone, held_out(problem, alone)),
         final=Scored(final, held_out(problem, final)),
     )  # fmt: skip
+
+
+def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
+    """Only the names that help in the held-out episodes, and labels of the others."""
+    gone: list[str] = []
+    start = Problem(case.held, pieces_of(case.held, WINDOW), naming.problem.sigma)
+    while naming.named:
+        found = naming.final.fit
+        held = whitened(start, found.terms, found.values)
+        error = held.residuals(found.terms, found.values[None])[0] ** 2
+        weakest = None
+        for name in naming.named:
+            less = without(naming.problem, found, name.term)
+            worse = held.residuals(less.terms, less.values[None])[0] ** 2
+            gain = worse.sum() / max(error.sum(), 1e-300) - 1
+            if gain < HELPS and (weakest is None or gain < weakest[0]):
+                weakest = gain, name, less
+        if weakest is None:
+            break
+        _, name, less = weakest
+        gone.append(name.term.label)
+        naming = replace(
+            naming, named=tuple(n for n in naming.named if n is not name),
+            final=Scored(less, held_out(naming.problem, less)),
+        )  # fmt: skip
+    return naming, tuple(gone)
 
 
 def _spared(problem: Problem, found: Fit) -> Fit:
@@ -81,23 +121,30 @@ class Structure:
 
 def structure_of(case: Case, naming: Naming) -> Structure:
     """What is left beside the names, by a torque of free form and by its size."""
-    problem, now = naming.problem, naming.final
-    base = some_of(Base.of(problem, now.fit), 15000, np.random.default_rng(1))
-    held = Scored(base.fit, held_out(base.problem, base.fit))
+    now, rng = naming.final.fit, np.random.default_rng(1)
+    pieces = Problem(case.world, pieces_of(case.world, WINDOW), naming.problem.sigma)
+    problem = whitened(fewer(pieces, 15000, rng), now.terms, now.values)
+    base = Base.of(problem, fit(problem, now.terms, now.values, rounds=0))
+    held = Scored(base.fit, held_out(problem, base.fit))
     p, share = 1.0, 0.0
     terms = FreeForm().terms(case.scene)
     for term in terms:
         found = try_term(base, term, rounds=2)
-        new = Scored(found, held_out(base.problem, found))
-        p = min(p, better(base.problem, held, new, len(terms)))
+        new = Scored(found, held_out(problem, found))
+        p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.held.sum() / held.held.sum())
-    noise = _noise(problem)
-    most = naming.stated.held.sum() - noise
-    gain = naming.stated.held.sum() - now.held.sum()
+    alone = naming.stated.fit
+    before = float((problem.residuals(alone.terms, alone.values[None]) ** 2).sum())
+    room = before - _noise(problem)
     return Structure(
-        p, share, float(np.sqrt(now.held.sum() / max(noise, 1e-12))),
-        float(gain / max(most, 1e-12)),
+        p, share, above(problem, base.fit.residuals),
+        float((before - base.fit.cost) / max(room, 1e-12)),
     )  # fmt: skip
+
+
+def above(problem: Problem, residuals: Floats) -> float:
+    """Root mean square of residuals (R) over what the readings' noise would leave."""
+    return float(np.sqrt((residuals**2).sum() / max(_noise(problem), 1e-12)))
 
 
 def _noise(problem: Problem) -> float:

@@ -5,10 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..recording.data import Floats
+from .logs import nearest
 from .plant import Plant, parts
 from .scene import Channel
 from .terms import Term
 
+JOLT = 3.0  # times the neighbors' scatter, a state's error at a jolt; chosen
 GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
 
 
@@ -41,11 +43,9 @@ def estimate(
         name = model.joint(j).name
         if model.jnt_type[j] in (2, 3):
             value, slope, s, r = told("joint_position", name)
-            rate = told("joint_velocity", name)
-            qpos[:, q], qvel[:, v] = value[:, 0], slope[:, 0]
-            std[:, v], std[:, model.nv + v] = s[:, 0], r[:, 0]
-            lost = np.isnan(slope[:, 0])
-            qvel[lost, v] = rate[0][lost, 0]
+            rate, _, t, _ = told("joint_velocity", name)
+            qpos[:, q], std[:, v] = value[:, 0], s[:, 0]
+            qvel[:, v], std[:, model.nv + v] = _both(slope, r, rate, t)
         elif model.jnt_type[j] == 0:
             body = model.body(model.jnt_bodyid[j]).name
             rates = slice(model.nv + v, model.nv + v + 6)
@@ -86,9 +86,26 @@ class _Told:
         )
         near = np.clip(1 - inside / (m * gap), 0, 1)[:, None]  # 1 at an end
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
+        # where no parabola fits, at a jolt, it tells the state less well
+        apart = self.log.scatter[nearest(self.log.at, self.at)][:, c.columns]
+        noise = noise + JOLT * np.maximum(np.nan_to_num(apart) - 1.5 * noise, 0)
         value = noise * np.sqrt(2.25 / n) * (1 + near)
         slope = noise * np.sqrt(3.0 / n) / (m * gap) * (1 + 3 * near)
         return value, slope
+
+
+def _both(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
+    """Mean (W) of two columns (W, 1 or more), weighted by their errors, and its own.
+
+    One that is NaN does not count.
+    """
+    values = np.stack([a[:, 0], b[:, 0]])
+    weights = 1 / np.maximum(np.stack([of_a[:, 0], of_b[:, 0]]), GIVEN) ** 2
+    weights = np.where(np.isfinite(values) & np.isfinite(weights), weights, 0.0)
+    total = weights.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (np.nan_to_num(values) * weights).sum(axis=0) / total
+        return mean, 1 / np.sqrt(total)
 
 
 def _free(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:

@@ -18,6 +18,7 @@ from .state import States
 from .terms import Moment, Term, does
 from .windows import Windows
 
+VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
 ROOM = 3e7  # numbers kept of one batch; chosen: 240 MB
 
 
@@ -46,8 +47,15 @@ class World:
         windows: Windows,
         *,
         kick: Floats | None = None,
+        centered: bool = False,
     ) -> Floats:
         """What the sensors would say.
+
+        MuJoCo's one-stage integrators compute a velocity from the forces at the
+        beginning of a step and a position from that velocity: started from both at one
+        time, all motion comes half a step early. Read as a leapfrog, velocities half a
+        step before positions and forces between two of them, the same steps are exact
+        to second order (Hairer, Lubich, Wanner 2003, section 1.1).
 
         Args:
             terms: what is true beyond the given model.
@@ -55,6 +63,8 @@ class World:
             windows: W pieces with M samples.
             kick: (n, W, 2 nv) added to the initial state, positions and then
                 velocities in the given model's degrees of freedom.
+            centered: whether commands, initial and sensed velocities are placed in time
+                as a leapfrog has them, rather than as MuJoCo's user would.
 
         Returns:
             (n, M, C); NaN after a hypothesis diverged.
@@ -67,27 +77,38 @@ class World:
             self._simulate(
                 terms, values[i : i + count], windows,
                 None if kick is None else kick[i : i + count],
+                centered and self._leaps,
             )
             for i in range(0, len(values), count)
         ]  # fmt: skip
         return np.concatenate(pieces)
 
-    def _simulate(self, terms, values, windows, kick) -> Floats:
+    @property
+    def _leaps(self) -> bool:
+        """Whether the integrator is a one-stage one."""
+        rk4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+        return self.workshop.given.opt.integrator != rk4
+
+    def _simulate(self, terms, values, windows, kick, centered) -> Floats:
         plant = self.workshop.plant(terms)
         self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
         models = [plant.variant(terms, v) for v in values]
+        if centered:
+            for model in models:
+                _center_damping(model, self.step)
         reads = self.readings_of(terms, shares, len(values))
         start = States(self, plant, terms, values, windows, reads).begin(models, kick)
         sensors = Sensors(plant, self.signals, terms)
-        commands = self._commands(terms, shares, windows, len(values))
+        commands = self._commands(terms, shares, windows, len(values), centered)
         if any(does(t.effect, "act") for t in terms):
             told = self._stepped(
-                plant, models, terms, shares, start, commands, windows, sensors
-            )
+                plant, models, terms, shares, start, commands, windows, sensors,
+                centered,
+            )  # fmt: skip
         else:
-            told = _rolled(plant, models, start, commands, sensors)
-        return self._sample(told, windows, reads, len(values))
+            told = _rolled(plant, models, start, commands, sensors, centered)
+        return self._sample(told, windows, reads, len(values), centered)
 
     def readings_of(self, terms, shares, n: int) -> dict[str, dict[str, Floats]]:
         """Of each signal that a term changes: bias, gain, delay, step (n)."""
@@ -99,7 +120,7 @@ class World:
                     reads.setdefault(place["signal"], {}).update(said)
         return reads
 
-    def _commands(self, terms, shares, windows: Windows, n: int) -> Floats:
+    def _commands(self, terms, shares, windows: Windows, n: int, centered) -> Floats:
         """Commands (n W, K, nu) of each step, as they reach the actuators."""
         model = self.workshop.given
         steps = np.arange(int(windows.steps.max()) + 2)
@@ -108,14 +129,16 @@ class World:
             return out.reshape(n * len(windows), len(steps), 0)
         for i in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == i)
-            grid = self.command(terms, shares, self.logs[i])
+            log = self.logs[i]
+            given = log.centered if centered else log.ctrl
+            grid = self.command(terms, shares, given)
             at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
             out[:, rows] = grid[:, at]
         return out.reshape(n * len(windows), len(steps), model.nu)
 
-    def command(self, terms, shares, log: Log) -> Floats:
-        """Commands (1 or n, G, nu) of an episode, as they reach the actuators."""
-        ctrl = log.ctrl[None]
+    def command(self, terms, shares, given: Floats) -> Floats:
+        """Commands (1 or n, G, nu) as given (G, nu), as they reach the actuators."""
+        ctrl = given[None]
         for term, part in zip(terms, shares, strict=True):
             if does(term.effect, "command"):
                 for place in term.places:
@@ -123,8 +146,9 @@ class World:
         return ctrl
 
     def _stepped(
-        self, plant: Plant, models, terms, shares, start, commands, windows, sensors
-    ) -> Floats:
+        self, plant: Plant, models, terms, shares, start, commands, windows, sensors,
+        centered,
+    ) -> Floats:  # fmt: skip
         """True signals (N, K, C), where effects act at every step."""
         n, w = len(models), len(windows)
         acts = [
@@ -143,20 +167,21 @@ class World:
             return _step_by_step(
                 batch, plant, [(e, p, v[rows]) for e, p, v in acts],
                 {a: s[rows] for a, s in start[3].items()}, commands[rows],
-                begin[rows], sensors, self.step,
+                begin[rows], sensors, self.step, (rows, start) if centered else None,
             )  # fmt: skip
 
         with ThreadPoolExecutor(len(groups)) as pool:
             return np.concatenate(list(pool.map(run, groups)))
 
-    def _sample(self, told: Floats, windows: Windows, reads, n: int) -> Floats:
+    def _sample(self, told: Floats, windows: Windows, reads, n: int, centered):
         """Signals (n, M, C) at the samples' times, as the sensors would say them."""
         told = told.reshape(n, len(windows), *told.shape[1:])
         out = np.empty((n, len(windows.at), told.shape[-1]))
         for c in self.signals:
             said = reads.get(c.name, {})
             delay = said.get("delay", np.zeros(1))[:, None] / self.step
-            at = windows.at[None] - delay
+            early = 0.5 if centered and c.kind in VELOCITIES else 0.0
+            at = windows.at[None] - delay + early
             low = np.clip(np.floor(at).astype(int), 0, told.shape[2] - 2)
             share = (at - low)[..., None]
             rows = np.arange(n)[:, None]
@@ -174,6 +199,28 @@ class World:
         return out
 
 
+def _center_damping(model, step: float) -> None:
+    """Let damping act on the mean of a step's two velocities, by a change of inertia.
+
+    (M + D h) dv = h (f - D v) takes the later one, M dv = h (f - D v) the earlier one,
+    and (M + D h / 2) dv = h (f - D v) their mean.
+    """
+    motor = np.zeros(model.nv)
+    for a in range(model.nu):
+        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
+            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
+            motor[dof] -= model.actuator_gear[a, 0] ** 2 * model.actuator_biasprm[a, 2]
+    joint = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+    explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    if model.opt.integrator != int(mujoco.mjtIntegrator.mjINT_EULER):
+        motor = -motor
+        joint = -joint
+    elif not model.opt.disableflags & explicit:
+        joint = -joint
+    change = step / 2 * (joint + motor)
+    model.dof_armature += np.maximum(change, -0.5 * model.dof_M0)
+
+
 def _batch(plant: Plant, models, w: int, rows, start, threads: int):
     """Simulations `rows` of n models by w windows, at their start."""
     from mujoco.batch import Batch
@@ -184,12 +231,27 @@ def _batch(plant: Plant, models, w: int, rows, start, threads: int):
         usual = _get(plant.model, name)
         if any(not np.array_equal(v, usual) for v in values):
             batch.expand(name)[:] = np.stack(values)[rows // w]
+    _place(batch, plant, rows, start)
+    return batch
+
+
+def _place(batch, plant: Plant, rows, start) -> None:
+    """Let simulations be at their start."""
     batch.bind("qpos")[:], batch.bind("qvel")[:] = start[0][rows], start[1][rows]
+    batch.bind("time")[:] = 0
     if plant.model.na:
         batch.bind("act")[:] = start[2][rows]
     if plant.model.nhistory:
         batch.bind("history")[:] = start[4][rows]
-    return batch
+
+
+def _half_a_step_earlier(batch, plant: Plant, rows, start) -> Floats:
+    """Let simulations that made one step start again, by velocities of before."""
+    velocity = start[1][rows]
+    velocity = velocity - (batch.bind("qvel") - velocity) / 2
+    _place(batch, plant, rows, start)
+    batch.bind("qvel")[:] = velocity
+    return velocity
 
 
 @cache
@@ -213,7 +275,9 @@ def _get(model, name: str):
     return getattr(model, name, None)
 
 
-def _rolled(plant: Plant, models, start, commands: Floats, sensors) -> Floats:
+def _rolled(
+    plant: Plant, models, start, commands: Floats, sensors, centered: bool
+) -> Floats:
     """True signals (N, K, C), where MuJoCo alone does all the work."""
     size, steps = commands.shape[:2]
     threads = len(os.sched_getaffinity(0))
@@ -221,9 +285,13 @@ def _rolled(plant: Plant, models, start, commands: Floats, sensors) -> Floats:
     batch = _batch(plant, models, size // len(models), rows, start, threads)
     fields = sorted({"qpos", "qvel", *sensors.needs})
     told = np.empty((size, steps, sensors.width))
+    first_velocity = start[1]
+    if centered:
+        batch.rollout(1, commands[:, :1] if plant.model.nu else None, record=["qvel"])
+        first_velocity = _half_a_step_earlier(batch, plant, rows, start)
     seen = batch.rollout(steps, commands if plant.model.nu else None, record=fields)
     # a step leaves position and velocity new, and all else as before it
-    for name, first in (("qpos", start[0]), ("qvel", start[1])):
+    for name, first in (("qpos", start[0]), ("qvel", first_velocity)):
         seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
     flat = {k: v.reshape(size * steps, *v.shape[2:]) for k, v in seen.items()}
     sensors.of_state(flat, told.reshape(size * steps, -1))
@@ -242,13 +310,20 @@ def _diverged(batch) -> np.ndarray:
 
 
 def _step_by_step(
-    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, dt: float
+    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, dt: float, again
 ) -> Floats:
     """True signals (N, K, C) of simulations in which effects act at every step."""
     bound = {name: batch.bind(name) for name in {"qpos", "qvel", *sensors.needs}}
     ctrl = batch.bind("ctrl") if plant.model.nu else None
     forces = _Forces(batch, acts, sums, dt)
     told = np.empty((len(commands), commands.shape[1], sensors.width))
+    if again:
+        if ctrl is not None:
+            ctrl[:] = commands[:, 0]
+        forces.step(bound["qpos"], bound["qvel"], ctrl, begin)
+        batch.step()
+        _half_a_step_earlier(batch, plant, *again)
+        forces.sums = {a: s.copy() for a, s in sums.items()}
     for k in range(commands.shape[1]):
         if ctrl is not None:
             ctrl[:] = commands[:, k]
