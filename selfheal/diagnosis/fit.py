@@ -13,6 +13,7 @@ from .world import World
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
+NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 
 
@@ -202,11 +203,21 @@ def fit(
         before = float(r @ r)
         if costs[best] >= before:
             break
+        move, change = tries[best] - x, told[best] - r
         x, r = tries[best], told[best]
-        jac = jacobian(problem, terms, x, r)
+        if before - costs[best] < NEAR * before:
+            jac = _secant(jac, move, change, scale)
+        else:
+            jac = jacobian(problem, terms, x, r)
         if before - costs[best] < gain * before:
             break
     return Fit(terms, x, r, jac)
+
+
+def _secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
+    """The Jacobian after a small move, by what that changed (Broyden 1965)."""
+    size = move / scale
+    return jac + np.outer(change - jac @ move, size / scale / (size @ size))
 
 
 @dataclass(frozen=True, eq=False)

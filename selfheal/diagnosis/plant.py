@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import mujoco
 
 # kept apart for joints and degrees of freedom: an added joint shifts what follows it
+_RK4, _IMPLICITFAST = 1, 3  # mujoco.mjtIntegrator
 _JOINT_KEYS = ("joint",)
 _DOF_KEYS = ("dof", "other_dof")
 _QPOS_KEYS = ("qpos", "other_qpos")
@@ -108,12 +109,20 @@ class Workshop:
             reason = " ".join(str(error).split())
             raise ModelError(f"{self.path}: MuJoCo cannot load it: {reason}") from error
 
-    def plant(self, terms: Sequence[Term]) -> Plant:
-        """A model with the joints that these terms need."""
+    def plant(self, terms: Sequence[Term], *, leaping: bool = False) -> Plant:
+        """A model with the joints that these terms need.
+
+        Args:
+            terms: of a hypothesis.
+            leaping: whether a four-stage integrator is to become a one-stage one.
+        """
         adds = [t for t in terms if does(t.effect, "structure")]
-        key = tuple((t.effect.name, t.targets) for t in adds)
+        leaping = leaping and self.given.opt.integrator == _RK4
+        key = (leaping, *((t.effect.name, t.targets) for t in adds))
         if key not in self.made:
             self.made[key] = self._compile(adds)
+            if leaping:
+                self.made[key].model.opt.integrator = _IMPLICITFAST
         return self.made[key]
 
     def _compile(self, adds: Sequence[Term]) -> Plant:

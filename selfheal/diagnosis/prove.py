@@ -15,6 +15,7 @@ from .plant import parts
 from .windows import Windows
 
 LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
+POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute at 1 ms
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
@@ -28,9 +29,10 @@ def polished(case: Case, naming: Naming) -> Naming:
     Where errors of the initial state grow too fast, longer pieces say less, not more.
     """
     found, sigma = naming.final.fit, naming.problem.sigma
+    rng = np.random.default_rng(2)
     for seconds in (WINDOW, LONG):
         start = Problem(case.world, pieces_of(case.world, seconds), sigma)
-        problem = whitened(start, found.terms, found.values)
+        problem = whitened(fewer(start, POLISHED, rng), found.terms, found.values)
         told = problem.residuals(found.terms, found.values[None])[0]
         if seconds == LONG and above(problem, told) > GROWN * above(
             naming.problem, found.residuals

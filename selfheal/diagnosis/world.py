@@ -55,7 +55,8 @@ class World:
         beginning of a step and a position from that velocity: started from both at one
         time, all motion comes half a step early. Read as a leapfrog, velocities half a
         step before positions and forces between two of them, the same steps are exact
-        to second order (Hairer, Lubich, Wanner 2003, section 1.1).
+        to second order (Hairer, Lubich, Wanner 2003, section 1.1): near enough to do
+        also for RK4, which takes four times as long.
 
         Args:
             terms: what is true beyond the given model.
@@ -77,20 +78,14 @@ class World:
             self._simulate(
                 terms, values[i : i + count], windows,
                 None if kick is None else kick[i : i + count],
-                centered and self._leaps,
+                centered,
             )
             for i in range(0, len(values), count)
         ]  # fmt: skip
         return np.concatenate(pieces)
 
-    @property
-    def _leaps(self) -> bool:
-        """Whether the integrator is a one-stage one."""
-        rk4 = int(mujoco.mjtIntegrator.mjINT_RK4)
-        return self.workshop.given.opt.integrator != rk4
-
     def _simulate(self, terms, values, windows, kick, centered) -> Floats:
-        plant = self.workshop.plant(terms)
+        plant = self.workshop.plant(terms, leaping=centered)
         self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
         models = [plant.variant(terms, v) for v in values]
