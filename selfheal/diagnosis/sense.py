@@ -9,6 +9,7 @@ from .plant import Plant
 from .scene import Channel
 from .terms import Term
 
+NO_NOISE = np.zeros(1)
 Bound = Mapping[str, Floats]
 
 
@@ -46,6 +47,18 @@ class Sensors:
         """Write what a step has computed of the state before it."""
         for columns, read in self._forward:
             out[:, columns] = read(bound)
+
+
+def hidden(plant: Plant, places) -> list[Channel]:
+    """Position and velocity of the second joint of each place, as signals."""
+    found: list[Channel] = []
+    for place in places:
+        name = plant.model.joint(place["extra_jnt"]).name
+        for kind in ("joint_position", "joint_velocity"):
+            found.append(
+                Channel(name, kind, name, "", 1, len(found), 1.0, 1.0, 0.0, NO_NOISE)
+            )
+    return found
 
 
 def _behind(plant: Plant, terms: Sequence[Term]) -> dict[str, int]:

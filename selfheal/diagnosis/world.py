@@ -13,12 +13,13 @@ from ..recording.data import Floats
 from .logs import Log
 from .plant import Plant, Workshop, parts
 from .scene import Channel
-from .sense import Sensors
+from .sense import Sensors, hidden
 from .state import States
 from .terms import Moment, Term, does
 from .windows import Windows
 
 VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
+WARM = 0.1  # [s] before a window in which a gear's inside settles; chosen
 ROOM = 3e7  # numbers kept of one batch; chosen: 240 MB
 
 
@@ -93,17 +94,61 @@ class World:
             for model in models:
                 _center_damping(model, self.step)
         reads = self.readings_of(terms, shares, len(values))
-        start = States(self, plant, terms, values, windows, reads).begin(models, kick)
+        those = _Hypotheses(plant, models, terms, values, shares, reads, centered)
+        start = self._start(those, windows).begin(models, kick)
+        if any("suffix" in place for t in terms for place in t.places):
+            self._warm_up(those, windows, start)
         sensors = Sensors(plant, self.signals, terms)
-        commands = self._commands(terms, shares, windows, len(values), centered)
-        if any(does(t.effect, "act") for t in terms):
-            told = self._stepped(
-                plant, models, terms, shares, start, commands, windows, sensors,
-                centered,
-            )  # fmt: skip
-        else:
-            told = _rolled(plant, models, start, commands, sensors, centered)
+        told = self._run(those, windows, start, sensors)
         return self._sample(told, windows, reads, len(values), centered)
+
+    def _start(self, those: "_Hypotheses", windows: Windows) -> States:
+        return States(
+            self, those.plant, those.terms, those.values, windows, those.reads
+        )
+
+    def _run(self, those: "_Hypotheses", windows: Windows, start, sensors) -> Floats:
+        """True signals (N, K, C) from a start."""
+        n = len(those.models)
+        commands = self._commands(those.terms, those.shares, windows, n, those.centered)
+        if any(does(t.effect, "act") for t in those.terms):
+            return self._stepped(those, start, commands, windows, sensors)
+        return _rolled(
+            those.plant, those.models, start, commands, sensors, those.centered
+        )
+
+    def _warm_up(self, those: "_Hypotheses", windows: Windows, start) -> None:
+        """Let what no sensor reads, inside a gear, come from the time just before."""
+        steps = max(1, round(WARM / self.step))
+        rows = np.flatnonzero(windows.start >= steps)
+        if not len(rows):
+            return
+        plant, n = those.plant, len(those.models)
+        before = windows.take(rows)
+        before = Windows(
+            before.log, before.start - steps, np.full(len(rows), steps),
+            np.zeros(0, int), np.zeros(0), np.zeros((0, 0)),
+        )  # fmt: skip
+        places = [
+            plant.place(p) for t in those.terms for p in t.places if "suffix" in p
+        ]
+        told = self._run(
+            those, before, self._start(those, before).begin(those.models, None),
+            Sensors(plant, hidden(plant, places)),
+        )[:, steps].reshape(n, len(rows), len(places), 2)  # fmt: skip
+        q, v = (x.reshape(n, len(windows), -1)[:, rows] for x in start[:2])
+        for i, place in enumerate(places):
+            known = np.isfinite(told[:, :, i]).all(axis=-1)
+            for x, now, extra, own in (
+                (q, told[:, :, i, 0], "extra_qpos", "qpos"),
+                (v, told[:, :, i, 1], "extra_dof", "dof"),
+            ):
+                moved = np.where(known, now - x[..., place[extra]], 0.0)
+                x[..., place[extra]] += moved
+                if place["side"] == "link":
+                    x[..., place[own]] -= moved
+        for x, new in ((start[0], q), (start[1], v)):
+            x.reshape(n, len(windows), -1)[:, rows] = new
 
     def readings_of(self, terms, shares, n: int) -> dict[str, dict[str, Floats]]:
         """Of each signal that a term changes: bias, gain, delay, step (n)."""
@@ -141,14 +186,14 @@ class World:
         return ctrl
 
     def _stepped(
-        self, plant: Plant, models, terms, shares, start, commands, windows, sensors,
-        centered,
-    ) -> Floats:  # fmt: skip
+        self, those: "_Hypotheses", start, commands, windows, sensors
+    ) -> Floats:
         """True signals (N, K, C), where effects act at every step."""
+        plant, models = those.plant, those.models
         n, w = len(models), len(windows)
         acts = [
             (t.effect, plant.place(place), np.repeat(part, w, axis=0))
-            for t, part in zip(terms, shares, strict=True)
+            for t, part in zip(those.terms, those.shares, strict=True)
             if does(t.effect, "act")
             for place in t.places
         ]
@@ -162,7 +207,8 @@ class World:
             return _step_by_step(
                 batch, plant, [(e, p, v[rows]) for e, p, v in acts],
                 {a: s[rows] for a, s in start[3].items()}, commands[rows],
-                begin[rows], sensors, self.step, (rows, start) if centered else None,
+                begin[rows], sensors, self.step,
+                (rows, start) if those.centered else None,
             )  # fmt: skip
 
         with ThreadPoolExecutor(len(groups)) as pool:
@@ -192,6 +238,29 @@ class World:
                 value = step * np.round(value / step)
             out[:, :, c.columns] = value
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypotheses:
+    """What n simulations of each window take to be true.
+
+    Attributes:
+        plant: with the joints that the terms add.
+        models: (n) compiled.
+        terms: of all.
+        values: (n, P).
+        shares: the same, by term.
+        reads: of a signal: bias, gain, delay, step (n).
+        centered: as `World.simulate` has it.
+    """
+
+    plant: Plant
+    models: Sequence["mujoco.MjModel"]
+    terms: Sequence[Term]
+    values: Floats
+    shares: Sequence[Floats]
+    reads: Mapping[str, Mapping[str, Floats]]
+    centered: bool
 
 
 def _center_damping(model, step: float) -> None:
