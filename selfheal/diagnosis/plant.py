@@ -114,10 +114,12 @@ class Workshop:
 
         Args:
             terms: of a hypothesis.
-            leaping: whether a four-stage integrator is to become a one-stage one.
+            leaping: whether a four-stage integrator is to become a one-stage one;
+                not where joints' velocities bear on each other.
         """
         adds = [t for t in terms if does(t.effect, "structure")]
-        leaping = leaping and self.given.opt.integrator == _RK4
+        given = self.given
+        leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
         key = (leaping, *((t.effect.name, t.targets) for t in adds))
         if key not in self.made:
             self.made[key] = self._compile(adds)

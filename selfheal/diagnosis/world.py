@@ -19,6 +19,7 @@ from .terms import Moment, Term, does
 from .windows import Windows
 
 VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
+_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 WARM = 0.1  # [s] before a window in which a gear's inside settles; chosen
 ROOM = 3e7  # numbers kept of one batch; chosen: 240 MB
 
@@ -56,8 +57,9 @@ class World:
         beginning of a step and a position from that velocity: started from both at one
         time, all motion comes half a step early. Read as a leapfrog, velocities half a
         step before positions and forces between two of them, the same steps are exact
-        to second order (Hairer, Lubich, Wanner 2003, section 1.1): near enough to do
-        also for RK4, which takes four times as long.
+        to second order but for what velocities do to each other (Hairer, Lubich,
+        Wanner 2003, section 1.1): near enough to do also for the RK4 of one joint,
+        which takes four times as long.
 
         Args:
             terms: what is true beyond the given model.
@@ -90,6 +92,7 @@ class World:
         self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
         models = [plant.variant(terms, v) for v in values]
+        centered = centered and plant.model.opt.integrator != _RK4
         if centered:
             for model in models:
                 _center_damping(model, self.step)
