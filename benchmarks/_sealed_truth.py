@@ -4,6 +4,7 @@ It is simulated with plain `mj_step` at a finer step and with another integrator
 the model as given has; what MuJoCo does not do is a command shaper or a force here.
 """
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -263,8 +264,8 @@ class Simulator:
     def __init__(self, truth: Truth) -> None:
         self.truth, self.robot = truth, truth.robot
         self.given = mujoco.MjModel.from_xml_string(truth.robot.xml)
-        self.model = self._compile(truth)
-        self.view = _view(truth, self.given, self.model)
+        self.compiled = self._compile(truth)
+        self.view = _view(truth, self.given, self.compiled)
         delays = {round(r.delay / self.robot.fine) for r in truth.readings.values()}
         self.delays = sorted(delays - {0})
 
@@ -317,6 +318,7 @@ class Simulator:
 
     def _begin(self, plan: Plan) -> None:
         """Put the robot where the episode starts; settle if it is driven."""
+        self.model = copy.copy(self.compiled)  # forces write into it
         self.data = mujoco.MjData(self.model)
         self.forces = [make(self.model) for make in self.truth.forces]
         h = self.robot.fine

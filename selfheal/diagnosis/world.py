@@ -103,6 +103,8 @@ class World:
             self._warm_up(those, windows, start)
         sensors = Sensors(plant, self.signals, terms)
         told = self._run(those, windows, start, sensors)
+        if centered:
+            self._of_now(told, those, windows)
         return self._sample(told, windows, reads, len(values), centered)
 
     def _start(self, those: "_Hypotheses", windows: Windows) -> States:
@@ -119,6 +121,29 @@ class World:
         return _rolled(
             those.plant, those.models, start, commands, sensors, those.centered
         )
+
+    def _of_now(self, told: Floats, those: "_Hypotheses", windows: Windows) -> None:
+        """Let torques told be those of the command of now, not of the half step ago."""
+        torques = [c for c in self.signals if c.kind == "joint_torque"]
+        if not torques:
+            return
+        n, w = len(those.models), len(windows)
+        now, early = (
+            self._commands(those.terms, those.shares, windows, n, x)
+            for x in (False, True)
+        )
+        for c in torques:
+            a = those.plant.model.actuator(c.target).id
+            for i, model in enumerate(those.models):
+                if model.actuator_dyntype[a] == 0:
+                    gear = float(model.actuator_gear[a, 0])
+                    low, high = np.sort(gear * model.actuator_forcerange[a])
+                    rows = slice(i * w, (i + 1) * w)
+                    push = gear * model.actuator_gainprm[a, 0]
+                    torque = told[rows, :, c.first]
+                    torque += push * (now - early)[rows, :, a]
+                    if model.actuator_forcelimited[a]:
+                        torque[:] = np.clip(torque, low, high)
 
     def _warm_up(self, those: "_Hypotheses", windows: Windows, start) -> None:
         """Let what no sensor reads, inside a gear, come from the time just before."""
