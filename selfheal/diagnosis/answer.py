@@ -34,7 +34,7 @@ def answer_of(
     begun: float,
 ) -> Diagnosis:
     """The document, the patched model, and what a page draws beside them."""
-    found, stated, numbers = naming.final.fit, naming.stated.fit, proof.numbers
+    found, stated, numbers = proof.patched, proof.stated, proof.numbers
     located, where = _located(case, naming)
     text, diff = patch_of(case, found)
     document = {
@@ -42,7 +42,7 @@ def answer_of(
         "version": 1,
         "verdict": verdict,
         "findings": doc.findings_of(naming, where),
-        "refit": doc.refit_of(naming),
+        "refit": doc.refit_of(naming, found),
         "fit": {"held_out": list(case.names), **numbers,
                 "explainable_removed": removed_share(numbers)},
     }  # fmt: skip
@@ -199,7 +199,11 @@ def _candidates(naming: Naming) -> tuple[Candidate, ...]:
 
 
 def remarks_of(
-    case: Case, naming: Naming, structure: Structure, refuted: Sequence[str]
+    case: Case,
+    naming: Naming,
+    proof: Proof,
+    structure: Structure,
+    refuted: Sequence[str],
 ) -> tuple[str, ...]:
     """What a reader should know before believing the rest."""
     found = [
@@ -218,7 +222,8 @@ def remarks_of(
             f"A torque of free form would explain {structure.share:.0%} of what is "
             "left."
         )
-    loose = [e["parameter"] for e in doc.refit_of(naming) if _is_loose(naming, e)]
+    refit = doc.refit_of(naming, proof.patched)
+    loose = [e["parameter"] for e in refit if _is_loose(naming, e)]
     if loose:
         found.append(f"Not pinned down by these data: {', '.join(loose)}.")
     return tuple(found)

@@ -61,5 +61,5 @@ def diagnose(
     removed = removed_share(proof.numbers)
     if verdict == "explained" and removed is not None and removed < HELD:
         verdict = "partly"
-    remarks = remarks_of(case, naming, structure, refuted)
+    remarks = remarks_of(case, naming, proof, structure, refuted)
     return answer_of(case, naming, verdict, proof, remarks, begun)

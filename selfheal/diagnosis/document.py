@@ -91,11 +91,11 @@ def _as_contract(term: Term, entries: list[dict]) -> list[dict]:
     return [mass, {"name": "position", **joined, "unit": "m"}]
 
 
-def refit_of(naming: Naming) -> list[dict[str, Any]]:
-    """What the model states, its value in the end, and its interval."""
+def refit_of(naming: Naming, patched: Fit) -> list[dict[str, Any]]:
+    """What the model states, its value in the patched model, and its interval."""
     found, out = naming.final.fit, []
     errors = parts(found.terms, uncertainty(naming.problem, found))
-    values = parts(found.terms, found.values)
+    values = parts(found.terms, patched.values)
     for term, value, error in zip(found.terms, values, errors, strict=True):
         if term.effect.name != "stated":
             continue

@@ -26,12 +26,14 @@ class Problem:
         windows: the pieces.
         sigma: (C) of each column's residual [its unit].
         whiten: of each window, what its uncertain start explains: (R_w, k), (k).
+        centered: as `World.simulate` has it.
     """
 
     world: World
     windows: Windows
     sigma: Floats
     whiten: Sequence[tuple[Floats, Floats]] = field(default_factory=tuple)
+    centered: bool = True
 
     @property
     def window_of(self) -> np.ndarray:
@@ -40,7 +42,9 @@ class Problem:
 
     def residuals(self, terms: Sequence[Term], values: Floats, **more) -> Floats:
         """(n, R) readings less prediction, in standard deviations; 0 where missing."""
-        told = self.world.simulate(terms, values, self.windows, centered=True, **more)
+        told = self.world.simulate(
+            terms, values, self.windows, centered=self.centered, **more
+        )
         apart = told - self.windows.readings
         apart = _aligned(apart, told, self) / self.sigma
         known = np.isfinite(self.windows.readings)

@@ -12,6 +12,7 @@ from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
 from .name import Naming, Scored, better, fewer, held_out, without
 from .plant import parts
+from .terms import Term
 from .windows import Windows
 
 LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
@@ -164,17 +165,46 @@ def bare(naming: Naming) -> Naming:
     return replace(naming, named=(), final=naming.stated)
 
 
+def stepped(problem: Problem, found: Fit) -> Fit:
+    """The same effects, with stated values that suit the model's own time step.
+
+    What a user sees who replays the model: half a step early, and damped otherwise
+    than in continuous time. A fit in continuous time gives the effects' truth.
+    """
+    plain = replace(problem, centered=False, whiten=())
+    plain = whitened(plain, found.terms, found.values)
+    fixed = [
+        t if t.effect.name == "stated" else _fixed(t, v)
+        for t, v in zip(found.terms, parts(found.terms, found.values), strict=True)
+    ]
+    best = fit(plain, fixed, found.values, rounds=2)
+    return replace(best, terms=found.terms)
+
+
+def _fixed(term: Term, values: Floats) -> Term:
+    """The term with no other values than these."""
+    parameters = tuple(
+        replace(p, low=float(v), high=float(v))
+        for p, v in zip(term.parameters, values, strict=True)
+    )
+    return replace(term, parameters=parameters)
+
+
 @dataclass(frozen=True, eq=False)
 class Proof:
     """Errors on held-out episodes.
 
     Attributes:
+        stated: the re-fitted model, as MuJoCo steps it.
+        patched: that with what was named.
         pieces: that were replayed.
         count: readings (E, S).
         squares: squared errors (E, S) of each model.
         numbers: scores, of the floor too.
     """
 
+    stated: Fit
+    patched: Fit
     pieces: Windows
     count: Floats
     squares: dict[str, Floats]
@@ -184,7 +214,8 @@ class Proof:
     def of(cls, case: Case, naming: Naming) -> "Proof":
         """Of the model as given, re-fitted, and with what was named."""
         world, none = case.held, ((), np.zeros(0))
-        found, stated = naming.final.fit, naming.stated.fit
+        stated = stepped(naming.problem, naming.stated.fit)
+        found = stepped(naming.problem, naming.final.fit) if naming.named else stated
         pieces = score.replayed(world)
         count = score.counts(world, pieces)
         models = {"given": none, "refit": (stated.terms, stated.values),
@@ -195,7 +226,7 @@ class Proof:
         }
         numbers = {k: score.score(world, s, count) for k, s in squares.items()}
         numbers["floor"] = min(_floor(case, pieces, found), numbers["patched"])
-        return cls(pieces, count, squares, numbers)
+        return cls(stated, found, pieces, count, squares, numbers)
 
 
 def judged(naming: Naming, structure: Structure) -> tuple[Naming, str]:
