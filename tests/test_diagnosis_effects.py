@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench, places
@@ -185,9 +186,11 @@ def test_at_its_absent_values_an_effect_is_not_there(name, benches):
 # a model that states much of what an effect could be
 STATING = {
     "arm": {
+        'damping="0.03"': 'damping="0.03 0.002"',
         'armature="0.005"': 'armature="0.005" frictionloss="0.05" stiffness="0.5" '
         'springref="0.2" limited="true" range="-0.6 0.5"',
-        'kp="10" kv="0.4"': 'kp="10" kv="0.4" forcerange="-1 1"',
+        'kp="10" kv="0.4"': 'kp="10" kv="0.4" forcerange="-1 1.2" delay="0.01" '
+        'nsample="8"',
     },
     "box": {
         'friction="0.6 0.005 0.0001"/>\n    <body': 'friction="0.6 0.005 0.0001" '
@@ -196,21 +199,6 @@ STATING = {
         "    </body",
     },
 }
-OVERRIDES = {
-    "asymmetric_friction": "sets the frictionloss that the model states to zero",
-    "stribeck_friction": "sets the frictionloss that the model states to zero",
-    "joint_spring": "absent springref is the middle of the angles seen, not the stated",
-    "hard_stop": "lifts the stop that the model states",
-    "torque_saturation": "lifts the forcerange that the model states",
-    "ground_friction": "absent friction is the largest of all geoms, not the ground's",
-    "ground_compliance": "absent values are MuJoCo's, not the solref that is stated",
-}
-STATED = [
-    pytest.param(n, marks=pytest.mark.xfail(strict=True, reason=OVERRIDES[n]))
-    if n in OVERRIDES
-    else n
-    for n in CAN_BE_ABSENT
-]
 
 
 @pytest.fixture(scope="module")
@@ -231,12 +219,77 @@ def stating(tmp_path_factory):
     return found
 
 
-@pytest.mark.parametrize("name", STATED)
+@pytest.mark.parametrize("name", CAN_BE_ABSENT)
 def test_an_absent_effect_leaves_what_the_model_states(name, stating):
     most = NEARLY_ABSENT.get(name, 1e-7)
     for b in stating.values():
         for term in effect(name).terms(b.scene):
             assert _moved(b, (term,), _absent(term)) <= most, term.label
+
+
+def _told(b, *pairs):
+    """What terms of these values predict."""
+    values = np.concatenate([np.atleast_1d(v) for _, v in pairs])
+    return b.world.simulate([t for t, _ in pairs], values[None], b.pieces)[0]
+
+
+def _of_elbow(b, name, **note):
+    """An effect's term at the arm's second joint, or its actuator."""
+    wanted = ("joint:elbow",), ("actuator:elbow_servo",)
+    return next(
+        t for t in effect(name).terms(b.scene)
+        if t.targets in wanted and note.items() <= t.note.items()
+    )  # fmt: skip
+
+
+def test_a_stop_or_a_limit_beyond_the_stated_one_changes_nothing(stating):
+    b = stating["arm"]
+    wider = [
+        ("hard_stop", {"side": 1}, 0.55), ("hard_stop", {"side": -1}, -0.65),
+        ("torque_saturation", {}, 1.25),
+    ]  # fmt: skip
+    for name, note, value in wider:
+        assert _moved(b, (_of_elbow(b, name, **note),), [value]) < 1e-7, name
+
+
+def test_dry_friction_without_its_peculiarity_is_coulomb_friction(stating):
+    b = stating["arm"]
+    plain = _told(b, (_of_elbow(b, "coulomb_friction"), 0.12))
+    stribeck = _told(b, (_of_elbow(b, "stribeck_friction"), (0.12, 0.12, 0.1)))
+    asymmetric = _told(b, (_of_elbow(b, "asymmetric_friction"), (0.12, 0.12)))
+    np.testing.assert_allclose(stribeck, plain, atol=1e-9)
+    np.testing.assert_allclose(asymmetric, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["stribeck_friction", "asymmetric_friction"])
+def test_dry_friction_adds_to_that_of_the_load_in_any_order(name, stating):
+    b = stating["arm"]
+    load = _of_elbow(b, "load_dependent_friction"), 0.2
+    own = _of_elbow(b, name), (0.1, 0.2, 0.1)[: len(_of_elbow(b, name).parameters)]
+    both = _told(b, load, own)
+    np.testing.assert_allclose(both, _told(b, own, load), atol=1e-9)
+    assert np.abs(both - _told(b, own)).max() > 1e-4
+
+
+def test_what_the_ground_is_like_is_what_its_contact_is_like(stating):
+    b = stating["box"]
+    for name, field, values in (
+        ("ground_friction", "friction", (0.25,)),
+        ("ground_compliance", "solref", (0.03, 0.4)),
+    ):
+        (term,) = effect(name).terms(b.scene)
+        plant = b.world.workshop.plant([term])
+        contact = _resting(plant.variant([term], np.array(values)))
+        told = np.atleast_1d(getattr(contact, field))[: len(values)]
+        np.testing.assert_allclose(told, values)
+
+
+def _resting(model):
+    """A contact of the box that lies on the floor."""
+    data = mujoco.MjData(model)
+    data.qpos[:3] = 0, 0, 0.039
+    mujoco.mj_forward(model, data)
+    return data.contact[0]
 
 
 def test_the_stiffer_a_compliant_drive_the_less_it_shows(benches):

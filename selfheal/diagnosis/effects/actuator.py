@@ -48,6 +48,8 @@ class AtActuator(Effect):
 
 
 class CommandDelay(AtActuator):
+    """A delay beyond the one that the model states."""
+
     name = "command_delay"
     says = "A command takes effect some time after it is given."
     equation = "u(t) = ctrl(t - delay)"
@@ -66,9 +68,10 @@ class CommandDelay(AtActuator):
         return _changed(ctrl, place, _late(ctrl[..., place["actuator"]], values / step))
 
     def changes(self, model, place, values):
-        steps = int(np.ceil(values[0] / model.opt.timestep)) + 1
+        delay = float(model.actuator_delay[place["actuator"]]) + values[0]
+        steps = int(np.ceil(delay / model.opt.timestep)) + 1
         told = {
-            "delay": number(values[0]),
+            "delay": number(delay),
             "nsample": str(max(steps, 2) + 1),
             "interp": "linear",
         }
@@ -161,7 +164,7 @@ class RateLimit(AtActuator):
     def parameters(self, scene, actuator):
         rate = actuator.rate
         unit = f"{actuator.unit}/s"
-        return (Parameter("rate", unit, 1e3 * rate, 1e-2 * rate, 1e3 * rate, rate),)
+        return (Parameter("rate", unit, np.inf, 1e-2 * rate, 1e3 * rate, rate),)
 
     def starts(self, scene, actuator):
         return tuple((share * actuator.rate,) for share in (0.3, 1.0, 3.0))
@@ -181,6 +184,8 @@ class RateLimit(AtActuator):
 
 
 class TorqueSaturation(AtActuator):
+    """A limit inside the forcerange that the model states: it lifts none."""
+
     name = "torque_saturation"
     says = "The actuator gives no more than so much torque."
     equation = "|tau| <= limit"
@@ -191,17 +196,18 @@ class TorqueSaturation(AtActuator):
     def parameters(self, scene, actuator):
         most = actuator.most
         low, high = 0.005 * most, 20 * most
-        return (Parameter("limit", actuator.force, high, low, high, 0.1 * most),)
+        return (Parameter("limit", actuator.force, np.inf, low, high, 0.1 * most),)
 
     def starts(self, scene, actuator):
         return tuple((s * actuator.most,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05))
 
     def edit(self, model, place, values):
-        gear = abs(model.actuator_gear[place["actuator"], 0])
-        model.actuator_forcelimited[place["actuator"]] = 1
-        model.actuator_forcerange[place["actuator"]] = (
-            np.array([-1, 1]) * values[0] / gear
-        )
+        a = place["actuator"]
+        most = values[0] / abs(model.actuator_gear[a, 0])
+        limited = model.actuator_forcelimited[a]
+        stated = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
+        model.actuator_forcerange[a] = np.clip(stated, -most, most)
+        model.actuator_forcelimited[a] = 1
 
 
 class SpeedTorqueLimit(AtActuator):
@@ -217,9 +223,9 @@ class SpeedTorqueLimit(AtActuator):
         most, speed = actuator.most, scene.joint_at(actuator.dof).fastest
         unit = f"{scene.joint_at(actuator.dof).unit}/s"
         return (
-            Parameter("stall_torque", actuator.force, 20 * most, 0.01 * most,
+            Parameter("stall_torque", actuator.force, np.inf, 0.01 * most,
                       20 * most, 0.2 * most),
-            Parameter("no_load_speed", unit, 100 * speed, 0.2 * speed,
+            Parameter("no_load_speed", unit, np.inf, 0.2 * speed,
                       100 * speed, 0.3 * speed),
         )  # fmt: skip
 

@@ -9,6 +9,7 @@ from ..patch import Insert, Set, number
 from ..terms import Effect, Parameter, Term
 from .friction import Friction
 
+FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
 ROTOR = 0.01  # least inertia of a motor's side, of its joint's; chosen: it needs some
 
 
@@ -41,6 +42,8 @@ class Armature(AtJoint):
 
 
 class JointSpring(AtJoint):
+    """Stiffness and springref in the place of those that the model states."""
+
     name = "joint_spring"
     says = "A spring across the joint, a cable or a hose perhaps."
     equation = "tau = -stiffness (q - springref)"
@@ -50,20 +53,22 @@ class JointSpring(AtJoint):
     def parameters(self, scene, joint):
         unit = f"{joint.force}/{joint.unit}"
         scale = 0.2 * joint.torque / joint.range
-        middle, reach = joint.middle, 5 * joint.range + 1
+        reach = 5 * joint.range + 1
         now = float(scene.model.jnt_stiffness[joint.id])
+        ref = float(scene.model.qpos_spring[joint.qpos])
         return (
             Parameter("stiffness", unit, now, 0.0, 50 * scale + 10 * now, scale),
             Parameter(
-                "springref", joint.unit, middle, middle - reach, middle + reach,
-                0.3 * joint.range,
+                "springref", joint.unit, ref, min(ref, joint.middle) - reach,
+                max(ref, joint.middle) + reach, 0.3 * joint.range,
             ),
         )  # fmt: skip
 
     def starts(self, scene, joint):
         stiffness, ref = self.parameters(scene, joint)
         k = stiffness.absent + stiffness.scale
-        return ((k, 0.0), (k, ref.absent + joint.range), (k, ref.absent - joint.range))
+        ends = (joint.middle + joint.range, joint.middle - joint.range)
+        return tuple((k, q) for q in (ref.absent, *ends))
 
     def edit(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
@@ -76,6 +81,8 @@ def _with(term: Term, **more) -> Term:
 
 
 class HardStop(AtJoint):
+    """A stop inside the range that the model states: it takes none away."""
+
     name = "hard_stop"
     says = "A stop, or an obstacle, that the joint cannot pass."
     equation = "q <= range (or >=)"
@@ -97,9 +104,8 @@ def _one_sided(effect, joint, side: int) -> Term:
     end = joint.middle + side * joint.range / 2  # where the robot was seen to go
     reach = 0.5 * joint.range
     parameter = Parameter(
-        "range", joint.unit, end + side * 10 * reach, end - reach, end + reach,
-        0.1 * joint.range,
-    )  # fmt: skip
+        "range", joint.unit, side * np.inf, end - reach, end + reach, 0.1 * joint.range
+    )
     starts = ((end - side * 0.02 * joint.range,), (end - side * 0.1 * joint.range,))
     place = {"joint": joint.id, "side": side, "dof": joint.dof}
     note = {"side": side}
@@ -108,11 +114,10 @@ def _one_sided(effect, joint, side: int) -> Term:
 
 def _range(model, place, value) -> tuple[float, float]:
     joint = place["joint"]
-    if model.jnt_limited[joint]:
-        low, high = model.jnt_range[joint]
-    else:
-        low, high = value - 100.0, value + 100.0
-    return (value, high) if place["side"] < 0 else (low, value)
+    low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-FREE, FREE)
+    if place["side"] < 0:
+        return max(low, value), high
+    return low, min(high, value)
 
 
 class Cogging(AtJoint):
