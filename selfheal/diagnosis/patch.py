@@ -48,12 +48,15 @@ class Insert:
         name: of the parent.
         xml: the new text; where it stands sets its indentation.
         first: before everything else in the parent.
+        angles: attributes [rad] of the new element; written in degrees where the model
+            counts in them.
     """
 
     tag: str
     name: str | int
     xml: str
     first: bool = False
+    angles: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -461,6 +464,11 @@ class _Tree:
             return self.own(found[0 if first else -1])
         return self.insert(self.root, f"<{tag}/>", first=False)
 
+    def in_degrees(self) -> bool:
+        """Whether the text counts angles in degrees, as MJCF does unless told."""
+        told = [e.get("angle") for e in self.sections("compiler")]
+        return next((a for a in told[::-1] if a), "degree") == "degree"
+
     def configure(self, tag: str, attributes: Mapping[str, str | None]) -> None:
         """Change settings where they are made: the last word counts."""
         for name, value in attributes.items():
@@ -520,13 +528,20 @@ def _apply(tree: _Tree, edit: Set | Insert | Rename, element: _Element | None) -
     elif element is None:
         element = tree.find(edit.tag, str(edit.name))
     if isinstance(edit, Insert):
-        tree.insert(tree.own(element), edit.xml, edit.first)
+        new = tree.insert(tree.own(element), edit.xml, edit.first)
+        if tree.in_degrees():
+            new.set({name: _degrees(new.get(name)) for name in edit.angles})
         return
     if isinstance(edit, Rename) and element.tag != edit.to:
         tree.own(element).tag = edit.to
         element.close = f"</{edit.to}>" if element.close else None
     if element.news(edit.attributes):
         tree.own(element).set(edit.attributes)
+
+
+def _degrees(radians: str | None) -> str | None:
+    """Angles of a text in degrees; None without any."""
+    return radians and number(math.degrees(float(r)) for r in radians.split())
 
 
 def _read(path: str) -> str:

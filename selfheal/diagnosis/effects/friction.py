@@ -112,7 +112,7 @@ class StribeckFriction(Friction):
     name = "stribeck_friction"
     says = "Dry friction that is larger at rest and falls as the joint starts to move."
     equation = "tau = -(coulomb + (static - coulomb) exp(-(v/v_s)^2)) sign(v)"
-    source = "Stribeck; Armstrong-Helouvry 1994, eq. 3"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30"
     separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
     regime = "slow"
 
@@ -175,7 +175,7 @@ class AsymmetricFriction(Friction):
     name = "asymmetric_friction"
     says = "Dry friction of different size in the two directions."
     equation = "tau = -positive where v > 0, +negative where v < 0"
-    source = "effects.md 1, row 6"
+    source = "Corke 1996, A Robotics Toolbox for MATLAB: Link.Tc"
     separate_by = "move at the same constant speed both ways, without gravity"
     regime = "reversal"
 
