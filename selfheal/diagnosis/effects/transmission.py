@@ -279,7 +279,7 @@ class Extra(AtJoint):
         xml = " ".join(f'{k}="{v}"' for k, v in told.items())
         body = model.body(model.jnt_bodyid[joint.id]).name
         return [
-            Set("joint", joint.name, {"armature": number(self.rotor(model, place))}),
+            Set("joint", joint.name, {"armature": number(joint.armature)}),
             Insert("body", body, f"<joint {xml}/>", angles=() if slide else ("range",)),
         ]
 
