@@ -331,11 +331,7 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
 
 @pytest.mark.parametrize("name", ["backlash", "compliance"])
 def test_a_second_joint_inherits_nothing_and_counts_in_the_models_unit(name, tmp_path):
-    xml = ROBOTS["pendulum"].xml
-    for old, new in HEIRS.items():
-        assert old in xml
-        xml = xml.replace(old, new)
-    b = _bench(replace(ROBOTS["pendulum"], xml=xml), tmp_path)
+    b = _pendulum(tmp_path, **HEIRS)
     for n, term in enumerate(effect(name).terms(b.scene)):
         _check_replay(b, [term], tmp_path / str(n), 3e-6)
 
@@ -376,16 +372,17 @@ def _check_replay(b, own, folder, limit) -> None:
     terms, values = (*stated, *own), np.concatenate([factors, *present])
     told = b.world.simulate(terms, values[None], b.pieces)[0]
     assert np.isfinite(told).all()
-    text, _ = patch_of(b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0))))
+    text = _patch(b, terms, values)
     _write(folder, text, _document(stated, factors, own, present))
     for model in (None, b.path):
         apart = _apart(b, replay(folder, b.recording, model=model), told)
         assert apart < limit, (own[0].label, own[0].note, model, apart)
 
 
-def b_case(b):
-    """As much of a case as a patch needs."""
-    return SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+def _patch(b, terms, values) -> str:
+    """The text of a patch that says so much."""
+    case = SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+    return patch_of(case, Fit(terms, values, np.zeros(0), np.zeros((0, 0))))[0]
 
 
 def _factors(stated) -> np.ndarray:
@@ -432,6 +429,58 @@ def _apart(b, played, told) -> float:
         apart = np.abs(read - told[:, c.columns]).max()
         worst = max(worst, apart / max(size, 1e-3 * c.spread))
     return worst
+
+
+# bounds and places
+
+
+def _pendulum(folder, **changes):
+    """A pendulum whose model has some words changed."""
+    xml = ROBOTS["pendulum"].xml
+    for old, new in changes.items():
+        assert old in xml
+        xml = xml.replace(old, new)
+    return _bench(replace(ROBOTS["pendulum"], xml=xml), folder)
+
+
+def test_friction_may_be_as_large_as_what_motors_were_asked_for(benches):
+    b = benches["cart_pole"]  # without gravity on its rail, and a motor
+    (push,) = b.scene.actuators
+    for name in ("coulomb_friction", "stribeck_friction", "asymmetric_friction"):
+        rail, _ = effect(name).terms(b.scene)
+        assert (rail.high[:2] >= 0.99 * push.most).all()
+
+
+def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
+    b = benches["arm"]
+    for term in effect("payload").terms(b.scene):
+        assert term.high[0] >= sum(body.mass for body in b.scene.bodies)
+
+
+def test_wind_needs_something_that_blows(tmp_path):
+    still = _pendulum(tmp_path)
+    assert not effect("wind").terms(still.scene)
+    thick = _pendulum(tmp_path, **{"<option": '<option viscosity="0.1"'})
+    assert effect("wind").terms(thick.scene)
+
+
+def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
+    assert effect("integral_action").terms(_pendulum(tmp_path).scene)
+    geared = _pendulum(tmp_path, **{'kv="0.1"': 'kv="0.1" gear="2"'})
+    assert not effect("integral_action").terms(geared.scene)
+
+
+def test_a_lag_keeps_the_range_that_a_servo_inherited(tmp_path):
+    b = _pendulum(
+        tmp_path,
+        **{'armature="0.002"': 'armature="0.002" range="-40 40"',
+           'kv="0.1"': 'kv="0.1" inheritrange="1"'},
+    )  # fmt: skip
+    terms = tuple(effect("actuator_lag").terms(b.scene))
+    text = _patch(b, terms, np.array([0.05]))
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.actuator_ctrllimited.all()
+    np.testing.assert_allclose(model.actuator_ctrlrange, np.deg2rad([[-40, 40]]))
 
 
 # bodies

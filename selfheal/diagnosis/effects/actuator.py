@@ -117,7 +117,9 @@ class ActuatorLag(AtActuator):
         return ((0.01,), (0.05,), (0.2,))
 
     def fits(self, scene, actuator):
-        return scene.model.actuator_dyntype[actuator.id] == 0
+        model, a = scene.model, actuator.id
+        law = model.actuator_gaintype[a], model.actuator_biastype[a]
+        return model.actuator_dyntype[a] == 0 and max(law) <= 1  # fixed, none, affine
 
     def command(self, ctrl, step, place, values):
         u = ctrl[..., place["actuator"]]
@@ -149,7 +151,10 @@ def as_general(model, place, **attributes) -> list[Rename]:
         "gaintype": "affine" if model.actuator_gaintype[a] == 1 else "fixed",
         **{k: v if isinstance(v, str) else number(v) for k, v in attributes.items()},
     }
-    gone = dict.fromkeys(("kp", "kv", "dampratio", "timeconst", "inheritrange"))
+    if model.actuator_ctrllimited[a]:
+        told["ctrlrange"] = number(model.actuator_ctrlrange[a])  # not inherited now
+    own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")
+    gone = dict.fromkeys(own)
     return [Rename("actuator", _name(model, place), "general", {**gone, **told})]
 
 
@@ -262,9 +267,9 @@ class ServoGain(AtActuator):
     def parameters(self, scene, actuator):
         kp, kv = _gains(scene.model, actuator.id)
         unit = f"{actuator.force}/{actuator.unit}"
-        damping = scene.joint_at(actuator.dof)
-        high = 10 * kv + 5 * kp * 0.1
-        scale = 0.2 * kv + 0.05 * damping.torque / damping.speed
+        joint = scene.joint_at(actuator.dof)
+        high = 10 * kv + 0.5 * kp
+        scale = 0.2 * kv + 0.05 * joint.torque / joint.speed
         return (
             Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp),
             Parameter(
@@ -313,7 +318,9 @@ class IntegralAction(AtActuator):
         return ((0.5 * kp, actuator.most), (5 * kp, 0.5 * actuator.most))
 
     def fits(self, scene, actuator):
-        return actuator.servo and actuator.measured
+        # the sum of what was read is in the joint's unit, as the error without a gear
+        ungeared = scene.model.actuator_gear[actuator.id, 0] == 1
+        return actuator.servo and actuator.measured and ungeared
 
     def act(self, moment, place, values):
         # the sum since the episode began is that of the measured error up to the

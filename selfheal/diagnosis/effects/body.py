@@ -56,7 +56,9 @@ class Payload(AtBody):
                       float(body.box[i, 1]), 0.3 * body.size)
             for i, x in enumerate("xyz")
         ]  # fmt: skip
-        mass = Parameter("mass", "kg", 0.0, 0.0, 5 * body.chain, 0.2 * body.mass)
+        # a light hand may bear much: as much as all that moves
+        most = max(5 * body.chain, sum(b.mass for b in scene.bodies))
+        mass = Parameter("mass", "kg", 0.0, 0.0, most, 0.2 * body.mass)
         return (mass, *axis)
 
     def starts(self, scene, body):

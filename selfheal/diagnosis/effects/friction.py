@@ -40,6 +40,16 @@ class Friction(Effect):
         ]
 
 
+def strength(scene: Scene, joint) -> float:
+    """What bounds of torques go by [N m or N].
+
+    The joint's typical torque does not count what motors give, so a third of what they
+    were asked for at most does.
+    """
+    asked = [a.most / 3 for a in scene.actuators if a.dof == joint.dof]
+    return max([joint.torque, *asked])
+
+
 class ViscousFriction(Friction):
     name = "viscous_friction"
     says = "A torque against the motion, proportional to speed."
@@ -52,7 +62,8 @@ class ViscousFriction(Friction):
         unit = f"{joint.force} s/{joint.unit}"
         scale = 0.2 * joint.torque / joint.speed
         now = float(scene.model.dof_damping[joint.dof])
-        return (Parameter("damping", unit, now, 0.0, 50 * scale + 10 * now, scale),)
+        high = 10 * strength(scene, joint) / joint.speed + 10 * now
+        return (Parameter("damping", unit, now, 0.0, high, scale),)
 
     def starts(self, scene, joint):
         (p,) = self.parameters(scene, joint)
@@ -74,7 +85,8 @@ class QuadraticDamping(Friction):
         unit = f"{joint.force} s^2/{joint.unit}^2"
         scale = 0.2 * joint.torque / joint.speed**2
         now = float(scene.model.dof_dampingpoly[joint.dof, 0])
-        return (Parameter("damping2", unit, now, 0.0, 50 * scale + 10 * now, scale),)
+        high = 10 * strength(scene, joint) / joint.speed**2 + 10 * now
+        return (Parameter("damping2", unit, now, 0.0, high, scale),)
 
     def edit(self, model, place, values):
         model.dof_dampingpoly[place["dof"], 0] = values[0]
@@ -103,7 +115,7 @@ class CoulombFriction(Friction):
 def _dry(scene: Scene, joint) -> tuple[float, float, float]:
     """Dry friction of a joint [N m or N]: as stated, a search's step, the largest."""
     now = float(scene.model.dof_frictionloss[joint.dof])
-    return now, 0.1 * joint.torque, 3 * joint.torque + 10 * now
+    return now, 0.1 * joint.torque, 3 * strength(scene, joint) + 10 * now
 
 
 class StribeckFriction(Friction):

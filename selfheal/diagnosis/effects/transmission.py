@@ -8,7 +8,7 @@ import numpy as np
 from ..patch import Insert, Set, number
 from ..terms import Effect, Parameter, Term
 from .actuator import least_inertia
-from .friction import Friction
+from .friction import Friction, strength
 
 FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
 SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
@@ -54,11 +54,12 @@ class JointSpring(AtJoint):
     def parameters(self, scene, joint):
         unit = f"{joint.force}/{joint.unit}"
         scale = 0.2 * joint.torque / joint.range
+        high = 10 * strength(scene, joint) / joint.range
         reach = 5 * joint.range + 1
         now = float(scene.model.jnt_stiffness[joint.id])
         ref = float(scene.model.qpos_spring[joint.qpos])
         return (
-            Parameter("stiffness", unit, now, 0.0, 50 * scale + 10 * now, scale),
+            Parameter("stiffness", unit, now, 0.0, high + 10 * now, scale),
             Parameter(
                 "springref", joint.unit, ref, min(ref, joint.middle) - reach,
                 max(ref, joint.middle) + reach, 0.3 * joint.range,
@@ -131,9 +132,9 @@ class Cogging(AtJoint):
     regime = "slow"
 
     def parameters(self, scene, joint):
-        scale = 0.1 * joint.torque
+        scale, high = 0.1 * joint.torque, 3 * strength(scene, joint)
         return (
-            Parameter("amplitude", joint.force, 0.0, 0.0, 30 * scale, scale),
+            Parameter("amplitude", joint.force, 0.0, 0.0, high, scale),
             Parameter("poles", "1", 10.0, 1.0, 200.0, 1.0 / max(joint.range, 0.05)),
             Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
         )
@@ -168,17 +169,18 @@ class JointCoupling(Effect):
 
     def terms(self, scene):
         return [
-            self._between(a, b)
+            self._between(scene, a, b)
             for a in scene.joints
             for b in scene.joints
             if a.id < b.id
         ]
 
-    def _between(self, a, b) -> Term:
+    def _between(self, scene, a, b) -> Term:
         scale = 0.2 * a.torque / a.range
+        high = 10 * strength(scene, a) / a.range
         unit = f"{a.force}/{a.unit}"
         parameters = (
-            Parameter("stiffness", unit, 0.0, 0.0, 50 * scale, scale),
+            Parameter("stiffness", unit, 0.0, 0.0, high, scale),
             Parameter("ratio", "1", 1.0, -5.0, 5.0, 0.3),
         )
         place = {"joint": a.id, "dof": a.dof, "qpos": a.qpos}

@@ -77,7 +77,7 @@ class Wind(OfWorld):
     separate_by = "turn the robot by 180 degrees"
 
     def terms(self, scene):
-        if not scene.model.opt.density:
+        if not (scene.model.opt.density or scene.model.opt.viscosity):
             return []
         axes = tuple(
             Parameter("v" + x, "m/s", float(scene.model.opt.wind[i]), -50.0, 50.0, 1.0)
