@@ -1,9 +1,11 @@
 """Every effect: absent it is not there, present it shows, and a patch says the same."""
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench, places
@@ -11,6 +13,7 @@ from toys_diagnosis import ROBOTS, bench, places
 from selfheal.diagnosis import score
 from selfheal.diagnosis.answer import patch_of
 from selfheal.diagnosis.effects import GROUPS, catalogue, effect
+from selfheal.diagnosis.effects.body import add_mass, set_spatial, spatial
 from selfheal.diagnosis.fit import Fit
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.stated import stated_terms
@@ -60,8 +63,8 @@ CONTRACT = {
     "quantization": ("sensor", {"step": None}),
 }  # fmt: skip
 ALWAYS_THERE = {"limb_loss", "joint_jam"}  # no value undoes them
-# a gap or a spring stands behind a rotor of some inertia, and MuJoCo's stops are soft
-NEARLY_ABSENT = {"backlash": 0.06}  # of the signal's spread
+# a gap stands behind a rotor of some inertia, and MuJoCo's stops are soft
+NEARLY_ABSENT = {"backlash": 0.02}  # of the signal's spread
 NEVER_ABSENT = {*ALWAYS_THERE, "compliance"}  # so stiff a spring does not compute
 NAMES = tuple(CONTRACT)
 
@@ -69,14 +72,14 @@ NAMES = tuple(CONTRACT)
 @pytest.fixture(scope="module")
 def benches(tmp_path_factory):
     """Robots of different shape, their recordings, and what they predict as given."""
-    found = {}
-    for name in places():
-        folder = tmp_path_factory.mktemp(name)
-        b = bench(name, folder, episodes=2, seconds=0.8, seed=4)
-        pieces = score.replayed(b.world)
-        plain = b.world.simulate((), np.zeros((1, 0)), pieces)[0]
-        found[name] = SimpleNamespace(**vars(b), pieces=pieces, plain=plain)
-    return found
+    return {n: _bench(ROBOTS[n], tmp_path_factory.mktemp(n)) for n in places()}
+
+
+def _bench(robot, folder):
+    b = bench(robot, folder, episodes=2, seconds=0.8, seed=4)
+    pieces = score.replayed(b.world)
+    plain = b.world.simulate((), np.zeros((1, 0)), pieces)[0]
+    return SimpleNamespace(**vars(b), pieces=pieces, plain=plain)
 
 
 def _terms(benches, name, most=2):
@@ -175,19 +178,17 @@ CAN_BE_ABSENT = [n for n in NAMES if n not in NEVER_ABSENT]
 def test_at_its_absent_values_an_effect_is_not_there(name, benches):
     for b, term in _terms(benches, name):
         moved = _moved(b, (term,), _absent(term))
-        present = _moved(b, (term,), _absent(term) + 3 * term.scale)
-        most = (
-            max(NEARLY_ABSENT[name], 0.3 * present) if name in NEARLY_ABSENT else 1e-7
-        )
-        assert moved <= most, (term.label, moved)
+        assert moved <= NEARLY_ABSENT.get(name, 1e-7), (term.label, moved)
 
 
 # a model that states much of what an effect could be
 STATING = {
     "arm": {
+        'damping="0.03"': 'damping="0.03 0.002"',
         'armature="0.005"': 'armature="0.005" frictionloss="0.05" stiffness="0.5" '
         'springref="0.2" limited="true" range="-0.6 0.5"',
-        'kp="10" kv="0.4"': 'kp="10" kv="0.4" forcerange="-1 1"',
+        'kp="10" kv="0.4"': 'kp="10" kv="0.4" forcerange="-1 1.2" delay="0.01" '
+        'nsample="8"',
     },
     "box": {
         'friction="0.6 0.005 0.0001"/>\n    <body': 'friction="0.6 0.005 0.0001" '
@@ -196,21 +197,6 @@ STATING = {
         "    </body",
     },
 }
-OVERRIDES = {
-    "asymmetric_friction": "sets the frictionloss that the model states to zero",
-    "stribeck_friction": "sets the frictionloss that the model states to zero",
-    "joint_spring": "absent springref is the middle of the angles seen, not the stated",
-    "hard_stop": "lifts the stop that the model states",
-    "torque_saturation": "lifts the forcerange that the model states",
-    "ground_friction": "absent friction is the largest of all geoms, not the ground's",
-    "ground_compliance": "absent values are MuJoCo's, not the solref that is stated",
-}
-STATED = [
-    pytest.param(n, marks=pytest.mark.xfail(strict=True, reason=OVERRIDES[n]))
-    if n in OVERRIDES
-    else n
-    for n in CAN_BE_ABSENT
-]
 
 
 @pytest.fixture(scope="module")
@@ -223,20 +209,81 @@ def stating(tmp_path_factory):
             assert old in xml
             xml = xml.replace(old, new)
         robot = replace(ROBOTS[name], xml=xml)
-        folder = tmp_path_factory.mktemp(name)
-        b = bench(robot, folder, episodes=2, seconds=0.8, seed=4)
-        pieces = score.replayed(b.world)
-        plain = b.world.simulate((), np.zeros((1, 0)), pieces)[0]
-        found[name] = SimpleNamespace(**vars(b), pieces=pieces, plain=plain)
+        found[name] = _bench(robot, tmp_path_factory.mktemp(name))
     return found
 
 
-@pytest.mark.parametrize("name", STATED)
+@pytest.mark.parametrize("name", CAN_BE_ABSENT)
 def test_an_absent_effect_leaves_what_the_model_states(name, stating):
     most = NEARLY_ABSENT.get(name, 1e-7)
     for b in stating.values():
         for term in effect(name).terms(b.scene):
             assert _moved(b, (term,), _absent(term)) <= most, term.label
+
+
+def _told(b, *pairs):
+    """What terms of these values predict."""
+    values = np.concatenate([np.atleast_1d(v) for _, v in pairs])
+    return b.world.simulate([t for t, _ in pairs], values[None], b.pieces)[0]
+
+
+def _of_elbow(b, name, **note):
+    """An effect's term at the arm's second joint, or its actuator."""
+    wanted = ("joint:elbow",), ("actuator:elbow_servo",)
+    return next(
+        t for t in effect(name).terms(b.scene)
+        if t.targets in wanted and note.items() <= t.note.items()
+    )  # fmt: skip
+
+
+def test_a_stop_or_a_limit_beyond_the_stated_one_changes_nothing(stating):
+    b = stating["arm"]
+    wider = [
+        ("hard_stop", {"side": 1}, 0.55), ("hard_stop", {"side": -1}, -0.65),
+        ("torque_saturation", {}, 1.25),
+    ]  # fmt: skip
+    for name, note, value in wider:
+        assert _moved(b, (_of_elbow(b, name, **note),), [value]) < 1e-7, name
+
+
+def test_dry_friction_without_its_peculiarity_is_coulomb_friction(stating):
+    b = stating["arm"]
+    plain = _told(b, (_of_elbow(b, "coulomb_friction"), 0.12))
+    stribeck = _told(b, (_of_elbow(b, "stribeck_friction"), (0.12, 0.12, 0.1)))
+    asymmetric = _told(b, (_of_elbow(b, "asymmetric_friction"), (0.12, 0.12)))
+    np.testing.assert_allclose(stribeck, plain, atol=1e-9)
+    np.testing.assert_allclose(asymmetric, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["stribeck_friction", "asymmetric_friction"])
+def test_dry_friction_adds_to_that_of_the_load_in_any_order(name, stating):
+    b = stating["arm"]
+    load = _of_elbow(b, "load_dependent_friction"), 0.2
+    own = _of_elbow(b, name), (0.1, 0.2, 0.1)[: len(_of_elbow(b, name).parameters)]
+    both = _told(b, load, own)
+    np.testing.assert_allclose(both, _told(b, own, load), atol=1e-9)
+    assert np.abs(both - _told(b, own)).max() > 1e-4
+
+
+def test_what_the_ground_is_like_is_what_its_contact_is_like(stating):
+    b = stating["box"]
+    for name, field, values in (
+        ("ground_friction", "friction", (0.25,)),
+        ("ground_compliance", "solref", (0.03, 0.4)),
+    ):
+        (term,) = effect(name).terms(b.scene)
+        plant = b.world.workshop.plant([term])
+        contact = _resting(plant.variant([term], np.array(values)))
+        told = np.atleast_1d(getattr(contact, field))[: len(values)]
+        np.testing.assert_allclose(told, values)
+
+
+def _resting(model):
+    """A contact of the box that lies on the floor."""
+    data = mujoco.MjData(model)
+    data.qpos[:3] = 0, 0, 0.039
+    mujoco.mj_forward(model, data)
+    return data.contact[0]
 
 
 def test_the_stiffer_a_compliant_drive_the_less_it_shows(benches):
@@ -245,6 +292,24 @@ def test_the_stiffer_a_compliant_drive_the_less_it_shows(benches):
         k, d = term.scale
         moved = [_moved(b, (term,), (s * k, s**0.5 * d)) for s in (0.3, 1, 3, 10)]
         assert np.all(np.diff(moved) < 0)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
+def test_a_light_rotor_does_not_diverge(integrator, tmp_path):
+    xml = re.sub(' armature="[^"]*"', "", ROBOTS["arm"].xml)
+    b = _bench(
+        replace(ROBOTS["arm"], xml=xml.replace("implicitfast", integrator)), tmp_path
+    )
+    for name in ("backlash", "compliance", "limb_loss"):
+        for term in effect(name).terms(b.scene):
+            for values in (*term.starts, term.low, term.high):
+                assert np.isfinite(_moved(b, (term,), values)), (term.label, values)
+
+
+def test_so_stiff_a_drive_as_a_search_may_try_hardly_shows(benches):
+    b = benches["arm"]
+    for term in effect("compliance").terms(b.scene):
+        assert _moved(b, (term,), (term.high[0], term.scale[1])) < 0.01
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -259,32 +324,65 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
 ):
     """With every stated value changed too; on the patched and on the given model."""
     for n, (b, term) in enumerate(_terms(benches, name)):
-        stated = tuple(stated_terms(b.scene))
-        factors = _factors(stated)
-        terms, own = (*stated, term), _present(term)
-        values = np.concatenate([factors, own])
-        told = b.world.simulate(terms, values[None], b.pieces)[0]
-        assert np.isfinite(told).all()
-        text, _ = patch_of(b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0))))
-        folder = tmp_path / str(n)
-        _write(folder, text, _document(stated, factors, term, own))
-        for model in (None, b.path):
-            played = replay(folder, b.recording, model=model)
-            apart = _apart(b, played, told)
-            assert apart < _limit(b, name), (term.label, term.note, model, apart)
+        # a contact makes much of a text's last digit
+        limit = 0.03 if b.scene.touches else 3e-6
+        _check_replay(b, [term], tmp_path / str(n), limit)
 
 
-def _limit(b, name) -> float:
-    """Of the effect's own size."""
-    if b.scene.touches:
-        return 0.03  # a contact makes much of a text's last digit
-    # the box that stands for a round body in a fluid may lie at any angle about it
-    return 1e-3 if name == "fluid_drag" else 3e-6
+@pytest.mark.parametrize("name", ["backlash", "compliance"])
+def test_a_second_joint_inherits_nothing_and_counts_in_the_models_unit(name, tmp_path):
+    b = _pendulum(tmp_path, **HEIRS)
+    for n, term in enumerate(effect(name).terms(b.scene)):
+        _check_replay(b, [term], tmp_path / str(n), 3e-6)
 
 
-def b_case(b):
-    """As much of a case as a patch needs."""
-    return SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+# a joint in degrees, in a frame, with defaults that a second one must not take over
+HEIRS = {
+    "<worldbody>": '<default><joint damping="0.02 0.01" armature="0.002" margin="0.1" '
+    'stiffness="0.3 0.1" springref="20" frictionloss="0.01" range="-200 200" '
+    'solimplimit="0.5 0.6 0.01"/></default>\n  <worldbody>',
+    '<joint name="hinge" type="hinge" axis="0 1 0"': '<frame euler="0 0 90">'
+    '<joint name="hinge" axis="1 0 0" stiffness="0"',
+    'armature="0.002"/>\n': 'armature="0.002"/></frame>\n',
+}
+
+
+def test_a_second_joint_stands_behind_the_last_of_a_body(tmp_path):
+    xml = ROBOTS["arm"].xml
+    shoulder, elbow = re.findall("<joint name=.*?/>", xml)
+    xml = xml.replace(elbow, "").replace(shoulder, shoulder + elbow)
+    b = _bench(replace(ROBOTS["arm"], xml=xml), tmp_path)
+    for name in ("backlash", "compliance"):
+        found = {t.targets for t in effect(name).terms(b.scene)}
+        assert found == {("joint:elbow",)}
+
+
+def test_two_joints_with_play_are_one_each(benches, tmp_path):
+    b = benches["arm"]
+    found = effect("backlash").terms(b.scene)
+    terms = [t for t in found if t.note["measured"] == "motor"]
+    assert len(terms) == 2
+    _check_replay(b, terms, tmp_path / "both", 3e-6)
+
+
+def _check_replay(b, own, folder, limit) -> None:
+    """That a patch with these effects says what simulating them did, and a replay."""
+    stated = tuple(stated_terms(b.scene))
+    factors, present = _factors(stated), [_present(t) for t in own]
+    terms, values = (*stated, *own), np.concatenate([factors, *present])
+    told = b.world.simulate(terms, values[None], b.pieces)[0]
+    assert np.isfinite(told).all()
+    text = _patch(b, terms, values)
+    _write(folder, text, _document(stated, factors, own, present))
+    for model in (None, b.path):
+        apart = _apart(b, replay(folder, b.recording, model=model), told)
+        assert apart < limit, (own[0].label, own[0].note, model, apart)
+
+
+def _patch(b, terms, values) -> str:
+    """The text of a patch that says so much."""
+    case = SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+    return patch_of(case, Fit(terms, values, np.zeros(0), np.zeros((0, 0))))[0]
 
 
 def _factors(stated) -> np.ndarray:
@@ -293,20 +391,22 @@ def _factors(stated) -> np.ndarray:
     return 1 + 0.6 * reach * rng.uniform(-1, 1, len(stated))
 
 
-def _document(stated, factors, term, values) -> dict:
-    finding = {
-        "effect": term.effect.name, **term.note, "native": native(term),
-        "parameters": [
-            {"name": p.name, "value": float(v)}
-            for p, v in zip(term.parameters, values, strict=True)
-        ],
-    }  # fmt: skip
+def _document(stated, factors, own, present) -> dict:
+    findings = [
+        {"effect": term.effect.name, "target": target, **term.note,
+         "native": native(term),
+         "parameters": [
+             {"name": p.name, "value": float(v)}
+             for p, v in zip(term.parameters, values, strict=True)
+         ]}
+        for term, values in zip(own, present, strict=True)
+        for target in term.targets
+    ]  # fmt: skip
     refit = [
         {"parameter": t.targets[0], "given": t.note["value"],
          "value": t.note["value"] * float(f)}
         for t, f in zip(stated, factors, strict=True)
     ]  # fmt: skip
-    findings = [{**finding, "target": target} for target in term.targets]
     return {"format": "selfheal-diagnosis", "version": 1, "findings": findings,
             "refit": refit}  # fmt: skip
 
@@ -329,3 +429,77 @@ def _apart(b, played, told) -> float:
         apart = np.abs(read - told[:, c.columns]).max()
         worst = max(worst, apart / max(size, 1e-3 * c.spread))
     return worst
+
+
+# bounds and places
+
+
+def _pendulum(folder, **changes):
+    """A pendulum whose model has some words changed."""
+    xml = ROBOTS["pendulum"].xml
+    for old, new in changes.items():
+        assert old in xml
+        xml = xml.replace(old, new)
+    return _bench(replace(ROBOTS["pendulum"], xml=xml), folder)
+
+
+def test_friction_may_be_as_large_as_what_motors_were_asked_for(benches):
+    b = benches["cart_pole"]  # without gravity on its rail, and a motor
+    (push,) = b.scene.actuators
+    for name in ("coulomb_friction", "stribeck_friction", "asymmetric_friction"):
+        rail, _ = effect(name).terms(b.scene)
+        assert (rail.high[:2] >= 0.99 * push.most).all()
+
+
+def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
+    b = benches["arm"]
+    for term in effect("payload").terms(b.scene):
+        assert term.high[0] >= sum(body.mass for body in b.scene.bodies)
+
+
+def test_wind_needs_something_that_blows(tmp_path):
+    still = _pendulum(tmp_path)
+    assert not effect("wind").terms(still.scene)
+    thick = _pendulum(tmp_path, **{"<option": '<option viscosity="0.1"'})
+    assert effect("wind").terms(thick.scene)
+
+
+def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
+    assert effect("integral_action").terms(_pendulum(tmp_path).scene)
+    geared = _pendulum(tmp_path, **{'kv="0.1"': 'kv="0.1" gear="2"'})
+    assert not effect("integral_action").terms(geared.scene)
+
+
+def test_a_lag_keeps_the_range_that_a_servo_inherited(tmp_path):
+    b = _pendulum(
+        tmp_path,
+        **{'armature="0.002"': 'armature="0.002" range="-40 40"',
+           'kv="0.1"': 'kv="0.1" inheritrange="1"'},
+    )  # fmt: skip
+    terms = tuple(effect("actuator_lag").terms(b.scene))
+    text = _patch(b, terms, np.array([0.05]))
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.actuator_ctrllimited.all()
+    np.testing.assert_allclose(model.actuator_ctrlrange, np.deg2rad([[-40, 40]]))
+
+
+# bodies
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_body_given_an_inertia_has_it(seed):
+    rng = np.random.default_rng(seed)
+    model = mujoco.MjModel.from_xml_string(ROBOTS["arm"].xml)
+    root = rng.normal(size=(3, 3)) * 0.05
+    inertia = root @ root.T + 0.1 * np.eye(3)
+    set_spatial(model, 1, 1.0, np.zeros(3), inertia)
+    np.testing.assert_allclose(spatial(model, 1), inertia, atol=1e-12)
+
+
+def test_a_rod_that_bears_more_keeps_its_axes():
+    model = mujoco.MjModel.from_xml_string(ROBOTS["arm"].xml)
+    axes = model.body_iquat[1].copy()
+    for mass in (0.0, 1e-9, 0.5):
+        add_mass(model, 1, mass, np.array([0.2, 0.0, 0.0]))  # on its axis
+        np.testing.assert_allclose(model.body_iquat[1], axes, atol=1e-12)
+    assert model.body_mass[1] > 0.8

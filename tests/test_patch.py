@@ -210,6 +210,26 @@ def test_an_inserted_element_can_be_edited(arm, tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    "compilers, range_",
+    [
+        ("", "-90 180"),
+        ('<compiler angle="radian"/>', "-1.5707963 3.1415927"),
+        ('<compiler angle="radian"/><compiler angle="degree"/>', "-90 180"),
+        ('<include file="c.xml"/>', "-1.5707963 3.1415927"),
+    ],
+)
+def test_an_inserted_angle_is_in_the_models_unit(compilers, range_, tmp_path):
+    (tmp_path / "c.xml").write_text('<mujoco><compiler angle="radian"/></mujoco>')
+    path = tmp_path / "m.xml"
+    path.write_text(
+        f'<mujoco>{compilers}<worldbody><body name="b"/></worldbody></mujoco>'
+    )
+    xml = '<joint range="-1.5707963 3.1415927"/>'
+    text = patched(path, [Insert("body", "b", xml, angles=("range",))], tmp_path)
+    assert f'<joint range="{range_}"/>' in text
+
+
 def test_renaming_changes_the_tag_and_the_attributes(arm, tmp_path):
     told = {"kp": None, "gainprm": "10", "biastype": "affine", "biasprm": "0 -10 0"}
     rename = Rename("actuator", "servo", "general", told)

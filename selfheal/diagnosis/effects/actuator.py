@@ -48,6 +48,8 @@ class AtActuator(Effect):
 
 
 class CommandDelay(AtActuator):
+    """A delay beyond the one that the model states."""
+
     name = "command_delay"
     says = "A command takes effect some time after it is given."
     equation = "u(t) = ctrl(t - delay)"
@@ -66,9 +68,10 @@ class CommandDelay(AtActuator):
         return _changed(ctrl, place, _late(ctrl[..., place["actuator"]], values / step))
 
     def changes(self, model, place, values):
-        steps = int(np.ceil(values[0] / model.opt.timestep)) + 1
+        delay = float(model.actuator_delay[place["actuator"]]) + values[0]
+        steps = int(np.ceil(delay / model.opt.timestep)) + 1
         told = {
-            "delay": number(values[0]),
+            "delay": number(delay),
             "nsample": str(max(steps, 2) + 1),
             "interp": "linear",
         }
@@ -114,7 +117,9 @@ class ActuatorLag(AtActuator):
         return ((0.01,), (0.05,), (0.2,))
 
     def fits(self, scene, actuator):
-        return scene.model.actuator_dyntype[actuator.id] == 0
+        model, a = scene.model, actuator.id
+        law = model.actuator_gaintype[a], model.actuator_biastype[a]
+        return model.actuator_dyntype[a] == 0 and max(law) <= 1  # fixed, none, affine
 
     def command(self, ctrl, step, place, values):
         u = ctrl[..., place["actuator"]]
@@ -146,7 +151,10 @@ def as_general(model, place, **attributes) -> list[Rename]:
         "gaintype": "affine" if model.actuator_gaintype[a] == 1 else "fixed",
         **{k: v if isinstance(v, str) else number(v) for k, v in attributes.items()},
     }
-    gone = dict.fromkeys(("kp", "kv", "dampratio", "timeconst", "inheritrange"))
+    if model.actuator_ctrllimited[a]:
+        told["ctrlrange"] = number(model.actuator_ctrlrange[a])  # not inherited now
+    own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")
+    gone = dict.fromkeys(own)
     return [Rename("actuator", _name(model, place), "general", {**gone, **told})]
 
 
@@ -161,7 +169,7 @@ class RateLimit(AtActuator):
     def parameters(self, scene, actuator):
         rate = actuator.rate
         unit = f"{actuator.unit}/s"
-        return (Parameter("rate", unit, 1e3 * rate, 1e-2 * rate, 1e3 * rate, rate),)
+        return (Parameter("rate", unit, np.inf, 1e-2 * rate, 1e3 * rate, rate),)
 
     def starts(self, scene, actuator):
         return tuple((share * actuator.rate,) for share in (0.3, 1.0, 3.0))
@@ -181,6 +189,8 @@ class RateLimit(AtActuator):
 
 
 class TorqueSaturation(AtActuator):
+    """A limit inside the forcerange that the model states: it lifts none."""
+
     name = "torque_saturation"
     says = "The actuator gives no more than so much torque."
     equation = "|tau| <= limit"
@@ -191,17 +201,18 @@ class TorqueSaturation(AtActuator):
     def parameters(self, scene, actuator):
         most = actuator.most
         low, high = 0.005 * most, 20 * most
-        return (Parameter("limit", actuator.force, high, low, high, 0.1 * most),)
+        return (Parameter("limit", actuator.force, np.inf, low, high, 0.1 * most),)
 
     def starts(self, scene, actuator):
         return tuple((s * actuator.most,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05))
 
     def edit(self, model, place, values):
-        gear = abs(model.actuator_gear[place["actuator"], 0])
-        model.actuator_forcelimited[place["actuator"]] = 1
-        model.actuator_forcerange[place["actuator"]] = (
-            np.array([-1, 1]) * values[0] / gear
-        )
+        a = place["actuator"]
+        most = values[0] / abs(model.actuator_gear[a, 0])
+        limited = model.actuator_forcelimited[a]
+        stated = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
+        model.actuator_forcerange[a] = np.clip(stated, -most, most)
+        model.actuator_forcelimited[a] = 1
 
 
 class SpeedTorqueLimit(AtActuator):
@@ -217,9 +228,9 @@ class SpeedTorqueLimit(AtActuator):
         most, speed = actuator.most, scene.joint_at(actuator.dof).fastest
         unit = f"{scene.joint_at(actuator.dof).unit}/s"
         return (
-            Parameter("stall_torque", actuator.force, 20 * most, 0.01 * most,
+            Parameter("stall_torque", actuator.force, np.inf, 0.01 * most,
                       20 * most, 0.2 * most),
-            Parameter("no_load_speed", unit, 100 * speed, 0.2 * speed,
+            Parameter("no_load_speed", unit, np.inf, 0.2 * speed,
                       100 * speed, 0.3 * speed),
         )  # fmt: skip
 
@@ -256,9 +267,9 @@ class ServoGain(AtActuator):
     def parameters(self, scene, actuator):
         kp, kv = _gains(scene.model, actuator.id)
         unit = f"{actuator.force}/{actuator.unit}"
-        damping = scene.joint_at(actuator.dof)
-        high = 10 * kv + 5 * kp * 0.1
-        scale = 0.2 * kv + 0.05 * damping.torque / damping.speed
+        joint = scene.joint_at(actuator.dof)
+        high = 10 * kv + 0.5 * kp
+        scale = 0.2 * kv + 0.05 * joint.torque / joint.speed
         return (
             Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp),
             Parameter(
@@ -307,7 +318,9 @@ class IntegralAction(AtActuator):
         return ((0.5 * kp, actuator.most), (5 * kp, 0.5 * actuator.most))
 
     def fits(self, scene, actuator):
-        return actuator.servo and actuator.measured
+        # the sum of what was read is in the joint's unit, as the error without a gear
+        ungeared = scene.model.actuator_gear[actuator.id, 0] == 1
+        return actuator.servo and actuator.measured and ungeared
 
     def act(self, moment, place, values):
         # the sum since the episode began is that of the measured error up to the
@@ -318,3 +331,20 @@ class IntegralAction(AtActuator):
         torque = np.clip(ki * total, -most, most)
         moment.applied[:, place["dof"]] += torque
         total += error * moment.step
+
+
+def least_inertia(model, joint: int) -> float:
+    """Inertia [kg m^2 or kg] that the servos at a joint do not turn around in a step.
+
+    MuJoCo holds a servo's stiffness for a step, and with the integrators Euler and RK4
+    its damping too: a lighter joint diverges.
+    """
+    step = model.opt.timestep
+    servos = (
+        np.isin(model.actuator_trntype, (0, 1))  # at a joint
+        & (model.actuator_trnid[:, 0] == joint)
+        & (model.actuator_biastype == 1)  # affine
+    )
+    stiffness, damping = -model.actuator_biasprm[servos, 1:3].T
+    gear = model.actuator_gear[servos, 0]
+    return float((gear**2 * (stiffness * step + damping) * step).sum())

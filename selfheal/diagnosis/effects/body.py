@@ -4,6 +4,7 @@ import numpy as np
 
 from ..scene import Scene, along
 from ..terms import Effect, Floats, Parameter, Term
+from .actuator import least_inertia
 
 LEFT = 1e-3  # of a lost limb's mass and inertia; chosen: nothing, and it still steps
 
@@ -55,7 +56,9 @@ class Payload(AtBody):
                       float(body.box[i, 1]), 0.3 * body.size)
             for i, x in enumerate("xyz")
         ]  # fmt: skip
-        mass = Parameter("mass", "kg", 0.0, 0.0, 5 * body.chain, 0.2 * body.mass)
+        # a light hand may bear much: as much as all that moves
+        most = max(5 * body.chain, sum(b.mass for b in scene.bodies))
+        mass = Parameter("mass", "kg", 0.0, 0.0, most, 0.2 * body.mass)
         return (mass, *axis)
 
     def starts(self, scene, body):
@@ -68,26 +71,55 @@ class Payload(AtBody):
 
 def spatial(model, body: int) -> Floats:
     """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
-    import mujoco
-
-    flat = np.empty(9)
-    mujoco.mju_quat2Mat(flat, model.body_iquat[body])
-    turn = flat.reshape(3, 3)
+    turn = _matrix(model.body_iquat[body])
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
 
 
-def set_spatial(model, body: int, mass: float, com: Floats, inertia: Floats) -> None:
-    """Give a body its mass, center of mass and inertia (3, 3) about it."""
+def _matrix(quaternion: Floats) -> Floats:
+    """The rotation (3, 3) of a quaternion (4)."""
     import mujoco
 
-    sizes, turn = np.linalg.eigh(inertia)
-    if np.linalg.det(turn) < 0:
-        turn[:, 0] *= -1
+    flat = np.empty(9)
+    mujoco.mju_quat2Mat(flat, quaternion)
+    return flat.reshape(3, 3)
+
+
+def set_spatial(model, body: int, mass: float, com: Floats, inertia: Floats) -> None:
+    """Give a body its mass [kg], center of mass (3) [m] and inertia (3, 3) [kg m^2].
+
+    The inertia is about the center of mass, in the body's frame.
+    """
+    import mujoco
+
+    old = model.body_iquat[body].copy()
+    turn = _matrix(old)
+    sizes, further = _principal(turn.T @ inertia @ turn)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, further.ravel())
+    mujoco.mju_mulQuat(model.body_iquat[body], old, quaternion)
     model.body_mass[body] = mass
     model.body_ipos[body] = com
     model.body_inertia[body] = np.maximum(sizes, 1e-12)
-    mujoco.mju_mat2Quat(model.body_iquat[body], turn.ravel())
     model.body_sameframe[body] = 0
+
+
+def _principal(inertia: Floats) -> tuple[Floats, Floats]:
+    """Principal moments (3) of an inertia, and their axes (3, 3) in its frame.
+
+    By the rotations of Jacobi (1846), none beyond 45 degrees: axes that are principal
+    already stay, also where two moments are equal and any axes would do.
+    """
+    turned, axes = inertia, np.eye(3)
+    for p, q in 8 * ((0, 1), (0, 2), (1, 2)):
+        apart, product = turned[p, p] - turned[q, q], turned[p, q]
+        if abs(product) <= 1e-13 * np.trace(inertia):  # rounding
+            continue
+        angle = 0.5 * np.arctan2(2 * np.copysign(product, product * apart), abs(apart))
+        turn = np.eye(3)
+        turn[p, p] = turn[q, q] = np.cos(angle)
+        turn[q, p], turn[p, q] = np.sin(angle), -np.sin(angle)
+        turned, axes = turn.T @ turned @ turn, axes @ turn
+    return np.diag(turned), axes
 
 
 def _point(mass: float, at: Floats) -> Floats:
@@ -149,8 +181,6 @@ class LinkLength(AtBody):
 
 def stretch(model, body: int, ratio: float) -> None:
     """Scale what a body holds, and where its children hang, along its own length."""
-    import mujoco
-
     axis, _ = along(model, body)
     grow = np.eye(3) + (ratio - 1) * np.outer(axis, axis)
     inertia = spatial(model, body)
@@ -163,9 +193,7 @@ def stretch(model, body: int, ratio: float) -> None:
             model.body_pos[child] = grow @ model.body_pos[child]
     for geom in np.flatnonzero(model.geom_bodyid == body):
         model.geom_pos[geom] = grow @ model.geom_pos[geom]
-        turn = np.empty(9)
-        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-        lies = np.abs(turn.reshape(3, 3).T @ axis)  # along the geom's own axes
+        lies = np.abs(_matrix(model.geom_quat[geom]).T @ axis)  # along its own axes
         if lies.max() > 0.99:
             _stretch_geom(model, int(geom), int(lies.argmax()), ratio)
     for site in np.flatnonzero(model.site_bodyid == body):
@@ -225,6 +253,8 @@ class MountShift(AtBody):
 
 
 class LimbLoss(AtBody):
+    """What remains at its joints is as much of a rotor as their servos need."""
+
     name = "limb_loss"
     says = "The part, and all that hung on it, is gone."
     equation = "mass and contacts of the part are zero"
@@ -248,6 +278,9 @@ class LimbLoss(AtBody):
         for body in sorted(lost):
             model.body_mass[body] *= LEFT
             model.body_inertia[body] *= LEFT
+            for dof in np.flatnonzero(model.dof_bodyid == body):
+                least = least_inertia(model, model.dof_jntid[dof])
+                model.dof_armature[dof] = max(model.dof_armature[dof], least)
             geoms = np.flatnonzero(model.geom_bodyid == body)
             model.geom_size[geoms] *= LEFT
             model.geom_pos[geoms] *= LEFT
@@ -283,8 +316,8 @@ class JointJam(Effect):
         ]  # fmt: skip
 
     def edit(self, model, place, values):
-        # a spring of 20 ms period or so, critically damped
-        rate = 300.0
+        # a spring of 20 ms period or so, critically damped, that a step can carry
+        rate = min(300.0, 1 / model.opt.timestep)
         model.jnt_stiffness[place["joint"]] = place["inertia"] * rate**2
         model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[0]
         model.dof_damping[place["dof"]] = 2 * place["inertia"] * rate

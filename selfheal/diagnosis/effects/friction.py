@@ -1,4 +1,8 @@
-"""Friction in a joint, beyond what the model states."""
+"""Friction in a joint, beyond what the model states.
+
+A parameter that MJCF has too (damping, frictionloss) is the joint's new total. It takes
+the place of what the model states, also of that value refitted.
+"""
 
 import numpy as np
 
@@ -18,7 +22,7 @@ class Friction(Effect):
     def starts(self, scene: Scene, joint) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
         return tuple(
-            tuple(share * p.scale for p in self.parameters(scene, joint))
+            tuple(p.absent + share * p.scale for p in self.parameters(scene, joint))
             for share in (0.3, 1.0)
         )
 
@@ -36,6 +40,16 @@ class Friction(Effect):
         ]
 
 
+def strength(scene: Scene, joint) -> float:
+    """What bounds of torques go by [N m or N].
+
+    The joint's typical torque does not count what motors give, so a third of what they
+    were asked for at most does.
+    """
+    asked = [a.most / 3 for a in scene.actuators if a.dof == joint.dof]
+    return max([joint.torque, *asked])
+
+
 class ViscousFriction(Friction):
     name = "viscous_friction"
     says = "A torque against the motion, proportional to speed."
@@ -47,8 +61,9 @@ class ViscousFriction(Friction):
     def parameters(self, scene, joint):
         unit = f"{joint.force} s/{joint.unit}"
         scale = 0.2 * joint.torque / joint.speed
-        now = float(scene.model.dof_damping[joint.dof, ...].flat[0])
-        return (Parameter("damping", unit, now, 0.0, 50 * scale + 10 * now, scale),)
+        now = float(scene.model.dof_damping[joint.dof])
+        high = 10 * strength(scene, joint) / joint.speed + 10 * now
+        return (Parameter("damping", unit, now, 0.0, high, scale),)
 
     def starts(self, scene, joint):
         (p,) = self.parameters(scene, joint)
@@ -69,7 +84,9 @@ class QuadraticDamping(Friction):
     def parameters(self, scene, joint):
         unit = f"{joint.force} s^2/{joint.unit}^2"
         scale = 0.2 * joint.torque / joint.speed**2
-        return (Parameter("damping2", unit, 0.0, 0.0, 50 * scale, scale),)
+        now = float(scene.model.dof_dampingpoly[joint.dof, 0])
+        high = 10 * strength(scene, joint) / joint.speed**2 + 10 * now
+        return (Parameter("damping2", unit, now, 0.0, high, scale),)
 
     def edit(self, model, place, values):
         model.dof_dampingpoly[place["dof"], 0] = values[0]
@@ -84,9 +101,7 @@ class CoulombFriction(Friction):
     regime = "reversal"
 
     def parameters(self, scene, joint):
-        scale = 0.1 * joint.torque
-        now = float(scene.model.dof_frictionloss[joint.dof])
-        high = 30 * scale + 10 * now
+        now, scale, high = _dry(scene, joint)
         return (Parameter("frictionloss", joint.force, now, 0.0, high, scale),)
 
     def starts(self, scene, joint):
@@ -97,20 +112,28 @@ class CoulombFriction(Friction):
         model.dof_frictionloss[place["dof"]] = values[0]
 
 
+def _dry(scene: Scene, joint) -> tuple[float, float, float]:
+    """Dry friction of a joint [N m or N]: as stated, a search's step, the largest."""
+    now = float(scene.model.dof_frictionloss[joint.dof])
+    return now, 0.1 * joint.torque, 3 * strength(scene, joint) + 10 * now
+
+
 class StribeckFriction(Friction):
+    """A total, like `coulomb_friction`: absent, both torques are what is stated."""
+
     name = "stribeck_friction"
     says = "Dry friction that is larger at rest and falls as the joint starts to move."
     equation = "tau = -(coulomb + (static - coulomb) exp(-(v/v_s)^2)) sign(v)"
-    source = "Stribeck; Armstrong-Helouvry 1994, eq. 3"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30"
     separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
     regime = "slow"
 
     def parameters(self, scene, joint):
-        scale, high = 0.1 * joint.torque, 3 * joint.torque
+        now, scale, high = _dry(scene, joint)
         speed = f"{joint.unit}/s"
         return (
-            Parameter("coulomb", joint.force, 0.0, 0.0, high, scale),
-            Parameter("static", joint.force, 0.0, 0.0, 2 * high, scale),
+            Parameter("coulomb", joint.force, now, 0.0, high, scale),
+            Parameter("static", joint.force, now, 0.0, 2 * high, scale),
             Parameter(
                 "stribeck_velocity", speed, 0.1 * joint.speed, 1e-3 * joint.speed,
                 joint.speed, 0.1 * joint.speed,
@@ -118,15 +141,20 @@ class StribeckFriction(Friction):
         )  # fmt: skip
 
     def starts(self, scene, joint):
-        t, v = joint.torque, joint.speed
-        return ((0.03 * t, 0.1 * t, 0.1 * v), (0.1 * t, 0.3 * t, 0.1 * v),
-                (0.1 * t, 0.3 * t, 0.02 * v))  # fmt: skip
+        (now, t, _), v = _dry(scene, joint), joint.speed
+        return (
+            (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
+            (now + t, now + 3 * t, 0.02 * v),
+        )  # fmt: skip
+
+    def edit(self, model, place, values):
+        model.dof_frictionloss[place["dof"]] = values[0]
 
     def act(self, moment, place, values):
         dof = place["dof"]
         coulomb, static, speed = values.T
         slow = np.exp(-((moment.qvel[:, dof] / speed) ** 2))
-        moment.frictionloss[:, dof] = coulomb + (static - coulomb) * slow
+        moment.frictionloss[:, dof] += (static - coulomb) * slow
 
 
 class LoadDependentFriction(Friction):
@@ -154,26 +182,30 @@ def _driven(scene: Scene, term: Term) -> bool:
 
 
 class AsymmetricFriction(Friction):
+    """A total, like `coulomb_friction`: absent, both torques are what is stated."""
+
     name = "asymmetric_friction"
     says = "Dry friction of different size in the two directions."
     equation = "tau = -positive where v > 0, +negative where v < 0"
-    source = "effects.md 1, row 6"
+    source = "Corke 1996, A Robotics Toolbox for MATLAB: Link.Tc"
     separate_by = "move at the same constant speed both ways, without gravity"
     regime = "reversal"
 
     def parameters(self, scene, joint):
-        scale, high = 0.1 * joint.torque, 3 * joint.torque
+        now, scale, high = _dry(scene, joint)
         return (
-            Parameter("positive", joint.force, 0.0, 0.0, high, scale),
-            Parameter("negative", joint.force, 0.0, 0.0, high, scale),
+            Parameter("positive", joint.force, now, 0.0, high, scale),
+            Parameter("negative", joint.force, now, 0.0, high, scale),
         )
 
     def starts(self, scene, joint):
-        t = 0.1 * joint.torque
-        return ((t, 0.3 * t), (0.3 * t, t), (3 * t, t), (t, 3 * t))
+        now, t, _ = _dry(scene, joint)
+        pairs = ((1, 0.3), (0.3, 1), (3, 1), (1, 3))
+        return tuple((now + a * t, now + b * t) for a, b in pairs)
+
+    # a mean friction and a constant torque: the same, also where the joint sticks
+    def edit(self, model, place, values):
+        model.dof_frictionloss[place["dof"]] = values.mean()
 
     def act(self, moment, place, values):
-        # a mean friction and a constant torque: the same, also where the joint sticks
-        dof = place["dof"]
-        moment.frictionloss[:, dof] = values.mean(axis=1)
-        moment.applied[:, dof] -= (values[:, 0] - values[:, 1]) / 2
+        moment.applied[:, place["dof"]] -= (values[:, 0] - values[:, 1]) / 2

@@ -46,7 +46,7 @@ class SensorBias(OfSensor):
     parameter_name = "bias"
     says = "The sensor's zero is off."
     equation = "reading = true + bias"
-    source = "contract.md 4"
+    source = "JCGM 200:2012 (VIM), instrumental bias"
     separate_by = "bring the joint to a mechanical stop of known angle"
 
     def parameter(self, signal):
@@ -60,7 +60,7 @@ class SensorGain(OfSensor):
     parameter_name = "gain"
     says = "The sensor's scale is off."
     equation = "reading = gain true"
-    source = "contract.md 4"
+    source = "JCGM 200:2012 (VIM), sensitivity"
     separate_by = "bring the joint to two known angles"
 
     def parameter(self, signal):
@@ -72,7 +72,7 @@ class SensorDelay(OfSensor):
     parameter_name = "delay"
     says = "The sensor says what was true a while ago."
     equation = "reading(t) = true(t - delay)"
-    source = "contract.md 4; MuJoCo sensor/delay"
+    source = "MuJoCo sensor/delay (3.5)"
     separate_by = "let the joint swing with the motor off"
     regime = "fast"
 
@@ -91,7 +91,7 @@ class Quantization(OfSensor):
     parameter_name = "step"
     says = "The sensor knows only steps."
     equation = "reading = step round(true / step)"
-    source = "contract.md 4"
+    source = "JCGM 200:2012 (VIM), resolution"
     separate_by = "move slowly and look for a lattice of values"
     regime = "slow"
 

@@ -7,9 +7,11 @@ import numpy as np
 
 from ..patch import Insert, Set, number
 from ..terms import Effect, Parameter, Term
-from .friction import Friction
+from .actuator import least_inertia
+from .friction import Friction, strength
 
-ROTOR = 0.01  # least inertia of a motor's side, of its joint's; chosen: it needs some
+FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
+SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
 
 
 class AtJoint(Friction):
@@ -41,6 +43,8 @@ class Armature(AtJoint):
 
 
 class JointSpring(AtJoint):
+    """Stiffness and springref in the place of those that the model states."""
+
     name = "joint_spring"
     says = "A spring across the joint, a cable or a hose perhaps."
     equation = "tau = -stiffness (q - springref)"
@@ -50,20 +54,23 @@ class JointSpring(AtJoint):
     def parameters(self, scene, joint):
         unit = f"{joint.force}/{joint.unit}"
         scale = 0.2 * joint.torque / joint.range
-        middle, reach = joint.middle, 5 * joint.range + 1
+        high = 10 * strength(scene, joint) / joint.range
+        reach = 5 * joint.range + 1
         now = float(scene.model.jnt_stiffness[joint.id])
+        ref = float(scene.model.qpos_spring[joint.qpos])
         return (
-            Parameter("stiffness", unit, now, 0.0, 50 * scale + 10 * now, scale),
+            Parameter("stiffness", unit, now, 0.0, high + 10 * now, scale),
             Parameter(
-                "springref", joint.unit, middle, middle - reach, middle + reach,
-                0.3 * joint.range,
+                "springref", joint.unit, ref, min(ref, joint.middle) - reach,
+                max(ref, joint.middle) + reach, 0.3 * joint.range,
             ),
         )  # fmt: skip
 
     def starts(self, scene, joint):
         stiffness, ref = self.parameters(scene, joint)
         k = stiffness.absent + stiffness.scale
-        return ((k, 0.0), (k, ref.absent + joint.range), (k, ref.absent - joint.range))
+        ends = (joint.middle + joint.range, joint.middle - joint.range)
+        return tuple((k, q) for q in (ref.absent, *ends))
 
     def edit(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
@@ -76,6 +83,8 @@ def _with(term: Term, **more) -> Term:
 
 
 class HardStop(AtJoint):
+    """A stop inside the range that the model states: it takes none away."""
+
     name = "hard_stop"
     says = "A stop, or an obstacle, that the joint cannot pass."
     equation = "q <= range (or >=)"
@@ -97,9 +106,8 @@ def _one_sided(effect, joint, side: int) -> Term:
     end = joint.middle + side * joint.range / 2  # where the robot was seen to go
     reach = 0.5 * joint.range
     parameter = Parameter(
-        "range", joint.unit, end + side * 10 * reach, end - reach, end + reach,
-        0.1 * joint.range,
-    )  # fmt: skip
+        "range", joint.unit, side * np.inf, end - reach, end + reach, 0.1 * joint.range
+    )
     starts = ((end - side * 0.02 * joint.range,), (end - side * 0.1 * joint.range,))
     place = {"joint": joint.id, "side": side, "dof": joint.dof}
     note = {"side": side}
@@ -108,11 +116,10 @@ def _one_sided(effect, joint, side: int) -> Term:
 
 def _range(model, place, value) -> tuple[float, float]:
     joint = place["joint"]
-    if model.jnt_limited[joint]:
-        low, high = model.jnt_range[joint]
-    else:
-        low, high = value - 100.0, value + 100.0
-    return (value, high) if place["side"] < 0 else (low, value)
+    low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-FREE, FREE)
+    if place["side"] < 0:
+        return max(low, value), high
+    return low, min(high, value)
 
 
 class Cogging(AtJoint):
@@ -120,14 +127,14 @@ class Cogging(AtJoint):
     rare = True
     says = "A torque that repeats with the angle, of magnets or a gear's teeth."
     equation = "tau = amplitude sin(poles q + phase)"
-    source = "contract.md 4; MuJoCo dcmotor/cogging"
+    source = "MuJoCo actuator/dcmotor, cogging (3.7)"
     separate_by = "turn the joint slowly through its whole range"
     regime = "slow"
 
     def parameters(self, scene, joint):
-        scale = 0.1 * joint.torque
+        scale, high = 0.1 * joint.torque, 3 * strength(scene, joint)
         return (
-            Parameter("amplitude", joint.force, 0.0, 0.0, 30 * scale, scale),
+            Parameter("amplitude", joint.force, 0.0, 0.0, high, scale),
             Parameter("poles", "1", 10.0, 1.0, 200.0, 1.0 / max(joint.range, 0.05)),
             Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
         )
@@ -157,22 +164,23 @@ class JointCoupling(Effect):
     group = "transmission"
     says = "A spring between two joints, a cable that runs over both perhaps."
     equation = "tau = -stiffness (q - ratio q_other), and ratio times its opposite"
-    source = "contract.md 4; MuJoCo tendon/fixed"
+    source = "MuJoCo tendon/fixed, stiffness"
     separate_by = "hold one joint and move the other"
 
     def terms(self, scene):
         return [
-            self._between(a, b)
+            self._between(scene, a, b)
             for a in scene.joints
             for b in scene.joints
             if a.id < b.id
         ]
 
-    def _between(self, a, b) -> Term:
+    def _between(self, scene, a, b) -> Term:
         scale = 0.2 * a.torque / a.range
+        high = 10 * strength(scene, a) / a.range
         unit = f"{a.force}/{a.unit}"
         parameters = (
-            Parameter("stiffness", unit, 0.0, 0.0, 50 * scale, scale),
+            Parameter("stiffness", unit, 0.0, 0.0, high, scale),
             Parameter("ratio", "1", 1.0, -5.0, 5.0, 0.3),
         )
         place = {"joint": a.id, "dof": a.dof, "qpos": a.qpos}
@@ -191,15 +199,26 @@ class JointCoupling(Effect):
 
 
 class Extra(AtJoint):
-    """Effects that need a second joint behind the motor's."""
+    """Effects that need a second joint behind the motor's.
+
+    The motor's side is the rotor's armature; where the model states less than the time
+    step can carry, it gets that much.
+    """
 
     suffix = ""
+    light = 0.01  # least inertia of the motor's side, of the joint's; chosen
 
     def terms(self, scene):
-        """Once for each side, motor's and link's, that the encoder may read."""
-        found = []
+        """Once for each side, motor's and link's, that the encoder may read.
+
+        At the last joint of a body only: MuJoCo would put the new one behind the others
+        and turn its axis with them.
+        """
+        found, body = [], scene.model.jnt_bodyid
         for term in super().terms(scene):
             joint = scene.joint(term.places[0]["joint"])
+            if body[joint.id] in body[joint.id + 1 :]:
+                continue
             for side in ("motor", "link") if joint.measured else ("motor",):
                 more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
                 more |= {"inertia": joint.inertia}
@@ -210,64 +229,92 @@ class Extra(AtJoint):
         """Add a joint of the same axis between the motor and the body it moves."""
         if place.get("there"):
             return  # a patched model's text has it already
-        joint = spec.joints[place["joint"]]
-        joint.parent.add_joint(
+        given = [j for j in spec.joints if not j.name.endswith(ADDED)]
+        joint = given[place["joint"]]
+        extra = joint.parent.add_joint(
             name=joint.name + self.suffix,
             type=joint.type,
             axis=joint.axis,
             pos=joint.pos,
+            limited=0,
+            **ALONE,
         )
-        joint.armature = max(joint.armature, ROTOR * place["inertia"])
+        if joint.frame:
+            extra.set_frame(joint.frame)
+        joint.armature = max(joint.armature, self.light * place["inertia"])
 
     def edit(self, model, place, values):
-        for name, value in self.numbers(values).items():
-            getattr(model, FIELDS[name])[place["extra_" + FIELDS[name][:3]]] = value
+        if not place.get("there"):
+            model.dof_armature[place["dof"]] = self.rotor(model, place)
+        numbers = self.numbers(model, values)
+        model.jnt_limited[place["extra_jnt"]] = "range" in numbers
+        for name, value in numbers.items():
+            field = getattr(model, FIELDS[name])
+            at = place["extra_" + FIELDS[name][:3]]
+            field[at] = value if field.ndim > 1 else value[0]
 
-    def numbers(self, values) -> dict[str, Any]:
-        """MJCF attributes of the second joint."""
+    def rotor(self, model, place) -> float:
+        """Inertia of the motor's side [kg m^2 or kg]: as stated, or what computes.
+
+        A stop knows nothing of an implicit damping: beside a side so light that its
+        servo's damping stops it in one step, it is too soft.
+        """
+        stated = float(model.dof_armature[place["dof"]])
+        servo = least_inertia(model, place["joint"])
+        return max(stated, servo, self.light * place["inertia"])
+
+    def numbers(self, model, values) -> dict[str, tuple[float, ...]]:
+        """MJCF attributes of the second joint, angles in rad."""
         raise NotImplementedError
 
     def changes(self, model, place, values):
         joint = model.joint(place["joint"])
-        kind = "slide" if model.jnt_type[joint.id] == 2 else "hinge"
-        numbers = {k: v for k, v in self.numbers(values).items() if k != "limited"}
+        slide = model.jnt_type[joint.id] == 2
         told = {
             "name": joint.name + self.suffix,
-            "type": kind,
+            "type": "slide" if slide else "hinge",
             "axis": number(joint.axis),
             "pos": number(joint.pos),
-            **{k: number(v) for k, v in ALONE.items()},
-            **{k: number(v) for k, v in numbers.items()},
-            "limited": "true" if "range" in numbers else "false",
+            **{k: number(v) for k, v in (ALONE | self.numbers(model, values)).items()},
         }
+        told["limited"] = "true" if "range" in told else "false"
         xml = " ".join(f'{k}="{v}"' for k, v in told.items())
-        armature = max(float(joint.armature[0]), ROTOR * place["inertia"])
         body = model.body(model.jnt_bodyid[joint.id]).name
         return [
-            Set("joint", joint.name, {"armature": number(armature)}),
-            Insert("body", body, f"<joint {xml}/>"),
+            Set("joint", joint.name, {"armature": number(joint.armature)}),
+            Insert("body", body, f"<joint {xml}/>", angles=() if slide else ("range",)),
         ]
 
 
+ADDED = ("_play", "_flex")  # what names of second joints end with (contract section 2)
 FIELDS = {
     "range": "jnt_range",
-    "limited": "jnt_limited",
     "solreflimit": "jnt_solref",
+    "solimplimit": "jnt_solimp",
     "stiffness": "jnt_stiffness",
     "damping": "dof_damping",
 }
 # what a default class may say of joints and the second one must not inherit
-ALONE = {"damping": 0.0, "armature": 0.0, "frictionloss": 0.0, "stiffness": 0.0}
+ALONE: dict[str, Any] = {
+    "damping": (0.0, 0.0, 0.0),
+    "stiffness": (0.0, 0.0, 0.0),
+    "springref": 0.0,
+    "armature": 0.0,
+    "frictionloss": 0.0,
+    "ref": 0.0,
+    "margin": 0.0,
+}
 
 
 class Backlash(Extra):
     name = "backlash"
     says = "Play in the gear: after a reversal the link waits until the gap is crossed."
     equation = "|q_link - q_motor| <= gap / 2"
-    source = "MuJoCo manual, modeling: backlash as two hinges"
+    source = "MuJoCo manual, Modeling: Backlash, as two hinges"
     separate_by = "rock the joint slowly about a pose without load"
     regime = "reversal"
     suffix = "_play"
+    light = 0.003  # of 0.001 to 0.01 what shows least where the gap is shut
 
     def parameters(self, scene, joint):
         scale = 0.03 * joint.range
@@ -276,9 +323,12 @@ class Backlash(Extra):
     def starts(self, scene, joint):
         return ((0.01 * joint.range,), (0.04 * joint.range,))
 
-    def numbers(self, values):
-        half = max(float(values[0]) / 2, 1e-7)
-        return {"range": (-half, half), "limited": 1, "solreflimit": (0.005, 1.0)}
+    def numbers(self, model, values):
+        half = max(float(values[0]) / 2, SHUT)
+        # the shortest that MuJoCo computes; of 0.7 to 2 what shows least where shut
+        hard = 2 * model.opt.timestep, 0.7
+        soft = 0.9, 0.95, 0.001, 0.5, 2.0  # MuJoCo's default
+        return {"range": (-half, half), "solreflimit": hard, "solimplimit": soft}
 
     def yields(self, values, load):
         return float(np.sign(load) * values[0] / 2)
@@ -294,20 +344,34 @@ class Compliance(Extra):
     suffix = "_flex"
 
     def parameters(self, scene, joint):
-        k = joint.torque / (0.03 * joint.range)
-        d = 0.3 * np.sqrt(k * joint.inertia)
+        most = self._stiffest(scene, joint)
+        damped = most * scene.step  # stops all that the joint does in one step
+        k = min(joint.torque / (0.03 * joint.range), most / 5)
+        d = min(0.3 * np.sqrt(k * joint.inertia), damped / 5)
         unit = f"{joint.force}/{joint.unit}"
         return (
-            Parameter("stiffness", unit, 1e4 * k, 0.02 * k, 1e4 * k, k),
-            Parameter("damping", f"{joint.force} s/{joint.unit}", d, 0.0, 100 * d, d),
+            Parameter("stiffness", unit, np.inf, 0.02 * k, most, k),
+            Parameter("damping", f"{joint.force} s/{joint.unit}", d, 0.0, damped, d),
         )
+
+    def _stiffest(self, scene, joint) -> float:
+        """Stiffness [N m/rad or N/m] at which the joint swings once in six steps.
+
+        MuJoCo takes a spring's torque as constant over a step: at three it diverges.
+        """
+        place = {"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia}
+        motor = self.rotor(scene.model, place)
+        link = joint.inertia - float(scene.model.dof_armature[joint.dof])
+        link = max(link, self.light * joint.inertia)
+        return motor * link / (motor + link) / scene.step**2
 
     def starts(self, scene, joint):
         k, d = (p.scale for p in self.parameters(scene, joint))
         return ((k, d), (0.3 * k, d), (5 * k, d))
 
-    def numbers(self, values):
-        return {"stiffness": values[0], "damping": values[1]}
+    def numbers(self, model, values):
+        k, d = map(float, values)
+        return {"stiffness": (k, 0.0, 0.0), "damping": (d, 0.0, 0.0)}
 
     def yields(self, values, load):
         return float(load / values[0])

@@ -77,7 +77,7 @@ class Wind(OfWorld):
     separate_by = "turn the robot by 180 degrees"
 
     def terms(self, scene):
-        if not scene.model.opt.density:
+        if not (scene.model.opt.density or scene.model.opt.viscosity):
             return []
         axes = tuple(
             Parameter("v" + x, "m/s", float(scene.model.opt.wind[i]), -50.0, 50.0, 1.0)
@@ -90,58 +90,97 @@ class Wind(OfWorld):
 
 
 class OfGround(OfWorld):
-    """What the ground does where something touches it."""
+    """What happens where something touches the ground.
 
-    def grounds(self, scene: Scene, parameters, starts) -> list[Term]:
-        """The world's geoms that something can touch."""
+    MuJoCo takes the larger friction of two geoms and the mean of their solref. Both
+    geoms' are scaled by one factor, and so is the contact's: what the model states of
+    each of them is kept.
+    """
+
+    def at(self, scene: Scene) -> dict | None:
+        """The place: the world's geoms that touch anything; None where nothing can."""
         model = scene.model
         fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
         touch = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
-        geoms = tuple(int(g) for g in fixed[touch > 0])
-        if not geoms or not scene.touches:
-            return []
-        return [Term(self, ("world",), ({"geoms": geoms},), parameters, starts)]
+        place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
+        return place if scene.touches and _sides(model, place)[1].size else None
 
-    def first(self, model, place) -> Floats:
-        """The ground's geoms, made to decide a contact's properties."""
-        geoms = np.array(place["geoms"])
-        model.geom_priority[geoms] = model.geom_priority.max() + 1
-        return geoms
+
+def _sides(model, place) -> tuple[np.ndarray, np.ndarray]:
+    """The ground's geoms, and those of bodies that move which it can touch."""
+    a = np.array(place["geoms"])
+    b = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
+    meets = model.geom_contype[a][:, None] & model.geom_conaffinity[b]
+    meets |= model.geom_conaffinity[a][:, None] & model.geom_contype[b]
+    return a, b[meets.any(axis=0)]
 
 
 class GroundFriction(OfGround):
     name = "ground_friction"
     says = "The ground is more slippery, or rougher, than stated."
-    equation = "|f_tangential| <= friction f_normal"
+    equation = "|f_tangential| <= friction f_normal, where the contact is roughest"
     source = "MuJoCo geom/friction"
     separate_by = "push the resting robot until it slides"
     regime = "contact"
 
     def terms(self, scene):
-        fixed = scene.model.geom_friction[:, 0]
-        now = float(fixed.max()) if len(fixed) else 1.0
-        parameter = Parameter("friction", "1", now, 0.0, 5.0, 0.2)
-        return self.grounds(scene, (parameter,), ((0.1,), (0.3,), (0.6,), (1.5,)))
+        place = self.at(scene)
+        if place is None:
+            return []
+        sides = _sides(scene.model, place)
+        now = _friction(scene.model, sides)
+        parameter = Parameter("friction", "1", now, 0.0, max(5.0, 2 * now), 0.2)
+        starts = ((0.1,), (0.3,), (0.6,), (1.5,))
+        return [Term(self, ("world",), (place,), (parameter,), starts)]
 
     def edit(self, model, place, values):
-        model.geom_friction[self.first(model, place), 0] = values[0]
+        sides = _sides(model, place)
+        now = _friction(model, sides)
+        for geoms in sides:
+            if now:
+                model.geom_friction[geoms, 0] *= values[0] / now
+            else:
+                model.geom_friction[geoms, 0] = values[0]
+
+
+def _friction(model, sides) -> float:
+    """Of the roughest contact."""
+    return float(max(model.geom_friction[g, 0].max() for g in sides))
 
 
 class GroundCompliance(OfGround):
     name = "ground_compliance"
     says = "The ground gives way, or bounces, otherwise than stated."
-    equation = "contact as a spring and damper of timeconst and dampratio"
+    equation = "contact as a spring and damper of timeconst and dampratio, on average"
     source = "MuJoCo geom/solref"
     separate_by = "drop a part from two heights"
     regime = "contact"
 
     def terms(self, scene):
+        """Where solref is a time and a ratio; its other form has no absent value."""
+        place = self.at(scene)
+        if place is None:
+            return []
+        sides = _sides(scene.model, place)
+        if any((scene.model.geom_solref[g] <= 0).any() for g in sides):
+            return []
+        time, ratio = map(float, _solref(scene.model, sides))
+        least = 2 * scene.step  # MuJoCo computes no shorter one
         parameters = (
-            Parameter("timeconst", "s", 0.02, 2 * scene.step, 0.3, 0.005),
-            Parameter("dampratio", "1", 1.0, 0.02, 5.0, 0.1),
+            Parameter("timeconst", "s", time, least, max(0.3, 2 * time), 0.005),
+            Parameter("dampratio", "1", ratio, 0.02, max(5.0, 2 * ratio), 0.1),
         )
-        starts = ((0.02, 0.3), (0.01, 0.1), (0.05, 0.5), (0.06, 1.0))
-        return self.grounds(scene, parameters, starts)
+        shares = ((1.0, 0.3), (0.5, 0.1), (2.5, 0.5), (3.0, 1.0))
+        starts = tuple((max(a * time, least), b * ratio) for a, b in shares)
+        return [Term(self, ("world",), (place,), parameters, starts)]
 
     def edit(self, model, place, values):
-        model.geom_solref[self.first(model, place)] = values
+        sides = _sides(model, place)
+        ratio = values / _solref(model, sides)
+        for geoms in sides:
+            model.geom_solref[geoms] *= ratio
+
+
+def _solref(model, sides) -> Floats:
+    """Time constant [s] and damping ratio [1] of a contact, on average."""
+    return np.mean([model.geom_solref[g].mean(axis=0) for g in sides], axis=0)

@@ -1,0 +1,237 @@
+"""A text in pieces that together are exactly it: an edit replaces a few of them.
+
+MuJoCo's reader forgives more than XML does ("--" in a comment, a bare "&"), and so does
+this one.
+"""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ..errors import ModelError
+
+_NAME = r"""[^\s=<>/"']+"""
+_ATTRIBUTE = rf"""(\s*)({_NAME})(\s*=\s*)("[^"]*"|'[^']*')"""
+_MARKUP = re.compile(
+    r"(?P<aside><!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<!(?!--|\[CDATA\[)[^>]*>)"
+    rf"|</(?P<close>{_NAME})\s*>"
+    rf"|<(?P<open>{_NAME})(?P<attributes>(?:{_ATTRIBUTE})*)(?P<space>\s*)(?P<end>/?)>",
+    re.DOTALL,
+)
+_ENTITIES = {"quot": '"', "amp": "&", "apos": "'", "lt": "<", "gt": ">"}
+
+
+@dataclass
+class _Attribute:
+    """The pieces of ` name="value"`."""
+
+    space: str
+    name: str
+    equals: str
+    quoted: str
+
+    @property
+    def value(self) -> str:
+        return re.sub(r"&(#?\w+);", _character, self.quoted[1:-1])
+
+    def write(self, value: str) -> None:
+        quote = self.quoted[0]
+        raw = value.replace("&", "&amp;").replace("<", "&lt;")
+        raw = raw.replace(quote, "&quot;" if quote == '"' else "&apos;")
+        self.quoted = f"{quote}{raw}{quote}"
+
+    def text(self) -> str:
+        return f"{self.space}{self.name}{self.equals}{self.quoted}"
+
+
+def _character(entity: re.Match[str]) -> str:
+    """What an entity stands for; itself where MuJoCo does not know it either."""
+    code = entity[1]
+    if digits := re.fullmatch(r"#(\d+)|#x([\da-fA-F]+)", code):
+        return chr(int(digits[1]) if digits[1] else int(digits[2], 16))
+    return _ENTITIES.get(code, entity[0])
+
+
+@dataclass(eq=False)
+class Element:
+    """An element of the text; a file as a whole is one without a tag.
+
+    Attributes:
+        tag: empty for a file.
+        home: folder of the file that it was read from.
+        attributes: in their order.
+        space: before the end of its start tag.
+        close: its end tag; None where it closes itself.
+        children: elements, and the text and comments between them.
+        parent: what it lies in; for an included file the `<include>`.
+        included: the file that an `<include>` stands for.
+    """
+
+    tag: str
+    home: str
+    attributes: list[_Attribute] = field(default_factory=list)
+    space: str = ""
+    close: str | None = ""
+    children: "list[str | Element]" = field(default_factory=list)
+    parent: "Element | None" = None
+    included: "Element | None" = None
+
+    def get(self, name: str) -> str | None:
+        """An attribute's value; None without it."""
+        return next((a.value for a in self.attributes if a.name == name), None)
+
+    def news(self, attributes: Mapping[str, str | None]) -> dict[str, str | None]:
+        """Those that would change it; one that has its value keeps its spelling."""
+        return {n: v for n, v in attributes.items() if not _same(n, self.get(n), v)}
+
+    def set(self, attributes: Mapping[str, str | None]) -> None:
+        """Change, add and (None) remove attributes."""
+        for name, value in self.news(attributes).items():
+            old = next((a for a in self.attributes if a.name == name), None)
+            if value is None:
+                self.attributes = [a for a in self.attributes if a is not old]
+                continue
+            if old is None:
+                quote = self.attributes[-1].quoted[0] if self.attributes else '"'
+                old = _Attribute(" ", name, "=", 2 * quote)
+                self.attributes.append(old)
+            old.write(value)
+
+    def text(self) -> str:
+        """All of it, as it stands in the file."""
+        if not self.tag:
+            return self.inner()
+        start = f"<{self.tag}{''.join(a.text() for a in self.attributes)}{self.space}"
+        return f"{start}/>" if self.close is None else f"{start}>{self.inner()}"
+
+    def inner(self) -> str:
+        """What follows its start tag."""
+        texts = (c if isinstance(c, str) else c.text() for c in self.children)
+        return "".join(texts) + (self.close or "")
+
+    def root(self) -> "Element":
+        """A file's outermost element."""
+        return next(c for c in self.children if isinstance(c, Element))
+
+    def elements(self) -> "Iterator[Element]":
+        """Its children, those of an included file in the place of the `<include>`."""
+        for child in self.children:
+            if isinstance(child, Element):
+                if child.included:
+                    yield from child.included.root().elements()
+                else:
+                    yield child
+
+    def walk(self) -> "Iterator[Element]":
+        """Everything below it: `<include>`, then what it includes."""
+        for child in self.children:
+            if isinstance(child, Element):
+                yield child
+                yield from (child.included.root() if child.included else child).walk()
+
+    def includes(self) -> "list[Element]":
+        """Every `<include>` that leads to it, the outermost first."""
+        above = self.parent.includes() if self.parent else []
+        return [*above, self] if self.included else above
+
+
+def _same(name: str, old: str | None, new: str | None) -> bool:
+    """Whether two values are one: the same text, or the same numbers."""
+    if old is None or new is None or name == "name" or old == new:
+        return old == new
+    try:
+        numbers = [[float(v) for v in text.split()] for text in (old, new)]
+    except ValueError:
+        return False
+    return numbers[0] == numbers[1]
+
+
+def parse(text: str, home: str, where: str) -> Element:
+    """A text as the file's element."""
+    top = document = Element("", home)
+    position = 0
+    for found in _MARKUP.finditer(text):
+        between = text[position : found.start()]
+        if "<" in between or (found["close"] or top.tag) != top.tag:
+            break
+        position = found.end()
+        top.children += [between] if between else []
+        if found["aside"]:
+            top.children.append(found[0])
+        elif found["close"] and top.parent:
+            top.close, top = found[0], top.parent
+        else:
+            child = _start(found, top)
+            top.children.append(child)
+            top = top if found["end"] else child
+    if top is not document or "<" in text[position:]:
+        line = text.count("\n", 0, position) + 1
+        inside = f"in <{top.tag}>, " if top.tag else ""
+        raise ModelError(f"{where}: no well-formed XML: {inside}after line {line}")
+    document.children.append(text[position:])
+    if not any(isinstance(c, Element) for c in document.children):
+        raise ModelError(f"{where}: no XML: it has no element")
+    return document
+
+
+def _start(found: re.Match[str], parent: Element) -> Element:
+    """The element that a start tag opens."""
+    attributes = [
+        _Attribute(*parts) for parts in re.findall(_ATTRIBUTE, found["attributes"])
+    ]
+    close = None if found["end"] else ""
+    return Element(
+        found["open"], parent.home, attributes, found["space"], close, parent=parent
+    )
+
+
+def indentation(element: Element) -> str | None:
+    """The space before an element that begins its line; None for another one."""
+    assert element.parent
+    pieces = element.parent.children
+    at = pieces.index(element)
+    before = pieces[at - 1] if at else ""
+    start, line_end, indent = (
+        before.rpartition("\n") if isinstance(before, str) else ("", "", "x")
+    )
+    if line_end and not indent.strip():
+        return indent
+    return None if element.parent.tag else ""
+
+
+def notes(pieces: Iterable[str | Element]) -> list[str]:
+    """The comments among them."""
+    return [p for p in pieces if isinstance(p, str) and p.startswith("<!--")]
+
+
+def is_space(piece: str | Element) -> bool:
+    """Whether a piece is nothing but space."""
+    return isinstance(piece, str) and not piece.strip()
+
+
+def trimmed(pieces: Sequence[str | Element]) -> list[str | Element]:
+    """Pieces without the space around them."""
+    kept = [i for i, piece in enumerate(pieces) if not is_space(piece)]
+    return list(pieces[kept[0] : kept[-1] + 1]) if kept else []
+
+
+def put(
+    parent: Element, at: int, pieces: Sequence[str | Element], replaced: int = 0
+) -> None:
+    """Make pieces children of an element."""
+    for piece in pieces:
+        if isinstance(piece, Element):
+            piece.parent = parent
+    parent.children[at : at + replaced] = pieces
+
+
+def after_note(pieces: Sequence[str | Element], at: int) -> int:
+    """Past a comment that ends the same line."""
+    line = at
+    while line < len(pieces) and isinstance(piece := pieces[line], str):
+        if piece.startswith("<!--"):
+            at = line + 1
+        elif piece.strip() or "\n" in piece:
+            break
+        line += 1
+    return at
