@@ -104,11 +104,6 @@ def test_the_patched_model_loads_and_has_it(dry, model, tmp_path):
     assert "frictionloss" in dry.diff and "frictionloss" not in model.read_text()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a simulation with step h is ahead of reality by h/2, of a truth with step "
-    "h/4 by 3h/8: that is named sensor_delay (0.70 +- 0.14 ms, 3h/8 is 0.75 ms)",
-)
 def test_the_models_own_time_step_is_no_finding(dry):
     assert len(dry.document["findings"]) == 1
 
@@ -237,12 +232,6 @@ def test_the_same_seed_gives_the_same_diagnosis(few, model):
     assert _claimed(first) == [("coulomb_friction", "joint:hinge")]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="prepare._Motion sets no ctrl and takes a ninth of the actuators' force: a "
-    "joint that only its motor loads seems to bear nothing (0.009 N of 2), and its "
-    "friction may be no more than 0.027 N, of 0.5",
-)
 def test_a_slide_is_told_in_newtons_and_meters(few, tmp_path):
     robot = ROBOTS["cart_pole"]
     (tmp_path / "model.xml").write_text(robot.xml)
