@@ -11,11 +11,9 @@ from .answer import answer_of, remarks_of
 from .case import WINDOW, check_enough, prepare, problem_of
 from .effects import catalogue
 from .name import name_effects
-from .prove import Proof, judged, polished, removed_share, structure_of, upheld
+from .prove import Proof, judged, polished, structure_of, upheld
 from .result import Diagnosis
 from .stated import stated_terms
-
-HELD = 0.8  # least share removed on held-out episodes for "explained"; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -58,8 +56,5 @@ def diagnose(
     structure = structure_of(case, naming)
     naming, verdict = judged(naming, structure)
     proof = Proof.of(case, naming)
-    removed = removed_share(proof.numbers)
-    if verdict == "explained" and removed is not None and removed < HELD:
-        verdict = "partly"
     remarks = remarks_of(case, naming, proof, structure, refuted)
     return answer_of(case, naming, verdict, proof, remarks, begun)
