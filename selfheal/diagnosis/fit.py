@@ -13,6 +13,7 @@ from .world import World
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
+STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 
@@ -152,7 +153,8 @@ def step(
     h = curvature * np.outer(scale, scale)
     g = slope * scale
     size = np.diag(h)
-    h = h + np.diag(damping * size + 1e-9 * max(size.max(), 1e-12) + 1e-12)
+    # what no reading shows stays: a step of its scale costs a hundredth of a residual
+    h = h + np.diag(damping * size + 1e-9 * max(size.max(), 1e-12) + STAYS)
     root = np.linalg.cholesky(h).T
     target = -np.linalg.solve(root.T, g)
     a, b = np.minimum(low / scale, 0), np.maximum(high / scale, 0)
@@ -221,6 +223,8 @@ def fit(
 def _secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
     """The Jacobian after a small move, by what that changed (Broyden 1965)."""
     size = move / scale
+    if not size.any():
+        return jac
     return jac + np.outer(change - jac @ move, size / scale / (size @ size))
 
 
@@ -243,11 +247,19 @@ class Base:
         """With the curvature worked out."""
         return cls(problem, found, found.jacobian.T @ found.jacobian)
 
-    def settle(self, r: Floats) -> tuple[float, Floats]:
-        """Lowest cost and the move (P) to it, of residuals r if the rest is linear."""
+    def settle(self, r: Floats, hold: np.ndarray | None = None) -> tuple[float, Floats]:
+        """Lowest cost and the move (P) to it, of residuals r if the rest is linear.
+
+        Args:
+            r: (R).
+            hold: numbers of parameters that do not move.
+        """
         low, high, scale = bounds(self.fit.terms)
         x, g = self.fit.values, self.fit.jacobian.T @ r
-        move = step(self.curvature, g, low - x, high - x, scale)
+        low, high = low - x, high - x
+        if hold is not None:
+            low[hold] = high[hold] = 0.0
+        move = step(self.curvature, g, low, high, scale)
         return float(r @ r + 2 * g @ move + move @ self.curvature @ move), move
 
 

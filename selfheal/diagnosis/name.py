@@ -1,7 +1,7 @@
 """Which physics is missing: takes a fitted model, gives effects that earn a name."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; 
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
+BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
+ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -170,6 +172,21 @@ def _correlation_time(x: Floats) -> float:
     return float(min(n, 1 + 2 * rho[1:end].sum()))
 
 
+def above(problem: Problem, residuals: Floats) -> float:
+    """Root mean square of residuals (R) over what the readings' noise would leave."""
+    return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
+
+
+def noise_of(problem: Problem) -> float:
+    """Squared residuals that the readings' noise alone would leave."""
+    noise = np.concatenate([
+        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
+        for c in problem.world.signals
+    ])  # fmt: skip
+    count = np.isfinite(problem.windows.readings).sum(axis=0)
+    return float((count * (noise / problem.sigma) ** 2).sum())
+
+
 def reweighed(problem: Problem, found: Fit) -> Problem:
     """Each column's residuals measured by how large they are now."""
     width = problem.windows.readings.shape[1]
@@ -264,6 +281,9 @@ def name_effects(
     """Find the effects without which the recordings cannot be explained.
 
     Forward, with a look back after each step: what a later effect makes needless goes.
+    Where that ends with an unusual effect, with several or with something left, once
+    more from all the usual ones at once: the first one named alone may have stood for
+    several.
 
     Args:
         problem: all windows that may be used.
@@ -274,54 +294,195 @@ def name_effects(
         progress: told what is being done and how far it is.
     """
     candidates = [term for effect in effects for term in effect.terms(scene)]
-    stated = tuple(stated)
-    begin = np.ones(len(stated))
     progress("refitting what the model states", 0.0)
     problem = fewer(problem, STEPS[-1], rng)
-    found = fit(problem, stated, begin)
+    found = fit(problem, stated, np.ones(len(stated)))
     problem = reweighed(problem, found)
-    now = scored(problem, stated, found.values)
+    now = scored(problem, tuple(stated), found.values)
+    search = _Search(problem, now, len(stated), candidates, rng, progress)
+    start = replace(search)
+    search.forward()
+    named = search.now.fit.terms[len(stated) :]
+    odd = any(t.effect.rare for t in named) or len(named) > 1
+    if odd or above(search.problem, search.now.fit.residuals) > ABOVE:
+        other = start.with_all_usual()
+        if other is not None and other.beats(search):
+            search = other
+    return search.ended()
+
+
+@dataclass
+class _Search:
+    """Where a search for effects is.
+
+    Attributes:
+        problem: the windows.
+        now: the best fit.
+        stated: how many of its terms the model states.
+        candidates: terms.
+        rng: chooses windows.
+        progress: told what is being done.
+        first: what the first round gave.
+        evidence: of each effect named, by its key.
+        rivals: what cannot be told from it.
+        others: what else might have taken its place.
+    """
+
+    problem: Problem
+    now: Scored
+    stated: int
+    candidates: Sequence[Term]
+    rng: np.random.Generator
+    progress: Progress
     first: tuple[tuple[Term, float], ...] = ()
-    evidence: dict[tuple, Evidence] = {}
-    rivals: dict[tuple, tuple[Term, ...]] = {}
-    tabu: set[tuple] = set()
-    for _ in range(MOST):
-        kept = now.fit.terms[len(stated) :]
-        taken = {_key(t) for t in kept} | tabu
-        open_to = [t for t in candidates if _key(t) not in taken and _fresh(t, kept)]
-        all_of_it = Base.of(problem, now.fit)
-        bases = [some_of(all_of_it, steps, rng) for steps in STEPS]
-        fits, independent = screened(bases, open_to, progress)
+    evidence: dict[tuple, Evidence] = field(default_factory=dict)
+    rivals: dict[tuple, tuple[Term, ...]] = field(default_factory=dict)
+    others: dict[tuple, tuple[Term, ...]] = field(default_factory=dict)
+
+    @property
+    def named(self) -> tuple[Term, ...]:
+        """The effects of now."""
+        return self.now.fit.terms[self.stated :]
+
+    def forward(self) -> None:
+        """Add what earns a name, until nothing does."""
+        tabu: set[tuple] = set()
+        for _ in range(MOST):
+            won = self._round(tabu)
+            if won is None and tabu:
+                tabu = set()
+                continue
+            if won is None or len(self.named) > MOST:
+                break
+            best, term, why, also, others = won
+            key = _key(term)
+            self.evidence[key], self.rivals[key], self.others[key] = why, also, others
+            self.progress(f"fitting {term.label}", 0.0)
+            before = self.named
+            gone = self._look_back(best)
+            tabu = {_key(t) for t in gone}  # for one round: what follows may need it
+            replaced = tuple(t for t in before if t not in self.named)
+            for new in self.named:  # one of them may have taken another's place
+                self.evidence.setdefault(_key(new), why)
+                self.rivals.setdefault(_key(new), replaced)
+                self.others.setdefault(_key(new), replaced)
+
+    def _round(self, tabu: set[tuple]):
+        """The candidate that earns a name beside those named, if one does."""
+        taken = {_key(t) for t in self.named} | tabu
+        open_to = [
+            t for t in self.candidates if _key(t) not in taken and _fresh(t, self.named)
+        ]
+        all_of_it = Base.of(self.problem, self.now.fit)
+        bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
+        fits, independent = screened(bases, open_to, self.progress)
         part = bases[-1]
-        if not first:
-            first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
-        won = _winner(
+        if not self.first:
+            self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
+        return _winner(
             part.problem,
             Scored(part.fit, held_out(part.problem, part.fit)),
-            _finalists(part.problem, fits, progress),
+            _finalists(part.problem, fits, self.progress),
             independent,
         )
-        if won is None and tabu:
-            tabu = set()
-            continue
-        if won is None:
+
+    def _look_back(self, best: Scored) -> list[Term]:
+        """Weigh anew, and undo what a later effect made needless or better explained.
+
+        Returns:
+            What went.
+        """
+        found = fit(self.problem, best.fit.terms, best.fit.values, rounds=6)
+        self.problem = reweighed(self.problem, found)
+        self.now = scored(self.problem, found.terms, found.values, rounds=4)
+        gone: list[Term] = []
+        while len(self.named) > 1:
+            tries = []
+            for term in self.named:
+                less = without(self.problem, self.now.fit, term)
+                held = held_out(self.problem, less)
+                if held.sum() < (1 + WORTH) * self.now.held.sum():
+                    tries.append((held.sum(), term, Scored(less, held)))
+            if not tries:
+                break
+            _, term, self.now = min(tries, key=lambda x: x[0])
+            gone.append(term)
+        for term in self.named[:-1]:
+            others = self.others.get(_key(term), ())
+            self.now = _swapped(self.problem, self.now, term, others)
+        return gone
+
+    def with_all_usual(self) -> "_Search | None":
+        """Another search, from all usual effects at once; None if there are none."""
+        usual = [t for t in self.candidates if t.effect.common and len(t.targets) == 1]
+        if not usual:
+            return None
+        self.progress(f"fitting {len(usual)} usual effects at once", 0.0)
+        start = [np.array(t.starts[0]) for t in usual]
+        terms = (*self.now.fit.terms, *usual)
+        values = np.concatenate([self.now.fit.values, *start])
+        found = fit(self.problem, terms, values, rounds=8)
+        found = _pruned(self.problem, found, self.stated)
+        self.problem = reweighed(self.problem, found)
+        self._look_back(scored(self.problem, found.terms, found.values, rounds=4))
+        for term in self.named:
+            less = without(self.problem, self.now.fit, term)
+            old = Scored(less, held_out(self.problem, less))
+            p = better(self.problem, old, self.now, len(usual))
+            if p >= SURE:
+                self.now = old
+                continue
+            gain = np.bincount(blocks_of(self.problem), old.held - self.now.held)
+            draws = self.rng.integers(len(gain), size=(400, len(gain)))
+            nats = 0.5 * np.log(old.held.sum() / max(self.now.held.sum(), 1e-300))
+            stable = float((gain[draws].sum(axis=1) > 0).mean())
+            self.evidence[_key(term)] = Evidence(float(nats), p, stable)
+            self.rivals[_key(term)] = self.others[_key(term)] = ()
+        self.forward()
+        return self
+
+    def beats(self, other: "_Search") -> bool:
+        """Whether this one predicts better, or as well by usual effects alone."""
+        problem = self.problem
+        theirs = other.now.fit
+        against = scored(problem, theirs.terms, theirs.values, rounds=2)
+        if self.now.held.sum() < BETTER * against.held.sum():
+            return True
+        odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
+        return odd[0] < odd[1] and _as_good(problem, self.now, against)
+
+    def ended(self) -> Naming:
+        """What was found."""
+        own = self.now.fit
+        alone = scored(
+            self.problem, own.terms[: self.stated], own.values[: self.stated]
+        )
+        named = tuple(
+            Named(t, self.evidence[_key(t)], self.rivals[_key(t)]) for t in self.named
+        )
+        return Naming(self.problem, alone, self.now, named, self.first)
+
+
+def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
+    """Without the effects that cost next to nothing to take away, a half at a time."""
+    while len(found.terms) > stated:
+        base = Base.of(problem, found)
+        ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
+        costs = []
+        for i, term in enumerate(found.terms[stated:], stated):
+            own = np.arange(ends[i], ends[i + 1])
+            absent = np.array([p.absent for p in term.parameters])
+            back = found.jacobian[:, own] @ (absent - found.values[own])
+            costs.append(base.settle(found.residuals + back, hold=own)[0] / found.cost)
+        order = np.argsort(costs)
+        idle = [i for i in order if costs[i] < 1 + WORTH][: max(1, len(order) // 2)]
+        if not idle:
             break
-        best, term, why, also = won
-        evidence[_key(term)], rivals[_key(term)] = why, also
-        progress(f"fitting {term.label}", 0.0)
-        before = now.fit.terms[len(stated) :]
-        problem, now, gone = _look_back(problem, best, len(stated), rivals)
-        tabu = {_key(t) for t in gone}  # for one round: what follows may need it
-        after = now.fit.terms[len(stated) :]
-        for new in after:  # one of them may have taken another's place
-            evidence.setdefault(_key(new), why)
-            rivals.setdefault(_key(new), tuple(t for t in before if t not in after))
-    alone = scored(problem, stated, now.fit.values[: len(stated)])
-    named = tuple(
-        Named(t, evidence[_key(t)], rivals[_key(t)])
-        for t in now.fit.terms[len(stated) :]
-    )
-    return Naming(problem, alone, now, named, first)
+        keep = [i for i in range(len(found.terms)) if i - stated not in idle]
+        values = parts(found.terms, found.values)
+        start = np.concatenate([*(values[i] for i in keep), np.zeros(0)])
+        found = fit(problem, [found.terms[i] for i in keep], start, rounds=2)
+    return found
 
 
 def _fresh(term: Term, kept: Sequence[Term]) -> bool:
@@ -346,7 +507,7 @@ def _finalists(problem: Problem, fits: Sequence[Fit], progress) -> list[Scored]:
 
 
 def _winner(problem, now: Scored, finals, tried: float):
-    """The candidate that earns a name, why, and what cannot be told from it."""
+    """The candidate that earns a name, why, what cannot be told from it, all others."""
     good = []
     for s in finals:
         term = s.fit.terms[-1]
@@ -370,7 +531,8 @@ def _winner(problem, now: Scored, finals, tried: float):
     )
     gain = 0.5 * np.log(now.held.sum() / max(s.held.sum(), 1e-300))
     stability = _stability(problem, [(g[0].held, g[1]) for g in good], (term, *also))
-    return s, term, Evidence(float(gain), p, stability), also[:3]
+    others = tuple(g[1] for g in good if g[1] is not term)
+    return s, term, Evidence(float(gain), p, stability), also[:3], others
 
 
 def _as_good(problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
@@ -393,42 +555,33 @@ def _stability(problem, helds, winners) -> float:
     return float(np.mean([_key(helds[i][1]) in names for i in first]))
 
 
-def _look_back(problem, best: Scored, stated: int, rivals):
-    """Weigh anew, and undo what a later effect made needless or better explained."""
-    found = fit(problem, best.fit.terms, best.fit.values, rounds=6)
-    problem = reweighed(problem, found)
-    now = scored(problem, found.terms, found.values, rounds=4)
-    gone: list[Term] = []
-    while len(now.fit.terms) > stated + 1:
-        tries = []
-        for term in now.fit.terms[stated:]:
-            less = without(problem, now.fit, term)
-            held = held_out(problem, less)
-            if held.sum() < (1 + WORTH) * now.held.sum():
-                tries.append((held.sum(), term, Scored(less, held)))
-        if not tries:
-            break
-        _, term, now = min(tries, key=lambda x: x[0])
-        gone.append(term)
-    for term in now.fit.terms[stated:-1]:
-        now = _swapped(problem, now, term, rivals.get(_key(term), ()))
-    return problem, now, gone
+def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
+    """The fit with another term in one's place, if that predicts better.
 
-
-def _swapped(problem, now: Scored, term: Term, rivals: Sequence[Term]) -> Scored:
-    """The fit with one of a term's rivals in its place, if that predicts better."""
-    others = [t for t in now.fit.terms if t is not term]
-    rivals = [r for r in rivals if _fresh(r, others)]
-    if not rivals:
+    What looked best alone need not do so beside a later effect; and where the data do
+    not tell, the usual effect with the least to choose is the one.
+    """
+    kept = [t for t in now.fit.terms if t is not term]
+    others = [t for t in others if _fresh(t, kept)]
+    if not others:
         return now
     base = Base.of(problem, without(problem, now.fit, term))
-    tried = [try_term(base, rival) for rival in rivals]
-    helds = [Scored(f, held_out(problem, f)) for f in tried]
-    best = min(helds, key=lambda s: s.held.sum())
-    if best.held.sum() > 0.97 * now.held.sum():
-        return now
-    full = scored(problem, best.fit.terms, best.fit.values, rounds=6)
-    return full if full.held.sum() < 0.97 * now.held.sum() else now
+    tried = [try_term(base, other) for other in others]
+    tried.sort(key=lambda f: held_out(problem, f).sum())
+    for found in tried[:2]:
+        full = scored(problem, found.terms, found.values, rounds=6)
+        if full.held.sum() < BETTER * now.held.sum() or (
+            _plainer(full.fit.terms[-1], term) and _as_good(problem, full, now)
+        ):
+            return full
+    return now
+
+
+def _plainer(new: Term, old: Term) -> bool:
+    """Whether an effect is to be preferred where the data do not tell."""
+    if new.effect.rare != old.effect.rare:
+        return old.effect.rare
+    return len(new.parameters) < len(old.parameters)
 
 
 def without(problem: Problem, found: Fit, term: Term) -> Fit:

@@ -10,7 +10,17 @@ from . import score
 from .case import WINDOW, Case, pieces_of
 from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import Naming, Scored, better, fewer, held_out, without
+from .name import (
+    ABOVE,
+    Naming,
+    Scored,
+    above,
+    better,
+    fewer,
+    held_out,
+    noise_of,
+    without,
+)
 from .plant import parts
 from .terms import Term
 from .windows import Windows
@@ -19,7 +29,6 @@ LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute at 1 ms
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
 GROWN = 1.5  # times as far above the noise: longer pieces say less then; chosen
 HELPS = 0.01  # of the squared error in held-out episodes that a name removes; chosen
 
@@ -138,26 +147,11 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         share = max(share, 1 - new.held.sum() / held.held.sum())
     alone = naming.stated.fit
     before = float((problem.residuals(alone.terms, alone.values[None]) ** 2).sum())
-    room = before - _noise(problem)
+    room = before - noise_of(problem)
     return Structure(
         p, share, above(problem, base.fit.residuals),
         float((before - base.fit.cost) / max(room, 1e-12)),
     )  # fmt: skip
-
-
-def above(problem: Problem, residuals: Floats) -> float:
-    """Root mean square of residuals (R) over what the readings' noise would leave."""
-    return float(np.sqrt((residuals**2).sum() / max(_noise(problem), 1e-12)))
-
-
-def _noise(problem: Problem) -> float:
-    """Squared residuals that the readings' noise alone would leave."""
-    noise = np.concatenate([
-        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
-        for c in problem.world.signals
-    ])  # fmt: skip
-    count = np.isfinite(problem.windows.readings).sum(axis=0)
-    return float((count * (noise / problem.sigma) ** 2).sum())
 
 
 def bare(naming: Naming) -> Naming:

@@ -122,6 +122,7 @@ class Effect:
     source = ""
     separate_by = ""
     regime = "always"
+    common = False  # most robots have some of it, whatever else is missing
     rare = False  # people measure lengths and masses better than friction and delays
     limits_actuators = False  # writes Moment.forcerange
 

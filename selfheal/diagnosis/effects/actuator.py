@@ -51,6 +51,7 @@ class CommandDelay(AtActuator):
     """A delay beyond the one that the model states."""
 
     name = "command_delay"
+    common = True
     says = "A command takes effect some time after it is given."
     equation = "u(t) = ctrl(t - delay)"
     source = "MuJoCo actuator/delay (3.5)"

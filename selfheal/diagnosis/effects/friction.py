@@ -52,6 +52,7 @@ def strength(scene: Scene, joint) -> float:
 
 class ViscousFriction(Friction):
     name = "viscous_friction"
+    common = True
     says = "A torque against the motion, proportional to speed."
     equation = "tau = -damping v"
     source = "MuJoCo joint/damping"
@@ -94,6 +95,7 @@ class QuadraticDamping(Friction):
 
 class CoulombFriction(Friction):
     name = "coulomb_friction"
+    common = True
     says = "A constant torque against the motion; at rest it holds."
     equation = "tau = -frictionloss sign(v)"
     source = "MuJoCo joint/frictionloss"
@@ -159,6 +161,7 @@ class StribeckFriction(Friction):
 
 class LoadDependentFriction(Friction):
     name = "load_dependent_friction"
+    common = True
     says = "Dry friction of a gear that grows with the torque it transmits."
     equation = "tau = -(frictionloss + load_coefficient |tau_transmitted|) sign(v)"
     source = "Rhoban BAM (Duclusaud 2024), load-dependent models"

@@ -43,6 +43,7 @@ class OfSensor(Effect):
 
 class SensorBias(OfSensor):
     name = "sensor_bias"
+    common = True
     parameter_name = "bias"
     says = "The sensor's zero is off."
     equation = "reading = true + bias"

@@ -22,6 +22,7 @@ class AtJoint(Friction):
 
 class Armature(AtJoint):
     name = "armature"
+    common = True
     says = "Inertia of the rotor, seen through the gear."
     equation = "tau = -armature a"
     source = "MuJoCo joint/armature"
