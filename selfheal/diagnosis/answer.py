@@ -214,8 +214,8 @@ def remarks_of(
     ]
     if refuted:
         found.append(
-            f"What fitted best, {'; '.join(refuted)}, did not hold on the held-out "
-            "episodes, so nothing is named."
+            f"What also fitted, {'; '.join(refuted)}, did next to nothing on the "
+            "held-out episodes, so it is not named."
         )
     if structure.left and structure.share > 0.05:
         found.append(

@@ -30,7 +30,9 @@ POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 GROWN = 1.5  # times as far above the noise: longer pieces say less then; chosen
-HELPS = 0.01  # of the squared error in held-out episodes that a name removes; chosen
+# least share of the squared error in held-out episodes that a name removes, and of what
+# all of them together do; chosen
+HELPS, TRIFLE = 0.01, 0.003
 
 
 def polished(case: Case, naming: Naming) -> Naming:
@@ -71,15 +73,19 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
     gone: list[str] = []
     start = Problem(case.held, pieces_of(case.held, WINDOW), naming.problem.sigma)
     while naming.named:
-        found = naming.final.fit
+        found, alone = naming.final.fit, naming.stated.fit
         held = whitened(start, found.terms, found.values)
-        error = held.residuals(found.terms, found.values[None])[0] ** 2
+        error, before = (
+            float((held.residuals(f.terms, f.values[None]) ** 2).sum())
+            for f in (found, alone)
+        )
+        least = max(HELPS * error, TRIFLE * (before - error))
         weakest = None
         for name in naming.named:
             less = without(naming.problem, found, name.term)
-            worse = held.residuals(less.terms, less.values[None])[0] ** 2
-            gain = worse.sum() / max(error.sum(), 1e-300) - 1
-            if gain < HELPS and (weakest is None or gain < weakest[0]):
+            worse = float((held.residuals(less.terms, less.values[None]) ** 2).sum())
+            gain = worse - error
+            if gain < least and (weakest is None or gain < weakest[0]):
                 weakest = gain, name, less
         if weakest is None:
             break
