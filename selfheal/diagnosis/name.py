@@ -20,6 +20,8 @@ SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; 
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
+WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
+QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
 
@@ -304,7 +306,7 @@ def name_effects(
     search.forward()
     named = search.now.fit.terms[len(stated) :]
     odd = any(t.effect.rare for t in named) or len(named) > 1
-    if odd or above(search.problem, search.now.fit.residuals) > ABOVE:
+    if odd or (search.above > ABOVE and not search.is_white):
         other = start.with_all_usual()
         if other is not None and other.beats(search):
             search = other
@@ -344,10 +346,23 @@ class _Search:
         """The effects of now."""
         return self.now.fit.terms[self.stated :]
 
+    @property
+    def is_white(self) -> bool:
+        """Whether what is left looks like noise that knows nothing of its past."""
+        r = self.now.fit.residuals
+        return bool(effective(self.problem, r) > WHITE * np.count_nonzero(r))
+
+    @property
+    def above(self) -> float:
+        """What is left, of what noise would leave."""
+        return above(self.problem, self.now.fit.residuals)
+
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
         for _ in range(MOST):
+            if self.is_white or (self.named and self.above < QUIET):
+                break
             won = self._round(tabu)
             if won is None and tabu:
                 tabu = set()

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
@@ -41,6 +42,7 @@ class World:
     logs: tuple[Log, ...]
     step: float
     counted: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
+    _held: WeakKeyDictionary = field(default_factory=WeakKeyDictionary)
 
     def simulate(
         self,
@@ -190,11 +192,19 @@ class World:
 
     def _commands(self, terms, shares, windows: Windows, n: int, centered) -> Floats:
         """Commands (n W, K, nu) of each step, as they reach the actuators."""
-        model = self.workshop.given
+        if not any(does(t.effect, "command") for t in terms):
+            kept = self._held.setdefault(windows, {})
+            if centered not in kept:
+                kept[centered] = self._reaching((), (), windows, centered)[0]
+            return np.tile(kept[centered], (n, 1, 1))
+        out = self._reaching(terms, shares, windows, centered)
+        return out.reshape(-1, *out.shape[2:])
+
+    def _reaching(self, terms, shares, windows: Windows, centered) -> Floats:
+        """Commands (1 or n, W, K, nu)."""
+        n = len(shares[0]) if terms else 1
         steps = np.arange(int(windows.steps.max()) + 2)
-        out = np.empty((n, len(windows), len(steps), model.nu))
-        if not model.nu:
-            return out.reshape(n * len(windows), len(steps), 0)
+        out = np.empty((n, len(windows), len(steps), self.workshop.given.nu))
         for i in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == i)
             log = self.logs[i]
@@ -202,7 +212,7 @@ class World:
             grid = self.command(terms, shares, given)
             at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
             out[:, rows] = grid[:, at]
-        return out.reshape(n * len(windows), len(steps), model.nu)
+        return out
 
     def command(self, terms, shares, given: Floats) -> Floats:
         """Commands (1 or n, G, nu) as given (G, nu), as they reach the actuators."""
