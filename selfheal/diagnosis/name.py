@@ -537,7 +537,10 @@ def _winner(problem, now: Scored, finals, tried: float):
     usual = [g for g in close if not g[1].effect.rare] or close
     near = [g for g in usual if _as_good(problem, g[0], usual[0][0])]
     # of those that the data cannot rank, a usual one, with the least to choose
-    best = min(near, key=lambda g: (len(g[1].parameters), g[0].held.sum()))
+    best = min(
+        near,
+        key=lambda g: (g[1].effect.rare, len(g[1].parameters), g[0].held.sum()),
+    )
     s, term, p = best
     also = tuple(
         g[1]
@@ -595,7 +598,7 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
 def _plainer(new: Term, old: Term) -> bool:
     """Whether an effect is to be preferred where the data do not tell."""
     if new.effect.rare != old.effect.rare:
-        return old.effect.rare
+        return new.effect.rare < old.effect.rare
     return len(new.parameters) < len(old.parameters)
 
 

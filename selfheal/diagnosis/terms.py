@@ -123,7 +123,9 @@ class Effect:
     separate_by = ""
     regime = "always"
     common = False  # most robots have some of it, whatever else is missing
-    rare = False  # people measure lengths and masses better than friction and delays
+    rare = (
+        0  # people measure lengths (2) better than loads (1), those than friction (0)
+    )
     limits_actuators = False  # writes Moment.forcerange
 
     def terms(self, scene: "Scene") -> list[Term]:

@@ -13,7 +13,7 @@ class AtBody(Effect):
     """What all of them share: a body that moves."""
 
     group = "body"
-    rare = True
+    rare = 2
 
     def parameters(self, scene: Scene, body) -> tuple[Parameter, ...]:
         """Its numbers at a body; `body` is a `scene.Moving`."""
@@ -44,6 +44,7 @@ class AtBody(Effect):
 
 class Payload(AtBody):
     name = "payload"
+    rare = 1
     says = "A mass that the model does not have."
     equation = "a point of that mass fixed to the body"
     source = "MuJoCo geom/mass"
@@ -137,6 +138,7 @@ def add_mass(model, body: int, mass: float, at: Floats) -> None:
 
 class ComShift(AtBody):
     name = "com_shift"
+    rare = 1
     says = "The center of mass lies elsewhere."
     equation = "com = stated com + (x, y, z)"
     source = "MuJoCo inertial/pos"

@@ -125,7 +125,7 @@ def _range(model, place, value) -> tuple[float, float]:
 
 class Cogging(AtJoint):
     name = "cogging"
-    rare = True
+    rare = 1
     says = "A torque that repeats with the angle, of magnets or a gear's teeth."
     equation = "tau = amplitude sin(poles q + phase)"
     source = "MuJoCo actuator/dcmotor, cogging (3.7)"
@@ -161,7 +161,7 @@ class Cogging(AtJoint):
 
 class JointCoupling(Effect):
     name = "joint_coupling"
-    rare = True
+    rare = 1
     group = "transmission"
     says = "A spring between two joints, a cable that runs over both perhaps."
     equation = "tau = -stiffness (q - ratio q_other), and ratio times its opposite"

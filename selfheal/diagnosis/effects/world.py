@@ -45,7 +45,7 @@ class Slope(OfWorld):
 
 class FluidDrag(OfWorld):
     name = "fluid_drag"
-    rare = True
+    rare = 1
     says = "Air or water resists the parts that move through it."
     equation = "MuJoCo's inertia-box fluid model, of density or viscosity"
     source = "MuJoCo option/density, viscosity"
@@ -70,7 +70,7 @@ class FluidDrag(OfWorld):
 
 class Wind(OfWorld):
     name = "wind"
-    rare = True
+    rare = 1
     says = "The air moves."
     equation = "drag of the velocity relative to (vx, vy, vz)"
     source = "MuJoCo option/wind"
