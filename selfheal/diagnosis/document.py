@@ -32,7 +32,9 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     slopes = np.stack([
         a[block == b].T @ r[block == b] for b in np.unique(block)
     ])  # fmt: skip
-    inverse = np.linalg.pinv(a.T @ a, rcond=1e-8, hermitian=True)
+    size, turn = np.linalg.eigh(a.T @ a)
+    # a direction that no reading shows is as uncertain as can be, not certain
+    inverse = turn / np.maximum(size, 1e-8 * size.max()) @ turn.T
     many = len(slopes) / max(len(slopes) - 1, 1)
     plain = inverse * float(r @ r) / max(len(r) - len(a.T), 1)
     cover = inverse @ (slopes.T @ slopes * many) @ inverse
