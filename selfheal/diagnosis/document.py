@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Fit, Problem
+from .fit import Fit, Problem, believed
 from .name import Naming, blocks_of
 from .plant import parts
 from .terms import Term
@@ -32,7 +32,8 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     slopes = np.stack([
         a[block == b].T @ r[block == b] for b in np.unique(block)
     ])  # fmt: skip
-    size, turn = np.linalg.eigh(a.T @ a)
+    weights = believed(found.terms, found.values)[0][live] / scale[live] ** 2
+    size, turn = np.linalg.eigh(a.T @ a + np.diag(weights))
     # a direction that no reading shows is as uncertain as can be, not certain
     inverse = turn / np.maximum(size, 1e-8 * size.max()) @ turn.T
     many = len(slopes) / max(len(slopes) - 1, 1)

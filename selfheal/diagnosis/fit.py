@@ -141,6 +141,18 @@ def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     )  # type: ignore[return-value]
 
 
+def believed(terms: Sequence[Term], values: Floats) -> tuple[Floats, Floats]:
+    """What a careful user believes of stated values: weights (P), and their pull (P).
+
+    Half of what the contract grants is a standard deviation: where readings do not tell
+    two values apart, both stay near what the model states.
+    """
+    low, high, _ = bounds(terms)
+    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
+    weights = np.where(stated, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
+    return weights, weights * (values - 1)
+
+
 def step(
     curvature: Floats, slope: Floats, low: Floats, high: Floats, scale: Floats,
     damping: float = 1e-9,
@@ -201,12 +213,13 @@ def fit(
     r = problem.residuals(terms, x[None])[0]
     jac = jacobian(problem, terms, x, r)
     for _ in range(rounds if len(x) else 0):
-        h, g = jac.T @ jac, jac.T @ r
+        weights, pull = believed(terms, x)
+        h, g = jac.T @ jac + np.diag(weights), jac.T @ r + pull
         tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
         told = problem.residuals(terms, tries)
-        costs = (told**2).sum(axis=1)
+        costs = (told**2).sum(axis=1) + (weights * (tries - 1) ** 2).sum(axis=1)
         best = int(costs.argmin())
-        before = float(r @ r)
+        before = float(r @ r + weights @ (x - 1) ** 2)
         if costs[best] >= before:
             break
         move, change = tries[best] - x, told[best] - r
@@ -235,7 +248,7 @@ class Base:
     Attributes:
         problem: that was fitted.
         fit: its best values.
-        curvature: (P, P).
+        curvature: (P, P), of what is believed too.
     """
 
     problem: Problem
@@ -245,7 +258,9 @@ class Base:
     @classmethod
     def of(cls, problem: Problem, found: Fit) -> "Base":
         """With the curvature worked out."""
-        return cls(problem, found, found.jacobian.T @ found.jacobian)
+        weights, _ = believed(found.terms, found.values)
+        curvature = found.jacobian.T @ found.jacobian + np.diag(weights)
+        return cls(problem, found, curvature)
 
     def settle(self, r: Floats, hold: np.ndarray | None = None) -> tuple[float, Floats]:
         """Lowest cost and the move (P) to it, of residuals r if the rest is linear.
@@ -255,12 +270,15 @@ class Base:
             hold: numbers of parameters that do not move.
         """
         low, high, scale = bounds(self.fit.terms)
-        x, g = self.fit.values, self.fit.jacobian.T @ r
+        x = self.fit.values
+        weights, pull = believed(self.fit.terms, x)
+        g = self.fit.jacobian.T @ r + pull
         low, high = low - x, high - x
         if hold is not None:
             low[hold] = high[hold] = 0.0
         move = step(self.curvature, g, low, high, scale)
-        return float(r @ r + 2 * g @ move + move @ self.curvature @ move), move
+        cost = r @ r + 2 * g @ move + move @ self.curvature @ move
+        return float(cost + weights @ (x - 1) ** 2), move
 
 
 def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
@@ -315,7 +333,8 @@ def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:
     old = base.fit.jacobian
     cross = old.T @ jac
     h = np.block([[base.curvature, cross], [cross.T, jac.T @ jac]])
-    g = np.concatenate([old.T @ r, jac.T @ r])
+    _, pull = believed(base.fit.terms, base.fit.values)
+    g = np.concatenate([old.T @ r + pull, jac.T @ r])
     move = step(
         h, g,
         np.concatenate([all_low - base.fit.values, low - x]),

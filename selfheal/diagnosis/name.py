@@ -6,7 +6,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Base, Fit, Problem, bounds, fit, step, try_term, whitened
+from .fit import (
+    Base,
+    Fit,
+    Problem,
+    believed,
+    bounds,
+    fit,
+    step,
+    try_term,
+    whitened,
+)
 from .plant import parts
 from .scene import Scene
 from .terms import Term
@@ -108,7 +118,8 @@ def held_out(problem: Problem, found: Fit) -> Floats:
     low, high, scale = bounds(found.terms)
     x, jac, r = found.values, found.jacobian, found.residuals
     of = blocks_of(problem)[problem.window_of]
-    h, g = jac.T @ jac, jac.T @ r
+    weights, pull = believed(found.terms, x)
+    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + pull
     out = np.empty(len(r))
     for fold in np.unique(of):
         rows = of == fold

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..recording.data import Floats
-from . import document as doc
 from . import score
 from .case import WINDOW, Case, pieces_of
 from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
@@ -58,10 +57,10 @@ def polished(case: Case, naming: Naming) -> Naming:
 def _refitted(problem: Problem, naming: Naming) -> Naming:
     """The same names in other windows."""
     found, stated = naming.final.fit, naming.stated.fit
-    alone = _spared(problem, fit(problem, stated.terms, stated.values, rounds=3))
+    alone = fit(problem, stated.terms, stated.values, rounds=3)
     final = alone
     if naming.named:
-        final = _spared(problem, fit(problem, found.terms, found.values, rounds=3))
+        final = fit(problem, found.terms, found.values, rounds=3)
     return replace(
         naming, problem=problem, stated=Scored(alone, held_out(problem, alone)),
         final=Scored(final, held_out(problem, final)),
@@ -96,23 +95,6 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
             final=Scored(less, held_out(naming.problem, less)),
         )  # fmt: skip
     return naming, tuple(gone)
-
-
-def _spared(problem: Problem, found: Fit) -> Fit:
-    """Without changes to stated values that the data do not ask for."""
-    errors = doc.uncertainty(problem, found)
-    firsts = np.cumsum([0, *(len(t.parameters) for t in found.terms)])[:-1]
-    idle = [
-        t.effect.name == "stated" and abs(found.values[i] - 1) < doc.LEVEL * errors[i]
-        for t, i in zip(found.terms, firsts, strict=True)
-    ]
-    if not any(idle):
-        return found
-    keep = [k for k, free in enumerate(idle) if not free]
-    terms = tuple(found.terms[k] for k in keep)
-    values = [parts(found.terms, found.values)[k] for k in keep]
-    less = fit(problem, terms, np.concatenate([*values, np.zeros(0)]), rounds=3)
-    return less if less.cost < 1.01 * found.cost else found
 
 
 @dataclass(frozen=True)

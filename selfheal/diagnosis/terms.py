@@ -126,6 +126,7 @@ class Effect:
     rare = (
         0  # people measure lengths (2) better than loads (1), those than friction (0)
     )
+    of_before = False  # gives a command as it was when a step began
     limits_actuators = False  # writes Moment.forcerange
 
     def terms(self, scene: "Scene") -> list[Term]:

@@ -207,20 +207,21 @@ class World:
         out = np.empty((n, len(windows), len(steps), self.workshop.given.nu))
         for i in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == i)
-            log = self.logs[i]
-            given = log.centered if centered else log.ctrl
-            grid = self.command(terms, shares, given)
+            grid = self.command(terms, shares, self.logs[i], centered)
             at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
             out[:, rows] = grid[:, at]
         return out
 
-    def command(self, terms, shares, given: Floats) -> Floats:
-        """Commands (1 or n, G, nu) as given (G, nu), as they reach the actuators."""
-        ctrl = given[None]
+    def command(self, terms, shares, log: Log, centered: bool) -> Floats:
+        """Commands (1 or n, G, nu) of an episode, as they reach the actuators."""
+        ctrl = (log.centered if centered else log.ctrl)[None]
         for term, part in zip(terms, shares, strict=True):
             if does(term.effect, "command"):
                 for place in term.places:
                     ctrl = term.effect.command(ctrl, self.step, place, part)
+                if centered and term.effect.of_before:
+                    after = np.concatenate([ctrl[:, 1:], ctrl[:, -1:]], axis=1)
+                    ctrl = (ctrl + after) / 2
         return ctrl
 
     def _stepped(

@@ -104,6 +104,7 @@ def _late(u: Floats, steps: Floats) -> Floats:
 
 class ActuatorLag(AtActuator):
     name = "actuator_lag"
+    of_before = True
     says = "The actuator follows its command as a first-order filter does."
     equation = "timeconst du/dt = ctrl - u"
     source = "MuJoCo actuator/dyntype filterexact"
