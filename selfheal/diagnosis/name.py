@@ -31,6 +31,7 @@ WORTH = 0.02  # least share of the held-out squared error that a name removes; c
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
+LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
@@ -294,9 +295,8 @@ def name_effects(
     """Find the effects without which the recordings cannot be explained.
 
     Forward, with a look back after each step: what a later effect makes needless goes.
-    Where that ends with an unusual effect, with several or with something left, once
-    more from all the usual ones at once: the first one named alone may have stood for
-    several.
+    Where that leaves something, once more from all the usual ones at once: the first
+    one named alone may have stood for several.
 
     Args:
         problem: all windows that may be used.
@@ -317,7 +317,8 @@ def name_effects(
     search.forward()
     named = search.now.fit.terms[len(stated) :]
     odd = any(t.effect.rare for t in named) or len(named) > 1
-    if odd or (search.above > ABOVE and not search.is_white):
+    left = search.above > (LEFT if odd else ABOVE)
+    if left and not search.is_white:
         other = start.with_all_usual()
         if other is not None and other.beats(search):
             search = other

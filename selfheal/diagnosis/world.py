@@ -219,9 +219,12 @@ class World:
             if does(term.effect, "command"):
                 for place in term.places:
                     ctrl = term.effect.command(ctrl, self.step, place, part)
-                if centered and term.effect.of_before:
-                    after = np.concatenate([ctrl[:, 1:], ctrl[:, -1:]], axis=1)
-                    ctrl = (ctrl + after) / 2
+                    if centered and term.effect.of_before:
+                        a = place["actuator"]
+                        after = np.append(ctrl[:, 1:, a], ctrl[:, -1:, a], axis=1)
+                        middle = (ctrl[:, :, a] + after) / 2
+                        there = part[:, :1] > 0
+                        ctrl[:, :, a] = np.where(there, middle, ctrl[:, :, a])
         return ctrl
 
     def _stepped(
