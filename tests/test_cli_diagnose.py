@@ -3,6 +3,7 @@
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -43,7 +44,8 @@ class Doctor:
         progress("trying backlash at joint:knee", 0.4)
         if isinstance(self.answer, BaseException):
             raise self.answer
-        return self.answer
+        text = Path(model).read_text()
+        return replace(self.answer, model=str(model), patched=text)
 
     def replay(self, folder, recording, *, model=None):
         self.asked.append({"folder": folder, "file": recording.file, "model": model})
@@ -133,10 +135,18 @@ def test_names_with_brackets_are_no_markup(doctor, files, tmp_path):
 
 def test_what_is_held_out_may_be_an_episode_or_a_file(doctor, files, tmp_path):
     model, a, b = files
-    given = ["--held-out", "zeta", "--held-out", b, "--out", tmp_path / "out"]
+    given = ["--held-out", "a.h5:zeta", "--held-out", b, "--out", tmp_path / "out"]
     _run("diagnose", model, a, *given)
     assert doctor.asked[0]["files"] == [str(a), str(b)]
-    assert doctor.asked[0]["held_out"] == ["zeta", f"{b}:zeta", f"{b}:alpha"]
+    held_out = [f"{a}:zeta", f"{b}:zeta", f"{b}:alpha"]
+    assert doctor.asked[0]["held_out"] == held_out
+
+
+def test_an_episode_of_several_recordings_is_not_guessed(doctor, files, tmp_path):
+    _, a, b = files
+    given = ["--held-out", "alpha[0.1,0.2]", "--out", tmp_path / "out"]
+    said = _refused(_run("diagnose", *files, *given))
+    assert f"{a}:alpha[0.1,0.2], {b}:alpha[0.1,0.2]" in said and doctor.asked == []
 
 
 BAD = [
@@ -148,8 +158,9 @@ BAD = [
     (["arm.xml", "a.h5", "--seed", "-1"], "seed must not be negative"),
     (["arm.xml", "a.h5", "--out", "b.h5"], "b.h5 is a file"),
     (["arm.xml", "a.h5", "--out", "/proc/x/y"], "cannot write"),
-    (["arm.xml", "a.h5", "--out", "."], "not empty"),
-    (["arm.xml", "a.h5", "--out", ".", "--force"], "which --force would delete"),
+    (["arm.xml", "a.h5", "--out", "."], "no part of a diagnosis"),
+    (["arm.xml", "a.h5", "--out", ".", "--force"], "no part of a diagnosis"),
+    (["arm.xml", "a.h5", "--out", "b.h5/x/y"], "b.h5 is a file"),
 ]
 
 

@@ -105,7 +105,9 @@ def made_up(
     tried = [("coulomb_friction", 0.11), ("stribeck_friction", 0.12),
              ("asymmetric_friction", 0.4), ("joint_spring", 0.9)]  # fmt: skip
     return Diagnosis(
+        model="leg.xml",
         document=_document(verdict, findings),
+        edits=(),
         patched="<mujoco/>",
         diff=DIFF,
         traces=tuple(_trace(k) for k in range(2)),
@@ -353,7 +355,7 @@ def test_nothing_at_all_has_a_page():
     empty = np.zeros((0, 0))
     document = _document("nothing", ()) | {"refit": []}
     made = Diagnosis(
-        document, "", "", (), Located((), (), empty, empty), (), (), (), 0.0, 0
+        "", document, (), "", "", (), Located((), (), empty, empty), (), (), (), 0.0, 0
     )
     assert "<figure>" not in _page(made)
     words = _told(made)

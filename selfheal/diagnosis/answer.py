@@ -1,5 +1,6 @@
 """What a user is told: takes a proven naming, gives a Diagnosis."""
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +19,7 @@ from .patch import difference, patched
 from .prove import Proof, Structure, removed_share
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
 from .terms import Term
-from .textual import Source, edits
+from .textual import Edit, Source, edits
 from .windows import Windows
 from .world import World
 
@@ -36,7 +37,7 @@ def answer_of(
     """The document, the patched model, and what a page draws beside them."""
     found, stated, numbers = naming.final.fit, naming.stated.fit, proof.numbers
     located, where = _located(case, naming)
-    text, diff = patch_of(case, found)
+    changes, text, diff = patch_of(case, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -47,7 +48,8 @@ def answer_of(
                 "explainable_removed": removed_share(numbers)},
     }  # fmt: skip
     return Diagnosis(
-        doc.plain(document), text, diff, _traces(case, proof.pieces, stated, found),
+        os.path.abspath(case.workshop.path), doc.plain(document), changes, text, diff,
+        _traces(case, proof.pieces, stated, found),
         located, _signals(case, proof.squares, proof.count), _candidates(naming),
         tuple(remarks), time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
@@ -138,15 +140,15 @@ def _window(world: World, pieces: Windows, w: int) -> dict[str, Any]:
             "end": start + pieces.steps[w] * world.step}  # fmt: skip
 
 
-def patch_of(case: Case, found: Fit) -> tuple[str, str]:
-    """Text of patched.xml, and its difference from the given model's."""
+def patch_of(case: Case, found: Fit) -> tuple[list[Edit], str, str]:
+    """Edits of the given text, text of patched.xml beside it, and their difference."""
     path = Path(case.workshop.path)
     home = path.resolve().parent
     given = patched(path, (), home)
     plant = case.workshop.plant(found.terms)
     changes = edits(Source(given), plant, found.terms, found.values)
     text = patched(path, changes, home)
-    return text, difference(given, text)
+    return changes, text, difference(given, text)
 
 
 def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:

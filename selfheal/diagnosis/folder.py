@@ -8,8 +8,9 @@ from typing import Any
 from uuid import uuid4
 
 from ..errors import InputError
-from ..files import check_writable_folder
+from ..files import check_writable
 from .document import text_of
+from .patch import patched
 from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
@@ -25,29 +26,35 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     if folder.is_file():
         raise InputError(f"{folder} is a file; would fit: a folder to be made")
     held = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
-    if held and not force:
-        raise InputError(
-            f"{folder} exists and is not empty; give another --out, or --force"
-        )
     if others := [name for name in held if name not in FILES]:
         raise InputError(
-            f"{folder} holds {', '.join(others[:3])}, which --force would delete; "
-            f"would fit: a folder of {', '.join(FILES)} alone, or a new one"
+            f"{folder} holds {', '.join(others[:3])}, which is no part of a diagnosis "
+            "and would be lost; would fit: a new folder, or an empty one"
         )
-    check_writable_folder(folder.resolve().parent)
+    if held and not force:
+        raise InputError(
+            f"{folder} holds an earlier diagnosis; --force replaces it, or give "
+            "another folder"
+        )
+    check_writable(folder)
     return folder
 
 
-def write(diagnosis: Diagnosis, folder, page: str, force: bool) -> None:
-    """Write diagnosis.json, patched.xml and report.html, all or nothing."""
+def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> None:
+    """Write diagnosis.json, patched.xml and report.html, all or nothing.
+
+    Raises:
+        InputError: as `Diagnosis.save` says.
+    """
     folder = check_folder(folder, force)
+    text = _patched(diagnosis, folder)
     home = folder.resolve().parent
     new = home / f".{folder.name}.{uuid4().hex[:8]}.tmp"
-    new.mkdir()
+    new.mkdir(parents=True)
     try:
         (new / "diagnosis.json").write_text(text_of(diagnosis.document))
-        (new / "patched.xml").write_bytes(diagnosis.patched.encode())
-        (new / "report.html").write_text(page, encoding="utf-8")
+        (new / "patched.xml").write_bytes(text.encode())
+        (new / "report.html").write_text(diagnosis.page, encoding="utf-8")
         old = new.with_suffix(".old")
         if folder.exists():
             os.replace(folder, old)
@@ -55,6 +62,16 @@ def write(diagnosis: Diagnosis, folder, page: str, force: bool) -> None:
         shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def _patched(diagnosis: Diagnosis, folder: Path) -> str:
+    """Text of patched.xml whose paths lead from a folder to where they led before."""
+    given = Path(diagnosis.model)
+    if patched(given, diagnosis.edits, given.resolve().parent) != diagnosis.patched:
+        raise InputError(
+            f"{given} is no longer the model that was diagnosed; diagnose it again"
+        )
+    return patched(given, diagnosis.edits, folder)
 
 
 def read(folder: str | os.PathLike[str]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """A diagnosed model replayed: takes commands and initial states, gives the signals."""
 
 import os
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from .folder import read
 from .logs import channels, log
 from .plant import Workshop
 from .prepare import actuators_of, in_order
+from .result import Diagnosis
 from .scene import Scene, bodies_of, joints_of
 from .stated import stated_terms
 from .terms import Parameter, Term
@@ -52,6 +54,19 @@ def replay(
         for name in recording.episodes
     }
     return replace(recording, episodes=episodes)
+
+
+def simulate(
+    diagnosis: Diagnosis,
+    recording: Recording,
+    *,
+    model: str | os.PathLike[str] | None = None,
+) -> Recording:
+    """The same of a diagnosis that lies in no folder yet; errors as `replay` says."""
+    with tempfile.TemporaryDirectory() as room:
+        folder = Path(room) / "diagnosis"
+        diagnosis.save(folder)
+        return replay(folder, recording, model=model)
 
 
 def _terms(

@@ -5,7 +5,7 @@ from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
 from .names import names_of, read_names
 from .split import split
-from .store import read, write
+from .store import opened, read, write
 
 __all__ = [
     "KINDS",
@@ -16,6 +16,7 @@ __all__ = [
     "Target",
     "check_against_model",
     "names_of",
+    "opened",
     "read",
     "read_names",
     "split",

@@ -44,6 +44,18 @@ def read(path: str | os.PathLike[str]) -> Recording:
     return recording
 
 
+def opened(recording: Recording | str | os.PathLike[str]) -> Recording:
+    """A recording, checked: the one that is given, or the one at a path.
+
+    Raises:
+        RecordingError: it breaks the contract.
+    """
+    if not isinstance(recording, Recording):
+        return read(recording)
+    validate(recording)
+    return recording
+
+
 def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Check a recording and write it; the file appears whole or not at all.
 
