@@ -265,7 +265,9 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
         values = np.concatenate([factors, own])
         told = b.world.simulate(terms, values[None], b.pieces)[0]
         assert np.isfinite(told).all()
-        text, _ = patch_of(b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0))))
+        _, text, _ = patch_of(
+            b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0)))
+        )
         folder = tmp_path / str(n)
         _write(folder, text, _document(stated, factors, term, own))
         for model in (None, b.path):

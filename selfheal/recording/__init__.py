@@ -3,7 +3,7 @@
 from .check import validate
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
-from .names import names_of, read_names
+from .names import load_model, names_of, read_names
 from .split import split
 from .store import opened, read, write
 
@@ -15,6 +15,7 @@ __all__ = [
     "Signal",
     "Target",
     "check_against_model",
+    "load_model",
     "names_of",
     "opened",
     "read",

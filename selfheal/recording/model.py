@@ -58,6 +58,11 @@ def check_against_model(recording: Recording, names: ModelNames) -> None:
 
 def _check_actuators(episode: Episode, names: ModelNames, place: Place) -> None:
     model, given = names.targets["actuator"], episode.ctrl_names
+    if given and not model:
+        raise place.error(
+            f"ctrl has a column for {listed(given)}, but the model has no actuator "
+            "with a name (MuJoCo reads none from a URDF: save it as MJCF and add them)"
+        )
     if unknown := [name for name in given if name not in model]:
         raise place.error(
             f"the model has no actuator {listed(unknown)}; would fit: {listed(model)}"
