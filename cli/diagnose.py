@@ -228,8 +228,9 @@ def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> 
     if model is not None:
         check_file(model)
     check_file(inputs)
-    if out.resolve() == inputs.resolve():
-        raise InputError(f"--out {out} would overwrite the inputs")
+    used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
+    if out.resolve() in [path.resolve() for path in used]:
+        raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.is_dir():
         raise InputError(f"cannot write {out}: it is a folder")
     check_writable(out)

@@ -105,7 +105,8 @@ def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
         real = os.path.realpath(entry)
         (whole,) = (r for r in recordings if os.path.realpath(r.file) == real)
         return [f"{whole.file}:{name}" for name in whole.episodes]
-    fits = [full for r in recordings if (full := _full(entry, r))]
+    exact = [r for r in recordings if entry.startswith(f"{r.file}:")]
+    fits = [full for r in exact or recordings if (full := _full(entry, r))]
     if len(fits) > 1:
         raise InputError(
             f"held-out {entry!r} fits several recordings; would fit: {', '.join(fits)}"

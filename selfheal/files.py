@@ -33,9 +33,13 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: nothing can be made there; the message says why.
     """
-    home = Path(path).resolve().parent
-    while not home.exists():
-        home = home.parent
+    try:
+        Path(path).exists()  # a name that is too long says so here
+        home = Path(path).resolve().parent
+        while not home.exists():
+            home = home.parent
+    except OSError as error:
+        raise InputError(f"cannot write {os.fspath(path)}: {_reason(error)}") from error
     if not home.is_dir():
         raise InputError(f"cannot write {os.fspath(path)}: {home} is a file")
     check_writable_folder(home)

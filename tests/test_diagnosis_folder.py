@@ -15,6 +15,7 @@ from selfheal.diagnosis.document import plain, text_of
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.result import Diagnosis, Located
 from selfheal.errors import InputError, RecordingError, UnknownNameError
+from selfheal.recording import Signal
 
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
 
@@ -78,6 +79,14 @@ def test_other_files_are_never_deleted(force, tmp_path):
     with pytest.raises(InputError):
         folder.check_folder(out, force)
     assert _names(out) == ["thesis.tex"]
+
+
+def test_a_link_to_a_folder_stays_one(given, tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "out").symlink_to("real")
+    _diagnosis(given).save(tmp_path / "out")
+    assert (tmp_path / "out").is_symlink() and _names(tmp_path / "real") == FILES
+    assert _names(tmp_path) == ["out", "real"]
 
 
 def test_a_file_is_no_folder(tmp_path):
@@ -278,12 +287,49 @@ def test_a_finding_of_an_unknown_effect_is_refused(arm):
         replay(out, recording)
 
 
+@pytest.mark.parametrize(
+    "finding",
+    [
+        {"parameters": [{"name": "frictionloss", "value": None}]},
+        {"parameters": [{"name": "frictionloss", "value": "much"}]},
+        {"parameters": [{"name": "frictionloss"}]},
+        {"parameters": None},
+    ],
+)
+def test_a_damaged_finding_is_refused(finding, arm):
+    out, recording = arm
+    _find(out, **finding)
+    with pytest.raises(InputError, match="is damaged; would fit: findings as a list"):
+        replay(out, recording)
+
+
+def test_a_target_of_no_kind_is_refused(arm):
+    out, recording = arm
+    _find(out, target="elbow")
+    with pytest.raises(InputError, match="'elbow'; would fit: joint:"):
+        replay(out, recording)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({"ctrl_names": ("a", "b")}, "no actuator 'a', 'b'; would fit: 'shoulder_serv"),
+        ({"signals": {"x": Signal(np.zeros(30), "joint_position", "knee", "rad")}},
+         "no joint 'knee'"),
+    ],
+)  # fmt: skip
+def test_inputs_of_another_robot_are_refused(change, said, arm):
+    out, recording = arm
+    with pytest.raises(RecordingError, match=said):
+        replay(out, _with(recording, **change))
+
+
 def test_a_diverging_model_is_told_with_episode_and_time(arm):
     out, recording = arm
     _find(out, effect="joint_spring", native=False,
           parameters=[{"name": "stiffness", "value": -1e9},
                       {"name": "springref", "value": 0.0}])  # fmt: skip
-    with pytest.raises(RecordingError, match=r"'000': the model diverges.* s$"):
+    with pytest.raises(RecordingError, match=r"'000': the model diverges at 0\.\d+ s$"):
         replay(out, recording)
 
 

@@ -20,6 +20,7 @@ from .prove import Proof, Structure, removed_share
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
 from .terms import Term
 from .textual import Edit, Source, edits
+from .usable import divergence
 from .windows import Windows
 from .world import World
 
@@ -144,11 +145,10 @@ def patch_of(case: Case, found: Fit) -> tuple[list[Edit], str, str]:
     """Edits of the given text, text of patched.xml beside it, and their difference."""
     path = Path(case.workshop.path)
     home = path.resolve().parent
-    given = patched(path, (), home)
     plant = case.workshop.plant(found.terms)
-    changes = edits(Source(given), plant, found.terms, found.values)
+    changes = edits(Source(path), plant, found.terms, found.values)
     text = patched(path, changes, home)
-    return changes, text, difference(given, text)
+    return changes, text, difference(patched(path, (), home), text)
 
 
 def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:
@@ -210,6 +210,13 @@ def remarks_of(
         for j in case.scene.joints
         if j.measured and j.range < STILL
     ]
+    pieces = naming.problem.windows
+    count, episode, time = divergence(case.world, pieces)
+    if count:
+        found.append(
+            f"The model as given diverges in {count} of {len(pieces)} pieces, first in "
+            f"episode {episode} at {time:.4g} s."
+        )
     if refuted:
         found.append(
             f"What fitted best, {'; '.join(refuted)}, did not hold on the held-out "

@@ -14,6 +14,7 @@ from .name import name_effects
 from .prove import Proof, bare, judged, polished, removed_share, structure_of
 from .result import Diagnosis
 from .stated import stated_terms
+from .usable import check_usable
 
 PROVEN = 0.98  # of the re-fitted model's held-out error, that names must stay below
 HELD = 0.8  # least share removed on held-out episodes for "explained"; chosen
@@ -40,12 +41,13 @@ def diagnose(
         progress: told what is being done and how far it is (0 to 1).
 
     Raises:
-        ModelError: MuJoCo cannot load the model.
-        RecordingError: a recording does not fit it, or is too short.
+        ModelError: MuJoCo cannot load the model, or it diverges.
+        RecordingError: a recording does not fit it, or is too short or too quiet.
     """
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
     case = prepare(model, recordings, held_out)
+    check_usable(case)
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)
     naming = name_effects(

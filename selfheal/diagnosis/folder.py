@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -14,6 +15,11 @@ from .patch import patched
 from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
+# what a replay reads of diagnosis.json
+ENTRIES = {
+    "findings": ("effect", "target", "parameters"),
+    "refit": ("parameter", "given", "value"),
+}
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -23,6 +29,7 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
         InputError: it cannot be written, or holds something and `force` is not set.
     """
     folder = Path(folder)
+    check_writable(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; would fit: a folder to be made")
     held = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
@@ -36,7 +43,6 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
             f"{folder} holds an earlier diagnosis; --force replaces it, or give "
             "another folder"
         )
-    check_writable(folder)
     return folder
 
 
@@ -46,9 +52,8 @@ def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> 
     Raises:
         InputError: as `Diagnosis.save` says.
     """
-    folder = check_folder(folder, force)
-    text = _patched(diagnosis, folder)
-    home = folder.resolve().parent
+    folder = check_folder(folder, force).resolve()  # where a link leads
+    text, home = _patched(diagnosis, folder), folder.parent
     new = home / f".{folder.name}.{uuid4().hex[:8]}.tmp"
     new.mkdir(parents=True)
     try:
@@ -90,4 +95,26 @@ def read(folder: str | os.PathLike[str]) -> dict[str, Any]:
     kind = document.get("format") if isinstance(document, dict) else None
     if kind != "selfheal-diagnosis" or document.get("version") != 1:
         raise InputError(f"{path} is not a selfheal-diagnosis of version 1")
+    for key, fields in ENTRIES.items():
+        entries = document.get(key)
+        if not isinstance(entries, list) or not all(_holds(e, fields) for e in entries):
+            raise InputError(
+                f"{path} is damaged; would fit: {key} as a list, each of it with "
+                f"{', '.join(fields)}, and numbers as values"
+            )
     return document
+
+
+def _holds(entry: Any, fields: Sequence[str]) -> bool:
+    """Whether an entry of diagnosis.json has what a replay needs."""
+    if not isinstance(entry, dict) or not set(fields) <= set(entry):
+        return False
+    told = entry.get("parameters", [entry])
+    return isinstance(told, list) and all(
+        isinstance(p, dict) and _are_numbers(p.get("value")) for p in told
+    )
+
+
+def _are_numbers(value: Any) -> bool:
+    values = value if isinstance(value, list) else [value]
+    return all(isinstance(v, int | float) for v in values)

@@ -127,6 +127,14 @@ def patched(
     return tree.document.text()
 
 
+def tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
+    """Name and tag of all elements that an edit with this tag can speak of.
+
+    In the order of the text, what is included in place; errors as `patched` says.
+    """
+    return [(_name(e), e.tag) for e in _Tree(path).candidates(tag)]
+
+
 # the text as pieces
 
 _NAME = r"""[^\s=<>/"']+"""

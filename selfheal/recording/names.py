@@ -84,7 +84,7 @@ def names_of(model: "mujoco.MjModel") -> ModelNames:
     # what has no name cannot be asked about
     for things in targets.values():
         things.pop("", None)
-    return ModelNames(targets, model.nq, model.nv)
+    return ModelNames(targets, model.nu, model.nq, model.nv)
 
 
 def _joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:

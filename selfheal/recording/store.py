@@ -103,6 +103,7 @@ def _recording(root: h5py.File, file: Place) -> Recording:
         raise file.error(f"format is {found!r}; would fit: {FORMAT!r}")
     version = root.attrs.get("version")
     if not isinstance(version, (int, np.integer)) or version != VERSION:
+        version = version.item() if isinstance(version, np.generic) else version
         raise file.error(f"version is {version!r}; this program reads {VERSION}")
     episodes = _group(root, "episodes", file)
     opened = [_open(episodes, name, Place(file.file, name)) for name in episodes]
