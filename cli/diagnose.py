@@ -14,6 +14,16 @@ if TYPE_CHECKING:
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _FILES = ("diagnosis.json", "patched.xml", "report.html")
+# what is said of a stage, by the first word of what is being done
+_STAGES = {
+    "trying": "trying every effect wherever it could be",
+    "fitting": "fitting the best of them together with all stated values",
+}
+_MEANS = (
+    "Normalized error on held-out recordings; 1 is as far off as a constant. given: "
+    "the model as it is; refit: what it states, fitted anew; patched: with the "
+    "findings too; floor: what noise alone leaves."
+)
 
 
 def diagnose(
@@ -73,20 +83,19 @@ class _Show:
             TextColumn("{task.description}", markup=False),
             console=self.console,
             transient=True,
-            disable=quiet,
+            disable=quiet or not self.console.is_terminal,
         )
-        self.task = self.bar.add_task("", total=1.0)
+        self.task = self.bar.add_task("reading", total=1.0)
 
     def __call__(self, what: str, share: float) -> None:
         """Show what is being done and how much of that is done."""
-        self.bar.start()  # no sooner: a refusal is a message alone
         self.bar.update(self.task, description=what, completed=share)
         stage = what.partition(" ")[0]  # "trying this", "trying that": one stage
         if stage != self.stage:
             self.stage = stage
-            seconds = time.perf_counter() - self.start
+            seconds, said = time.perf_counter() - self.start, _STAGES.get(stage, what)
             self.console.print(
-                f"{seconds:6.1f} s  {what}", highlight=False, markup=False
+                f"{seconds:6.1f} s  {said}", highlight=False, markup=False
             )
 
 
@@ -94,11 +103,11 @@ class _Show:
 def _progress(quiet: bool) -> Iterator[_Show]:
     """Progress while a diagnosis goes on."""
     show = _Show(quiet)
-    try:
+    if show.bar.disable:
         yield show
-    finally:
-        if show.bar.live.is_started:
-            show.bar.stop()
+        return
+    with show.bar:
+        yield show
 
 
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
@@ -146,6 +155,8 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
 
 def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
     """The error on held-out recordings."""
+    from rich.text import Text
+
     from selfheal.report.tables import short
 
     keys = ("given", "refit", "patched", "floor")
@@ -153,6 +164,7 @@ def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
     removed = fit.get("explainable_removed")
     row.append("\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %")
     _print_table(console, ("", *keys, "explainable removed"), [row])
+    console.print(Text(_MEANS, style="dim"))
 
 
 def _print_table(

@@ -111,8 +111,7 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
                  "0.14 N m", "stribeck", "to separate command_delay: move the joint",
                  "0.21", "95 %", "note: The hip never", "report.html"):  # fmt: skip
         assert word in result.stdout, word
-    assert "s  trying coulomb_friction" in result.stderr
-    assert "s  trying backlash" not in result.stderr  # the same stage
+    assert result.stderr.count("s  trying every effect") == 1  # one stage
     assert "trying" not in result.stdout
 
 

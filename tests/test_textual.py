@@ -31,6 +31,9 @@ def _driven(kind: str, more: str = "") -> str:
     return _put(ELBOW, f'<{kind} name="elbow_servo" joint="elbow" {more}/>')
 
 
+INERTIAL = (
+    '<inertial pos="0.1 0 0.01" mass="0.2" diaginertia="1e-4 3e-4 2.5e-4" {}="{}"/>'
+)
 # the same robot, or nearly: the model, and the files that it includes
 WAYS: dict[str, tuple[str, dict[str, str]]] = {
     "plain": (ARM, {}),
@@ -76,6 +79,20 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
             '<frame pos="0 0 0.01" euler="0 0 0.2"><geom name="lower" type="capsule" '
             'fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2"/><geom type="box" '
             'size="0.1 0.01 0.01" pos="0.1 0 0" euler="0 0 -0.2" mass="0.1"/></frame>',
+        ),
+        {},
+    ),
+    "a stated inertia": (
+        _put(
+            '<joint name="elbow"',
+            f'{INERTIAL.format("quat", "1 1 0 0")}<joint name="elbow"',
+        ),
+        {},
+    ),
+    "a turned inertia": (
+        _put(
+            '<joint name="elbow"',
+            f'{INERTIAL.format("euler", "0.1 0.2 0.3")}<joint name="elbow"',
         ),
         {},
     ),
@@ -170,6 +187,19 @@ def test_play_is_as_wide_in_the_text(way, written, tmp_path):
         new = _patched(case, (term,), values, tmp_path)
         joint = new.joint(term.targets[0].partition(":")[2] + "_play")
         assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
+
+
+def test_an_inertia_stays_along_the_axes_that_are_stated(written, tmp_path):
+    case = written("a stated inertia")
+    (term,) = [t for t in stated_terms(case.scene) if t.targets == ("body:lower/mass",)]
+    length = next(
+        t for t in effect("link_length").terms(case.scene) if "lower" in t.label
+    )
+    for terms, value in (((term,), [1.1]), ((length,), [0.21])):
+        found = Fit(terms, np.array(value), np.zeros(0), np.zeros((0, 0)))
+        _, text, _ = patch_of(case, found)
+        (inertial,) = re.findall("<inertial[^>]*>", text)
+        assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
 
 
 def test_a_change_of_one_number_changes_one_line(written, tmp_path):

@@ -18,12 +18,14 @@ from .name import Naming
 from .patch import difference, patched
 from .prove import Proof, Structure, removed_share
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
+from .stated import is_loose
 from .terms import Term
 from .textual import Edit, Source, edits
 from .usable import divergence
 from .windows import Windows
 from .world import World
 
+FEW = 6  # names that a remark lists; chosen
 STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
@@ -224,17 +226,11 @@ def remarks_of(
         )
     if structure.left and structure.share > 0.05:
         found.append(
-            f"A torque of free form would explain {structure.share:.0%} of what is "
-            "left."
+            f"A torque of free form would explain {100 * structure.share:.0f} % of "
+            "what is left."
         )
-    loose = [e["parameter"] for e in doc.refit_of(naming) if _is_loose(naming, e)]
+    loose = [e["parameter"] for e in doc.refit_of(naming) if is_loose(e)]
     if loose:
-        found.append(f"Not pinned down by these data: {', '.join(loose)}.")
+        more = f" and {len(loose) - FEW} more" if len(loose) > FEW else ""
+        found.append(f"Not pinned down by these data: {', '.join(loose[:FEW])}{more}.")
     return tuple(found)
-
-
-def _is_loose(naming: Naming, entry: dict[str, Any]) -> bool:
-    """Whether a stated value's interval is as wide as what a user would grant it."""
-    term = next(t for t in naming.final.fit.terms if t.targets[0] == entry["parameter"])
-    (p,) = term.parameters
-    return entry["high"] - entry["low"] > 0.9 * abs(entry["given"]) * (p.high - p.low)

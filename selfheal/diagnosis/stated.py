@@ -1,6 +1,7 @@
 """What the model states and a careful user would let a fit change (contract 2)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,21 @@ from .scene import Scene
 from .terms import Effect, Floats, Parameter, Term
 
 MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
+LOOSE = 0.9  # of what is allowed: an interval as wide says nothing; chosen
+
+
+def reach(parameter: str) -> float:
+    """How far a stated value may move, relative to itself ("joint:knee/damping")."""
+    field = parameter.rpartition("/")[2]
+    return {"mass": MASS, "inertia": MASS, "length": LENGTH}.get(field, REST)
+
+
+def is_loose(entry: Mapping[str, Any]) -> bool:
+    """Whether the data leave a re-fitted value as open as a careful user would."""
+    given, low, high = (entry[key] for key in ("given", "low", "high"))
+    if None in (given, low, high):
+        return True
+    return high - low > LOOSE * 2 * reach(entry["parameter"]) * abs(given)
 
 
 class Stated(Effect):

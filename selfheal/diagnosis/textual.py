@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from ..recording.data import Floats
 from .patch import Insert, Rename, Set, number, tags
 from .plant import Plant, parts
 from .terms import Term, does
-
-if TYPE_CHECKING:
-    import mujoco
 
 Edit = Set | Insert | Rename
 ADDED = ("_play", "_flex")  # joints that an effect adds (contract section 2)
@@ -59,6 +56,16 @@ class Source:
         compiler, always = self.spec.compiler, 1  # mjINERTIAFROMGEOM_TRUE
         return int(compiler.inertiafromgeom) == always or compiler.settotalmass > 0
 
+    def turn(self, quat: Floats, alt: Any) -> Floats:
+        """How something is turned (4), whichever way the spec says so."""
+        if int(alt.type) == 0:  # mjORIENTATION_QUAT
+            return np.array(quat) / np.linalg.norm(quat)
+        how = self.spec.compiler
+        turned = self.spec.resolve_orientation(
+            degree=how.degree, sequence=how.eulerseq, orientation=alt
+        )
+        return np.array(turned)
+
     def frame(self, element: Any) -> tuple[Floats, Floats]:
         """Place (3) and turn (4) of the <frame>s around an element of the spec."""
         import mujoco
@@ -66,23 +73,11 @@ class Source:
         place, turn = np.zeros(3), np.array([1.0, 0, 0, 0])
         while element.frame is not None:
             element = element.frame
-            its = _turn(self.spec, element)
+            its = self.turn(element.quat, element.alt)
             mujoco.mju_rotVecQuat(place, place.copy(), its)
             place += element.pos
             mujoco.mju_mulQuat(turn, its, turn.copy())
         return place, turn
-
-
-def _turn(spec: "mujoco.MjSpec", frame: Any) -> Floats:
-    """How a frame is turned (4), whichever way it says so."""
-    alt, compiler = frame.alt, spec.compiler
-    if int(alt.type) == 0:  # mjORIENTATION_QUAT
-        return np.array(frame.quat)
-    return np.array(
-        spec.resolve_orientation(
-            degree=compiler.degree, sequence=compiler.eulerseq, orientation=alt
-        )
-    )
 
 
 def edits(
@@ -240,17 +235,39 @@ def _of_bodies(source: Source, old, new) -> Iterator[Edit]:
             yield Set("body", name, {"pos": moved})
         if not changed[b]:
             continue
-        told = {
+        told: dict[str, str | None] = {
             "pos": number(new.body_ipos[b]),
             "quat": number(new.body_iquat[b]),
             "mass": number(new.body_mass[b]),
             "diaginertia": number(new.body_inertia[b]),
         }
         if source.states_inertia(str(name)):
-            yield Set("inertial", name, {"fullinertia": None, **TURNED, **told})
+            moments = _moments(source, source.spec.bodies[b], new, b)
+            if moments is None:
+                told |= {"fullinertia": None, **TURNED}
+            else:
+                told |= {"diaginertia": number(moments)}
+                del told["quat"]
+            yield Set("inertial", name, told)
         else:
             xml = " ".join(f'{k}="{v}"' for k, v in told.items())
             yield Insert("body", name, f"<inertial {xml}/>", first=True)
+
+
+def _moments(source: Source, element: Any, new, body: int) -> Floats | None:
+    """Inertia (3) along the axes that the text states; None: it has others now."""
+    import mujoco
+
+    if np.isfinite(element.fullinertia[0]):
+        return None
+    now, stated = np.empty(9), np.empty(9)
+    mujoco.mju_quat2Mat(now, new.body_iquat[body])
+    mujoco.mju_quat2Mat(stated, source.turn(element.iquat, element.ialt))
+    turn = stated.reshape(3, 3).T @ now.reshape(3, 3)
+    tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
+    moments = np.diag(tensor)
+    apart = np.abs(tensor - np.diag(moments)).max()
+    return moments if apart < 1e-7 * moments.max() else None
 
 
 def _moved(source: Source, element: Any, old: Floats, new: Floats, index: int) -> str:
@@ -284,11 +301,11 @@ def _of_geoms(source: Source, old, new) -> Iterator[Edit]:
         grown = _differs(old.geom_size[g], new.geom_size[g])
         if (moved or grown) and np.isfinite(element.fromto[0]):
             told |= _placed(source, element, new.geom_pos[g], new.geom_quat[g])
-            told["size"] = number(new.geom_size[g])
+            told["size"] = _size(new, g)
         elif moved:
             told["pos"] = _moved(source, element, old.geom_pos, new.geom_pos, g)
         if grown and new.geom_dataid[g] < 0:  # a mesh keeps its size
-            told["size"] = number(new.geom_size[g])
+            told["size"] = _size(new, g)
         for field, attribute in (
             ("geom_friction", "friction"), ("geom_solref", "solref"),
             ("geom_priority", "priority"), ("geom_contype", "contype"),
@@ -298,6 +315,12 @@ def _of_geoms(source: Source, old, new) -> Iterator[Edit]:
                 told[attribute] = number(getattr(new, field)[g])
         if told:
             yield Set("geom", _name(old.geom, g), told)
+
+
+def _size(model, geom: int) -> str:
+    """As many numbers as the geom's type has."""
+    used = {2: 1, 3: 2, 5: 2}  # mjtGeom: sphere, capsule, cylinder
+    return number(model.geom_size[geom, : used.get(int(model.geom_type[geom]), 3)])
 
 
 def _of_sites(source: Source, old, new) -> Iterator[Edit]:
