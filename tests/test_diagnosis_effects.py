@@ -265,7 +265,7 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
         values = np.concatenate([factors, own])
         told = b.world.simulate(terms, values[None], b.pieces)[0]
         assert np.isfinite(told).all()
-        _, text, _ = patch_of(
+        text, *_ = patch_of(
             b_case(b), Fit(terms, values, np.zeros(0), np.zeros((0, 0)))
         )
         folder = tmp_path / str(n)

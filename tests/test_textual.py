@@ -149,7 +149,7 @@ def written(tmp_path):
 def _patched(case, terms, values, tmp_path):
     """The compiled patch, beside the model."""
     found = Fit(tuple(terms), values, np.zeros(0), np.zeros((0, 0)))
-    _, text, _ = patch_of(case, found)
+    text, *_ = patch_of(case, found)
     (tmp_path / "patched.xml").write_text(text)
     return mujoco.MjModel.from_xml_path(str(tmp_path / "patched.xml"))
 
@@ -197,7 +197,7 @@ def test_an_inertia_stays_along_the_axes_that_are_stated(written, tmp_path):
     )
     for terms, value in (((term,), [1.1]), ((length,), [0.21])):
         found = Fit(terms, np.array(value), np.zeros(0), np.zeros((0, 0)))
-        _, text, _ = patch_of(case, found)
+        text, *_ = patch_of(case, found)
         (inertial,) = re.findall("<inertial[^>]*>", text)
         assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
 
@@ -206,6 +206,6 @@ def test_a_change_of_one_number_changes_one_line(written, tmp_path):
     case = written("frames")
     term = effect("coulomb_friction").terms(case.scene)[0]
     found = Fit((term,), np.array([0.1]), np.zeros(0), np.zeros((0, 0)))
-    _, _, diff = patch_of(case, found)
+    _, diff, _ = patch_of(case, found)
     changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
     assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]

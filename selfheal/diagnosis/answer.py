@@ -40,7 +40,7 @@ def answer_of(
     """The document, the patched model, and what a page draws beside them."""
     found, stated, numbers = naming.final.fit, naming.stated.fit, proof.numbers
     located, where = _located(case, naming)
-    changes, text, diff = patch_of(case, found)
+    text, diff, changes = patch_of(case, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -143,14 +143,14 @@ def _window(world: World, pieces: Windows, w: int) -> dict[str, Any]:
             "end": start + pieces.steps[w] * world.step}  # fmt: skip
 
 
-def patch_of(case: Case, found: Fit) -> tuple[list[Edit], str, str]:
-    """Edits of the given text, text of patched.xml beside it, and their difference."""
+def patch_of(case: Case, found: Fit) -> tuple[str, str, list[Edit]]:
+    """Text of patched.xml beside the given model, its difference, and the edits."""
     path = Path(case.workshop.path)
     home = path.resolve().parent
     plant = case.workshop.plant(found.terms)
     changes = edits(Source(path), plant, found.terms, found.values)
     text = patched(path, changes, home)
-    return changes, text, difference(patched(path, (), home), text)
+    return text, difference(patched(path, (), home), text), changes
 
 
 def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:
