@@ -122,7 +122,8 @@ def test_what_a_model_includes_is_found_from_any_folder(found, tmp_path):
 
 def test_a_model_that_was_changed_since_is_not_saved(found, home, tmp_path):
     other = home / "other.xml"
-    other.write_text((home / "model.xml").read_text().replace('kp="3"', 'kp="5"'))
+    text = (home / "model.xml").read_text()
+    other.write_text(text.replace('timestep="0.002"', 'timestep="0.001"'))
     with pytest.raises(InputError, match="no longer the model"):
         replace(found, model=str(other)).save(tmp_path / "out")
     assert not list(tmp_path.iterdir())
