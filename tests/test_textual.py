@@ -96,6 +96,18 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
         ),
         {},
     ),
+    "fused bodies": (
+        _put(
+            '<body name="upper" pos="0 0 1">',
+            '<body name="stand" pos="0 0 0.4"><body name="upper" pos="0 0 0.6">',
+            _put(
+                "  </worldbody>",
+                "</body></worldbody>",
+                _put('angle="radian"', 'angle="radian" fusestatic="true"'),
+            ),
+        ),
+        {},
+    ),
     "a velocity servo": (_driven("velocity", 'kv="0.4"'), {}),
     "an integrated velocity": (
         _driven("intvelocity", 'kp="10" kv="0.4" actrange="-3 3"'),
@@ -146,7 +158,7 @@ def written(tmp_path):
     return write
 
 
-def _patched(case, terms, values, tmp_path):
+def patched_model(case, terms, values, tmp_path):
     """The compiled patch, beside the model."""
     found = Fit(tuple(terms), values, np.zeros(0), np.zeros((0, 0)))
     text, *_ = patch_of(case, found)
@@ -154,7 +166,7 @@ def _patched(case, terms, values, tmp_path):
     return mujoco.MjModel.from_xml_path(str(tmp_path / "patched.xml"))
 
 
-def _check(new, meant) -> None:
+def check_same(new, meant) -> None:
     """Whether two models are one, to the digits of a text."""
     for field in FIELDS:
         both = [getattr(m, field) for m in (new, meant)]
@@ -175,8 +187,8 @@ def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
             start = np.array(term.starts[0]) + 0.3 * term.scale
             factors = 1 + 0.02 * rng.uniform(-1, 1, len(stated))
             terms, values = (*stated, term), np.concatenate([factors, start])
-            new = _patched(case, terms, values, tmp_path)
-            _check(new, case.workshop.plant(terms).variant(terms, values))
+            new = patched_model(case, terms, values, tmp_path)
+            check_same(new, case.workshop.plant(terms).variant(terms, values))
 
 
 @pytest.mark.parametrize("way", ["plain", "degrees"])
@@ -184,7 +196,7 @@ def test_play_is_as_wide_in_the_text(way, written, tmp_path):
     case = written(way)
     for term in effect("backlash").terms(case.scene):
         values = np.array(term.starts[0])
-        new = _patched(case, (term,), values, tmp_path)
+        new = patched_model(case, (term,), values, tmp_path)
         joint = new.joint(term.targets[0].partition(":")[2] + "_play")
         assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
 

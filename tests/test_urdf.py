@@ -1,10 +1,12 @@
 """A URDF from end to end: the patch is MJCF, and all that it stated is still there."""
 
 import xml.etree.ElementTree as ElementTree
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
+from test_textual import check_same, patched_model
 from toys_diagnosis import NO_COMMAND, Robot, record
 from typer.testing import CliRunner
 
@@ -12,6 +14,9 @@ from selfheal.cli import app
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.effects import catalogue
 from selfheal.diagnosis.patch import patched
+from selfheal.diagnosis.plant import Workshop
+from selfheal.diagnosis.prepare import scene_of, world_of
+from selfheal.diagnosis.stated import stated_terms
 from selfheal.errors import ModelError, RecordingError
 from selfheal.recording import (
     check_against_model,
@@ -131,6 +136,21 @@ def test_the_mjcf_of_a_urdf_is_the_same_model(tmp_path):
     for field in [f for f in dir(given) if f.startswith(kinds)]:
         both = [np.asarray(getattr(m, field), float) for m in (new, given)]
         np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-9, err_msg=field)
+
+
+def test_the_text_says_what_the_diagnosis_means(tmp_path):
+    """Every stated value changed, of links that stand on a fixed one, turned."""
+    fixed = """<link name="floor"/><joint name="foot" type="fixed">
+    <parent link="floor"/><child link="stand"/><origin xyz="1 2 3" rpy="0 0 0.5"/>
+    </joint><link name="stand"/>"""
+    (tmp_path / "robot.urdf").write_text(URDF.replace('<link name="stand"/>', fixed))
+    recording = record(SWINGING, episodes=1, seconds=0.3)
+    world = world_of(Workshop(str(tmp_path / "robot.urdf")), [recording])
+    case = SimpleNamespace(workshop=world.workshop, world=world, scene=scene_of(world))
+    terms = stated_terms(case.scene)
+    values = np.linspace(0.98, 1.02, len(terms))
+    new = patched_model(case, terms, values, tmp_path)
+    check_same(new, world.workshop.plant(terms).variant(terms, values))
 
 
 def test_commands_to_a_urdf_are_refused_with_what_would_help(recording, tmp_path):

@@ -1,13 +1,15 @@
 """A compiled change as an edit of text: takes two models, gives MJCF attributes."""
 
 import os
+import tempfile
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..recording.data import Floats
-from .patch import Insert, Rename, Set, number, tags
+from .patch import Insert, Rename, Set, number, patched, tags
 from .plant import Plant, parts
 from .terms import Term, does
 
@@ -35,7 +37,11 @@ class Source:
         """`path`: of the MJCF or URDF."""
         import mujoco
 
-        self.spec = mujoco.MjSpec.from_file(os.fspath(path))
+        with tempfile.TemporaryDirectory() as folder:
+            given = Path(folder) / "model.xml"
+            given.write_bytes(patched(path, (), folder).encode())  # MJCF of a URDF
+            self.spec = mujoco.MjSpec.from_file(str(given))
+            self.spec.compile()  # now its bodies are numbered as in a model
         self.degree = bool(self.spec.compiler.degree)
         self._actuators = tags(path, "actuator")
         self._inertials = {name for name, _ in tags(path, "inertial")}
