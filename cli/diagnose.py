@@ -11,10 +11,19 @@ import typer
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.result import Diagnosis
-    from selfheal.recording import Recording
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _FILES = ("diagnosis.json", "patched.xml", "report.html")
+# what is said of a stage, by the first word of what is being done
+_STAGES = {
+    "trying": "trying every effect wherever it could be",
+    "fitting": "fitting the best of them together with all stated values",
+}
+_MEANS = (
+    "Normalized error on held-out recordings; 1 is as far off as a constant. given: "
+    "the model as it is; refit: what it states, fitted anew; patched: with the "
+    "findings too; floor: what noise alone leaves."
+)
 
 
 def diagnose(
@@ -42,87 +51,21 @@ def diagnose(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
-    from selfheal.diagnosis.diagnose import diagnose as find
-    from selfheal.diagnosis.folder import check_folder, write
-    from selfheal.errors import InputError
-    from selfheal.report.diagnose import page
+    from selfheal.api import diagnose as find
+    from selfheal.diagnosis.folder import check_folder
 
-    if seed < 0:
-        raise InputError(f"seed must not be negative; not {seed}")
-    _check_model(model)
-    read = _read(recordings, held_out or [])
-    names = _held_out(held_out or [], read)
-    folder = check_folder(out, force)
-    _check_lost(folder)
+    check_folder(out, force)
     with _progress(quiet=as_json) as show:
-        found = find(model, [*read.values()], held_out=names, seed=seed, progress=show)
-        show("writing the report", 0.0)
-        files = [str(path) for path in read]
-        write(found, folder, page(found, str(model), files), force)
+        found = find(model, recordings, held_out=held_out or (), seed=seed,
+                     progress=show)  # fmt: skip
+    found.save(out, force=force)
     if as_json:
         from ._print import print_json
 
-        extra = {"seconds": round(found.seconds, 1), "folder": str(folder)}
+        extra = {"seconds": round(found.seconds, 1), "folder": str(out)}
         print_json({**found.document, **extra})
     else:
-        _print_diagnosis(found, folder)
-
-
-def _check_model(model: Path) -> None:
-    """Refuse a model that is no file."""
-    from selfheal.errors import InputError
-
-    if not model.is_file():
-        raise InputError(f"{model}: there is no such file")
-
-
-def _check_lost(folder: Path) -> None:
-    """Refuse to replace a folder that holds more than a diagnosis."""
-    from selfheal.errors import InputError
-
-    there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    other = [name for name in there if name not in _FILES]
-    if other:
-        raise InputError(
-            f"{folder} holds {other[0]} too, which --force would delete; give another "
-            "--out"
-        )
-
-
-def _read(paths: Sequence[Path], held_out: Sequence[str]) -> dict[Path, "Recording"]:
-    """Every recording, those named only to be held out too; no file twice."""
-    from selfheal.errors import InputError
-    from selfheal.recording import read
-
-    seen: dict[Path, Path] = {}
-    for path in paths:
-        real = path.resolve()
-        if real in seen:
-            raise InputError(f"{path} is given twice, first as {seen[real]}")
-        seen[real] = path
-    for path in filter(_is_file, map(Path, held_out)):
-        seen.setdefault(path.resolve(), path)
-    return {path: read(path) for path in seen.values()}
-
-
-def _is_file(path: Path) -> bool:
-    """Whether a name to hold out is that of a file, not of an episode."""
-    return path.suffix == ".h5" and path.is_file()
-
-
-def _held_out(
-    held_out: Sequence[str], recordings: Mapping[Path, "Recording"]
-) -> list[str]:
-    """Names to hold out, a file as all of its episodes."""
-    by_file = {path.resolve(): recording for path, recording in recordings.items()}
-    names: list[str] = []
-    for entry in held_out:
-        if _is_file(Path(entry)):
-            whole = by_file[Path(entry).resolve()]
-            names += [f"{whole.file}:{episode}" for episode in whole.episodes]
-        else:
-            names.append(entry)
-    return names
+        _print_diagnosis(found, out)
 
 
 class _Show:
@@ -140,6 +83,7 @@ class _Show:
             TextColumn("{task.description}", markup=False),
             console=self.console,
             transient=True,
+            disable=quiet or not self.console.is_terminal,
         )
         self.task = self.bar.add_task("reading", total=1.0)
 
@@ -149,9 +93,9 @@ class _Show:
         stage = what.partition(" ")[0]  # "trying this", "trying that": one stage
         if stage != self.stage:
             self.stage = stage
-            seconds = time.perf_counter() - self.start
+            seconds, said = time.perf_counter() - self.start, _STAGES.get(stage, what)
             self.console.print(
-                f"{seconds:6.1f} s  {what}", highlight=False, markup=False
+                f"{seconds:6.1f} s  {said}", highlight=False, markup=False
             )
 
 
@@ -159,7 +103,7 @@ class _Show:
 def _progress(quiet: bool) -> Iterator[_Show]:
     """Progress while a diagnosis goes on."""
     show = _Show(quiet)
-    if quiet:
+    if show.bar.disable:
         yield show
         return
     with show.bar:
@@ -211,6 +155,8 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
 
 def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
     """The error on held-out recordings."""
+    from rich.text import Text
+
     from selfheal.report.tables import short
 
     keys = ("given", "refit", "patched", "floor")
@@ -218,6 +164,7 @@ def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
     removed = fit.get("explainable_removed")
     row.append("\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %")
     _print_table(console, ("", *keys, "explainable removed"), [row])
+    console.print(Text(_MEANS, style="dim"))
 
 
 def _print_table(
@@ -256,6 +203,7 @@ def replay(
     start = time.perf_counter()
     _check_replay(folder, inputs, out, model)
     predicted = predict(folder, read(inputs), model=model)
+    out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
     told = {
         "format": "selfheal-replay",
@@ -282,7 +230,7 @@ def replay(
 def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.errors import InputError
-    from selfheal.files import check_writable_folder
+    from selfheal.files import check_file, check_writable
 
     if not (folder / _FILES[0]).is_file():
         raise InputError(
@@ -290,14 +238,14 @@ def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> 
             "diagnose'"
         )
     if model is not None:
-        _check_model(model)
-    if not inputs.is_file():
-        raise InputError(f"{inputs}: there is no such file")
-    if out.resolve() == inputs.resolve():
-        raise InputError(f"--out {out} would overwrite the inputs")
+        check_file(model)
+    check_file(inputs)
+    used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
+    if out.resolve() in [path.resolve() for path in used]:
+        raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.is_dir():
         raise InputError(f"cannot write {out}: it is a folder")
-    check_writable_folder(out.parent)
+    check_writable(out)
 
 
 def effects(as_json: Annotated[bool, _JSON] = False) -> None:

@@ -1,3 +1,18 @@
 """A robot finds out what its body is; importing this takes and loads nothing."""
 
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .api import diagnose
+
+__all__ = ["__version__", "diagnose"]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """What Python users call, loaded when it is first asked for."""
+    if name == "diagnose":
+        from .api import diagnose
+
+        return diagnose
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -27,6 +27,35 @@ def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
     return folder
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Prove that `path` could be made or replaced, and make nothing yet.
+
+    Raises:
+        InputError: nothing can be made there; the message says why.
+    """
+    try:
+        Path(path).exists()  # a name that is too long says so here
+        home = Path(path).resolve().parent
+        while not home.exists():
+            home = home.parent
+    except OSError as error:
+        raise InputError(f"cannot write {os.fspath(path)}: {_reason(error)}") from error
+    if not home.is_dir():
+        raise InputError(f"cannot write {os.fspath(path)}: {home} is a file")
+    check_writable_folder(home)
+
+
+def check_file(path: str | os.PathLike[str]) -> None:
+    """Refuse a path at which there is no file to read.
+
+    Raises:
+        InputError: there is none, or it is a folder.
+    """
+    if not Path(path).is_file():
+        what = "it is a folder" if Path(path).is_dir() else "there is no such file"
+        raise InputError(f"{os.fspath(path)}: {what}")
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary path beside `path`; on success it takes that name at once.

@@ -15,17 +15,29 @@ from selfheal.diagnosis.document import plain, text_of
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.result import Diagnosis, Located
 from selfheal.errors import InputError, RecordingError, UnknownNameError
+from selfheal.recording import Signal
 
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
 
 
-def _diagnosis(verdict="nothing") -> Diagnosis:
+@pytest.fixture
+def given(tmp_path_factory):
+    """The file of a model."""
+    path = tmp_path_factory.mktemp("robot") / "model.xml"
+    path.write_text(ROBOTS["pendulum"].xml)
+    return path
+
+
+def _diagnosis(given, verdict="nothing", page="<html/>") -> Diagnosis:
     document = {
         "format": "selfheal-diagnosis", "version": 1, "verdict": verdict,
         "findings": [], "refit": [], "fit": {"floor": float("nan")},
     }  # fmt: skip
     located = Located((), (), np.zeros((0, 0)), np.zeros((0, 0)))
-    return Diagnosis(document, "<mujoco/>", "", (), located, (), (), (), 1.0, 2)
+    return Diagnosis(
+        str(given), document, (), given.read_text(), "", (), located, (), (), (), 1.0,
+        2, page,
+    )  # fmt: skip
 
 
 def _names(path) -> list[str]:
@@ -35,27 +47,27 @@ def _names(path) -> list[str]:
 # on disk
 
 
-def test_a_diagnosis_is_three_files_and_is_read_back(tmp_path):
+def test_a_diagnosis_is_three_files_and_is_read_back(given, tmp_path):
     out = tmp_path / "out"
-    folder.write(_diagnosis(), out, "<html/>", False)
+    _diagnosis(given).save(out)
     assert _names(out) == FILES and _names(tmp_path) == ["out"]
     assert folder.read(out)["verdict"] == "nothing"
     assert folder.read(out)["fit"] == {"floor": None}
 
 
-def test_an_earlier_diagnosis_is_replaced_by_force_only(tmp_path):
+def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
     out = tmp_path / "out"
-    folder.write(_diagnosis(), out, "", False)
+    _diagnosis(given).save(out)
     with pytest.raises(InputError, match="--force"):
-        folder.write(_diagnosis("unlisted"), out, "", False)
+        _diagnosis(given, "unlisted").save(out)
     assert folder.read(out)["verdict"] == "nothing"
-    folder.write(_diagnosis("unlisted"), out, "", True)
+    _diagnosis(given, "unlisted").save(out, force=True)
     assert folder.read(out)["verdict"] == "unlisted" and _names(tmp_path) == ["out"]
 
 
-def test_an_empty_folder_is_taken(tmp_path):
+def test_an_empty_folder_is_taken(given, tmp_path):
     (tmp_path / "out").mkdir()
-    folder.write(_diagnosis(), tmp_path / "out", "", False)
+    _diagnosis(given).save(tmp_path / "out")
     assert _names(tmp_path / "out") == FILES
 
 
@@ -69,6 +81,14 @@ def test_other_files_are_never_deleted(force, tmp_path):
     assert _names(out) == ["thesis.tex"]
 
 
+def test_a_link_to_a_folder_stays_one(given, tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "out").symlink_to("real")
+    _diagnosis(given).save(tmp_path / "out")
+    assert (tmp_path / "out").is_symlink() and _names(tmp_path / "real") == FILES
+    assert _names(tmp_path) == ["out", "real"]
+
+
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match="is a file"):
@@ -77,14 +97,13 @@ def test_a_file_is_no_folder(tmp_path):
 
 @pytest.mark.parametrize("there", [False, True])
 def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
-    there, tmp_path, monkeypatch
+    there, given, tmp_path, monkeypatch
 ):
     out = tmp_path / "out"
     if there:
-        folder.write(_diagnosis(), out, "old", False)
-    broken = replace(_diagnosis(), patched=None)
-    with pytest.raises(AttributeError):
-        folder.write(broken, out, "new", True)
+        _diagnosis(given, page="old").save(out)
+    with pytest.raises(TypeError):
+        _diagnosis(given, page=None).save(out, force=True)
     assert _names(tmp_path) == (["out"] if there else [])
     if there:
         assert (out / "report.html").read_text() == "old"
@@ -94,7 +113,7 @@ def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
 
     monkeypatch.setattr(os, "replace", refuse)
     with pytest.raises(OSError, match="no"):
-        folder.write(_diagnosis(), out, "new", True)
+        _diagnosis(given, page="new").save(out, force=True)
     assert _names(tmp_path) == (["out"] if there else [])
 
 
@@ -268,12 +287,49 @@ def test_a_finding_of_an_unknown_effect_is_refused(arm):
         replay(out, recording)
 
 
+@pytest.mark.parametrize(
+    "finding",
+    [
+        {"parameters": [{"name": "frictionloss", "value": None}]},
+        {"parameters": [{"name": "frictionloss", "value": "much"}]},
+        {"parameters": [{"name": "frictionloss"}]},
+        {"parameters": None},
+    ],
+)
+def test_a_damaged_finding_is_refused(finding, arm):
+    out, recording = arm
+    _find(out, **finding)
+    with pytest.raises(InputError, match="is damaged; would fit: findings as a list"):
+        replay(out, recording)
+
+
+def test_a_target_of_no_kind_is_refused(arm):
+    out, recording = arm
+    _find(out, target="elbow")
+    with pytest.raises(InputError, match="'elbow'; would fit: joint:"):
+        replay(out, recording)
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({"ctrl_names": ("a", "b")}, "no actuator 'a', 'b'; would fit: 'shoulder_serv"),
+        ({"signals": {"x": Signal(np.zeros(30), "joint_position", "knee", "rad")}},
+         "no joint 'knee'"),
+    ],
+)  # fmt: skip
+def test_inputs_of_another_robot_are_refused(change, said, arm):
+    out, recording = arm
+    with pytest.raises(RecordingError, match=said):
+        replay(out, _with(recording, **change))
+
+
 def test_a_diverging_model_is_told_with_episode_and_time(arm):
     out, recording = arm
     _find(out, effect="joint_spring", native=False,
           parameters=[{"name": "stiffness", "value": -1e9},
                       {"name": "springref", "value": 0.0}])  # fmt: skip
-    with pytest.raises(RecordingError, match=r"'000': the model diverges.* s$"):
+    with pytest.raises(RecordingError, match=r"'000': the model diverges at 0\.\d+ s$"):
         replay(out, recording)
 
 

@@ -105,7 +105,9 @@ def made_up(
     tried = [("coulomb_friction", 0.11), ("stribeck_friction", 0.12),
              ("asymmetric_friction", 0.4), ("joint_spring", 0.9)]  # fmt: skip
     return Diagnosis(
+        model="leg.xml",
         document=_document(verdict, findings),
+        edits=(),
         patched="<mujoco/>",
         diff=DIFF,
         traces=tuple(_trace(k) for k in range(2)),
@@ -255,6 +257,18 @@ def test_a_plugins_effect_is_told_by_its_name():
     assert "shows cogging (frictionloss 0.14" in sentence(_document(findings=(found,)))
 
 
+def test_what_the_data_leave_open_is_marked():
+    """An interval as wide as a careful user would grant says nothing."""
+    made = made_up()
+    assert "not pinned down" not in _told(made)
+    open_ = {"parameter": "joint:hip/damping", "given": 1.0, "value": 1.1, "low": 0.7,
+             "high": 1.3, "unit": "N m s/rad"}  # fmt: skip
+    document = {**made.document, "refit": [*made.document["refit"], open_]}
+    words = _told(replace(made, document=document))
+    assert "Not pinned down: 1;" in words
+    assert "not pinned down" in words.partition("joint:hip/damping")[2]
+
+
 def test_experiments_are_offered_where_the_catalogue_was_not_enough(monkeypatch):
     effect = type("Spring", (), {"name": "joint_spring", "separate_by": "let it hang"})
     monkeypatch.setattr(diagnose, "catalogue", lambda: {"joint_spring": effect})
@@ -353,7 +367,7 @@ def test_nothing_at_all_has_a_page():
     empty = np.zeros((0, 0))
     document = _document("nothing", ()) | {"refit": []}
     made = Diagnosis(
-        document, "", "", (), Located((), (), empty, empty), (), (), (), 0.0, 0
+        "", document, (), "", "", (), Located((), (), empty, empty), (), (), (), 0.0, 0
     )
     assert "<figure>" not in _page(made)
     words = _told(made)

@@ -1,5 +1,6 @@
 """What a user is told: takes a proven naming, gives a Diagnosis."""
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,11 +18,14 @@ from .name import Naming
 from .patch import difference, patched
 from .prove import Proof, Structure, removed_share
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
+from .stated import is_loose
 from .terms import Term
-from .textual import Source, edits
+from .textual import Edit, Source, edits
+from .usable import divergence
 from .windows import Windows
 from .world import World
 
+FEW = 6  # names that a remark lists; chosen
 STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
@@ -36,7 +40,7 @@ def answer_of(
     """The document, the patched model, and what a page draws beside them."""
     found, stated, numbers = proof.patched, proof.stated, proof.numbers
     located, where = _located(case, naming)
-    text, diff = patch_of(case, found)
+    text, diff, changes = patch_of(case, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -47,7 +51,8 @@ def answer_of(
                 "explainable_removed": removed_share(numbers)},
     }  # fmt: skip
     return Diagnosis(
-        doc.plain(document), text, diff, _traces(case, proof.pieces, stated, found),
+        os.path.abspath(case.workshop.path), doc.plain(document), changes, text, diff,
+        _traces(case, proof.pieces, stated, found),
         located, _signals(case, proof.squares, proof.count), _candidates(naming),
         tuple(remarks), time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
@@ -138,15 +143,14 @@ def _window(world: World, pieces: Windows, w: int) -> dict[str, Any]:
             "end": start + pieces.steps[w] * world.step}  # fmt: skip
 
 
-def patch_of(case: Case, found: Fit) -> tuple[str, str]:
-    """Text of patched.xml, and its difference from the given model's."""
+def patch_of(case: Case, found: Fit) -> tuple[str, str, list[Edit]]:
+    """Text of patched.xml beside the given model, its difference, and the edits."""
     path = Path(case.workshop.path)
     home = path.resolve().parent
-    given = patched(path, (), home)
     plant = case.workshop.plant(found.terms)
-    changes = edits(Source(given), plant, found.terms, found.values)
+    changes = edits(Source(path), plant, found.terms, found.values)
     text = patched(path, changes, home)
-    return text, difference(given, text)
+    return text, difference(patched(path, (), home), text), changes
 
 
 def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:
@@ -212,6 +216,13 @@ def remarks_of(
         for j in case.scene.joints
         if j.measured and j.range < STILL
     ]
+    pieces = naming.problem.windows
+    count, episode, time = divergence(case.world, pieces)
+    if count:
+        found.append(
+            f"The model as given diverges in {count} of {len(pieces)} pieces, first in "
+            f"episode {episode} at {time:.4g} s."
+        )
     if refuted:
         found.append(
             f"What also fitted, {'; '.join(refuted)}, did next to nothing on the "
@@ -219,18 +230,12 @@ def remarks_of(
         )
     if structure.left and structure.share > 0.05:
         found.append(
-            f"A torque of free form would explain {structure.share:.0%} of what is "
-            "left."
+            f"A torque of free form would explain {100 * structure.share:.0f} % of "
+            "what is left."
         )
     refit = doc.refit_of(naming, proof.patched)
-    loose = [e["parameter"] for e in refit if _is_loose(naming, e)]
+    loose = [e["parameter"] for e in refit if is_loose(e)]
     if loose:
-        found.append(f"Not pinned down by these data: {', '.join(loose)}.")
+        more = f" and {len(loose) - FEW} more" if len(loose) > FEW else ""
+        found.append(f"Not pinned down by these data: {', '.join(loose[:FEW])}{more}.")
     return tuple(found)
-
-
-def _is_loose(naming: Naming, entry: dict[str, Any]) -> bool:
-    """Whether a stated value's interval is as wide as what a user would grant it."""
-    term = next(t for t in naming.final.fit.terms if t.targets[0] == entry["parameter"])
-    (p,) = term.parameters
-    return entry["high"] - entry["low"] > 0.9 * abs(entry["given"]) * (p.high - p.low)

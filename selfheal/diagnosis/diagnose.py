@@ -14,6 +14,7 @@ from .name import name_effects
 from .prove import Proof, judged, polished, structure_of, upheld
 from .result import Diagnosis
 from .stated import stated_terms
+from .usable import check_usable
 
 Progress = Callable[[str, float], None]
 
@@ -36,12 +37,13 @@ def diagnose(
         progress: told what is being done and how far it is (0 to 1).
 
     Raises:
-        ModelError: MuJoCo cannot load the model.
-        RecordingError: a recording does not fit it, or is too short.
+        ModelError: MuJoCo cannot load the model, or it diverges.
+        RecordingError: a recording does not fit it, or is too short or too quiet.
     """
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
     case = prepare(model, recordings, held_out)
+    check_usable(case)
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)
     naming = name_effects(

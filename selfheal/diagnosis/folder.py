@@ -3,16 +3,23 @@
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from ..errors import InputError
-from ..files import check_writable_folder
+from ..files import check_writable
 from .document import text_of
+from .patch import patched
 from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
+# what a replay reads of diagnosis.json
+ENTRIES = {
+    "findings": ("effect", "target", "parameters"),
+    "refit": ("parameter", "given", "value"),
+}
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -22,32 +29,37 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
         InputError: it cannot be written, or holds something and `force` is not set.
     """
     folder = Path(folder)
+    check_writable(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; would fit: a folder to be made")
     held = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
-    if held and not force:
-        raise InputError(
-            f"{folder} exists and is not empty; give another --out, or --force"
-        )
     if others := [name for name in held if name not in FILES]:
         raise InputError(
-            f"{folder} holds {', '.join(others[:3])}, which --force would delete; "
-            f"would fit: a folder of {', '.join(FILES)} alone, or a new one"
+            f"{folder} holds {', '.join(others[:3])}, which is no part of a diagnosis "
+            "and would be lost; would fit: a new folder, or an empty one"
         )
-    check_writable_folder(folder.resolve().parent)
+    if held and not force:
+        raise InputError(
+            f"{folder} holds an earlier diagnosis; --force replaces it, or give "
+            "another folder"
+        )
     return folder
 
 
-def write(diagnosis: Diagnosis, folder, page: str, force: bool) -> None:
-    """Write diagnosis.json, patched.xml and report.html, all or nothing."""
-    folder = check_folder(folder, force)
-    home = folder.resolve().parent
+def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> None:
+    """Write diagnosis.json, patched.xml and report.html, all or nothing.
+
+    Raises:
+        InputError: as `Diagnosis.save` says.
+    """
+    folder = check_folder(folder, force).resolve()  # where a link leads
+    text, home = _patched(diagnosis, folder), folder.parent
     new = home / f".{folder.name}.{uuid4().hex[:8]}.tmp"
-    new.mkdir()
+    new.mkdir(parents=True)
     try:
         (new / "diagnosis.json").write_text(text_of(diagnosis.document))
-        (new / "patched.xml").write_bytes(diagnosis.patched.encode())
-        (new / "report.html").write_text(page, encoding="utf-8")
+        (new / "patched.xml").write_bytes(text.encode())
+        (new / "report.html").write_text(diagnosis.page, encoding="utf-8")
         old = new.with_suffix(".old")
         if folder.exists():
             os.replace(folder, old)
@@ -55,6 +67,16 @@ def write(diagnosis: Diagnosis, folder, page: str, force: bool) -> None:
         shutil.rmtree(old, ignore_errors=True)
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def _patched(diagnosis: Diagnosis, folder: Path) -> str:
+    """Text of patched.xml whose paths lead from a folder to where they led before."""
+    given = Path(diagnosis.model)
+    if patched(given, diagnosis.edits, given.resolve().parent) != diagnosis.patched:
+        raise InputError(
+            f"{given} is no longer the model that was diagnosed; diagnose it again"
+        )
+    return patched(given, diagnosis.edits, folder)
 
 
 def read(folder: str | os.PathLike[str]) -> dict[str, Any]:
@@ -73,4 +95,26 @@ def read(folder: str | os.PathLike[str]) -> dict[str, Any]:
     kind = document.get("format") if isinstance(document, dict) else None
     if kind != "selfheal-diagnosis" or document.get("version") != 1:
         raise InputError(f"{path} is not a selfheal-diagnosis of version 1")
+    for key, fields in ENTRIES.items():
+        entries = document.get(key)
+        if not isinstance(entries, list) or not all(_holds(e, fields) for e in entries):
+            raise InputError(
+                f"{path} is damaged; would fit: {key} as a list, each of it with "
+                f"{', '.join(fields)}, and numbers as values"
+            )
     return document
+
+
+def _holds(entry: Any, fields: Sequence[str]) -> bool:
+    """Whether an entry of diagnosis.json has what a replay needs."""
+    if not isinstance(entry, dict) or not set(fields) <= set(entry):
+        return False
+    told = entry.get("parameters", [entry])
+    return isinstance(told, list) and all(
+        isinstance(p, dict) and _are_numbers(p.get("value")) for p in told
+    )
+
+
+def _are_numbers(value: Any) -> bool:
+    values = value if isinstance(value, list) else [value]
+    return all(isinstance(v, int | float) for v in values)

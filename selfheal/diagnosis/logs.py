@@ -6,13 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from ..errors import RecordingError
 from ..recording import Episode, Recording
-from ..recording.data import Floats
+from ..recording.data import Floats, Place
 from .scene import IGNORED, Channel
 
 # half width [s] of the parabola that says where the robot was and how fast, and the
 # least of samples on each side; chosen: 50 ms in all, as the contract's score has it
 HALF_WIDTH, LEAST = 0.022, 2
+REACH = 3.0  # times that, the farthest that irregular samples may lie; chosen
+LARGEST = 1e10  # of any number, in SI units: beyond it MuJoCo calls a state lost
+LONGEST = 2e7  # steps of an episode; chosen: 0.2 GB an actuator
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +69,7 @@ def channels(
 ) -> tuple[Channel, ...]:
     """The signals that a model predicts; those without a reading only if `empty`."""
     episodes = [e for r in recordings for e in r.episodes.values()]
-    found: dict[str, tuple[str, str, str, int]] = {}
-    for episode in episodes:
-        for name, signal in episode.signals.items():
-            if signal.kind in IGNORED:
-                continue
-            width = 1 if signal.values.ndim == 1 else signal.values.shape[1]
-            found.setdefault(name, (signal.kind, signal.target, signal.unit, width))
+    found = _found(recordings)
     out, first = [], 0
     for name, (kind, target, unit, width) in sorted(found.items()):
         values = [
@@ -95,6 +93,46 @@ def channels(
         )  # fmt: skip
         first += width
     return tuple(out)
+
+
+def _found(recordings: Sequence[Recording]) -> dict[str, tuple[str, str, str, int]]:
+    """Kind, target, unit and width of each signal that a model predicts, by name.
+
+    Raises:
+        RecordingError: two episodes mean different things by one name, or a number is
+            none that a robot has.
+    """
+    found: dict[str, tuple[str, str, str, int]] = {}
+    for recording in recordings:
+        for key, episode in recording.episodes.items():
+            _check_size(episode, Place(recording.file, key))
+            for name, signal in episode.signals.items():
+                if signal.kind in IGNORED:
+                    continue
+                width = 1 if signal.values.ndim == 1 else signal.values.shape[1]
+                its = signal.kind, signal.target, signal.unit, width
+                if found.setdefault(name, its) != its:
+                    words = [
+                        f"{k} of {t!r} in {u!r}" for k, t, u, _ in (its, found[name])
+                    ]
+                    raise Place(recording.file, key, name).error(
+                        f"{words[0]} here and {words[1]} in another episode; would "
+                        "fit: a name for each"
+                    )
+    return found
+
+
+def _check_size(episode: Episode, place: Place) -> None:
+    held = {"time": episode.time, "ctrl": episode.ctrl, "qpos0": episode.qpos0,
+            "qvel0": episode.qvel0}  # fmt: skip
+    held |= {f"signal {name!r}": s.values for name, s in episode.signals.items()}
+    for name, values in held.items():
+        if values is not None and (np.abs(values) > LARGEST).any():
+            value = values[np.abs(values) > LARGEST][0]
+            raise place.error(
+                f"{name} holds {value:.4g}; would fit: SI units, and no number beyond "
+                f"{LARGEST:g}"
+            )
 
 
 def _lattice(values: Floats) -> float:
@@ -126,8 +164,19 @@ def _pooled(episodes: Sequence[Episode], name: str) -> Floats:
 
 
 def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) -> Log:
-    """An episode on a grid of `step` s."""
+    """An episode on a grid of `step` s.
+
+    Raises:
+        RecordingError: it lasts longer than can be simulated.
+    """
     time = episode.time
+    if (time[-1] - time[0]) / step > LONGEST:
+        raise RecordingError(
+            f"episode {name!r} lasts {time[-1] - time[0]:.4g} s, which are "
+            f"{(time[-1] - time[0]) / step:.2g} steps of the model's {step:g} s; would "
+            f"fit: at most {LONGEST:.0e} steps: times in s, several episodes, or a "
+            "larger timestep"
+        )
     readings = np.full((time.size, sum(c.width for c in signals)), np.nan)
     for c in signals:
         if c.name in episode.signals:
@@ -183,12 +232,13 @@ def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:
         return coefficients, variance
     middle = time[m : size - m]
     t = sliding_window_view(time, width) - middle[:, None]
+    near = np.abs(t) <= REACH * gap * m  # what lies beyond a pause tells nothing here
     basis = np.stack([np.ones_like(t), t, t**2], axis=-1) / np.array(
         [1, gap * m, (gap * m) ** 2]
     )
     for c in range(columns):
         y = sliding_window_view(readings[:, c], width)
-        known = np.isfinite(y)
+        known = np.isfinite(y) & near
         good = known.sum(axis=1) >= max(4, m)
         if not good.any():
             continue

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ..errors import ModelError
 from .markup import Element
 from .paths import relocate
-from .tree import SECTIONS, SETTINGS, Tree
+from .tree import SECTIONS, SETTINGS, Tree, name_of
 
 _SINGLE = 2.0**-25  # half a unit in the last place of a single-precision number
 
@@ -122,6 +122,14 @@ def patched(
         _apply(tree, edit, element)
     relocate(tree, os.path.realpath(folder))
     return tree.document.text()
+
+
+def tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
+    """Name and tag of all elements that an edit with this tag can speak of.
+
+    In the order of the text, what is included in place; errors as `patched` says.
+    """
+    return [(name_of(e), e.tag) for e in Tree(path).candidates(tag)]
 
 
 def _apply(tree: Tree, edit: Set | Insert | Rename, element: Element | None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import ModelError
+from ..recording import load_model
 from ..recording.data import Floats
 from .terms import Term, does
 
@@ -101,13 +101,7 @@ class Workshop:
         Raises:
             ModelError: MuJoCo cannot load it.
         """
-        import mujoco
-
-        try:
-            return mujoco.MjModel.from_xml_path(self.path)
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise ModelError(f"{self.path}: MuJoCo cannot load it: {reason}") from error
+        return load_model(self.path)
 
     def plant(self, terms: Sequence[Term], *, leaping: bool = False) -> Plant:
         """A model with the joints that these terms need.

@@ -1,6 +1,7 @@
 """A diagnosed model replayed: takes commands and initial states, gives the signals."""
 
 import os
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,20 +10,27 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, RecordingError
-from ..recording import Episode, Recording
+from ..recording import (
+    Episode,
+    ModelNames,
+    Recording,
+    check_against_model,
+    names_of,
+)
 from ..recording.data import Floats
 from .effects import effect
 from .folder import read
 from .logs import channels, log
 from .plant import Workshop
 from .prepare import actuators_of, in_order
+from .result import Diagnosis
 from .scene import Scene, bodies_of, joints_of
 from .stated import stated_terms
 from .terms import Parameter, Term
+from .textual import ADDED
+from .usable import divergence
 from .windows import windows
 from .world import World
-
-ADDED = ("_play", "_flex")  # joints that a patch adds (contract section 2)
 
 
 def replay(
@@ -46,12 +54,26 @@ def replay(
     document = read(folder)
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
     workshop = Workshop(path)
+    check_against_model(recording, _names(workshop))
     terms, values = _terms(document, workshop, patched=model is None)
     episodes = {
         name: _played(workshop, recording, name, terms, values)
         for name in recording.episodes
     }
     return replace(recording, episodes=episodes)
+
+
+def simulate(
+    diagnosis: Diagnosis,
+    recording: Recording,
+    *,
+    model: str | os.PathLike[str] | None = None,
+) -> Recording:
+    """The same of a diagnosis that lies in no folder yet; errors as `replay` says."""
+    with tempfile.TemporaryDirectory() as room:
+        folder = Path(room) / "diagnosis"
+        diagnosis.save(folder)
+        return replay(folder, recording, model=model)
 
 
 def _terms(
@@ -131,11 +153,18 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
             place["body"] = model.body(name).id
         elif sort == "sensor":
             place["signal"] = name
-        else:
+        elif sort == "geom":
+            place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
+        elif sort == "world":
             fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
             solid = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
             place["geoms"] = tuple(int(g) for g in fixed[solid > 0])
-            place["field"] = names[0] if names else ""
+            place["field"] = (*names, "")[0]
+        else:
+            raise InputError(
+                f"the diagnosis has the target {finding['target']!r}; would fit: "
+                "joint: actuator: body: geom: sensor: and a name, or world"
+            )
     except KeyError as error:
         raise InputError(f"the model has no {sort} {name!r}, which the diagnosis names"
                          ) from error  # fmt: skip
@@ -171,7 +200,7 @@ def _played(
             "state that it starts from"
         )
     model = workshop.given
-    begun = in_order(_with_added(episode, model, recording, name), model)
+    begun = in_order(_with_added(episode, model), model)
     one = replace(recording, episodes={name: begun})
     signals = channels([one], empty=True)
     step = float(model.opt.timestep)
@@ -179,10 +208,9 @@ def _played(
     pieces = windows(world.logs, None, empty=True)
     told = world.simulate(terms, values[None], pieces)[0]
     if not np.isfinite(told).all():
-        row = int(np.argmin(np.isfinite(told).all(axis=1)))
+        _, _, lost = divergence(world, pieces, terms, values)
         raise RecordingError(
-            f"{recording.file}, episode {name!r}: the model diverges; the first "
-            f"sample lost is at {episode.time[row]:.3f} s"
+            f"{recording.file}, episode {name!r}: the model diverges at {lost:.4g} s"
         )
     filled = dict(episode.signals)
     for c in signals:
@@ -193,30 +221,25 @@ def _played(
     return replace(episode, signals=filled)
 
 
-def _with_added(episode: Episode, model, recording: Recording, name: str) -> Episode:
-    """The episode with a place in its state for joints that a patch added."""
-    q0: list[float] = []
-    v0: list[float] = []
-    qpos = list(np.zeros(0) if episode.qpos0 is None else episode.qpos0)
-    size = len(qpos)
-    qvel = list(np.zeros(0) if episode.qvel0 is None else episode.qvel0)
-    for j in range(model.njnt):
-        width = {0: (7, 6), 1: (4, 3)}.get(int(model.jnt_type[j]), (1, 1))
-        added = model.joint(j).name.endswith(ADDED)
-        for state, old, n in ((q0, qpos, width[0]), (v0, qvel, width[1])):
-            state += [0.0] * n if added else old[:n]
-            if not added:
-                del old[:n]
-    if len(q0) != model.nq or qpos:
-        raise RecordingError(
-            f"{recording.file}, episode {name!r}: qpos0 has {size} "
-            "values, which are not those of this model"
-        )
-    if episode.qvel0 is None:
-        v0 = [0.0] * model.nv
-    elif len(v0) != model.nv or qvel:
-        raise RecordingError(
-            f"{recording.file}, episode {name!r}: qvel0 has {len(episode.qvel0)} "
-            "values, which are not those of this model"
-        )
-    return replace(episode, qpos0=np.array(q0), qvel0=np.array(v0))
+def _added(model) -> list[int]:
+    """Joints that a patch added, each with one degree of freedom."""
+    return [j for j in range(model.njnt) if model.joint(j).name.endswith(ADDED)]
+
+
+def _names(workshop: Workshop) -> ModelNames:
+    """What a recording may say of the model, to which a patch added nothing."""
+    names, more = names_of(workshop.given), len(_added(workshop.given))
+    return replace(names, nq=names.nq - more, nv=names.nv - more)
+
+
+def _with_added(episode: Episode, model) -> Episode:
+    """The episode with a place in its state for joints that a patch added.
+
+    They start at 0, and so does every velocity where none is given.
+    """
+    added = _added(model)
+    qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
+    qpos[np.delete(np.arange(model.nq), model.jnt_qposadr[added])] = episode.qpos0
+    if episode.qvel0 is not None:
+        qvel[np.delete(np.arange(model.nv), model.jnt_dofadr[added])] = episode.qvel0
+    return replace(episode, qpos0=qpos, qvel0=qvel)

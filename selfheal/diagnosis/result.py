@@ -1,10 +1,15 @@
 """What a diagnosis says: the contract's document, and what a page draws beside it."""
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..recording import Recording, opened
 from ..recording.data import Floats
+
+if TYPE_CHECKING:
+    from .textual import Edit
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +93,10 @@ class Diagnosis:
     """The answer.
 
     Attributes:
+        model: the file that was diagnosed.
         document: diagnosis.json, contract section 2.
-        patched: text of patched.xml.
+        edits: of the model's text, that make it patched.xml.
+        patched: text of patched.xml, as it would stand beside the model.
         diff: of the given model's text to the patched one's.
         traces: the worst stretches, worst first.
         located: where the error lies.
@@ -98,9 +105,12 @@ class Diagnosis:
         remarks: sentences a user should read (never excited, not pinned down, ...).
         seconds: that it took.
         simulations: how many windows were simulated.
+        page: report.html; empty where none was drawn.
     """
 
+    model: str
     document: Mapping[str, Any]
+    edits: "Sequence[Edit]"
     patched: str
     diff: str
     traces: tuple[Trace, ...]
@@ -110,3 +120,45 @@ class Diagnosis:
     remarks: tuple[str, ...]
     seconds: float
     simulations: int
+    page: str = ""
+
+    def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write diagnosis.json, patched.xml and report.html, all or nothing.
+
+        Args:
+            folder: made where it is missing; meshes and textures still lead from it to
+                where they are.
+            force: whether an earlier diagnosis there is replaced.
+
+        Raises:
+            InputError: the folder cannot be written or would be lost, or the model's
+                file has changed since it was diagnosed.
+        """
+        from .folder import write
+
+        write(self, folder, force)
+
+    def simulate(
+        self,
+        recording: Recording | str | os.PathLike[str],
+        *,
+        model: str | os.PathLike[str] | None = None,
+    ) -> Recording:
+        """What the robot does by this diagnosis, as `selfheal replay` predicts it.
+
+        Args:
+            recording: or its path: commands, initial states, and the signals that are
+                asked for; their readings do not matter and may all be NaN.
+            model: another version of the robot's model to apply the findings to.
+
+        Returns:
+            The recording with every signal that a model predicts filled in, open loop.
+
+        Raises:
+            RecordingError: an episode has no qpos0, does not fit the model, or makes
+                it diverge.
+            InputError: the model lacks what a finding is about.
+        """
+        from .replay import simulate
+
+        return simulate(self, opened(recording), model=model)

@@ -1,6 +1,7 @@
 """What the model states and a careful user would let a fit change (contract 2)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +10,21 @@ from .scene import Scene
 from .terms import Effect, Floats, Parameter, Term
 
 MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
+LOOSE = 0.9  # of what is allowed: an interval as wide says nothing; chosen
+
+
+def reach(parameter: str) -> float:
+    """How far a stated value may move, relative to itself ("joint:knee/damping")."""
+    field = parameter.rpartition("/")[2]
+    return {"mass": MASS, "inertia": MASS, "length": LENGTH}.get(field, REST)
+
+
+def is_loose(entry: Mapping[str, Any]) -> bool:
+    """Whether the data leave a re-fitted value as open as a careful user would."""
+    given, low, high = (entry[key] for key in ("given", "low", "high"))
+    if None in (given, low, high):
+        return True
+    return high - low > LOOSE * 2 * reach(entry["parameter"]) * abs(given)
 
 
 class Stated(Effect):
@@ -67,6 +83,11 @@ def _kv(model, place, factor):
     model.actuator_biasprm[place["at"], 2] *= factor
 
 
+def _speed(model, place, factor):
+    model.actuator_gainprm[place["at"], 0] *= factor
+    model.actuator_biasprm[place["at"], 2] *= factor
+
+
 def _time(model, place, factor):
     model.actuator_dynprm[place["at"], 0] *= factor
 
@@ -119,11 +140,11 @@ def _of_joints(scene: Scene) -> list[Term]:
             value = float(getattr(model, f"dof_{field}")[joint.dof])
             if value:
                 scale = _of_dof(f"dof_{field}")
-                target = f"joint:{joint.name}/{field}"
+                target = f"joint:{joint.name or joint.id}/{field}"
                 found.append(_term(scale, target, REST, value, unit, dof=joint.dof))
         if model.jnt_stiffness[joint.id]:
             found.append(
-                _term(_stiffness, f"joint:{joint.name}/stiffness", REST,
+                _term(_stiffness, f"joint:{joint.name or joint.id}/stiffness", REST,
                       float(model.jnt_stiffness[joint.id]),
                       f"{joint.force}/{joint.unit}", joint=joint.id)
             )  # fmt: skip
@@ -135,13 +156,16 @@ def _of_actuators(scene: Scene) -> list[Term]:
     for a in scene.actuators:
         name = f"actuator:{a.name}"
         gain, bias = model.actuator_gainprm[a.id, 0], model.actuator_biasprm[a.id]
-        if gain not in (0.0, 1.0) or bias[1]:
+        speed = bool(gain and bias[2] == -gain and not bias[1])  # <velocity>: one kv
+        if not speed and (gain not in (0.0, 1.0) or bias[1]):
             unit = f"{a.force}/{a.unit}" if a.servo else f"{a.force}/ctrl"
             word = "kp" if a.servo else "gain"
             found.append(_term(_kp, f"{name}/{word}", REST, float(gain), unit, at=a.id))
         if bias[2]:
             unit = f"{a.force} s/{a.unit}"
-            found.append(_term(_kv, f"{name}/kv", REST, float(-bias[2]), unit, at=a.id))
+            scale = _speed if speed else _kv
+            value = float(-bias[2])
+            found.append(_term(scale, f"{name}/kv", REST, value, unit, at=a.id))
         if model.actuator_dyntype[a.id] in (2, 3) and model.actuator_dynprm[a.id, 0]:
             value = float(model.actuator_dynprm[a.id, 0])
             found.append(_term(_time, f"{name}/timeconst", REST, value, "s", at=a.id))

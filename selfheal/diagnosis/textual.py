@@ -1,49 +1,89 @@
 """A compiled change as an edit of text: takes two models, gives MJCF attributes."""
 
-import xml.etree.ElementTree as ElementTree
+import os
+import tempfile
 from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..recording.data import Floats
-from .patch import Insert, Rename, Set, number
+from .patch import Insert, Rename, Set, number, patched, tags
 from .plant import Plant, parts
 from .terms import Term, does
 
 Edit = Set | Insert | Rename
+ADDED = ("_play", "_flex")  # joints that an effect adds (contract section 2)
+# other ways to say how something is turned
+TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
+# what the kinds of actuators say, and a <general> one cannot
+SHORT = dict.fromkeys(
+    ("kp", "kv", "dampratio", "timeconst", "inheritrange", "diameter", "area", "bias")
+)
+
+DYNAMICS = {1: "integrator", 2: "filter", 3: "filterexact"}  # mjtDyn
 
 
 class Source:
     """What the text of a model says and a compiled one does not.
 
     Attributes:
+        spec: as MuJoCo reads the text.
         degree: whether hinges' angles are written in degrees.
     """
 
-    def __init__(self, text: str) -> None:
-        """`text`: of the MJCF, included files in place."""
-        root = ElementTree.fromstring(text)
-        compiler = root.find("compiler")
-        angle = "degree" if compiler is None else compiler.get("angle", "degree")
-        self.degree = angle == "degree"
-        section = root.find("actuator")
-        self._actuators = [] if section is None else list(section)
-        self._inertials = {
-            body.get("name")
-            for body in root.iter("body")
-            if body.find("inertial") is not None
-        }
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """`path`: of the MJCF or URDF."""
+        import mujoco
+
+        with tempfile.TemporaryDirectory() as folder:
+            given = Path(folder) / "model.xml"
+            given.write_bytes(patched(path, (), folder).encode())  # MJCF of a URDF
+            self.spec = mujoco.MjSpec.from_file(str(given))
+            self.spec.compile()  # now its bodies are numbered as in a model
+        self.degree = bool(self.spec.compiler.degree)
+        self._actuators = tags(path, "actuator")
+        self._inertials = {name for name, _ in tags(path, "inertial")}
 
     def actuator(self, name: str, index: int) -> str:
         """The tag of an actuator."""
-        for element in self._actuators:
-            if name and element.get("name") == name:
-                return element.tag
-        return self._actuators[index].tag if index < len(self._actuators) else "general"
+        named = [tag for n, tag in self._actuators if name and n == name]
+        unnamed = [tag for _, tag in self._actuators[index : index + 1]]
+        return (named or unnamed or ["general"])[0]
 
     def states_inertia(self, body: str) -> bool:
         """Whether a body has an <inertial>."""
         return body in self._inertials
+
+    @property
+    def overrides(self) -> bool:
+        """Whether masses and inertias are not those that the bodies state."""
+        compiler, always = self.spec.compiler, 1  # mjINERTIAFROMGEOM_TRUE
+        return int(compiler.inertiafromgeom) == always or compiler.settotalmass > 0
+
+    def turn(self, quat: Floats, alt: Any) -> Floats:
+        """How something is turned (4), whichever way the spec says so."""
+        if int(alt.type) == 0:  # mjORIENTATION_QUAT
+            return np.array(quat) / np.linalg.norm(quat)
+        how = self.spec.compiler
+        turned = self.spec.resolve_orientation(
+            degree=how.degree, sequence=how.eulerseq, orientation=alt
+        )
+        return np.array(turned)
+
+    def frame(self, element: Any) -> tuple[Floats, Floats]:
+        """Place (3) and turn (4) of the <frame>s around an element of the spec."""
+        import mujoco
+
+        place, turn = np.zeros(3), np.array([1.0, 0, 0, 0])
+        while element.frame is not None:
+            element = element.frame
+            its = self.turn(element.quat, element.alt)
+            mujoco.mju_rotVecQuat(place, place.copy(), its)
+            place += element.pos
+            mujoco.mju_mulQuat(turn, its, turn.copy())
+        return place, turn
 
 
 def edits(
@@ -63,7 +103,8 @@ def edits(
         *_of_joints(source, plant.model, model),
         *_of_actuators(source, plant.model, model, found),
         *_of_bodies(source, plant.model, model),
-        *_of_geoms(plant.model, model),
+        *_of_geoms(source, plant.model, model),
+        *_of_sites(source, plant.model, model),
         *_of_option(plant.model, model),
     ]
     return found
@@ -87,7 +128,7 @@ def _name(thing, index: int):
 def _of_joints(source: Source, old, new) -> Iterator[Edit]:
     for j in range(new.njnt):
         name = old.joint(j).name
-        if new.jnt_type[j] not in (2, 3) or name.endswith(("_play", "_flex")):
+        if new.jnt_type[j] not in (2, 3):
             continue
         v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
         told: dict[str, str | None] = {}
@@ -109,6 +150,8 @@ def _of_joints(source: Source, old, new) -> Iterator[Edit]:
         if _differs(old.jnt_range[j], new.jnt_range[j]):
             told["range"] = number(_angle(new.jnt_range[j], turn))
             told["limited"] = "true"
+        if name.endswith(ADDED):  # its effect has said the rest
+            told = {k: v for k, v in told.items() if k in ("range", "limited")}
         if told:
             yield Set("joint", _name(old.joint, j), told)
 
@@ -120,16 +163,12 @@ def _angle(value, degree: bool):
 def _of_actuators(source: Source, old, new, before: Sequence[Edit]) -> Iterator[Edit]:
     general = {e.name for e in before if isinstance(e, Rename)}
     for a in range(new.nu):
-        told: dict[str, str | None] = {}
-        law = [
-            np.concatenate([m.actuator_gainprm[a, :3], m.actuator_biasprm[a, :3]])
-            for m in (old, new)
-        ]
-        tag = source.actuator(old.actuator(a).name, a)
-        tag = "general" if _name(old.actuator, a) in general else tag
-        if _differs(*law):
-            told |= _law(tag, new, a)
-        if _differs(old.actuator_dynprm[a, 0], new.actuator_dynprm[a, 0]):
+        name = _name(old.actuator, a)
+        given = source.actuator(old.actuator(a).name, a)
+        tag = "general" if name in general else given
+        told = _law(tag, old, new, a)
+        to = "general" if "gainprm" in told else tag
+        if to == tag and _differs(old.actuator_dynprm[a, 0], new.actuator_dynprm[a, 0]):
             attribute = "dynprm" if tag == "general" else "timeconst"
             told[attribute] = number(new.actuator_dynprm[a, 0])
         limits = [
@@ -138,62 +177,141 @@ def _of_actuators(source: Source, old, new, before: Sequence[Edit]) -> Iterator[
         if _differs(*limits):
             told["forcelimited"] = "true"
             told["forcerange"] = number(new.actuator_forcerange[a])
-        if not told:
-            continue
-        if "gainprm" in told and tag != "general":
-            yield Rename("actuator", _name(old.actuator, a), "general", told)
-        else:
-            yield Set("actuator", _name(old.actuator, a), told)
+        told |= _inherited(source, old, new, a, to != given)
+        if told and to != tag:
+            yield Rename("actuator", name, to, told)
+        elif told:
+            yield Set("actuator", name, told)
 
 
-def _law(tag: str, model, a: int) -> dict[str, str | None]:
-    gain, bias = model.actuator_gainprm[a, :3], model.actuator_biasprm[a, :3]
-    if tag == "position":
+def _law(tag: str, old, new, a: int) -> dict[str, str | None]:
+    """What makes a force of the command, if that differs, as the tag says it.
+
+    As <general> where the tag cannot say it.
+    """
+    gain, bias = new.actuator_gainprm[a, :3], new.actuator_biasprm[a, :3]
+    before = [old.actuator_gainprm[a, :3], old.actuator_biasprm[a, :3]]
+    if not _differs(before, [gain, bias]):
+        return {}
+    if tag == "general":
+        return {"gainprm": number(gain), "biasprm": number(bias)}
+    pulls = not _differs([gain[0], *bias[:2]], [-bias[1], 0, bias[1]])
+    if tag in ("position", "intvelocity") and pulls:
         return {"kp": number(gain[0]), "kv": number(-bias[2]), "dampratio": None}
-    if tag == "velocity":
+    if tag == "velocity" and not _differs([gain[0], *bias[:2]], [-bias[2], 0, 0]):
         return {"kv": number(gain[0])}
-    told: dict[str, str | None] = {"gainprm": number(gain), "biasprm": number(bias)}
-    if tag != "general":
-        told["biastype"] = "affine" if bias.any() else "none"
+    told: dict[str, str | None] = {
+        **SHORT,
+        "gaintype": "affine" if new.actuator_gaintype[a] == 1 else "fixed",
+        "gainprm": number(gain),
+        "biastype": "affine" if bias.any() else "none",
+        "biasprm": number(bias),
+    }
+    if kind := DYNAMICS.get(int(new.actuator_dyntype[a])):
+        told |= {"dyntype": kind, "dynprm": number(new.actuator_dynprm[a, 0])}
     return told
 
 
+def _inherited(source: Source, old, new, a: int, general: bool) -> dict:
+    """The range that an actuator took from its joint, if it no longer would."""
+    joint = int(new.actuator_trnid[a, 0])
+    if not source.spec.actuators[a].inheritrange:
+        return {}
+    if not general and not _differs(old.jnt_range[joint], new.jnt_range[joint]):
+        return {}
+    which = "act" if new.actuator_actlimited[a] else "ctrl"
+    value = number(getattr(new, f"actuator_{which}range")[a])
+    return {f"{which}range": value, "inheritrange": None if general else "0"}
+
+
 def _of_bodies(source: Source, old, new) -> Iterator[Edit]:
+    fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
+    changed = [
+        any(_differs(getattr(old, f)[b], getattr(new, f)[b]) for f in fields)
+        for b in range(new.nbody)
+    ]
+    if source.overrides and any(changed):
+        compiler = {"inertiafromgeom": "auto", "settotalmass": None}
+        yield Set("compiler", "", compiler)
+        changed = [True] * new.nbody  # what they stated did not count so far
     for b in range(1, new.nbody):
         name = _name(old.body, b)
         if _differs(old.body_pos[b], new.body_pos[b]):
-            yield Set("body", name, {"pos": number(new.body_pos[b])})
-        fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
-        if not any(_differs(getattr(old, f)[b], getattr(new, f)[b]) for f in fields):
+            moved = _moved(source, source.spec.bodies[b], old.body_pos, new.body_pos, b)
+            yield Set("body", name, {"pos": moved})
+        if not changed[b]:
             continue
-        told = {
+        told: dict[str, str | None] = {
             "pos": number(new.body_ipos[b]),
             "quat": number(new.body_iquat[b]),
             "mass": number(new.body_mass[b]),
             "diaginertia": number(new.body_inertia[b]),
         }
         if source.states_inertia(str(name)):
-            gone = dict.fromkeys(
-                ("fullinertia", "axisangle", "xyaxes", "zaxis", "euler")
-            )
-            yield Set("inertial", name, {**gone, **told})
+            moments = _moments(source, source.spec.bodies[b], new, b)
+            if moments is None:
+                told |= {"fullinertia": None, **TURNED}
+            else:
+                told |= {"diaginertia": number(moments)}
+                del told["quat"]
+            yield Set("inertial", name, told)
         else:
             xml = " ".join(f'{k}="{v}"' for k, v in told.items())
             yield Insert("body", name, f"<inertial {xml}/>", first=True)
 
 
-def _of_geoms(old, new) -> Iterator[Edit]:
+def _moments(source: Source, element: Any, new, body: int) -> Floats | None:
+    """Inertia (3) along the axes that the text states; None: it has others now."""
+    import mujoco
+
+    if np.isfinite(element.fullinertia[0]):
+        return None
+    now, stated = np.empty(9), np.empty(9)
+    mujoco.mju_quat2Mat(now, new.body_iquat[body])
+    mujoco.mju_quat2Mat(stated, source.turn(element.iquat, element.ialt))
+    turn = stated.reshape(3, 3).T @ now.reshape(3, 3)
+    tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
+    moments = np.diag(tensor)
+    apart = np.abs(tensor - np.diag(moments)).max()
+    return moments if apart < 1e-7 * moments.max() else None
+
+
+def _moved(source: Source, element: Any, old: Floats, new: Floats, index: int) -> str:
+    """The `pos` of an element after it has moved in its body."""
+    import mujoco
+
+    _, turn = source.frame(element)
+    back, way = np.empty(4), np.empty(3)
+    mujoco.mju_negQuat(back, turn)
+    mujoco.mju_rotVecQuat(way, new[index] - old[index], back)
+    return number(element.pos + way)
+
+
+def _placed(source: Source, element: Any, pos: Floats, quat: Floats) -> dict:
+    """The `pos` and `quat` of an element that is so in its body, and no `fromto`."""
+    import mujoco
+
+    place, turn = source.frame(element)
+    back, its, at = np.empty(4), np.empty(4), np.empty(3)
+    mujoco.mju_negQuat(back, turn)
+    mujoco.mju_mulQuat(its, back, quat)
+    mujoco.mju_rotVecQuat(at, pos - place, back)
+    return {"fromto": None, **TURNED, "pos": number(at), "quat": number(its)}
+
+
+def _of_geoms(source: Source, old, new) -> Iterator[Edit]:
     for g in range(new.ngeom):
         told: dict[str, str | None] = {}
+        element = source.spec.geoms[g]
         moved = _differs(old.geom_pos[g], new.geom_pos[g])
-        if moved or _differs(old.geom_size[g], new.geom_size[g]):
-            if new.geom_dataid[g] < 0:  # a mesh keeps its size
-                told |= {
-                    "fromto": None,
-                    "pos": number(new.geom_pos[g]),
-                    "quat": number(new.geom_quat[g]),
-                    "size": number(new.geom_size[g]),
-                }
+        grown = _differs(old.geom_size[g], new.geom_size[g])
+        if (moved or grown) and np.isfinite(element.fromto[0]):
+            told |= _placed(source, element, new.geom_pos[g], new.geom_quat[g])
+            told["size"] = _size(new, g)
+        elif moved:
+            told["pos"] = _moved(source, element, old.geom_pos, new.geom_pos, g)
+        if grown and new.geom_dataid[g] < 0:  # a mesh keeps its size
+            told["size"] = _size(new, g)
         for field, attribute in (
             ("geom_friction", "friction"), ("geom_solref", "solref"),
             ("geom_priority", "priority"), ("geom_contype", "contype"),
@@ -203,10 +321,25 @@ def _of_geoms(old, new) -> Iterator[Edit]:
                 told[attribute] = number(getattr(new, field)[g])
         if told:
             yield Set("geom", _name(old.geom, g), told)
+
+
+def _size(model, geom: int) -> str:
+    """As many numbers as the geom's type has."""
+    used = {2: 1, 3: 2, 5: 2}  # mjtGeom: sphere, capsule, cylinder
+    return number(model.geom_size[geom, : used.get(int(model.geom_type[geom]), 3)])
+
+
+def _of_sites(source: Source, old, new) -> Iterator[Edit]:
     for s in range(new.nsite):
-        if _differs(old.site_pos[s], new.site_pos[s]):
-            pos = {"fromto": None, "pos": number(new.site_pos[s])}
-            yield Set("site", _name(old.site, s), pos)
+        if not _differs(old.site_pos[s], new.site_pos[s]):
+            continue
+        element = source.spec.sites[s]
+        if np.isfinite(element.fromto[0]):
+            told = _placed(source, element, new.site_pos[s], new.site_quat[s])
+            told["size"] = number(new.site_size[s])
+        else:
+            told = {"pos": _moved(source, element, old.site_pos, new.site_pos, s)}
+        yield Set("site", _name(old.site, s), told)
 
 
 def _of_option(old, new) -> Iterator[Edit]:

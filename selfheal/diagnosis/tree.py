@@ -99,13 +99,13 @@ class Tree:
 
     def find(self, tag: str, name: str) -> Element:
         """The element of a name; of several (worlds) the last of the main file."""
-        found = [e for e in self.candidates(tag) if _name(e) == name]
+        found = [e for e in self.candidates(tag) if name_of(e) == name]
         if not found:
             raise ModelError(self._missing(tag, name))
         return next((e for e in found[::-1] if not e.includes()), found[-1])
 
     def _missing(self, tag: str, name: str) -> str:
-        names = [_name(e) for e in self.candidates(tag)]
+        names = [name_of(e) for e in self.candidates(tag)]
         there = [repr(n) for n in names if n is not None]
         unnamed = f"{names.count(None)} without a name" if None in names else ""
         there += [unnamed] if unnamed else []
@@ -136,9 +136,9 @@ class Tree:
         twin, names = Tree(self.path), {}
         pairs = zip(self.candidates(tag), twin.candidates(tag), strict=True)
         for k, (own, its) in enumerate(pairs):
-            if _name(twin.own(its)) is None:
+            if name_of(twin.own(its)) is None:
                 _bearer(its).set({"name": f"unnamed element {k}"})
-            names[_name(its)] = own
+            names[name_of(its)] = own
         return twin.compiled(), names
 
     def compiled(self) -> "mujoco.MjModel":
@@ -268,7 +268,8 @@ def _bearer(element: Element) -> Element:
     return bearer or element
 
 
-def _name(element: Element) -> str | None:
+def name_of(element: Element) -> str | None:
+    """Name in the text; None without one."""
     bearer = _bearer(element)
     return "world" if bearer.tag == "worldbody" else bearer.get("name")
 

@@ -3,9 +3,9 @@
 from .check import validate
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
-from .names import names_of, read_names
+from .names import load_model, names_of, read_names
 from .split import split
-from .store import read, write
+from .store import opened, read, write
 
 __all__ = [
     "KINDS",
@@ -15,7 +15,9 @@ __all__ = [
     "Signal",
     "Target",
     "check_against_model",
+    "load_model",
     "names_of",
+    "opened",
     "read",
     "read_names",
     "split",

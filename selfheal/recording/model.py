@@ -26,11 +26,13 @@ class ModelNames:
 
     Attributes:
         targets: of each sort (joint, actuator, body, sensor), by name.
+        nu: number of actuators, those without a name too.
         nq: length of qpos0.
         nv: length of qvel0.
     """
 
     targets: Mapping[str, Mapping[str, Target]]
+    nu: int
     nq: int
     nv: int
 
@@ -58,6 +60,17 @@ def check_against_model(recording: Recording, names: ModelNames) -> None:
 
 def _check_actuators(episode: Episode, names: ModelNames, place: Place) -> None:
     model, given = names.targets["actuator"], episode.ctrl_names
+    if given and not model:
+        raise place.error(
+            f"ctrl has a column for {listed(given)}, but the model has no actuator "
+            "with a name; would fit: a model with them (MuJoCo reads none from a "
+            "URDF: save it as MJCF and add them)"
+        )
+    if unnamed := names.nu - len(model):
+        raise place.error(
+            f"{unnamed} of the model's actuators have no name, so that no column of "
+            "ctrl can be theirs; would fit: a name for each"
+        )
     if unknown := [name for name in given if name not in model]:
         raise place.error(
             f"the model has no actuator {listed(unknown)}; would fit: {listed(model)}"

@@ -39,19 +39,29 @@ SENSOR_UNITS: Mapping[str, str] = {
 
 
 def read_names(model: str | os.PathLike[str]) -> ModelNames:
-    """The names, units and sizes of an MJCF or URDF file.
+    """The names, units and sizes of an MJCF or URDF file; errors as `load_model`."""
+    return names_of(load_model(model))
+
+
+def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
+    """An MJCF or URDF file, compiled.
 
     Raises:
-        ModelError: MuJoCo cannot load it.
+        ModelError: MuJoCo cannot load it; the message is MuJoCo's.
     """
     import mujoco
 
-    path = os.fspath(model)
     try:
-        return names_of(mujoco.MjModel.from_xml_path(path))
+        return mujoco.MjModel.from_xml_path(os.fspath(path))
     except ValueError as error:
         reason = " ".join(str(error).split())
-        raise ModelError(f"{path}: MuJoCo cannot load it: {reason}") from error
+        if "package:/" in reason:
+            reason += (
+                '; would fit: <mujoco><compiler strippath="true" meshdir="..."/>'
+                "</mujoco> in the URDF, with the folder of its meshes"
+            )
+        message = f"{os.fspath(path)}: MuJoCo cannot load it: {reason}"
+        raise ModelError(message) from error
 
 
 def names_of(model: "mujoco.MjModel") -> ModelNames:
@@ -74,7 +84,7 @@ def names_of(model: "mujoco.MjModel") -> ModelNames:
     # what has no name cannot be asked about
     for things in targets.values():
         things.pop("", None)
-    return ModelNames(targets, model.nq, model.nv)
+    return ModelNames(targets, model.nu, model.nq, model.nv)
 
 
 def _joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:

@@ -44,6 +44,18 @@ def read(path: str | os.PathLike[str]) -> Recording:
     return recording
 
 
+def opened(recording: Recording | str | os.PathLike[str]) -> Recording:
+    """A recording, checked: the one that is given, or the one at a path.
+
+    Raises:
+        RecordingError: it breaks the contract.
+    """
+    if not isinstance(recording, Recording):
+        return read(recording)
+    validate(recording)
+    return recording
+
+
 def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Check a recording and write it; the file appears whole or not at all.
 
@@ -91,6 +103,7 @@ def _recording(root: h5py.File, file: Place) -> Recording:
         raise file.error(f"format is {found!r}; would fit: {FORMAT!r}")
     version = root.attrs.get("version")
     if not isinstance(version, (int, np.integer)) or version != VERSION:
+        version = version.item() if isinstance(version, np.generic) else version
         raise file.error(f"version is {version!r}; this program reads {VERSION}")
     episodes = _group(root, "episodes", file)
     opened = [_open(episodes, name, Place(file.file, name)) for name in episodes]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..diagnosis.effects import catalogue
 from ..diagnosis.result import Diagnosis, Located
+from ..diagnosis.stated import is_loose
 from . import figures, tables
 from .facts import percent
 from .page import Html, Section, bars, bullets, diff, join, mark, paragraph, table
@@ -311,7 +312,8 @@ def _located(located: Located) -> Section:
         return Section(title, ("There is no error that could be located.",))
     caption = (
         "Share of the squared error in percent, by signal and regime. Framed: more "
-        "than elsewhere, p below 0.01, corrected for the whole map. A dash: never seen."
+        "than elsewhere, p below 0.01, corrected for the whole map. A dash: never "
+        "seen. Regimes overlap, so they can add up to more than all."
     )
     if len(located.signals) > figures.SIGNALS:
         caption += f" The {figures.SIGNALS} signals with the most error are shown."
@@ -346,6 +348,8 @@ def _refit(diagnosis: Diagnosis) -> Section:
     )
     if stuck:
         said += f" At their bounds: {stuck}; the true value may lie beyond."
+    if loose := sum(map(is_loose, stated)):
+        said += f" Not pinned down: {loose}; the data fit any value that is allowed."
     return Section(title, (said, tables.refit(stated)))
 
 
@@ -367,7 +371,11 @@ def _held_out(diagnosis: Diagnosis) -> Section:
         if harmed
         else "No signal is made worse by the findings."
     )
-    note = "Below each error: its 90 % interval over episodes."
+    note = (
+        "Below each error: its 90 % interval over episodes. Noise: of the readings "
+        "alone; where a replay starts from a state that was read, that state's noise "
+        "comes on top."
+    )
     return Section(
         title, (said, tables.held_out(signals), paragraph(mark(note, "soft")))
     )

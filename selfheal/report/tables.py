@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.genome import HINGE_NAMES
 from ..diagnosis.result import Candidate, SignalFit
-from ..diagnosis.stated import LENGTH, MASS, REST
+from ..diagnosis.stated import is_loose, reach
 from ..selfmodel.run import Run
 from .facts import (
     SIDES,
@@ -281,8 +281,9 @@ def _refit(entry: Mapping[str, Any]) -> list[object]:
         short(entry.get("given")),
         quantity(entry),
         f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else _DASH,
-        mark("at its bound", "wrong") if at_bound(entry) else "",
-    ]
+        mark("at its bound", "wrong") if at_bound(entry)
+        else mark("not pinned down", "soft") if is_loose(entry) else "",
+    ]  # fmt: skip
 
 
 def _change(entry: Mapping[str, Any]) -> float:
@@ -293,9 +294,7 @@ def _change(entry: Mapping[str, Any]) -> float:
 
 def at_bound(entry: Mapping[str, Any]) -> bool:
     """Whether a re-fitted value went as far as a careful user would let it."""
-    field = str(entry["parameter"]).rpartition("/")[2]
-    reach = {"mass": MASS, "inertia": MASS, "length": LENGTH}.get(field, REST)
-    return abs(_change(entry)) >= (1 - _AT_BOUND) * reach
+    return abs(_change(entry)) >= (1 - _AT_BOUND) * reach(entry["parameter"])
 
 
 def held_out(signals: Sequence[SignalFit]) -> Html:
@@ -310,7 +309,7 @@ def held_out(signals: Sequence[SignalFit]) -> Html:
         )
         for s in sorted(signals, key=lambda s: not s.scored)
     ]
-    head = ("signal", "given", "re-fitted", "patched", "floor", "", "")
+    head = ("signal", "given", "re-fitted", "patched", "noise", "", "")
     return table(head, rows, "lrrrrll")
 
 

@@ -1,0 +1,316 @@
+"""One refit, by `selfheal.diagnosis` and by `mujoco.sysid`: the same values and data.
+
+Takes a 2-joint arm whose damping, armature, gains and masses are wrong, gives
+docs/results/sysid.md. Needs `pip install 'mujoco[sysid]'`, which selfheal does not.
+"""
+
+import logging
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from functools import partial
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from _common import Section, parser, publish
+from mujoco import sysid
+
+from selfheal.diagnosis import score
+from selfheal.diagnosis.case import WINDOW, Case, pieces_of, prepare
+from selfheal.diagnosis.fit import Problem, fit, whitened
+from selfheal.diagnosis.prove import LONG
+from selfheal.diagnosis.score import replayed
+from selfheal.diagnosis.stated import MASS, REST, stated_terms
+from selfheal.diagnosis.terms import Term
+from selfheal.recording import Episode, Recording, Signal
+
+XML = """<mujoco model="arm">
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="upper" pos="0 0 1">
+      <joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
+      <inertial pos="0.1 0 0" mass="0.4" diaginertia="1e-4 0.0015 0.0015"/>
+      <body name="lower" pos="0.2 0 0">
+        <joint name="elbow" axis="0 1 0" damping="0.03" armature="0.005"/>
+        <inertial pos="0.1 0 0" mass="0.2" diaginertia="5e-5 0.0007 0.0007"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="shoulder_servo" joint="shoulder" kp="20" kv="0.8"/>
+    <position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>
+  </actuator>
+</mujoco>
+"""
+JOINTS, BODIES = ("shoulder", "elbow"), ("upper", "lower")
+VALUES = {  # what is refitted, and how far a careful user lets it move
+    **{f"joint:{j}/damping": REST for j in JOINTS},
+    **{f"joint:{j}/armature": REST for j in JOINTS},
+    **{f"actuator:{j}_servo/kp": REST for j in JOINTS},
+    **{f"body:{b}/mass": MASS for b in BODIES},
+}
+WRONG = 0.8  # of that reach: the largest error of a value; chosen
+EPISODES, HELD, SECONDS, NOISE = 6, 2, 5.0, 1e-3  # [s], [rad]; chosen
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A hidden arm and what it did.
+
+    Attributes:
+        model: file of the wrong model.
+        recording: of the right one; the last HELD episodes are held out.
+        truth: factors of VALUES.
+    """
+
+    model: Path
+    recording: Recording
+    truth: np.ndarray
+
+
+def scaled(model: mujoco.MjModel, name: str, factor: float) -> None:
+    """Change one of VALUES in a compiled model."""
+    target, _, field = name.partition("/")
+    sort, _, thing = target.partition(":")
+    if sort == "joint":
+        getattr(model, f"dof_{field}")[model.joint(thing).dofadr[0]] *= factor
+    elif sort == "body":
+        model.body(thing).mass *= factor
+        model.body(thing).inertia *= factor
+    else:
+        model.actuator(thing).gainprm[0] *= factor
+        model.actuator(thing).biasprm[1] *= factor
+
+
+def robot(folder: Path, seed: int) -> Robot:
+    """An arm with wrong values, moving to slow sines and steps."""
+    rng = np.random.default_rng(seed)
+    reach = np.array([*VALUES.values()])
+    truth = 1 + WRONG * reach * rng.uniform(-1, 1, len(VALUES))
+    model = mujoco.MjModel.from_xml_string(XML)
+    for name, factor in zip(VALUES, truth, strict=True):
+        scaled(model, name, factor)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    path = folder / f"{seed}.xml"
+    path.write_text(XML)
+    names = [f"{k:03d}" for k in range(EPISODES)]
+    episodes = {name: _episode(model, rng) for name in names}
+    return Robot(path, Recording(episodes, file=f"{seed}.h5"), truth)
+
+
+def _episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
+    """Commands and readings at every time step, so that nobody has to interpolate."""
+    t = np.arange(0, SECONDS, model.opt.timestep)
+    f, p = rng.uniform(0.3, 1.5, (2, 2)), rng.uniform(0, 6, (2, 3))
+    ctrl = np.stack([
+        0.4 * np.sin(2 * np.pi * f[j, 0] * t + p[j, 0])
+        + 0.3 * np.sin(2 * np.pi * f[j, 1] * t + p[j, 1])
+        + 0.3 * np.sign(np.sin(4 * t + p[j, 2]))
+        for j in range(2)
+    ], axis=1)  # fmt: skip
+    data = mujoco.MjData(model)
+    data.qpos[:] = start = 0.3 * rng.normal(size=2)
+    told = np.empty((len(t), 2))
+    for k, u in enumerate(ctrl):
+        told[k], data.ctrl[:] = data.qpos, u
+        mujoco.mj_step(model, data)
+    told += NOISE * rng.normal(size=told.shape)
+    signals = {
+        name: Signal(told[:, j], "joint_position", name, "rad")
+        for j, name in enumerate(JOINTS)
+    }
+    servos = tuple(f"{name}_servo" for name in JOINTS)
+    return Episode(t, ctrl, servos, signals, start, np.zeros(2))
+
+
+def split(robot: Robot) -> list[str]:
+    """Names of the held-out episodes."""
+    return [*robot.recording.episodes][-HELD:]
+
+
+def opened(case: Case) -> list[Term]:
+    """The terms of VALUES, in their order."""
+    terms = {t.targets[0]: t for t in stated_terms(case.scene)}
+    return [terms[name] for name in VALUES]
+
+
+def ours(robot: Robot, seconds: float | None) -> np.ndarray:
+    """Factors of VALUES by `diagnosis.fit`, in pieces of so many s, or episodes whole.
+
+    Pieces begin where readings say; what that leaves open is told to the fit.
+    """
+    case = prepare(robot.model, [robot.recording], split(robot))
+    world, terms = case.world, opened(case)
+    pieces = pieces_of(world, seconds) if seconds else replayed(world)
+    apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
+    problem = Problem(world, pieces, np.sqrt(np.nanmean(apart**2, axis=0)))
+    begin = np.ones(len(terms))
+    if seconds:
+        problem = whitened(problem, terms, begin)
+    return fit(problem, terms, begin).values
+
+
+def theirs(robot: Robot) -> np.ndarray:
+    """Factors of VALUES by `mujoco.sysid` with its defaults."""
+    logging.getLogger("absl").setLevel(logging.ERROR)  # "data dimension does not match"
+    spec = mujoco.MjSpec.from_file(str(robot.model))
+    model = spec.compile()
+    params = sysid.ParameterDict()
+    for name, reach in VALUES.items():
+        params.add(sysid.Parameter(name, 1.0, 1 - reach, 1 + reach,
+                                   modifier=_modifier(model, name)))  # fmt: skip
+    starts, controls, sensors, held = [], [], [], split(robot)
+    names = [(j, sysid.SignalType.MjStateQPos) for j in JOINTS]
+    for key, episode in robot.recording.episodes.items():
+        if key not in held:
+            read = np.stack([episode.signals[j].values for j in JOINTS], axis=1)
+            starts.append(
+                sysid.create_initial_state(model, episode.qpos0, episode.qvel0)
+            )
+            controls.append(sysid.TimeSeries(episode.time, episode.ctrl))
+            sensors.append(
+                sysid.TimeSeries.from_names(episode.time, read, model, names)
+            )
+    keys = [key for key in robot.recording.episodes if key not in held]
+    runs = sysid.ModelSequences(
+        "arm", spec, keys, starts, controls, sensors, allow_missing_sensors=True
+    )
+    residual = sysid.build_residual_fn(models_sequences=[runs])
+    with redirect_stdout(StringIO()):  # it tells every iteration
+        found, _ = sysid.optimize(params, residual, verbose=False)
+    return found.as_vector()
+
+
+def _modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], None]:
+    """What writes a factor of one of VALUES into an MjSpec."""
+    target, _, field = name.partition("/")
+    sort, _, thing = target.partition(":")
+
+    def write(spec: mujoco.MjSpec, parameter: Any) -> None:
+        factor = parameter.value[0]
+        if sort == "joint":
+            value = getattr(given, f"dof_{field}")[given.joint(thing).dofadr[0]]
+            joint = spec.joint(thing)
+            if field == "damping":
+                joint.damping[0] = factor * value
+            else:
+                joint.armature = factor * value
+        elif sort == "body":
+            spec.body(thing).mass = factor * given.body(thing).mass[0]
+            spec.body(thing).inertia = factor * given.body(thing).inertia
+        else:
+            sysid.apply_pgain(spec, thing, factor * given.actuator(thing).gainprm[0])
+
+    return write
+
+
+def judged(robot: Robot, values: np.ndarray) -> float:
+    """The contract's score of some factors of VALUES on the held-out episodes."""
+    case = prepare(robot.model, [robot.recording], split(robot))
+    pieces = replayed(case.held)
+    squares = score.errors(case.held, pieces, opened(case), values)
+    return score.score(case.held, squares, score.counts(case.held, pieces))
+
+
+THEIRS = "mujoco.sysid, defaults"
+METHODS: dict[str, Callable[[Robot], np.ndarray]] = {
+    "selfheal, whole episodes": partial(ours, seconds=None),
+    "selfheal, pieces of 2 s": partial(ours, seconds=LONG),
+    "selfheal, pieces of 0.5 s": partial(ours, seconds=WINDOW),
+    THEIRS: theirs,
+}
+
+
+def measured(seeds: Sequence[int]) -> list[dict[str, Any]]:
+    """All methods on the same robots, in turn, forwards and backwards."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for method in METHODS.values():  # the first call of each loads and compiles
+            method(robot(Path(folder), 0))
+        for n, seed in enumerate(seeds):
+            hidden = robot(Path(folder), seed)
+            row: dict[str, Any] = {
+                "seed": seed,
+                "given": judged(hidden, np.ones(len(VALUES))),
+                "truth": judged(hidden, hidden.truth),
+            }
+            for name in [*METHODS][:: -1 if n % 2 else 1]:
+                row[name] = _tried(METHODS[name], hidden)
+            rows.append(row)
+    return rows
+
+
+def _tried(method: Callable[[Robot], np.ndarray], hidden: Robot) -> dict[str, Any]:
+    """What a method found, how long it took, and how good it is."""
+    start, used = time.perf_counter(), time.process_time()
+    values = method(hidden)
+    seconds, cpu = time.perf_counter() - start, time.process_time() - used
+    off = float(np.sqrt(np.mean((values / hidden.truth - 1) ** 2)))
+    return {"seconds": seconds, "cpu": cpu, "score": judged(hidden, values), "off": off,
+            "factors": values.tolist()}  # fmt: skip
+
+
+def section(rows: list[dict[str, Any]]) -> Section:
+    """The table of the methods."""
+    shown = []
+    for name in METHODS:
+        wall, cpu, error, off = (_each(rows, name, k) for k in KEYS)
+        against = [_each(rows, name, k) / _each(rows, THEIRS, k) for k in KEYS[:3]]
+        shown.append(
+            [name, f"{np.median(wall):.2f} s, {np.median(cpu):.2f} s",
+             f"{np.median(against[0]):.2f}, {np.median(against[1]):.2f}",
+             f"{np.median(error):.5f}",
+             f"{np.median(against[2]):.4f} ({against[2].min():.4f} to "
+             f"{against[2].max():.4f})", f"{100 * np.median(off):.0f} %"]
+        )  # fmt: skip
+    header = ["method", "wall, CPU time", "each : theirs", "held-out error",
+              "error : theirs (range)", "values off by"]  # fmt: skip
+    return Section("The same values on the same data", _text(rows), header, shown)
+
+
+KEYS = ("seconds", "cpu", "score", "off")
+
+
+def _each(rows: list[dict[str, Any]], method: str, key: str) -> np.ndarray:
+    return np.array([row[method][key] for row in rows])
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    """What was compared."""
+    given, truth = (np.median([row[k] for row in rows]) for k in ("given", "truth"))
+    most = [f"{100 * WRONG * reach:.0f} %" for reach in (REST, MASS)]
+    return (
+        f"{len(rows)} arms of two joints with position servos. Wrong by up to "
+        f"{most[0]}: damping, armature and kp of both joints; by up to {most[1]}: both "
+        f"masses. {EPISODES} episodes of {SECONDS:g} s, read at every time step (2 ms) "
+        f"with {1000 * NOISE:g} mrad of noise, {HELD} of them held out; initial states "
+        "given. All fit the same eight values within the same bounds, from a recording "
+        "in memory to values, taking turns; medians. Error: the contract's score on "
+        f"the held-out episodes, {given:.4f} for the given model, {truth:.5f} for the "
+        "true one (noise). Off: root mean square of the values' relative errors. "
+        "`mujoco.sysid` replays whole episodes from their initial state, and so does "
+        "the first row; `diagnose` searches in pieces of 0.5 s and fits its result in "
+        "pieces of 2 s, which need no given state."
+    )
+
+
+def main() -> None:
+    """Measure and publish."""
+    line = parser(__doc__ or "")
+    line.add_argument("--robots", type=int, default=10, help="how many")
+    options = line.parse_args()
+    if not hasattr(sysid, "optimize"):
+        raise SystemExit("mujoco.sysid lacks a library: pip install 'mujoco[sysid]'")
+    rows = measured(range(1, options.robots + 1))
+    title = "One refit against `mujoco.sysid`"
+    publish(options.root, "sysid", title, [section(rows)], {"robots": rows})
+
+
+if __name__ == "__main__":
+    main()

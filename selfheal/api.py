@@ -1,0 +1,123 @@
+"""What Python users call: a model and recordings in, a Diagnosis out."""
+
+import os
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from .diagnosis.result import Diagnosis
+from .errors import InputError
+from .files import check_file
+from .recording import Recording, opened
+
+Given = Recording | str | os.PathLike[str]
+
+
+def diagnose(
+    model: str | os.PathLike[str],
+    recordings: Given | Sequence[Given],
+    *,
+    held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
+    seed: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> Diagnosis:
+    """Where a model and recordings differ, and which physics the model lacks.
+
+    Args:
+        model: path of the robot's MJCF or URDF.
+        recordings: of the real robot, one or several: paths, or what
+            `selfheal.recording.read` gave.
+        held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
+            [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
+            too. Without any: each third episode of a recording, the last third of a
+            lone one.
+        seed: of everything random.
+        progress: told what is being done and how much of that is done (0 to 1).
+
+    Returns:
+        The verdict, the findings and their proof; `save` and `simulate` use them.
+
+    Raises:
+        InputError: a file is missing or given twice, or a name fits none or several.
+        ModelError: MuJoCo cannot load the model.
+        RecordingError: a recording breaks the contract, does not fit the model, or is
+            too short or too quiet to decide anything.
+    """
+    from .diagnosis.diagnose import diagnose as find
+    from .report.diagnose import page
+
+    if seed < 0:
+        raise InputError(f"seed must not be negative; not {seed}")
+    check_file(model)
+    entries = [os.fspath(entry) for entry in _several(held_out)]
+    files = [entry for entry in entries if _is_file(entry)]
+    given = _several(recordings)
+    if not given:
+        raise InputError("no recording was given; would fit: at least one")
+    read = _opened([*given, *files], spare=len(files))
+    names = [name for entry in entries for name in _held_out(entry, read)]
+    say = progress or (lambda what, share: None)
+    found = find(model, read, held_out=names, seed=seed, progress=say)
+    say("drawing the report", 0.0)
+    return replace(found, page=page(found, str(model), [r.file for r in read]))
+
+
+def _several(given: Any) -> list[Any]:
+    """What was given, in a list also where it is one."""
+    one = isinstance(given, Recording | str | os.PathLike)
+    return [given] if one else list(given)
+
+
+def _is_file(name: str) -> bool:
+    """Whether a name to hold out is that of a file, not of an episode."""
+    return name.endswith(".h5") and Path(name).is_file()
+
+
+def _opened(given: Sequence[Given], spare: int) -> list[Recording]:
+    """Every recording, checked; the last `spare` of them may be there already.
+
+    Raises:
+        InputError: one is given twice.
+    """
+    found: dict[str, Recording] = {}
+    for i, one in enumerate(given):
+        name = one.file if isinstance(one, Recording) else os.fspath(one)
+        key = os.path.realpath(name)
+        if key not in found:
+            found[key] = opened(one)
+        elif i < len(given) - spare:
+            raise InputError(
+                f"{name} is given twice, first as {found[key].file}; would fit: each "
+                "once, and a `file` of its own for each recording made in Python"
+            )
+    return list(found.values())
+
+
+def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
+    """A name to hold out with its file before it; of a file all of its episodes.
+
+    Raises:
+        InputError: it fits several recordings.
+    """
+    if _is_file(entry):
+        real = os.path.realpath(entry)
+        (whole,) = (r for r in recordings if os.path.realpath(r.file) == real)
+        return [f"{whole.file}:{name}" for name in whole.episodes]
+    exact = [r for r in recordings if entry.startswith(f"{r.file}:")]
+    fits = [full for r in exact or recordings if (full := _full(entry, r))]
+    if len(fits) > 1:
+        raise InputError(
+            f"held-out {entry!r} fits several recordings; would fit: {', '.join(fits)}"
+        )
+    return fits or [entry]  # a name that fits none is refused where it is used
+
+
+def _full(entry: str, recording: Recording) -> str:
+    """The entry with the recording's file before it; empty where it is no episode."""
+    name = entry
+    for file in (recording.file, Path(recording.file).name):
+        name = name.removeprefix(f"{file}:")
+    known = {name, re.sub(r"\[[^\[\]]*\]$", "", name)} & set(recording.episodes)
+    return f"{recording.file}:{name}" if known else ""

@@ -1,0 +1,112 @@
+"""What cannot be diagnosed: takes a case, refuses it and says what would fit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import ModelError, RecordingError
+from ..recording.data import Floats
+from .case import SHORT, WINDOW, Case, pieces_of
+from .scene import POSITION_LIKE
+from .terms import Term
+from .windows import Windows
+from .world import World
+
+LOST = 0.5  # share of pieces that the given model may not survive; chosen
+AS_GIVEN = np.zeros(0)  # values of no terms
+
+
+def check_usable(case: Case) -> None:
+    """Refuse what no fit could make sense of, before any fit.
+
+    Raises:
+        RecordingError: too short, without a reading to be judged on, or nothing moves.
+        ModelError: it diverges nearly everywhere; the message says where and when.
+    """
+    pieces = pieces_of(case.world, WINDOW)
+    _check_length(case, pieces)
+    _check_motion(case)
+    count, episode, time = divergence(case.world, pieces)
+    if count > LOST * len(pieces):
+        raise ModelError(
+            f"{case.workshop.path}: the model diverges, first in episode {episode!r} "
+            f"at {time:.4g} s, in {count} of {len(pieces)} pieces; would fit: a "
+            "smaller timestep, another integrator, or commands and initial states "
+            "that it can stand"
+        )
+
+
+def _check_length(case: Case, pieces: Windows) -> None:
+    seconds, least = float(pieces.steps.sum()) * case.world.step, SHORT * WINDOW
+    if seconds < least:
+        raise RecordingError(
+            f"{seconds:.3g} s of readings are too few to decide anything; would fit: "
+            f"at least {least} s, better 20 s, beside what is held out"
+        )
+
+
+def _check_motion(case: Case) -> None:
+    scored = [c for c in case.world.signals if c.scored]
+    if not scored:
+        raise RecordingError(
+            f"no signal of kind {', '.join(POSITION_LIKE)} has a reading; would fit: "
+            "at least one of them"
+        )
+    read = np.concatenate([log.readings for log in case.world.logs])
+    if not any(np.nanstd(read[:, c.columns], axis=0).any() for c in scored):
+        raise RecordingError(
+            f"no position-like signal moves ({', '.join(c.name for c in scored)}); "
+            "would fit: a recording in which the robot moves"
+        )
+    columns = [c.columns for c in case.held.signals if c.scored]
+    judged = (
+        np.isfinite(log.readings[:, k]) for log in case.held.logs for k in columns
+    )
+    if not any(known.any() for known in judged):
+        raise RecordingError(
+            f"what is held out ({', '.join(case.names)}) has no reading of a "
+            "position-like signal to be judged on; would fit: other episodes"
+        )
+
+
+def divergence(
+    world: World,
+    pieces: Windows,
+    terms: Sequence[Term] = (),
+    values: Floats = AS_GIVEN,
+) -> tuple[int, str, float]:
+    """In how many windows a simulation is lost; where and when it is first.
+
+    Args:
+        world: that is simulated.
+        pieces: the windows.
+        terms: what is true beyond the given model.
+        values: (P) of their parameters.
+
+    Returns:
+        Count, id of the episode, time in it [s] to within two steps; 0, "", NaN where
+        none is lost.
+    """
+    lost = _lost(world, pieces, terms, values)
+    if not len(lost):
+        return 0, "", np.nan
+    w = int(lost[0])
+    log = world.logs[int(pieces.log[w])]
+    low, high = 0, int(pieces.steps[w])  # alive, lost
+    while high - low > 1:
+        middle = (low + high) // 2
+        cut = Windows(
+            pieces.log[[w]], pieces.start[[w]], np.array([middle]), np.array([0]),
+            np.array([float(middle)]), np.zeros((1, log.readings.shape[1])),
+        )  # fmt: skip
+        if len(_lost(world, cut, terms, values)):
+            high = middle
+        else:
+            low = middle
+    return len(lost), log.id, log.start + (int(pieces.start[w]) + high) * world.step
+
+
+def _lost(world: World, pieces: Windows, terms, values: Floats) -> np.ndarray:
+    """Numbers of the windows that are lost."""
+    told = world.simulate(terms, values[None], pieces)[0]
+    return np.unique(pieces.window[~np.isfinite(told).all(axis=1)])

@@ -1,0 +1,223 @@
+"""A diagnosed change as text: whichever way a user writes the same robot."""
+
+import re
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+from toys_diagnosis import ARM, ROBOTS, record
+
+from selfheal.diagnosis.answer import patch_of
+from selfheal.diagnosis.effects import effect
+from selfheal.diagnosis.effects.body import spatial
+from selfheal.diagnosis.fit import Fit
+from selfheal.diagnosis.plant import Workshop
+from selfheal.diagnosis.prepare import scene_of, world_of
+from selfheal.diagnosis.stated import stated_terms
+
+RADIAN = '<compiler angle="radian"/>'
+ELBOW = '<position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>'
+(ACTUATORS,) = re.findall(r"<actuator>.*</actuator>", ARM, flags=re.S)
+(BODIES,) = re.findall(r"<worldbody>.*</worldbody>", ARM, flags=re.S)
+
+
+def _put(old: str, new: str, text: str = ARM) -> str:
+    assert text.count(old) == 1
+    return text.replace(old, new)
+
+
+def _driven(kind: str, more: str = "") -> str:
+    return _put(ELBOW, f'<{kind} name="elbow_servo" joint="elbow" {more}/>')
+
+
+INERTIAL = (
+    '<inertial pos="0.1 0 0.01" mass="0.2" diaginertia="1e-4 3e-4 2.5e-4" {}="{}"/>'
+)
+# the same robot, or nearly: the model, and the files that it includes
+WAYS: dict[str, tuple[str, dict[str, str]]] = {
+    "plain": (ARM, {}),
+    "two dashes in a comment": (_put("<actuator>", "<!-- a -- b --><actuator>"), {}),
+    "a bare ampersand": (_put('model="arm"', 'model="arm & hand"'), {}),
+    "an included compiler": (
+        _put(RADIAN, '<include file="c.xml"/>'),
+        {"c.xml": f"<mujoco>{RADIAN}</mujoco>"},
+    ),
+    "included actuators": (
+        _put(ACTUATORS, '<include file="a.xml"/>'),
+        {"a.xml": f"<mujoco>{ACTUATORS}</mujoco>"},
+    ),
+    "included bodies": (
+        _put(BODIES, '<include file="b.xml"/>'),
+        {"b.xml": f"<mujoco>{BODIES}</mujoco>"},
+    ),
+    "two compilers": (_put(RADIAN, f'<compiler autolimits="true"/>{RADIAN}'), {}),
+    "two sections of actuators": (_put(ELBOW, f"</actuator><actuator>{ELBOW}"), {}),
+    "degrees": (_put(RADIAN, ""), {}),
+    "masses of the geoms": (
+        _put(
+            '<joint name="elbow"',
+            '<inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/><joint name="elbow"',
+            _put('angle="radian"', 'angle="radian" inertiafromgeom="true"'),
+        ),
+        {},
+    ),
+    "a total mass": (_put('angle="radian"', 'angle="radian" settotalmass="1"'), {}),
+    "frames": (
+        _put(
+            '<body name="lower" pos="0.2 0 0">',
+            '<frame pos="0.1 0 0" euler="0 0.3 0.2"><frame pos="0 0.1 0"><body '
+            'name="lower" pos="0.1 -0.1 0">',
+            _put("      </body>\n", "      </body></frame></frame>\n"),
+        ),
+        {},
+    ),
+    "geoms in a frame": (
+        _put(
+            '<geom name="lower" type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"\n'
+            '          mass="0.2"/>',
+            '<frame pos="0 0 0.01" euler="0 0 0.2"><geom name="lower" type="capsule" '
+            'fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2"/><geom type="box" '
+            'size="0.1 0.01 0.01" pos="0.1 0 0" euler="0 0 -0.2" mass="0.1"/></frame>',
+        ),
+        {},
+    ),
+    "a stated inertia": (
+        _put(
+            '<joint name="elbow"',
+            f'{INERTIAL.format("quat", "1 1 0 0")}<joint name="elbow"',
+        ),
+        {},
+    ),
+    "a turned inertia": (
+        _put(
+            '<joint name="elbow"',
+            f'{INERTIAL.format("euler", "0.1 0.2 0.3")}<joint name="elbow"',
+        ),
+        {},
+    ),
+    "fused bodies": (
+        _put(
+            '<body name="upper" pos="0 0 1">',
+            '<body name="stand" pos="0 0 0.4"><body name="upper" pos="0 0 0.6">',
+            _put(
+                "  </worldbody>",
+                "</body></worldbody>",
+                _put('angle="radian"', 'angle="radian" fusestatic="true"'),
+            ),
+        ),
+        {},
+    ),
+    "a velocity servo": (_driven("velocity", 'kv="0.4"'), {}),
+    "an integrated velocity": (
+        _driven("intvelocity", 'kp="10" kv="0.4" actrange="-3 3"'),
+        {},
+    ),
+    "a damper": (_driven("damper", 'kv="0.4" ctrlrange="0 1"'), {}),
+    "a lagging servo": (_driven("position", 'kp="10" timeconst="0.03"'), {}),
+    "a damping ratio": (_driven("position", 'kp="10" dampratio="1"'), {}),
+    "a general actuator": (
+        _driven("general", 'gainprm="10" biastype="affine" biasprm="0 -10 -0.4"'),
+        {},
+    ),
+    "an inherited range": (
+        _put(
+            'armature="0.005"',
+            'armature="0.005" range="-2 2"',
+            _driven("position", 'kp="10" kv="0.4" inheritrange="1"'),
+        ),
+        {},
+    ),
+}
+EFFECTS = (
+    "coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload",
+    "link_length",
+)  # fmt: skip
+FIELDS = (
+    "body_pos", "body_quat", "body_mass", "body_ipos", "jnt_range", "qpos_spring",
+    "jnt_stiffness", "dof_damping", "dof_frictionloss", "dof_armature", "geom_pos",
+    "geom_size", "site_pos", "actuator_dyntype", "actuator_gaintype",
+    "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_actrange",
+)  # fmt: skip
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes a robot in one of the ways; gives what a diagnosis has of it."""
+
+    def write(way):
+        text, files = WAYS[way]
+        for name, content in {"model.xml": text, **files}.items():
+            (tmp_path / name).write_text(content)
+        recording = record(ROBOTS["arm"], episodes=1, seconds=0.3)
+        world = world_of(Workshop(str(tmp_path / "model.xml")), [recording])
+        return SimpleNamespace(
+            workshop=world.workshop, world=world, scene=scene_of(world)
+        )
+
+    return write
+
+
+def patched_model(case, terms, values, tmp_path):
+    """The compiled patch, beside the model."""
+    found = Fit(tuple(terms), values, np.zeros(0), np.zeros((0, 0)))
+    text, *_ = patch_of(case, found)
+    (tmp_path / "patched.xml").write_text(text)
+    return mujoco.MjModel.from_xml_path(str(tmp_path / "patched.xml"))
+
+
+def check_same(new, meant) -> None:
+    """Whether two models are one, to the digits of a text."""
+    for field in FIELDS:
+        both = [getattr(m, field) for m in (new, meant)]
+        np.testing.assert_allclose(*both, atol=1e-6, err_msg=field)
+    for body in range(1, new.nbody):
+        both = [spatial(m, body) for m in (new, meant)]
+        np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
+@pytest.mark.parametrize("way", WAYS)
+def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
+    """With every stated value changed, and an effect at each of its places."""
+    case, rng = written(way), np.random.default_rng(0)
+    stated = stated_terms(case.scene)
+    for name in EFFECTS:
+        for term in effect(name).terms(case.scene):
+            start = np.array(term.starts[0]) + 0.3 * term.scale
+            factors = 1 + 0.02 * rng.uniform(-1, 1, len(stated))
+            terms, values = (*stated, term), np.concatenate([factors, start])
+            new = patched_model(case, terms, values, tmp_path)
+            check_same(new, case.workshop.plant(terms).variant(terms, values))
+
+
+@pytest.mark.parametrize("way", ["plain", "degrees"])
+def test_play_is_as_wide_in_the_text(way, written, tmp_path):
+    case = written(way)
+    for term in effect("backlash").terms(case.scene):
+        values = np.array(term.starts[0])
+        new = patched_model(case, (term,), values, tmp_path)
+        joint = new.joint(term.targets[0].partition(":")[2] + "_play")
+        assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
+
+
+def test_an_inertia_stays_along_the_axes_that_are_stated(written, tmp_path):
+    case = written("a stated inertia")
+    (term,) = [t for t in stated_terms(case.scene) if t.targets == ("body:lower/mass",)]
+    length = next(
+        t for t in effect("link_length").terms(case.scene) if "lower" in t.label
+    )
+    for terms, value in (((term,), [1.1]), ((length,), [0.21])):
+        found = Fit(terms, np.array(value), np.zeros(0), np.zeros((0, 0)))
+        text, *_ = patch_of(case, found)
+        (inertial,) = re.findall("<inertial[^>]*>", text)
+        assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
+
+
+def test_a_change_of_one_number_changes_one_line(written, tmp_path):
+    case = written("frames")
+    term = effect("coulomb_friction").terms(case.scene)[0]
+    found = Fit((term,), np.array([0.1]), np.zeros(0), np.zeros((0, 0)))
+    _, diff, _ = patch_of(case, found)
+    changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
+    assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
