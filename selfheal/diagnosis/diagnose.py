@@ -11,10 +11,14 @@ from .answer import answer_of, remarks_of
 from .case import WINDOW, check_enough, prepare, problem_of
 from .effects import catalogue
 from .name import name_effects
-from .prove import Proof, judged, polished, structure_of, upheld
+from .prove import Proof, bare, judged, polished, structure_of, upheld
 from .result import Diagnosis
 from .stated import stated_terms
 from .usable import check_usable
+
+WORSE = (
+    1.05  # of the re-fitted model's held-out error, above which no name stands; chosen
+)
 
 Progress = Callable[[str, float], None]
 
@@ -58,5 +62,10 @@ def diagnose(
     structure = structure_of(case, naming)
     naming, verdict = judged(naming, structure)
     proof = Proof.of(case, naming)
+    if naming.named and proof.numbers["patched"] > WORSE * proof.numbers["refit"]:
+        # what predicts worse where nothing was fitted is no finding
+        refuted = (*refuted, *(n.term.label for n in naming.named))
+        naming, verdict = bare(naming), "unlisted"
+        proof = Proof.of(case, naming)
     remarks = remarks_of(case, naming, proof, structure, refuted)
     return answer_of(case, naming, verdict, proof, remarks, begun)
