@@ -16,9 +16,7 @@ from .result import Diagnosis
 from .stated import stated_terms
 from .usable import check_usable
 
-WORSE = (
-    1.05  # of the re-fitted model's held-out error, above which no name stands; chosen
-)
+WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -62,7 +60,8 @@ def diagnose(
     structure = structure_of(case, naming)
     naming, verdict = judged(naming, structure)
     proof = Proof.of(case, naming)
-    if naming.named and proof.numbers["patched"] > WORSE * proof.numbers["refit"]:
+    patched, refit = proof.numbers["patched"], proof.numbers["refit"]
+    if naming.named and not patched <= min(WORSE * refit, np.finfo(float).max):
         # what predicts worse where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in naming.named))
         naming, verdict = bare(naming), "unlisted"
