@@ -17,6 +17,7 @@ from .stated import stated_terms
 from .usable import check_usable
 
 WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
+ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -66,5 +67,7 @@ def diagnose(
         refuted = (*refuted, *(n.term.label for n in naming.named))
         naming, verdict = bare(naming), "unlisted"
         proof = Proof.of(case, naming)
+    if proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:
+        verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
     remarks = remarks_of(case, naming, proof, structure, refuted)
     return answer_of(case, naming, verdict, proof, remarks, begun)
