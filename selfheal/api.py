@@ -31,8 +31,8 @@ def diagnose(
             `selfheal.recording.read` gave.
         held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
             [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
-            too. Without any: each third episode of a recording, the last third of a
-            lone one.
+            too. Without any: a third of a recording's episodes, such that the others
+            span them, or the last third of a lone one.
         seed: of everything random.
         progress: told what is being done and how much of that is done (0 to 1).
 

@@ -76,11 +76,34 @@ def test_of_one_episode_the_last_third_is_held_out():
     assert episode.time[0] == 0
 
 
-def test_of_several_episodes_whole_ones_are_held_out():
+def test_of_several_episodes_a_third_is_held_out_whole():
     recording = _recording("a", "b", "c", "d", "e", "f")
     fit, held = split(recording)
-    assert list(held.episodes) == ["c", "f"]
+    assert len(held.episodes) == 2
     assert {**fit.episodes, **held.episodes} == dict(recording.episodes)
+
+
+@pytest.mark.parametrize("fastest", [0, 1, 2, 3])
+def test_what_is_held_out_lies_within_what_is_fitted(fastest):
+    """Motions of several speeds, and one that is fastest: it is needed for the fit."""
+    time = np.linspace(0, 3, 301)
+    episodes = {}
+    for i, rate in enumerate(np.roll([9.0, 1.0, 3.0, 4.0], fastest)):
+        swing = Signal(np.sin(rate * time), "joint_position", "s", "rad")
+        episodes[str(i)] = Episode(time, np.zeros((301, 0)), (), {"s": swing})
+    _, held = split(Recording(episodes))
+    third = (fastest + 3) % 4  # the fastest of those that another spans
+    assert list(held.episodes) == [str(third)]
+
+
+def test_episodes_without_a_common_reading_can_be_parted():
+    recording = _recording("a", "b", "c")
+    episodes = dict(recording.episodes)
+    lost = replace(episodes["b"].signals["s"], values=np.full(301, np.nan))
+    episodes["b"] = replace(episodes["b"], signals={"s": lost})
+    fit, held = split(replace(recording, episodes=episodes))
+    assert len(fit.episodes) == 2
+    assert len(held.episodes) == 1
 
 
 @pytest.mark.parametrize("held_out", [["a", "b"], ["a[0,3]", "b[0,3]"]])

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import RecordingError, UnknownNameError
 from ..recording import Recording, split
 from .fit import Problem, whitened
+from .logs import meanings
 from .plant import Workshop
 from .prepare import scene_of, world_of
 from .scene import Scene
@@ -48,6 +49,7 @@ def prepare(
 ) -> Case:
     """A model and its recordings, parted; errors as `diagnose` says."""
     workshop = Workshop(os.fspath(model))
+    meanings(recordings)  # one in all, whichever part of them they come to lie in
     pairs = _parted(recordings, held_out)
     world = world_of(workshop, [fit for fit, _ in pairs if fit.episodes])
     held = world_of(workshop, [h for _, h in pairs if h.episodes])

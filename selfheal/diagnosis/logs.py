@@ -69,7 +69,7 @@ def channels(
 ) -> tuple[Channel, ...]:
     """The signals that a model predicts; those without a reading only if `empty`."""
     episodes = [e for r in recordings for e in r.episodes.values()]
-    found = _found(recordings)
+    found = meanings(recordings)
     out, first = [], 0
     for name, (kind, target, unit, width) in sorted(found.items()):
         values = [
@@ -95,7 +95,7 @@ def channels(
     return tuple(out)
 
 
-def _found(recordings: Sequence[Recording]) -> dict[str, tuple[str, str, str, int]]:
+def meanings(recordings: Sequence[Recording]) -> dict[str, tuple[str, str, str, int]]:
     """Kind, target, unit and width of each signal that a model predicts, by name.
 
     Raises:

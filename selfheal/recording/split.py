@@ -15,6 +15,7 @@ from .data import Episode, Floats, Place, Recording
 # a cut share the same motion, and a fit that saw one has nearly seen the other
 GAP = 0.05
 HELD_OUT_PART = 1 / 3  # of a lone episode, its end; the contract's
+EDGES = (0.02, 0.98)  # quantiles that an episode reaches; chosen: not its outliers
 _PIECE = re.compile(r"(?P<id>.+)\[(?P<start>[^\],]+),(?P<end>[^\],]+)\]")
 
 
@@ -30,8 +31,8 @@ def split(
     Args:
         recording: one or more episodes.
         held_out: `id`, `id[t0,t1]` [s], `file.h5:id` or `file.h5:id[t0,t1]`. Without
-            any: of one episode the last third, of several each third one, or the last
-            of two.
+            any: of one episode the last third, of several a third of them, such that
+            what is fitted still spans what is held out.
 
     Returns:
         What may be fitted, what is held out.
@@ -56,7 +57,8 @@ _Windows = dict[str, list[tuple[float, float] | None]]  # None: the whole episod
 def _usual(recording: Recording) -> _Windows:
     names = list(recording.episodes)
     if len(names) > 1:
-        return {name: [None] for name in names[2::3] or names[-1:]}
+        chosen = _spanned(list(recording.episodes.values()), max(1, len(names) // 3))
+        return {name: [None] for i, name in enumerate(names) if i in chosen}
     name, time = names[0], recording.episodes[names[0]].time
     if time.size < 3:
         raise Place(recording.file, name).error(
@@ -64,6 +66,55 @@ def _usual(recording: Recording) -> _Windows:
         )
     start = time[-1] - HELD_OUT_PART * (time[-1] - time[0])
     return {name: [(float(start), float(time[-1]))]}
+
+
+def _spanned(episodes: Sequence[Episode], count: int) -> set[int]:
+    """Numbers of so many episodes whose commands, readings and rates the rest span.
+
+    A fit that never saw the fastest motion is asked to extrapolate by one that did. Of
+    the episodes that the rest span about equally well, those that reach furthest are
+    held out: they ask most of a fit.
+    """
+    reach = [_reach(e) for e in episodes]
+    columns = sorted(set().union(*reach))
+    lost = (np.nan, np.nan)
+    edges = np.array([[r.get(c, lost) for r in reach] for c in columns])
+    edges = edges.reshape(len(columns), len(episodes), 2)
+    whole = np.nanmax(edges, axis=(1, 2)) - np.nanmin(edges, axis=(1, 2))
+    edges = edges[whole > 0] / whole[whole > 0, None, None]
+    low, high = edges[..., 0], edges[..., 1]
+    left = list(range(len(episodes)))
+
+    def key(i: int) -> tuple[float, float, bool, int]:
+        rest = [j for j in left if j != i]
+        lowest = np.fmin.reduce(low[:, rest], axis=1)
+        highest = np.fmax.reduce(high[:, rest], axis=1)
+        beyond = np.nan_to_num(np.fmax(high[:, i] - highest, lowest - low[:, i]))
+        width = np.nansum(high[:, i] - low[:, i])
+        beyond = round(float(np.max(beyond, initial=0.0)), 1)
+        return beyond, -round(float(width), 1), i % 3 < 2, i  # else each third one
+
+    for _ in range(count):
+        left.remove(min(left, key=key))
+    return set(range(len(episodes))) - set(left)
+
+
+def _reach(episode: Episode) -> dict[tuple[str, int], tuple[float, float]]:
+    """Low and high of each column of commands and signals, and of their rates."""
+    columns = {
+        f"ctrl {name}": episode.ctrl[:, i] for i, name in enumerate(episode.ctrl_names)
+    }
+    columns |= {f"signal {name}": s.values for name, s in episode.signals.items()}
+    found = {}
+    for name, values in columns.items():
+        for i, x in enumerate(values.reshape(episode.time.size, -1).T):
+            read = np.isfinite(x)
+            if read.any():
+                found[name, i] = tuple(np.quantile(x[read], EDGES))
+            if read.sum() > 2:
+                rate = np.gradient(x[read], episode.time[read])
+                found[f"rate of {name}", i] = tuple(np.quantile(rate, EDGES))
+    return found
 
 
 def _windows(recording: Recording, held_out: Sequence[str]) -> _Windows:
