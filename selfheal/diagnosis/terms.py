@@ -123,9 +123,8 @@ class Effect:
     separate_by = ""
     regime = "always"
     common = False  # most robots have some of it, whatever else is missing
-    rare = (
-        0  # people measure lengths (2) better than loads (1), those than friction (0)
-    )
+    # people measure lengths (2) better than loads (1), those than friction (0)
+    rare = 0
     of_before = False  # gives a command as it was when a step began
     limits_actuators = False  # writes Moment.forcerange
 

@@ -20,7 +20,6 @@ from .terms import Moment, Term, does
 from .windows import Windows
 
 VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
-_RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 WARM = 0.1  # [s] before a window in which a gear's inside settles; chosen
 ROOM = 3e7  # numbers kept of one batch; chosen: 240 MB
 
@@ -94,7 +93,7 @@ class World:
         self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
         models = [plant.variant(terms, v) for v in values]
-        centered = centered and plant.model.opt.integrator != _RK4
+        centered = centered and plant.leaps
         if centered:
             for model in models:
                 _center_damping(model, self.step)
