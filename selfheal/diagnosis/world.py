@@ -153,9 +153,8 @@ class World:
         if not len(rows):
             return
         plant, n = those.plant, len(those.models)
-        before = windows.take(rows)
         before = Windows(
-            before.log, before.start - steps, np.full(len(rows), steps),
+            windows.log[rows], windows.start[rows] - steps, np.full(len(rows), steps),
             np.zeros(0, int), np.zeros(0), np.zeros((0, 0)),
         )  # fmt: skip
         places = [
