@@ -103,9 +103,10 @@ class World:
         if any("suffix" in place for t in terms for place in t.places):
             self._warm_up(those, windows, start)
         sensors = Sensors(plant, self.signals, terms)
-        told = self._run(those, windows, start, sensors)
+        commands = self._commands(those, windows, centered)
+        told = self._run(those, windows, start, commands, sensors)
         if centered:
-            self._of_now(told, those, windows)
+            self._of_now(told, those, windows, commands)
         return self._sample(told, windows, reads, len(values), centered)
 
     def _start(self, those: "_Hypotheses", windows: Windows) -> States:
@@ -113,26 +114,25 @@ class World:
             self, those.plant, those.terms, those.values, windows, those.reads
         )
 
-    def _run(self, those: "_Hypotheses", windows: Windows, start, sensors) -> Floats:
+    def _run(
+        self, those: "_Hypotheses", windows: Windows, start, commands, sensors
+    ) -> Floats:
         """True signals (N, K, C) from a start."""
-        n = len(those.models)
-        commands = self._commands(those.terms, those.shares, windows, n, those.centered)
         if any(does(t.effect, "act") for t in those.terms):
             return self._stepped(those, start, commands, windows, sensors)
         return _rolled(
             those.plant, those.models, start, commands, sensors, those.centered
         )
 
-    def _of_now(self, told: Floats, those: "_Hypotheses", windows: Windows) -> None:
+    def _of_now(
+        self, told: Floats, those: "_Hypotheses", windows: Windows, early: Floats
+    ) -> None:
         """Let torques told be those of the command of now, not of the half step ago."""
         torques = [c for c in self.signals if c.kind == "joint_torque"]
         if not torques:
             return
-        n, w = len(those.models), len(windows)
-        now, early = (
-            self._commands(those.terms, those.shares, windows, n, x)
-            for x in (False, True)
-        )
+        w = len(windows)
+        apart = self._commands(those, windows, False) - early
         for c in torques:
             a = those.plant.model.actuator(c.target).id
             for i, model in enumerate(those.models):
@@ -142,7 +142,7 @@ class World:
                     rows = slice(i * w, (i + 1) * w)
                     push = gear * model.actuator_gainprm[a, 0]
                     torque = told[rows, :, c.first]
-                    torque += push * (now - early)[rows, :, a]
+                    torque += push * apart[rows, :, a]
                     if model.actuator_forcelimited[a]:
                         torque[:] = np.clip(torque, low, high)
 
@@ -162,6 +162,7 @@ class World:
         ]
         told = self._run(
             those, before, self._start(those, before).begin(those.models, None),
+            self._commands(those, before, those.centered),
             Sensors(plant, hidden(plant, places)),
         )[:, steps].reshape(n, len(rows), len(places), 2)  # fmt: skip
         q, v = (x.reshape(n, len(windows), -1)[:, rows] for x in start[:2])
@@ -188,14 +189,17 @@ class World:
                     reads.setdefault(place["signal"], {}).update(said)
         return reads
 
-    def _commands(self, terms, shares, windows: Windows, n: int, centered) -> Floats:
+    def _commands(
+        self, those: "_Hypotheses", windows: Windows, centered: bool
+    ) -> Floats:
         """Commands (n W, K, nu) of each step, as they reach the actuators."""
+        terms = those.terms
         if not any(does(t.effect, "command") for t in terms):
             kept = self._held.setdefault(windows, {})
             if centered not in kept:
                 kept[centered] = self._reaching((), (), windows, centered)[0]
-            return np.tile(kept[centered], (n, 1, 1))
-        out = self._reaching(terms, shares, windows, centered)
+            return np.tile(kept[centered], (len(those.models), 1, 1))
+        out = self._reaching(terms, those.shares, windows, centered)
         return out.reshape(-1, *out.shape[2:])
 
     def _reaching(self, terms, shares, windows: Windows, centered) -> Floats:
