@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..recording.data import Floats
+from .evidence import blocks_of
 from .fit import Fit, Problem, believed
-from .name import Naming, blocks_of
+from .name import Naming
 from .plant import parts
 from .terms import Term
 from .textual import native

@@ -1,71 +1,37 @@
 """Which physics is missing: takes a fitted model, gives effects that earn a name."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..recording.data import Floats
-from .fit import (
-    Base,
-    Fit,
-    Problem,
-    believed,
-    bounds,
-    fit,
-    step,
-    try_term,
-    whitened,
+from .evidence import (
+    ABOVE,
+    Evidence,
+    Scored,
+    above,
+    as_good,
+    better,
+    blocks_of,
+    effective,
+    held_out,
+    reweighed,
+    scored,
 )
+from .fit import Base, Fit, Problem, fit, try_term
 from .plant import parts
 from .scene import Scene
+from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
 
-BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
-# candidates are tried on more and more steps of simulation, for more and more rounds,
-# and ever fewer of them; chosen for a minute a joint
-STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
-STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
-ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """A fit and how well it predicts what it did not see.
-
-    Attributes:
-        fit: of all windows.
-        held: (W) squared residuals of each window, predicted from the other folds.
-    """
-
-    fit: Fit
-    held: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """Why an effect is named.
-
-    Attributes:
-        gain: nats per effective sample that it adds to held-out predictions.
-        p_value: of that gain, corrected for all candidates tried.
-        stability: share of resamples of the windows in which it, or what cannot be
-            told from it, comes first.
-    """
-
-    gain: float
-    p_value: float
-    stability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,191 +68,8 @@ class Naming:
     ranking: tuple[tuple[Term, float], ...]
 
 
-def blocks_of(problem: Problem) -> np.ndarray:
-    """(W) block of each window: neighbors in time share one."""
-    return (
-        np.arange(len(problem.windows))
-        * min(BLOCKS, len(problem.windows))
-        // len(problem.windows)
-    )
-
-
-def held_out(problem: Problem, found: Fit) -> Floats:
-    """(W) squared residuals of each fold, with the values that the others ask for.
-
-    One Gauss-Newton step from the fit of all: exact where the model is linear.
-    """
-    low, high, scale = bounds(found.terms)
-    x, jac, r = found.values, found.jacobian, found.residuals
-    of = blocks_of(problem)[problem.window_of]
-    weights, pull = believed(found.terms, x)
-    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + pull
-    out = np.empty(len(r))
-    for fold in np.unique(of):
-        rows = of == fold
-        a = jac[rows]
-        move = step(h - a.T @ a, g - a.T @ r[rows], low - x, high - x, scale)
-        out[rows] = (r[rows] + a @ move) ** 2
-    return problem.by_window(out)
-
-
-def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Scored:
-    """Fit, and predict every fold from the others."""
-    found = fit(problem, terms, start, **more)
-    return Scored(found, held_out(problem, found))
-
-
-def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
-    """p-value that `new` predicts better than `old`, paying for `tried` tries.
-
-    A likelihood ratio of held-out residuals with as many samples as are independent,
-    and only where the gain is no single piece's.
-    """
-    from scipy.stats import chi2
-
-    ratio = old.held.sum() / max(new.held.sum(), 1e-300)
-    gains = np.bincount(blocks_of(problem), old.held - new.held)
-    error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    if ratio <= 1 or gains.sum() < STEADY * error:
-        return 1.0
-    free = max(1, len(new.fit.values) - len(old.fit.values))
-    # the larger residuals are the old ones, and the more alike their neighbors
-    nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
-    return float(min(1.0, tried * chi2.sf(2 * nats, free)))
-
-
-def effective(problem: Problem, r: Floats) -> float:
-    """How many independent samples the squared residuals (R) amount to.
-
-    Each column of each window counts by its correlation time; the sum's spread by
-    Satterthwaite's (1946) rule.
-    """
-    width = problem.windows.readings.shape[1]
-    r = r.reshape(-1, width)
-    edges = np.searchsorted(problem.windows.window, np.arange(len(problem.windows) + 1))
-    energy, spread = 0.0, 0.0
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        for x in r[a:b].T:
-            size = float(x @ x)
-            if size > 0:
-                energy += size
-                spread += size**2 / (len(x) / _correlation_time(x))
-    return energy**2 / spread if spread else 0.0
-
-
-def _correlation_time(x: Floats) -> float:
-    """Integrated correlation time of a series [samples], about zero."""
-    n = len(x)
-    if n < 4:
-        return float(n)
-    power = np.abs(np.fft.rfft(x, 2 * n)) ** 2
-    rho = np.fft.irfft(power)[:n]
-    rho = rho / rho[0]
-    end = int(np.argmax(rho <= 0)) or n
-    return float(min(n, 1 + 2 * rho[1:end].sum()))
-
-
-def above(problem: Problem, residuals: Floats) -> float:
-    """Root mean square of residuals (R) over what the readings' noise would leave."""
-    return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
-
-
-def noise_of(problem: Problem) -> float:
-    """Squared residuals that the readings' noise alone would leave."""
-    noise = np.concatenate([
-        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
-        for c in problem.world.signals
-    ])  # fmt: skip
-    count = np.isfinite(problem.windows.readings).sum(axis=0)
-    return float((count * (noise / problem.sigma) ** 2).sum())
-
-
-def reweighed(problem: Problem, found: Fit) -> Problem:
-    """Each column's residuals measured by how large they are now."""
-    width = problem.windows.readings.shape[1]
-    r = found.residuals.reshape(-1, width)
-    known = np.isfinite(problem.windows.readings)
-    size = np.sqrt((r**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    noise = np.concatenate([c.noise for c in problem.world.signals])
-    least = np.where(np.isfinite(noise), noise, 0.0)
-    sigma = np.maximum(size * problem.sigma, least)
-    sigma = np.where(sigma > 0, sigma, problem.sigma)
-    return whitened(replace(problem, sigma=sigma, whiten=()), found.terms, found.values)
-
-
-def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
-    """The same fit in windows that simulate about so many steps.
-
-    Half of them those with the largest residuals, where an effect shows that does so
-    rarely; the others drawn at random, where one that is wrong does harm.
-    """
-    problem, found = base.problem, base.fit
-    size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), min(4, size), size))
-    if count >= 0.8 * size:
-        return base
-    worst = np.argsort(-problem.by_window(found.residuals**2))
-    others = rng.permutation(worst[(count + 1) // 2 :])
-    chosen = np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
-    width = problem.windows.readings.shape[1]
-    rows = problem.windows.rows(chosen)[:, None] * width + np.arange(width)
-    rows = rows.ravel()
-    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
-    return Base.of(problem.take(chosen), part)
-
-
-def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
-    """As many of the windows, drawn at random, as simulate about so many steps."""
-    size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), 24, size))
-    if count >= 0.8 * size:
-        return problem
-    return problem.take(np.sort(rng.permutation(size)[:count]))
-
-
 def _key(term: Term) -> tuple:
     return term.effect.name, term.targets, tuple(term.note.items())
-
-
-def screened(
-    bases: Sequence[Base], candidates: Sequence[Term], progress: Progress
-) -> tuple[list[Fit], float]:
-    """Candidates' fits, the best first, in the last of the bases.
-
-    And how many independent candidates there were, by how alike their answers to the
-    residuals are (participation ratio of their correlations; Galwey 2009).
-
-    Args:
-        bases: the same fit in more and more windows; fewer and fewer candidates are
-            tried in them.
-        candidates: to be tried.
-        progress: told which one is.
-    """
-    left = [(0.0, term) for term in candidates]
-    fits: list[Fit] = []
-    answers: list[Floats] = []
-    for stage, (base, rounds, keep) in enumerate(zip(bases, ROUNDS, KEEP, strict=True)):
-        tried = []
-        for i, (_, term) in enumerate(left):
-            progress(f"trying {term.label}", i / len(left))
-            found = try_term(base, term, rounds=rounds)
-            if stage == 0:
-                answers.append(base.fit.residuals - found.residuals)
-            values = found.values[len(base.fit.values) :]
-            begun = replace(term, starts=(tuple(values),))
-            tried.append((found.cost / base.fit.cost, begun, found, term))
-        tried.sort(key=lambda x: x[0])
-        tried = tried[:keep]
-        left = [(cost, begun) for cost, begun, _, _ in tried]
-        fits = [found for _, _, found, _ in tried]
-    return fits, _independent(np.array(answers))
-
-
-def _independent(answers: Floats) -> float:
-    """How many of (n, R) answers are independent, between 1 and n."""
-    size = np.linalg.norm(answers, axis=1)
-    unit = answers[size > 0] / size[size > 0, None]
-    return len(unit) ** 2 / max(float(((unit @ unit.T) ** 2).sum()), 1.0)
 
 
 def name_effects(
@@ -482,7 +265,7 @@ class _Search:
         if self.now.held.sum() < BETTER * against.held.sum():
             return True
         odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
-        return odd[0] < odd[1] and _as_good(problem, self.now, against)
+        return odd[0] < odd[1] and as_good(problem, self.now, against)
 
     def ended(self) -> Naming:
         """What was found."""
@@ -551,9 +334,9 @@ def _winner(problem, now: Scored, finals, tried: float):
         return None
     good.sort(key=lambda x: x[0].held.sum())
     lead = good[0][0]
-    close = [g for g in good if _as_good(problem, g[0], lead, 2.0)]
+    close = [g for g in good if as_good(problem, g[0], lead, 2.0)]
     usual = [g for g in close if not g[1].effect.rare] or close
-    near = [g for g in usual if _as_good(problem, g[0], usual[0][0])]
+    near = [g for g in usual if as_good(problem, g[0], usual[0][0])]
     # of those that the data cannot rank, a usual one, with the least to choose
     best = min(
         near,
@@ -563,21 +346,12 @@ def _winner(problem, now: Scored, finals, tried: float):
     also = tuple(
         g[1]
         for g in sorted(good, key=lambda x: x[0].held.sum())
-        if g[1] is not term and _as_good(problem, g[0], s, 2.0)
+        if g[1] is not term and as_good(problem, g[0], s, 2.0)
     )
     gain = 0.5 * np.log(now.held.sum() / max(s.held.sum(), 1e-300))
     stability = _stability(problem, [(g[0].held, g[1]) for g in good], (term, *also))
     others = tuple(g[1] for g in good if g[1] is not term)
     return s, term, Evidence(float(gain), p, stability), also[:3], others
-
-
-def _as_good(problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
-    """Whether the windows do not tell that `other` predicts worse than `lead`."""
-    apart = np.bincount(blocks_of(problem), other.held - lead.held)
-    noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
-    ratio = other.held.sum() / max(lead.held.sum(), 1e-300)
-    nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
-    return bool(apart.sum() <= errors * noise and ratio < 1.5) or bool(nats < errors)
 
 
 def _stability(problem, helds, winners) -> float:
@@ -607,7 +381,7 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     for found in tried[:2]:
         full = scored(problem, found.terms, found.values, rounds=6)
         if full.held.sum() < BETTER * now.held.sum() or (
-            _plainer(full.fit.terms[-1], term) and _as_good(problem, full, now)
+            _plainer(full.fit.terms[-1], term) and as_good(problem, full, now)
         ):
             return full
     return now

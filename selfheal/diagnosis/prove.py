@@ -7,20 +7,12 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import WINDOW, Case, pieces_of
+from .evidence import ABOVE, Scored, above, better, held_out, noise_of
 from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import (
-    ABOVE,
-    Naming,
-    Scored,
-    above,
-    better,
-    fewer,
-    held_out,
-    noise_of,
-    without,
-)
+from .name import Naming, without
 from .plant import parts
+from .screen import fewer
 from .terms import Term
 from .windows import Windows
 
