@@ -33,7 +33,7 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     slopes = np.stack([
         a[block == b].T @ r[block == b] for b in np.unique(block)
     ])  # fmt: skip
-    weights = believed(found.terms, found.values)[0][live] / scale[live] ** 2
+    weights = believed(found.terms)[live] / scale[live] ** 2
     size, turn = np.linalg.eigh(a.T @ a + np.diag(weights))
     # a direction that no reading shows is as uncertain as can be, not certain
     inverse = turn / np.maximum(size, 1e-8 * size.max()) @ turn.T

@@ -60,8 +60,8 @@ def held_out(problem: Problem, found: Fit) -> Floats:
     low, high, scale = bounds(found.terms)
     x, jac, r = found.values, found.jacobian, found.residuals
     of = blocks_of(problem)[problem.window_of]
-    weights, pull = believed(found.terms, x)
-    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + pull
+    weights = believed(found.terms)
+    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
     out = np.empty(len(r))
     for fold in np.unique(of):
         rows = of == fold
