@@ -63,31 +63,22 @@ def _located(case: Case, naming: Naming):
     """The map of the re-fitted model's error, and where each finding acts."""
     world, problem = case.world, naming.problem
     pieces = problem.windows
-    before = _squares(problem, naming.stated.fit)
+    stated, final = naming.stated.fit, naming.final.fit
+    before = _squares(problem, stated.terms, stated.values)
     share, p = locate.grid(world, case.scene, pieces, before)
     located = Located(tuple(c.name for c in world.signals), locate.REGIMES, share, p)
     where = {}
     masks = locate.regimes(world, case.scene, pieces)
     for n, named in enumerate(naming.named):
-        less = _squares(problem, _without(naming.final.fit, named.term))
-        gain = less - _squares(problem, naming.final.fit)
+        less = _squares(problem, *final.but(named.term))
+        gain = less - _squares(problem, final.terms, final.values)
         where[n] = _where(case, pieces, masks, gain)
     return located, where
 
 
-def _without(found: Fit, term: Term) -> Fit:
-    """The same fit with one effect taken away and nothing fitted anew."""
-    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
-    rest = [i for i, t in enumerate(found.terms) if t is not term]
-    values = [found.values[ends[i] : ends[i + 1]] for i in rest]
-    terms = tuple(found.terms[i] for i in rest)
-    return replace(found, terms=terms, values=np.concatenate([*values, np.zeros(0)]))
-
-
-def _squares(problem: Problem, found: Fit) -> Floats:
+def _squares(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
     """Squared residuals (M, S) in standard deviations, summed over columns."""
-    plain = replace(problem, whiten=())
-    r = plain.residuals(found.terms, found.values[None])[0]
+    r = replace(problem, whiten=()).at(terms, values)
     r = r.reshape(problem.windows.readings.shape)
     return np.stack(
         [(r[:, c.columns] ** 2).sum(axis=1) for c in problem.world.signals], axis=1

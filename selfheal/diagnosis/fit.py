@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..recording.data import Floats
+from .plant import parts
 from .state import start_of
 from .terms import Term
 from .windows import Windows
@@ -53,6 +54,10 @@ class Problem:
         apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
         flat = np.where(known, apart, 0.0).reshape(len(told), -1)
         return self._whitened(flat)
+
+    def at(self, terms: Sequence[Term], values: Floats) -> Floats:
+        """(R) residuals of one hypothesis."""
+        return self.residuals(terms, values[None])[0]
 
     def _whitened(self, flat: Floats) -> Floats:
         if self.whiten:
@@ -132,6 +137,15 @@ class Fit:
         """Sum of squared residuals."""
         return float(self.residuals @ self.residuals)
 
+    def but(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
+        """The terms without some, and their values."""
+        kept = [i for i, t in enumerate(self.terms) if t not in gone]
+        values = parts(self.terms, self.values)
+        return (
+            tuple(self.terms[i] for i in kept),
+            np.concatenate([*(values[i] for i in kept), np.zeros(0)]),
+        )
+
 
 def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     """Low, high and scale (P) of all parameters."""
@@ -210,7 +224,7 @@ def fit(
     low, high, scale = bounds(terms)
     weights = believed(terms)
     x = np.clip(np.asarray(start, float), low, high)
-    r = problem.residuals(terms, x[None])[0]
+    r = problem.at(terms, x)
     jac = jacobian(problem, terms, x, r)
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)

@@ -19,7 +19,6 @@ from .evidence import (
     scored,
 )
 from .fit import Base, Fit, Problem, fit, try_term
-from .plant import parts
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
@@ -294,10 +293,8 @@ def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
         idle = [i for i in order if costs[i] < 1 + WORTH][: max(1, len(order) // 2)]
         if not idle:
             break
-        keep = [i for i in range(len(found.terms)) if i - stated not in idle]
-        values = parts(found.terms, found.values)
-        start = np.concatenate([*(values[i] for i in keep), np.zeros(0)])
-        found = fit(problem, [found.terms[i] for i in keep], start, rounds=2)
+        idle_terms = (found.terms[stated + i] for i in idle)
+        found = fit(problem, *found.but(*idle_terms), rounds=2)
     return found
 
 
@@ -396,7 +393,4 @@ def _plainer(new: Term, old: Term) -> bool:
 
 def without(problem: Problem, found: Fit, term: Term) -> Fit:
     """The fit of all terms but one."""
-    values = parts(found.terms, found.values)
-    rest = [i for i, t in enumerate(found.terms) if t is not term]
-    start = np.concatenate([*(values[i] for i in rest), np.zeros(0)])
-    return fit(problem, [found.terms[i] for i in rest], start, rounds=3)
+    return fit(problem, *found.but(term), rounds=3)

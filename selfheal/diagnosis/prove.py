@@ -36,7 +36,7 @@ def polished(case: Case, naming: Naming) -> Naming:
     for seconds in (WINDOW, LONG):
         start = Problem(case.world, pieces_of(case.world, seconds), sigma)
         problem = whitened(fewer(start, POLISHED, rng), found.terms, found.values)
-        told = problem.residuals(found.terms, found.values[None])[0]
+        told = problem.at(found.terms, found.values)
         if seconds == LONG and above(problem, told) > GROWN * above(
             naming.problem, found.residuals
         ):
@@ -66,16 +66,12 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
     while naming.named:
         found, alone = naming.final.fit, naming.stated.fit
         held = whitened(start, found.terms, found.values)
-        error, before = (
-            float((held.residuals(f.terms, f.values[None]) ** 2).sum())
-            for f in (found, alone)
-        )
+        error, before = _error(held, found), _error(held, alone)
         least = max(HELPS * error, TRIFLE * (before - error))
         weakest = None
         for name in naming.named:
             less = without(naming.problem, found, name.term)
-            worse = float((held.residuals(less.terms, less.values[None]) ** 2).sum())
-            gain = worse - error
+            gain = _error(held, less) - error
             if gain < least and (weakest is None or gain < weakest[0]):
                 weakest = gain, name, less
         if weakest is None:
@@ -87,6 +83,11 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
             final=Scored(less, held_out(naming.problem, less)),
         )  # fmt: skip
     return naming, tuple(gone)
+
+
+def _error(problem: Problem, found: Fit) -> float:
+    """Sum of squared residuals of a fit in other windows than its own."""
+    return float((problem.at(found.terms, found.values) ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -125,8 +126,7 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         new = Scored(found, held_out(problem, found))
         p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.held.sum() / held.held.sum())
-    alone = naming.stated.fit
-    before = float((problem.residuals(alone.terms, alone.values[None]) ** 2).sum())
+    before = _error(problem, naming.stated.fit)
     room = before - noise_of(problem)
     return Structure(
         p, share, above(problem, base.fit.residuals),
