@@ -26,6 +26,21 @@ class Scored:
     fit: Fit
     held: Floats
 
+    @classmethod
+    def of(cls, problem: Problem, found: Fit) -> "Scored":
+        """With every fold predicted from the others."""
+        return cls(found, held_out(problem, found))
+
+    @property
+    def error(self) -> float:
+        """Of all windows."""
+        return self.held.sum()
+
+    @property
+    def last(self) -> Term:
+        """The term that was tried."""
+        return self.fit.terms[-1]
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -73,8 +88,7 @@ def held_out(problem: Problem, found: Fit) -> Floats:
 
 def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Scored:
     """Fit, and predict every fold from the others."""
-    found = fit(problem, terms, start, **more)
-    return Scored(found, held_out(problem, found))
+    return Scored.of(problem, fit(problem, terms, start, **more))
 
 
 def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
@@ -85,7 +99,7 @@ def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
     """
     from scipy.stats import chi2
 
-    ratio = old.held.sum() / max(new.held.sum(), 1e-300)
+    ratio = old.error / max(new.error, 1e-300)
     gains = np.bincount(blocks_of(problem), old.held - new.held)
     error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
     if ratio <= 1 or gains.sum() < STEADY * error:
@@ -100,9 +114,22 @@ def as_good(problem: Problem, other: Scored, lead: Scored, errors: float = 1.0) 
     """Whether the windows do not tell that `other` predicts worse than `lead`."""
     apart = np.bincount(blocks_of(problem), other.held - lead.held)
     noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
-    ratio = other.held.sum() / max(lead.held.sum(), 1e-300)
+    ratio = other.error / max(lead.error, 1e-300)
     nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
     return bool(apart.sum() <= errors * noise and ratio < 1.5) or bool(nats < errors)
+
+
+def stability(
+    problem: Problem, tried: Sequence[Scored], winners: Sequence[Scored]
+) -> float:
+    """Share of bootstraps of the blocks in which one of the winners comes first."""
+    rng = np.random.default_rng(0)
+    block = blocks_of(problem)
+    sums = np.array([np.bincount(block, s.held) for s in tried])
+    draws = rng.integers(sums.shape[1], size=(400, sums.shape[1]))
+    first = sums[:, draws].sum(axis=-1).argmin(axis=0)
+    keys = {s.last.key for s in winners}
+    return float(np.mean([tried[i].last.key in keys for i in first]))
 
 
 def effective(problem: Problem, r: Floats) -> float:

@@ -1,7 +1,7 @@
 """Which physics is missing: takes a fitted model, gives effects that earn a name."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from .evidence import (
     held_out,
     reweighed,
     scored,
+    stability,
 )
 from .fit import Base, Fit, Problem, fit, try_term
 from .scene import Scene
@@ -67,8 +68,19 @@ class Naming:
     ranking: tuple[tuple[Term, float], ...]
 
 
-def _key(term: Term) -> tuple:
-    return term.effect.name, term.targets, tuple(term.note.items())
+@dataclass(frozen=True, eq=False)
+class _Claim:
+    """What speaks for a name, and what else might have got it.
+
+    Attributes:
+        evidence: for it.
+        rivals: what cannot be told from it.
+        others: what else might take its place beside later effects.
+    """
+
+    evidence: Evidence
+    rivals: tuple[Term, ...] = ()
+    others: tuple[Term, ...] = ()
 
 
 def name_effects(
@@ -100,8 +112,10 @@ def name_effects(
     found = fit(problem, stated, np.ones(len(stated)))
     problem = reweighed(problem, found)
     now = scored(problem, tuple(stated), found.values)
-    search = _Search(problem, now, len(stated), candidates, rng, progress)
-    start = replace(search)
+    search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
+    # the claims are shared: where the second search doubts a name that the first one
+    # gave too, it tries what the first one knew as its others
+    start = replace(search, claims=search.claims)
     search.forward()
     named = search.now.fit.terms[len(stated) :]
     odd = any(t.effect.rare for t in named) or len(named) > 1
@@ -124,10 +138,8 @@ class _Search:
         candidates: terms.
         rng: chooses windows.
         progress: told what is being done.
+        claims: to each name ever given, by the effect's key; written to.
         first: what the first round gave.
-        evidence: of each effect named, by its key.
-        rivals: what cannot be told from it.
-        others: what else might have taken its place.
     """
 
     problem: Problem
@@ -136,10 +148,8 @@ class _Search:
     candidates: Sequence[Term]
     rng: np.random.Generator
     progress: Progress
+    claims: dict[tuple, _Claim]
     first: tuple[tuple[Term, float], ...] = ()
-    evidence: dict[tuple, Evidence] = field(default_factory=dict)
-    rivals: dict[tuple, tuple[Term, ...]] = field(default_factory=dict)
-    others: dict[tuple, tuple[Term, ...]] = field(default_factory=dict)
 
     @property
     def named(self) -> tuple[Term, ...]:
@@ -169,24 +179,22 @@ class _Search:
                 continue
             if won is None or len(self.named) > MOST:
                 break
-            best, term, why, also, others = won
-            key = _key(term)
-            self.evidence[key], self.rivals[key], self.others[key] = why, also, others
-            self.progress(f"fitting {term.label}", 0.0)
+            best, claim = won
+            self.claims[best.last.key] = claim
+            self.progress(f"fitting {best.last.label}", 0.0)
             before = self.named
             gone = self._look_back(best)
-            tabu = {_key(t) for t in gone}  # for one round: what follows may need it
+            tabu = {t.key for t in gone}  # for one round: what follows may need it
             replaced = tuple(t for t in before if t not in self.named)
+            swapped = _Claim(claim.evidence, replaced, replaced)
             for new in self.named:  # one of them may have taken another's place
-                self.evidence.setdefault(_key(new), why)
-                self.rivals.setdefault(_key(new), replaced)
-                self.others.setdefault(_key(new), replaced)
+                self.claims.setdefault(new.key, swapped)
 
-    def _round(self, tabu: set[tuple]):
+    def _round(self, tabu: set[tuple]) -> tuple[Scored, _Claim] | None:
         """The candidate that earns a name beside those named, if one does."""
-        taken = {_key(t) for t in self.named} | tabu
+        taken = {t.key for t in self.named} | tabu
         open_to = [
-            t for t in self.candidates if _key(t) not in taken and _fresh(t, self.named)
+            t for t in self.candidates if t.key not in taken and _fresh(t, self.named)
         ]
         all_of_it = Base.of(self.problem, self.now.fit)
         bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
@@ -196,7 +204,7 @@ class _Search:
             self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
         return _winner(
             part.problem,
-            Scored(part.fit, held_out(part.problem, part.fit)),
+            Scored.of(part.problem, part.fit),
             _finalists(part.problem, fits, self.progress),
             independent,
         )
@@ -214,17 +222,19 @@ class _Search:
         while len(self.named) > 1:
             tries = []
             for term in self.named:
-                less = without(self.problem, self.now.fit, term)
-                held = held_out(self.problem, less)
-                if held.sum() < (1 + WORTH) * self.now.held.sum():
-                    tries.append((held.sum(), term, Scored(less, held)))
+                less = Scored.of(
+                    self.problem, without(self.problem, self.now.fit, term)
+                )
+                if less.error < (1 + WORTH) * self.now.error:
+                    tries.append((term, less))
             if not tries:
                 break
-            _, term, self.now = min(tries, key=lambda x: x[0])
+            term, self.now = min(tries, key=lambda x: x[1].error)
             gone.append(term)
         for term in self.named[:-1]:
-            others = self.others.get(_key(term), ())
-            self.now = _swapped(self.problem, self.now, term, others)
+            if term.key in self.claims:
+                others = self.claims[term.key].others
+                self.now = _swapped(self.problem, self.now, term, others)
         return gone
 
     def with_all_usual(self) -> "_Search | None":
@@ -240,28 +250,30 @@ class _Search:
         found = _pruned(self.problem, found, self.stated)
         self.problem = reweighed(self.problem, found)
         self._look_back(scored(self.problem, found.terms, found.values, rounds=4))
+        self._doubt(len(usual))
+        self.forward()
+        return self
+
+    def _doubt(self, tried: int) -> None:
+        """Keep the names that each are worth it, of so many that were tried."""
         for term in self.named:
-            less = without(self.problem, self.now.fit, term)
-            old = Scored(less, held_out(self.problem, less))
-            p = better(self.problem, old, self.now, len(usual))
+            old = Scored.of(self.problem, without(self.problem, self.now.fit, term))
+            p = better(self.problem, old, self.now, tried)
             if p >= SURE:
                 self.now = old
                 continue
             gain = np.bincount(blocks_of(self.problem), old.held - self.now.held)
             draws = self.rng.integers(len(gain), size=(400, len(gain)))
-            nats = 0.5 * np.log(old.held.sum() / max(self.now.held.sum(), 1e-300))
+            nats = 0.5 * np.log(old.error / max(self.now.error, 1e-300))
             stable = float((gain[draws].sum(axis=1) > 0).mean())
-            self.evidence[_key(term)] = Evidence(float(nats), p, stable)
-            self.rivals[_key(term)] = self.others[_key(term)] = ()
-        self.forward()
-        return self
+            self.claims[term.key] = _Claim(Evidence(float(nats), p, stable))
 
     def beats(self, other: "_Search") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
         problem = self.problem
         theirs = other.now.fit
         against = scored(problem, theirs.terms, theirs.values, rounds=2)
-        if self.now.held.sum() < BETTER * against.held.sum():
+        if self.now.error < BETTER * against.error:
             return True
         odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
         return odd[0] < odd[1] and as_good(problem, self.now, against)
@@ -272,9 +284,8 @@ class _Search:
         alone = scored(
             self.problem, own.terms[: self.stated], own.values[: self.stated]
         )
-        named = tuple(
-            Named(t, self.evidence[_key(t)], self.rivals[_key(t)]) for t in self.named
-        )
+        claims = [(t, self.claims[t.key]) for t in self.named]
+        named = tuple(Named(t, c.evidence, c.rivals) for t, c in claims)
         return Naming(self.problem, alone, self.now, named, self.first)
 
 
@@ -308,58 +319,45 @@ def _fresh(term: Term, kept: Sequence[Term]) -> bool:
 
 def _finalists(problem: Problem, fits: Sequence[Fit], progress) -> list[Scored]:
     """The candidates' predictions, the best ones' with everything else fitted anew."""
-    found = [Scored(f, held_out(problem, f)) for f in fits]
-    found.sort(key=lambda s: s.held.sum())
+    found = [Scored.of(problem, f) for f in fits]
+    found.sort(key=lambda s: s.error)
     for i in range(min(FITTED, len(found))):
         old = found[i]
-        progress(f"fitting {old.fit.terms[-1].label}", i / FITTED)
+        progress(f"fitting {old.last.label}", i / FITTED)
         new = scored(problem, old.fit.terms, old.fit.values, rounds=3)
-        if new.held.sum() < old.held.sum():
+        if new.error < old.error:
             found[i] = new
     return found
 
 
-def _winner(problem, now: Scored, finals, tried: float):
-    """The candidate that earns a name, why, what cannot be told from it, all others."""
-    good = []
-    for s in finals:
-        term = s.fit.terms[-1]
-        p = better(problem, now, s, tried)
-        if p < SURE and s.held.sum() < (1 - WORTH) * now.held.sum():
-            good.append((s, term, p))
+def _winner(
+    problem: Problem, now: Scored, finals: Sequence[Scored], tried: float
+) -> tuple[Scored, _Claim] | None:
+    """The candidate that earns a name, and its claim to it."""
+    p_value = {s: better(problem, now, s, tried) for s in finals}
+    good = [
+        s for s in finals if p_value[s] < SURE and s.error < (1 - WORTH) * now.error
+    ]
     if not good:
         return None
-    good.sort(key=lambda x: x[0].held.sum())
-    lead = good[0][0]
-    close = [g for g in good if as_good(problem, g[0], lead, 2.0)]
-    usual = [g for g in close if not g[1].effect.rare] or close
-    near = [g for g in usual if as_good(problem, g[0], usual[0][0])]
+    good.sort(key=lambda s: s.error)
+    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
+    usual = [s for s in close if not s.last.effect.rare] or close
+    near = [s for s in usual if as_good(problem, s, usual[0])]
     # of those that the data cannot rank, a usual one, with the least to choose
     best = min(
-        near,
-        key=lambda g: (g[1].effect.rare, len(g[1].parameters), g[0].held.sum()),
+        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
     )
-    s, term, p = best
-    also = tuple(
-        g[1]
-        for g in sorted(good, key=lambda x: x[0].held.sum())
-        if g[1] is not term and as_good(problem, g[0], s, 2.0)
+    others = [s for s in good if s is not best]
+    also = [s for s in others if as_good(problem, s, best, 2.0)]
+    evidence = Evidence(
+        float(0.5 * np.log(now.error / max(best.error, 1e-300))),
+        p_value[best],
+        stability(problem, good, [best, *also]),
     )
-    gain = 0.5 * np.log(now.held.sum() / max(s.held.sum(), 1e-300))
-    stability = _stability(problem, [(g[0].held, g[1]) for g in good], (term, *also))
-    others = tuple(g[1] for g in good if g[1] is not term)
-    return s, term, Evidence(float(gain), p, stability), also[:3], others
-
-
-def _stability(problem, helds, winners) -> float:
-    """Share of bootstraps of the blocks in which one of the winners comes first."""
-    rng = np.random.default_rng(0)
-    block = blocks_of(problem)
-    sums = np.array([np.bincount(block, held) for held, _ in helds])
-    draws = rng.integers(sums.shape[1], size=(400, sums.shape[1]))
-    first = sums[:, draws].sum(axis=-1).argmin(axis=0)
-    names = {_key(t) for t in winners}
-    return float(np.mean([_key(helds[i][1]) in names for i in first]))
+    return best, _Claim(
+        evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
+    )
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
@@ -377,8 +375,8 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     tried.sort(key=lambda f: held_out(problem, f).sum())
     for found in tried[:2]:
         full = scored(problem, found.terms, found.values, rounds=6)
-        if full.held.sum() < BETTER * now.held.sum() or (
-            _plainer(full.fit.terms[-1], term) and as_good(problem, full, now)
+        if full.error < BETTER * now.error or (
+            _plainer(full.last, term) and as_good(problem, full, now)
         ):
             return full
     return now

@@ -7,7 +7,7 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import WINDOW, Case, pieces_of
-from .evidence import ABOVE, Scored, above, better, held_out, noise_of
+from .evidence import ABOVE, Scored, above, better, noise_of
 from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
 from .name import Naming, without
@@ -54,8 +54,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     if naming.named:
         final = fit(problem, found.terms, found.values, rounds=3)
     return replace(
-        naming, problem=problem, stated=Scored(alone, held_out(problem, alone)),
-        final=Scored(final, held_out(problem, final)),
+        naming, problem=problem, stated=Scored.of(problem, alone),
+        final=Scored.of(problem, final),
     )  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
         gone.append(name.term.label)
         naming = replace(
             naming, named=tuple(n for n in naming.named if n is not name),
-            final=Scored(less, held_out(naming.problem, less)),
+            final=Scored.of(naming.problem, less),
         )  # fmt: skip
     return naming, tuple(gone)
 
@@ -118,14 +118,13 @@ def structure_of(case: Case, naming: Naming) -> Structure:
     pieces = Problem(case.world, pieces_of(case.world, WINDOW), naming.problem.sigma)
     problem = whitened(fewer(pieces, 15000, rng), now.terms, now.values)
     base = Base.of(problem, fit(problem, now.terms, now.values, rounds=0))
-    held = Scored(base.fit, held_out(problem, base.fit))
+    held = Scored.of(problem, base.fit)
     p, share = 1.0, 0.0
     terms = FreeForm().terms(case.scene)
     for term in terms:
-        found = try_term(base, term, rounds=2)
-        new = Scored(found, held_out(problem, found))
+        new = Scored.of(problem, try_term(base, term, rounds=2))
         p = min(p, better(problem, held, new, len(terms)))
-        share = max(share, 1 - new.held.sum() / held.held.sum())
+        share = max(share, 1 - new.error / held.error)
     before = _error(problem, naming.stated.fit)
     room = before - noise_of(problem)
     return Structure(

@@ -73,6 +73,11 @@ class Term:
         return np.array([p.scale for p in self.parameters], float)
 
     @property
+    def key(self) -> tuple:
+        """What tells it from other candidates, whatever its starts."""
+        return self.effect.name, self.targets, tuple(self.note.items())
+
+    @property
     def label(self) -> str:
         """As a person reads it."""
         return f"{self.effect.name} at {', '.join(self.targets)}"
