@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,19 +34,23 @@ def answer_of(
     naming: Naming,
     verdict: str,
     proof: Proof,
-    remarks: Sequence[str],
+    structure: Structure,
+    refuted: Sequence[str],
     begun: float,
 ) -> Diagnosis:
     """The document, the patched model, and what a page draws beside them."""
     found, stated, numbers = proof.patched, proof.stated, proof.numbers
     located, where = _located(case, naming)
+    errors = doc.uncertainty(naming.problem, naming.final.fit)
+    refit = doc.refit_of(found, errors)
+    remarks = _remarks(case, naming, structure, refuted, refit)
     text, diff, changes = patch_of(case, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
         "verdict": verdict,
-        "findings": doc.findings_of(naming, where),
-        "refit": doc.refit_of(naming, found),
+        "findings": doc.findings_of(naming, errors, where),
+        "refit": refit,
         "fit": {"held_out": list(case.names), **numbers,
                 "explainable_removed": removed_share(numbers)},
     }  # fmt: skip
@@ -54,7 +58,7 @@ def answer_of(
         os.path.abspath(case.workshop.path), doc.plain(document), changes, text, diff,
         _traces(case, proof.pieces, stated, found),
         located, _signals(case, proof.squares, proof.count), _candidates(naming),
-        tuple(remarks), time.monotonic() - begun,
+        remarks, time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
     )  # fmt: skip
 
@@ -193,12 +197,12 @@ def _candidates(naming: Naming) -> tuple[Candidate, ...]:
     )  # fmt: skip
 
 
-def remarks_of(
+def _remarks(
     case: Case,
     naming: Naming,
-    proof: Proof,
     structure: Structure,
     refuted: Sequence[str],
+    refit: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
     """What a reader should know before believing the rest."""
     found = [
@@ -224,7 +228,6 @@ def remarks_of(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
             "what is left."
         )
-    refit = doc.refit_of(naming, proof.patched)
     loose = [e["parameter"] for e in refit if is_loose(e)]
     if loose:
         more = f" and {len(loose) - FEW} more" if len(loose) > FEW else ""
