@@ -366,7 +366,7 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     What looked best alone need not do so beside a later effect; and where the data do
     not tell, the usual effect with the least to choose is the one.
     """
-    kept = [t for t in now.fit.terms if t is not term]
+    kept, _ = now.fit.but(term)
     others = [t for t in others if _fresh(t, kept)]
     if not others:
         return now

@@ -60,23 +60,19 @@ def screened(
         candidates: to be tried.
         progress: told which one is.
     """
-    left = [(0.0, term) for term in candidates]
     fits: list[Fit] = []
     answers: list[Floats] = []
-    for stage, (base, rounds, keep) in enumerate(zip(bases, ROUNDS, KEEP, strict=True)):
-        tried = []
-        for i, (_, term) in enumerate(left):
-            progress(f"trying {term.label}", i / len(left))
-            found = try_term(base, term, rounds=rounds)
-            if stage == 0:
-                answers.append(base.fit.residuals - found.residuals)
-            values = found.values[len(base.fit.values) :]
-            begun = replace(term, starts=(tuple(values),))
-            tried.append((found.cost / base.fit.cost, begun, found, term))
-        tried.sort(key=lambda x: x[0])
-        tried = tried[:keep]
-        left = [(cost, begun) for cost, begun, _, _ in tried]
-        fits = [found for _, _, found, _ in tried]
+    for base, rounds, keep in zip(bases, ROUNDS, KEEP, strict=True):
+        fits = []
+        for i, term in enumerate(candidates):
+            progress(f"trying {term.label}", i / len(candidates))
+            fits.append(try_term(base, term, rounds=rounds))
+        answers = answers or [base.fit.residuals - f.residuals for f in fits]
+        fits = sorted(fits, key=lambda f: f.cost / base.fit.cost)[:keep]
+        old = len(base.fit.values)
+        candidates = [
+            replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
+        ]
     return fits, _independent(np.array(answers))
 
 
