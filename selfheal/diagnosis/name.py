@@ -113,8 +113,8 @@ def name_effects(
     problem = reweighed(problem, found)
     now = scored(problem, tuple(stated), found.values)
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
-    # the claims are shared: where the second search doubts a name that the first one
-    # gave too, it tries what the first one knew as its others
+    # the claims are shared: where both searches give a name, what the first one set
+    # aside for it is what the second one tries in its place
     start = replace(search, claims=search.claims)
     search.forward()
     named = search.now.fit.terms[len(stated) :]
