@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Fit, Problem, believed, bounds, fit, step, whitened
+from .fit import Base, Fit, Problem, bounds, fit, step, whitened
 from .terms import Term
 
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
@@ -75,8 +75,8 @@ def held_out(problem: Problem, found: Fit) -> Floats:
     low, high, scale = bounds(found.terms)
     x, jac, r = found.values, found.jacobian, found.residuals
     of = blocks_of(problem)[problem.window_of]
-    weights = believed(found.terms)
-    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
+    base = Base.of(problem, found)
+    h, g = base.curvature, base.slope(r)
     out = np.empty(len(r))
     for fold in np.unique(of):
         rows = of == fold
