@@ -8,6 +8,13 @@ from toys_diagnosis import bench
 
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
+from selfheal.diagnosis.evidence import (
+    Scored,
+    better,
+    blocks_of,
+    effective,
+    held_out,
+)
 from selfheal.diagnosis.fit import (
     FAR,
     Base,
@@ -21,14 +28,7 @@ from selfheal.diagnosis.fit import (
     try_term,
     whitened,
 )
-from selfheal.diagnosis.name import (
-    Scored,
-    better,
-    blocks_of,
-    effective,
-    held_out,
-    screened,
-)
+from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term
 from selfheal.diagnosis.windows import windows

@@ -273,40 +273,27 @@ def _find(out, **finding) -> None:
     path.write_text(json.dumps(document))
 
 
-def test_a_finding_of_what_the_model_lacks_is_refused(arm):
-    out, recording = arm
-    _find(out, target="joint:wrist")
-    with pytest.raises(InputError, match="no joint 'wrist'"):
-        replay(out, recording)
-
-
-def test_a_finding_of_an_unknown_effect_is_refused(arm):
-    out, recording = arm
-    _find(out, effect="gremlins")
-    with pytest.raises(UnknownNameError, match="gremlins"):
-        replay(out, recording)
+DAMAGED = "is damaged; would fit: findings as a list"
 
 
 @pytest.mark.parametrize(
-    "finding",
+    "finding, kind, said",
     [
-        {"parameters": [{"name": "frictionloss", "value": None}]},
-        {"parameters": [{"name": "frictionloss", "value": "much"}]},
-        {"parameters": [{"name": "frictionloss"}]},
-        {"parameters": None},
+        ({"target": "joint:wrist"}, InputError, "no joint 'wrist'"),
+        ({"target": "elbow"}, InputError, "'elbow'; would fit: joint:"),
+        ({"effect": "gremlins"}, UnknownNameError, "gremlins"),
+        ({"parameters": None}, InputError, DAMAGED),
+        ({"parameters": [{"name": "frictionloss"}]}, InputError, DAMAGED),
+        ({"parameters": [{"name": "frictionloss", "value": None}]}, InputError,
+         DAMAGED),
+        ({"parameters": [{"name": "frictionloss", "value": "much"}]}, InputError,
+         DAMAGED),
     ],
-)
-def test_a_damaged_finding_is_refused(finding, arm):
+)  # fmt: skip
+def test_a_finding_that_says_nothing_of_this_model_is_refused(finding, kind, said, arm):
     out, recording = arm
     _find(out, **finding)
-    with pytest.raises(InputError, match="is damaged; would fit: findings as a list"):
-        replay(out, recording)
-
-
-def test_a_target_of_no_kind_is_refused(arm):
-    out, recording = arm
-    _find(out, target="elbow")
-    with pytest.raises(InputError, match="'elbow'; would fit: joint:"):
+    with pytest.raises(kind, match=said):
         replay(out, recording)
 
 

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,19 +34,23 @@ def answer_of(
     naming: Naming,
     verdict: str,
     proof: Proof,
-    remarks: Sequence[str],
+    structure: Structure,
+    refuted: Sequence[str],
     begun: float,
 ) -> Diagnosis:
     """The document, the patched model, and what a page draws beside them."""
     found, stated, numbers = proof.patched, proof.stated, proof.numbers
     located, where = _located(case, naming)
+    errors = doc.uncertainty(naming.problem, naming.final.fit)
+    refit = doc.refit_of(found, errors)
+    remarks = _remarks(case, naming, structure, refuted, refit)
     text, diff, changes = patch_of(case, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
         "verdict": verdict,
-        "findings": doc.findings_of(naming, where),
-        "refit": doc.refit_of(naming, found),
+        "findings": doc.findings_of(naming, errors, where),
+        "refit": refit,
         "fit": {"held_out": list(case.names), **numbers,
                 "explainable_removed": removed_share(numbers)},
     }  # fmt: skip
@@ -54,7 +58,7 @@ def answer_of(
         os.path.abspath(case.workshop.path), doc.plain(document), changes, text, diff,
         _traces(case, proof.pieces, stated, found),
         located, _signals(case, proof.squares, proof.count), _candidates(naming),
-        tuple(remarks), time.monotonic() - begun,
+        remarks, time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
     )  # fmt: skip
 
@@ -63,31 +67,22 @@ def _located(case: Case, naming: Naming):
     """The map of the re-fitted model's error, and where each finding acts."""
     world, problem = case.world, naming.problem
     pieces = problem.windows
-    before = _squares(problem, naming.stated.fit)
+    stated, final = naming.stated.fit, naming.final.fit
+    before = _squares(problem, stated.terms, stated.values)
     share, p = locate.grid(world, case.scene, pieces, before)
     located = Located(tuple(c.name for c in world.signals), locate.REGIMES, share, p)
     where = {}
     masks = locate.regimes(world, case.scene, pieces)
     for n, named in enumerate(naming.named):
-        less = _squares(problem, _without(naming.final.fit, named.term))
-        gain = less - _squares(problem, naming.final.fit)
+        less = _squares(problem, *final.but(named.term))
+        gain = less - _squares(problem, final.terms, final.values)
         where[n] = _where(case, pieces, masks, gain)
     return located, where
 
 
-def _without(found: Fit, term: Term) -> Fit:
-    """The same fit with one effect taken away and nothing fitted anew."""
-    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
-    rest = [i for i, t in enumerate(found.terms) if t is not term]
-    values = [found.values[ends[i] : ends[i + 1]] for i in rest]
-    terms = tuple(found.terms[i] for i in rest)
-    return replace(found, terms=terms, values=np.concatenate([*values, np.zeros(0)]))
-
-
-def _squares(problem: Problem, found: Fit) -> Floats:
+def _squares(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
     """Squared residuals (M, S) in standard deviations, summed over columns."""
-    plain = replace(problem, whiten=())
-    r = plain.residuals(found.terms, found.values[None])[0]
+    r = replace(problem, whiten=()).at(terms, values)
     r = r.reshape(problem.windows.readings.shape)
     return np.stack(
         [(r[:, c.columns] ** 2).sum(axis=1) for c in problem.world.signals], axis=1
@@ -202,12 +197,12 @@ def _candidates(naming: Naming) -> tuple[Candidate, ...]:
     )  # fmt: skip
 
 
-def remarks_of(
+def _remarks(
     case: Case,
     naming: Naming,
-    proof: Proof,
     structure: Structure,
     refuted: Sequence[str],
+    refit: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
     """What a reader should know before believing the rest."""
     found = [
@@ -233,7 +228,6 @@ def remarks_of(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
             "what is left."
         )
-    refit = doc.refit_of(naming, proof.patched)
     loose = [e["parameter"] for e in refit if is_loose(e)]
     if loose:
         more = f" and {len(loose) - FEW} more" if len(loose) > FEW else ""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..recording import Recording
-from .answer import answer_of, remarks_of
+from .answer import answer_of
 from .case import WINDOW, check_enough, prepare, problem_of
 from .effects import catalogue
 from .name import name_effects
@@ -69,5 +69,4 @@ def diagnose(
         proof = Proof.of(case, naming)
     if proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
-    remarks = remarks_of(case, naming, proof, structure, refuted)
-    return answer_of(case, naming, verdict, proof, remarks, begun)
+    return answer_of(case, naming, verdict, proof, structure, refuted, begun)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..recording.data import Floats
+from .evidence import blocks_of
 from .fit import Fit, Problem, believed
-from .name import Naming, blocks_of
+from .name import Naming
 from .plant import parts
 from .terms import Term
 from .textual import native
@@ -32,7 +33,7 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     slopes = np.stack([
         a[block == b].T @ r[block == b] for b in np.unique(block)
     ])  # fmt: skip
-    weights = believed(found.terms, found.values)[0][live] / scale[live] ** 2
+    weights = believed(found.terms)[live] / scale[live] ** 2
     size, turn = np.linalg.eigh(a.T @ a + np.diag(weights))
     # a direction that no reading shows is as uncertain as can be, not certain
     inverse = turn / np.maximum(size, 1e-8 * size.max()) @ turn.T
@@ -43,10 +44,18 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     return out
 
 
-def findings_of(naming: Naming, where: Mapping[int, Mapping]) -> list[dict[str, Any]]:
-    """One entry an effect and place; `where` by the number of the finding."""
+def findings_of(
+    naming: Naming, errors: Floats, where: Mapping[int, Mapping]
+) -> list[dict[str, Any]]:
+    """One entry an effect and place.
+
+    Args:
+        naming: whose names are told.
+        errors: (P) standard ones of its values.
+        where: each acts, by the number of the finding.
+    """
     found, out = naming.final.fit, []
-    errors = parts(found.terms, uncertainty(naming.problem, found))
+    spread = parts(found.terms, errors)
     values = parts(found.terms, found.values)
     for n, named in enumerate(naming.named):
         i = next(k for k, t in enumerate(found.terms) if t is named.term)
@@ -57,7 +66,7 @@ def findings_of(naming: Naming, where: Mapping[int, Mapping]) -> list[dict[str, 
                 **named.term.note,
                 "equivalent": _others(named),
                 "separate_by": named.term.effect.separate_by,
-                "parameters": _parameters(named.term, values[i], errors[i]),
+                "parameters": _parameters(named.term, values[i], spread[i]),
                 "where": where[n],
                 "evidence": {
                     "heldout_nll_gain": named.evidence.gain,
@@ -94,12 +103,11 @@ def _as_contract(term: Term, entries: list[dict]) -> list[dict]:
     return [mass, {"name": "position", **joined, "unit": "m"}]
 
 
-def refit_of(naming: Naming, patched: Fit) -> list[dict[str, Any]]:
+def refit_of(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
     """What the model states, its value in the patched model, and its interval."""
-    found, out = naming.final.fit, []
-    errors = parts(found.terms, uncertainty(naming.problem, found))
-    values = parts(found.terms, patched.values)
-    for term, value, error in zip(found.terms, values, errors, strict=True):
+    out = []
+    each = (parts(patched.terms, x) for x in (patched.values, errors))
+    for term, value, error in zip(patched.terms, *each, strict=True):
         if term.effect.name != "stated":
             continue
         (factor,), (error,) = value, error

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..recording.data import Floats
+from .plant import parts
 from .state import start_of
 from .terms import Term
 from .windows import Windows
@@ -53,6 +54,10 @@ class Problem:
         apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
         flat = np.where(known, apart, 0.0).reshape(len(told), -1)
         return self._whitened(flat)
+
+    def at(self, terms: Sequence[Term], values: Floats) -> Floats:
+        """(R) residuals of one hypothesis."""
+        return self.residuals(terms, values[None])[0]
 
     def _whitened(self, flat: Floats) -> Floats:
         if self.whiten:
@@ -132,6 +137,15 @@ class Fit:
         """Sum of squared residuals."""
         return float(self.residuals @ self.residuals)
 
+    def but(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
+        """The terms without some, and their values."""
+        kept = [i for i, t in enumerate(self.terms) if t not in gone]
+        values = parts(self.terms, self.values)
+        return (
+            tuple(self.terms[i] for i in kept),
+            np.concatenate([*(values[i] for i in kept), np.zeros(0)]),
+        )
+
 
 def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     """Low, high and scale (P) of all parameters."""
@@ -141,16 +155,15 @@ def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     )  # type: ignore[return-value]
 
 
-def believed(terms: Sequence[Term], values: Floats) -> tuple[Floats, Floats]:
-    """What a careful user believes of stated values: weights (P), and their pull (P).
+def believed(terms: Sequence[Term]) -> Floats:
+    """Weights (P) by which a careful user believes that stated values' factors are 1.
 
     Half of what the contract grants is a standard deviation: where readings do not tell
     two values apart, both stay near what the model states.
     """
     low, high, _ = bounds(terms)
     stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
-    weights = np.where(stated, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
-    return weights, weights * (values - 1)
+    return np.where(stated, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
 
 
 def step(
@@ -209,12 +222,12 @@ def fit(
     """
     terms = tuple(terms)
     low, high, scale = bounds(terms)
+    weights = believed(terms)
     x = np.clip(np.asarray(start, float), low, high)
-    r = problem.residuals(terms, x[None])[0]
+    r = problem.at(terms, x)
     jac = jacobian(problem, terms, x, r)
     for _ in range(rounds if len(x) else 0):
-        weights, pull = believed(terms, x)
-        h, g = jac.T @ jac + np.diag(weights), jac.T @ r + pull
+        h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
         told = problem.residuals(terms, tries)
         costs = (told**2).sum(axis=1) + (weights * (tries - 1) ** 2).sum(axis=1)
@@ -248,19 +261,25 @@ class Base:
     Attributes:
         problem: that was fitted.
         fit: its best values.
+        weights: (P) of what is believed.
         curvature: (P, P), of what is believed too.
     """
 
     problem: Problem
     fit: Fit
+    weights: Floats
     curvature: Floats
 
     @classmethod
     def of(cls, problem: Problem, found: Fit) -> "Base":
         """With the curvature worked out."""
-        weights, _ = believed(found.terms, found.values)
+        weights = believed(found.terms)
         curvature = found.jacobian.T @ found.jacobian + np.diag(weights)
-        return cls(problem, found, curvature)
+        return cls(problem, found, weights, curvature)
+
+    def slope(self, r: Floats) -> Floats:
+        """(P) of the cost at residuals r (R), with the pull of what is believed."""
+        return self.fit.jacobian.T @ r + self.weights * (self.fit.values - 1)
 
     def settle(self, r: Floats, hold: np.ndarray | None = None) -> tuple[float, Floats]:
         """Lowest cost and the move (P) to it, of residuals r if the rest is linear.
@@ -271,14 +290,13 @@ class Base:
         """
         low, high, scale = bounds(self.fit.terms)
         x = self.fit.values
-        weights, pull = believed(self.fit.terms, x)
-        g = self.fit.jacobian.T @ r + pull
+        g = self.slope(r)
         low, high = low - x, high - x
         if hold is not None:
             low[hold] = high[hold] = 0.0
         move = step(self.curvature, g, low, high, scale)
         cost = r @ r + 2 * g @ move + move @ self.curvature @ move
-        return float(cost + weights @ (x - 1) ** 2), move
+        return float(cost + self.weights @ (x - 1) ** 2), move
 
 
 def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
@@ -330,11 +348,9 @@ def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
 def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:
     """Move of a term's values if all others move with it."""
     all_low, all_high, all_scale = bounds(base.fit.terms)
-    old = base.fit.jacobian
-    cross = old.T @ jac
+    cross = base.fit.jacobian.T @ jac
     h = np.block([[base.curvature, cross], [cross.T, jac.T @ jac]])
-    _, pull = believed(base.fit.terms, base.fit.values)
-    g = np.concatenate([old.T @ r + pull, jac.T @ r])
+    g = np.concatenate([base.slope(r), jac.T @ r])
     move = step(
         h, g,
         np.concatenate([all_low - base.fit.values, low - x]),

@@ -1,71 +1,37 @@
 """Which physics is missing: takes a fitted model, gives effects that earn a name."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..recording.data import Floats
-from .fit import (
-    Base,
-    Fit,
-    Problem,
-    believed,
-    bounds,
-    fit,
-    step,
-    try_term,
-    whitened,
+from .evidence import (
+    ABOVE,
+    Evidence,
+    Scored,
+    above,
+    as_good,
+    better,
+    blocks_of,
+    effective,
+    held_out,
+    reweighed,
+    scored,
+    stability,
 )
-from .plant import parts
+from .fit import Base, Fit, Problem, fit, try_term
 from .scene import Scene
+from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
 
-BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
-# candidates are tried on more and more steps of simulation, for more and more rounds,
-# and ever fewer of them; chosen for a minute a joint
-STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
-STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
-ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
-
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """A fit and how well it predicts what it did not see.
-
-    Attributes:
-        fit: of all windows.
-        held: (W) squared residuals of each window, predicted from the other folds.
-    """
-
-    fit: Fit
-    held: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """Why an effect is named.
-
-    Attributes:
-        gain: nats per effective sample that it adds to held-out predictions.
-        p_value: of that gain, corrected for all candidates tried.
-        stability: share of resamples of the windows in which it, or what cannot be
-            told from it, comes first.
-    """
-
-    gain: float
-    p_value: float
-    stability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,191 +68,19 @@ class Naming:
     ranking: tuple[tuple[Term, float], ...]
 
 
-def blocks_of(problem: Problem) -> np.ndarray:
-    """(W) block of each window: neighbors in time share one."""
-    return (
-        np.arange(len(problem.windows))
-        * min(BLOCKS, len(problem.windows))
-        // len(problem.windows)
-    )
+@dataclass(frozen=True, eq=False)
+class _Claim:
+    """What speaks for a name, and what else might have got it.
 
-
-def held_out(problem: Problem, found: Fit) -> Floats:
-    """(W) squared residuals of each fold, with the values that the others ask for.
-
-    One Gauss-Newton step from the fit of all: exact where the model is linear.
+    Attributes:
+        evidence: for it.
+        rivals: what cannot be told from it.
+        others: what else might take its place beside later effects.
     """
-    low, high, scale = bounds(found.terms)
-    x, jac, r = found.values, found.jacobian, found.residuals
-    of = blocks_of(problem)[problem.window_of]
-    weights, pull = believed(found.terms, x)
-    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + pull
-    out = np.empty(len(r))
-    for fold in np.unique(of):
-        rows = of == fold
-        a = jac[rows]
-        move = step(h - a.T @ a, g - a.T @ r[rows], low - x, high - x, scale)
-        out[rows] = (r[rows] + a @ move) ** 2
-    return problem.by_window(out)
 
-
-def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Scored:
-    """Fit, and predict every fold from the others."""
-    found = fit(problem, terms, start, **more)
-    return Scored(found, held_out(problem, found))
-
-
-def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
-    """p-value that `new` predicts better than `old`, paying for `tried` tries.
-
-    A likelihood ratio of held-out residuals with as many samples as are independent,
-    and only where the gain is no single piece's.
-    """
-    from scipy.stats import chi2
-
-    ratio = old.held.sum() / max(new.held.sum(), 1e-300)
-    gains = np.bincount(blocks_of(problem), old.held - new.held)
-    error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    if ratio <= 1 or gains.sum() < STEADY * error:
-        return 1.0
-    free = max(1, len(new.fit.values) - len(old.fit.values))
-    # the larger residuals are the old ones, and the more alike their neighbors
-    nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
-    return float(min(1.0, tried * chi2.sf(2 * nats, free)))
-
-
-def effective(problem: Problem, r: Floats) -> float:
-    """How many independent samples the squared residuals (R) amount to.
-
-    Each column of each window counts by its correlation time; the sum's spread by
-    Satterthwaite's (1946) rule.
-    """
-    width = problem.windows.readings.shape[1]
-    r = r.reshape(-1, width)
-    edges = np.searchsorted(problem.windows.window, np.arange(len(problem.windows) + 1))
-    energy, spread = 0.0, 0.0
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        for x in r[a:b].T:
-            size = float(x @ x)
-            if size > 0:
-                energy += size
-                spread += size**2 / (len(x) / _correlation_time(x))
-    return energy**2 / spread if spread else 0.0
-
-
-def _correlation_time(x: Floats) -> float:
-    """Integrated correlation time of a series [samples], about zero."""
-    n = len(x)
-    if n < 4:
-        return float(n)
-    power = np.abs(np.fft.rfft(x, 2 * n)) ** 2
-    rho = np.fft.irfft(power)[:n]
-    rho = rho / rho[0]
-    end = int(np.argmax(rho <= 0)) or n
-    return float(min(n, 1 + 2 * rho[1:end].sum()))
-
-
-def above(problem: Problem, residuals: Floats) -> float:
-    """Root mean square of residuals (R) over what the readings' noise would leave."""
-    return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
-
-
-def noise_of(problem: Problem) -> float:
-    """Squared residuals that the readings' noise alone would leave."""
-    noise = np.concatenate([
-        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
-        for c in problem.world.signals
-    ])  # fmt: skip
-    count = np.isfinite(problem.windows.readings).sum(axis=0)
-    return float((count * (noise / problem.sigma) ** 2).sum())
-
-
-def reweighed(problem: Problem, found: Fit) -> Problem:
-    """Each column's residuals measured by how large they are now."""
-    width = problem.windows.readings.shape[1]
-    r = found.residuals.reshape(-1, width)
-    known = np.isfinite(problem.windows.readings)
-    size = np.sqrt((r**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    noise = np.concatenate([c.noise for c in problem.world.signals])
-    least = np.where(np.isfinite(noise), noise, 0.0)
-    sigma = np.maximum(size * problem.sigma, least)
-    sigma = np.where(sigma > 0, sigma, problem.sigma)
-    return whitened(replace(problem, sigma=sigma, whiten=()), found.terms, found.values)
-
-
-def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
-    """The same fit in windows that simulate about so many steps.
-
-    Half of them those with the largest residuals, where an effect shows that does so
-    rarely; the others drawn at random, where one that is wrong does harm.
-    """
-    problem, found = base.problem, base.fit
-    size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), min(4, size), size))
-    if count >= 0.8 * size:
-        return base
-    worst = np.argsort(-problem.by_window(found.residuals**2))
-    others = rng.permutation(worst[(count + 1) // 2 :])
-    chosen = np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
-    width = problem.windows.readings.shape[1]
-    rows = problem.windows.rows(chosen)[:, None] * width + np.arange(width)
-    rows = rows.ravel()
-    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
-    return Base.of(problem.take(chosen), part)
-
-
-def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
-    """As many of the windows, drawn at random, as simulate about so many steps."""
-    size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), 24, size))
-    if count >= 0.8 * size:
-        return problem
-    return problem.take(np.sort(rng.permutation(size)[:count]))
-
-
-def _key(term: Term) -> tuple:
-    return term.effect.name, term.targets, tuple(term.note.items())
-
-
-def screened(
-    bases: Sequence[Base], candidates: Sequence[Term], progress: Progress
-) -> tuple[list[Fit], float]:
-    """Candidates' fits, the best first, in the last of the bases.
-
-    And how many independent candidates there were, by how alike their answers to the
-    residuals are (participation ratio of their correlations; Galwey 2009).
-
-    Args:
-        bases: the same fit in more and more windows; fewer and fewer candidates are
-            tried in them.
-        candidates: to be tried.
-        progress: told which one is.
-    """
-    left = [(0.0, term) for term in candidates]
-    fits: list[Fit] = []
-    answers: list[Floats] = []
-    for stage, (base, rounds, keep) in enumerate(zip(bases, ROUNDS, KEEP, strict=True)):
-        tried = []
-        for i, (_, term) in enumerate(left):
-            progress(f"trying {term.label}", i / len(left))
-            found = try_term(base, term, rounds=rounds)
-            if stage == 0:
-                answers.append(base.fit.residuals - found.residuals)
-            values = found.values[len(base.fit.values) :]
-            begun = replace(term, starts=(tuple(values),))
-            tried.append((found.cost / base.fit.cost, begun, found, term))
-        tried.sort(key=lambda x: x[0])
-        tried = tried[:keep]
-        left = [(cost, begun) for cost, begun, _, _ in tried]
-        fits = [found for _, _, found, _ in tried]
-    return fits, _independent(np.array(answers))
-
-
-def _independent(answers: Floats) -> float:
-    """How many of (n, R) answers are independent, between 1 and n."""
-    size = np.linalg.norm(answers, axis=1)
-    unit = answers[size > 0] / size[size > 0, None]
-    return len(unit) ** 2 / max(float(((unit @ unit.T) ** 2).sum()), 1.0)
+    evidence: Evidence
+    rivals: tuple[Term, ...] = ()
+    others: tuple[Term, ...] = ()
 
 
 def name_effects(
@@ -318,8 +112,10 @@ def name_effects(
     found = fit(problem, stated, np.ones(len(stated)))
     problem = reweighed(problem, found)
     now = scored(problem, tuple(stated), found.values)
-    search = _Search(problem, now, len(stated), candidates, rng, progress)
-    start = replace(search)
+    search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
+    # the claims are shared: where both searches give a name, what the first one set
+    # aside for it is what the second one tries in its place
+    start = replace(search, claims=search.claims)
     search.forward()
     named = search.now.fit.terms[len(stated) :]
     odd = any(t.effect.rare for t in named) or len(named) > 1
@@ -342,10 +138,8 @@ class _Search:
         candidates: terms.
         rng: chooses windows.
         progress: told what is being done.
+        claims: to each name ever given, by the effect's key; written to.
         first: what the first round gave.
-        evidence: of each effect named, by its key.
-        rivals: what cannot be told from it.
-        others: what else might have taken its place.
     """
 
     problem: Problem
@@ -354,10 +148,8 @@ class _Search:
     candidates: Sequence[Term]
     rng: np.random.Generator
     progress: Progress
+    claims: dict[tuple, _Claim]
     first: tuple[tuple[Term, float], ...] = ()
-    evidence: dict[tuple, Evidence] = field(default_factory=dict)
-    rivals: dict[tuple, tuple[Term, ...]] = field(default_factory=dict)
-    others: dict[tuple, tuple[Term, ...]] = field(default_factory=dict)
 
     @property
     def named(self) -> tuple[Term, ...]:
@@ -387,24 +179,22 @@ class _Search:
                 continue
             if won is None or len(self.named) > MOST:
                 break
-            best, term, why, also, others = won
-            key = _key(term)
-            self.evidence[key], self.rivals[key], self.others[key] = why, also, others
-            self.progress(f"fitting {term.label}", 0.0)
+            best, claim = won
+            self.claims[best.last.key] = claim
+            self.progress(f"fitting {best.last.label}", 0.0)
             before = self.named
             gone = self._look_back(best)
-            tabu = {_key(t) for t in gone}  # for one round: what follows may need it
+            tabu = {t.key for t in gone}  # for one round: what follows may need it
             replaced = tuple(t for t in before if t not in self.named)
+            swapped = _Claim(claim.evidence, replaced, replaced)
             for new in self.named:  # one of them may have taken another's place
-                self.evidence.setdefault(_key(new), why)
-                self.rivals.setdefault(_key(new), replaced)
-                self.others.setdefault(_key(new), replaced)
+                self.claims.setdefault(new.key, swapped)
 
-    def _round(self, tabu: set[tuple]):
+    def _round(self, tabu: set[tuple]) -> tuple[Scored, _Claim] | None:
         """The candidate that earns a name beside those named, if one does."""
-        taken = {_key(t) for t in self.named} | tabu
+        taken = {t.key for t in self.named} | tabu
         open_to = [
-            t for t in self.candidates if _key(t) not in taken and _fresh(t, self.named)
+            t for t in self.candidates if t.key not in taken and _fresh(t, self.named)
         ]
         all_of_it = Base.of(self.problem, self.now.fit)
         bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
@@ -414,7 +204,7 @@ class _Search:
             self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
         return _winner(
             part.problem,
-            Scored(part.fit, held_out(part.problem, part.fit)),
+            Scored.of(part.problem, part.fit),
             _finalists(part.problem, fits, self.progress),
             independent,
         )
@@ -432,17 +222,19 @@ class _Search:
         while len(self.named) > 1:
             tries = []
             for term in self.named:
-                less = without(self.problem, self.now.fit, term)
-                held = held_out(self.problem, less)
-                if held.sum() < (1 + WORTH) * self.now.held.sum():
-                    tries.append((held.sum(), term, Scored(less, held)))
+                less = Scored.of(
+                    self.problem, without(self.problem, self.now.fit, term)
+                )
+                if less.error < (1 + WORTH) * self.now.error:
+                    tries.append((term, less))
             if not tries:
                 break
-            _, term, self.now = min(tries, key=lambda x: x[0])
+            term, self.now = min(tries, key=lambda x: x[1].error)
             gone.append(term)
         for term in self.named[:-1]:
-            others = self.others.get(_key(term), ())
-            self.now = _swapped(self.problem, self.now, term, others)
+            if term.key in self.claims:
+                others = self.claims[term.key].others
+                self.now = _swapped(self.problem, self.now, term, others)
         return gone
 
     def with_all_usual(self) -> "_Search | None":
@@ -458,31 +250,33 @@ class _Search:
         found = _pruned(self.problem, found, self.stated)
         self.problem = reweighed(self.problem, found)
         self._look_back(scored(self.problem, found.terms, found.values, rounds=4))
+        self._doubt(len(usual))
+        self.forward()
+        return self
+
+    def _doubt(self, tried: int) -> None:
+        """Keep the names that each are worth it, of so many that were tried."""
         for term in self.named:
-            less = without(self.problem, self.now.fit, term)
-            old = Scored(less, held_out(self.problem, less))
-            p = better(self.problem, old, self.now, len(usual))
+            old = Scored.of(self.problem, without(self.problem, self.now.fit, term))
+            p = better(self.problem, old, self.now, tried)
             if p >= SURE:
                 self.now = old
                 continue
             gain = np.bincount(blocks_of(self.problem), old.held - self.now.held)
             draws = self.rng.integers(len(gain), size=(400, len(gain)))
-            nats = 0.5 * np.log(old.held.sum() / max(self.now.held.sum(), 1e-300))
+            nats = 0.5 * np.log(old.error / max(self.now.error, 1e-300))
             stable = float((gain[draws].sum(axis=1) > 0).mean())
-            self.evidence[_key(term)] = Evidence(float(nats), p, stable)
-            self.rivals[_key(term)] = self.others[_key(term)] = ()
-        self.forward()
-        return self
+            self.claims[term.key] = _Claim(Evidence(float(nats), p, stable))
 
     def beats(self, other: "_Search") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
         problem = self.problem
         theirs = other.now.fit
         against = scored(problem, theirs.terms, theirs.values, rounds=2)
-        if self.now.held.sum() < BETTER * against.held.sum():
+        if self.now.error < BETTER * against.error:
             return True
         odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
-        return odd[0] < odd[1] and _as_good(problem, self.now, against)
+        return odd[0] < odd[1] and as_good(problem, self.now, against)
 
     def ended(self) -> Naming:
         """What was found."""
@@ -490,9 +284,8 @@ class _Search:
         alone = scored(
             self.problem, own.terms[: self.stated], own.values[: self.stated]
         )
-        named = tuple(
-            Named(t, self.evidence[_key(t)], self.rivals[_key(t)]) for t in self.named
-        )
+        claims = [(t, self.claims[t.key]) for t in self.named]
+        named = tuple(Named(t, c.evidence, c.rivals) for t, c in claims)
         return Naming(self.problem, alone, self.now, named, self.first)
 
 
@@ -511,10 +304,8 @@ def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
         idle = [i for i in order if costs[i] < 1 + WORTH][: max(1, len(order) // 2)]
         if not idle:
             break
-        keep = [i for i in range(len(found.terms)) if i - stated not in idle]
-        values = parts(found.terms, found.values)
-        start = np.concatenate([*(values[i] for i in keep), np.zeros(0)])
-        found = fit(problem, [found.terms[i] for i in keep], start, rounds=2)
+        idle_terms = (found.terms[stated + i] for i in idle)
+        found = fit(problem, *found.but(*idle_terms), rounds=2)
     return found
 
 
@@ -528,67 +319,45 @@ def _fresh(term: Term, kept: Sequence[Term]) -> bool:
 
 def _finalists(problem: Problem, fits: Sequence[Fit], progress) -> list[Scored]:
     """The candidates' predictions, the best ones' with everything else fitted anew."""
-    found = [Scored(f, held_out(problem, f)) for f in fits]
-    found.sort(key=lambda s: s.held.sum())
+    found = [Scored.of(problem, f) for f in fits]
+    found.sort(key=lambda s: s.error)
     for i in range(min(FITTED, len(found))):
         old = found[i]
-        progress(f"fitting {old.fit.terms[-1].label}", i / FITTED)
+        progress(f"fitting {old.last.label}", i / FITTED)
         new = scored(problem, old.fit.terms, old.fit.values, rounds=3)
-        if new.held.sum() < old.held.sum():
+        if new.error < old.error:
             found[i] = new
     return found
 
 
-def _winner(problem, now: Scored, finals, tried: float):
-    """The candidate that earns a name, why, what cannot be told from it, all others."""
-    good = []
-    for s in finals:
-        term = s.fit.terms[-1]
-        p = better(problem, now, s, tried)
-        if p < SURE and s.held.sum() < (1 - WORTH) * now.held.sum():
-            good.append((s, term, p))
+def _winner(
+    problem: Problem, now: Scored, finals: Sequence[Scored], tried: float
+) -> tuple[Scored, _Claim] | None:
+    """The candidate that earns a name, and its claim to it."""
+    p_value = {s: better(problem, now, s, tried) for s in finals}
+    good = [
+        s for s in finals if p_value[s] < SURE and s.error < (1 - WORTH) * now.error
+    ]
     if not good:
         return None
-    good.sort(key=lambda x: x[0].held.sum())
-    lead = good[0][0]
-    close = [g for g in good if _as_good(problem, g[0], lead, 2.0)]
-    usual = [g for g in close if not g[1].effect.rare] or close
-    near = [g for g in usual if _as_good(problem, g[0], usual[0][0])]
+    good.sort(key=lambda s: s.error)
+    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
+    usual = [s for s in close if not s.last.effect.rare] or close
+    near = [s for s in usual if as_good(problem, s, usual[0])]
     # of those that the data cannot rank, a usual one, with the least to choose
     best = min(
-        near,
-        key=lambda g: (g[1].effect.rare, len(g[1].parameters), g[0].held.sum()),
+        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
     )
-    s, term, p = best
-    also = tuple(
-        g[1]
-        for g in sorted(good, key=lambda x: x[0].held.sum())
-        if g[1] is not term and _as_good(problem, g[0], s, 2.0)
+    others = [s for s in good if s is not best]
+    also = [s for s in others if as_good(problem, s, best, 2.0)]
+    evidence = Evidence(
+        float(0.5 * np.log(now.error / max(best.error, 1e-300))),
+        p_value[best],
+        stability(problem, good, [best, *also]),
     )
-    gain = 0.5 * np.log(now.held.sum() / max(s.held.sum(), 1e-300))
-    stability = _stability(problem, [(g[0].held, g[1]) for g in good], (term, *also))
-    others = tuple(g[1] for g in good if g[1] is not term)
-    return s, term, Evidence(float(gain), p, stability), also[:3], others
-
-
-def _as_good(problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
-    """Whether the windows do not tell that `other` predicts worse than `lead`."""
-    apart = np.bincount(blocks_of(problem), other.held - lead.held)
-    noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
-    ratio = other.held.sum() / max(lead.held.sum(), 1e-300)
-    nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
-    return bool(apart.sum() <= errors * noise and ratio < 1.5) or bool(nats < errors)
-
-
-def _stability(problem, helds, winners) -> float:
-    """Share of bootstraps of the blocks in which one of the winners comes first."""
-    rng = np.random.default_rng(0)
-    block = blocks_of(problem)
-    sums = np.array([np.bincount(block, held) for held, _ in helds])
-    draws = rng.integers(sums.shape[1], size=(400, sums.shape[1]))
-    first = sums[:, draws].sum(axis=-1).argmin(axis=0)
-    names = {_key(t) for t in winners}
-    return float(np.mean([_key(helds[i][1]) in names for i in first]))
+    return best, _Claim(
+        evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
+    )
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
@@ -597,7 +366,7 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     What looked best alone need not do so beside a later effect; and where the data do
     not tell, the usual effect with the least to choose is the one.
     """
-    kept = [t for t in now.fit.terms if t is not term]
+    kept, _ = now.fit.but(term)
     others = [t for t in others if _fresh(t, kept)]
     if not others:
         return now
@@ -606,8 +375,8 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     tried.sort(key=lambda f: held_out(problem, f).sum())
     for found in tried[:2]:
         full = scored(problem, found.terms, found.values, rounds=6)
-        if full.held.sum() < BETTER * now.held.sum() or (
-            _plainer(full.fit.terms[-1], term) and _as_good(problem, full, now)
+        if full.error < BETTER * now.error or (
+            _plainer(full.last, term) and as_good(problem, full, now)
         ):
             return full
     return now
@@ -622,7 +391,4 @@ def _plainer(new: Term, old: Term) -> bool:
 
 def without(problem: Problem, found: Fit, term: Term) -> Fit:
     """The fit of all terms but one."""
-    values = parts(found.terms, found.values)
-    rest = [i for i, t in enumerate(found.terms) if t is not term]
-    start = np.concatenate([*(values[i] for i in rest), np.zeros(0)])
-    return fit(problem, [found.terms[i] for i in rest], start, rounds=3)
+    return fit(problem, *found.but(term), rounds=3)

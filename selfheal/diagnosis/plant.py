@@ -15,8 +15,8 @@ from .terms import Term, does
 if TYPE_CHECKING:
     import mujoco
 
-# kept apart for joints and degrees of freedom: an added joint shifts what follows it
 _RK4, _IMPLICITFAST = 1, 3  # mujoco.mjtIntegrator
+# kept apart for joints and degrees of freedom: an added joint shifts what follows it
 _JOINT_KEYS = ("joint",)
 _DOF_KEYS = ("dof", "other_dof")
 _QPOS_KEYS = ("qpos", "other_qpos")
@@ -37,6 +37,11 @@ class Plant:
     dof: np.ndarray
     qpos: np.ndarray
     joint: np.ndarray
+
+    @property
+    def leaps(self) -> bool:
+        """Whether a step has one stage, so that it can be read as a leapfrog's."""
+        return bool(self.model.opt.integrator != _RK4)
 
     def place(self, place: Mapping[str, Any]) -> dict[str, Any]:
         """A term's place, as this model numbers it."""

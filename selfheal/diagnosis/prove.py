@@ -7,20 +7,12 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import WINDOW, Case, pieces_of
+from .evidence import ABOVE, Scored, above, better, noise_of
 from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import (
-    ABOVE,
-    Naming,
-    Scored,
-    above,
-    better,
-    fewer,
-    held_out,
-    noise_of,
-    without,
-)
+from .name import Naming, without
 from .plant import parts
+from .screen import fewer
 from .terms import Term
 from .windows import Windows
 
@@ -44,7 +36,7 @@ def polished(case: Case, naming: Naming) -> Naming:
     for seconds in (WINDOW, LONG):
         start = Problem(case.world, pieces_of(case.world, seconds), sigma)
         problem = whitened(fewer(start, POLISHED, rng), found.terms, found.values)
-        told = problem.residuals(found.terms, found.values[None])[0]
+        told = problem.at(found.terms, found.values)
         if seconds == LONG and above(problem, told) > GROWN * above(
             naming.problem, found.residuals
         ):
@@ -62,8 +54,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     if naming.named:
         final = fit(problem, found.terms, found.values, rounds=3)
     return replace(
-        naming, problem=problem, stated=Scored(alone, held_out(problem, alone)),
-        final=Scored(final, held_out(problem, final)),
+        naming, problem=problem, stated=Scored.of(problem, alone),
+        final=Scored.of(problem, final),
     )  # fmt: skip
 
 
@@ -74,16 +66,12 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
     while naming.named:
         found, alone = naming.final.fit, naming.stated.fit
         held = whitened(start, found.terms, found.values)
-        error, before = (
-            float((held.residuals(f.terms, f.values[None]) ** 2).sum())
-            for f in (found, alone)
-        )
+        error, before = _error(held, found), _error(held, alone)
         least = max(HELPS * error, TRIFLE * (before - error))
         weakest = None
         for name in naming.named:
             less = without(naming.problem, found, name.term)
-            worse = float((held.residuals(less.terms, less.values[None]) ** 2).sum())
-            gain = worse - error
+            gain = _error(held, less) - error
             if gain < least and (weakest is None or gain < weakest[0]):
                 weakest = gain, name, less
         if weakest is None:
@@ -92,9 +80,14 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
         gone.append(name.term.label)
         naming = replace(
             naming, named=tuple(n for n in naming.named if n is not name),
-            final=Scored(less, held_out(naming.problem, less)),
+            final=Scored.of(naming.problem, less),
         )  # fmt: skip
     return naming, tuple(gone)
+
+
+def _error(problem: Problem, found: Fit) -> float:
+    """Sum of squared residuals of a fit in other windows than its own."""
+    return float((problem.at(found.terms, found.values) ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -125,16 +118,14 @@ def structure_of(case: Case, naming: Naming) -> Structure:
     pieces = Problem(case.world, pieces_of(case.world, WINDOW), naming.problem.sigma)
     problem = whitened(fewer(pieces, 15000, rng), now.terms, now.values)
     base = Base.of(problem, fit(problem, now.terms, now.values, rounds=0))
-    held = Scored(base.fit, held_out(problem, base.fit))
+    held = Scored.of(problem, base.fit)
     p, share = 1.0, 0.0
     terms = FreeForm().terms(case.scene)
     for term in terms:
-        found = try_term(base, term, rounds=2)
-        new = Scored(found, held_out(problem, found))
+        new = Scored.of(problem, try_term(base, term, rounds=2))
         p = min(p, better(problem, held, new, len(terms)))
-        share = max(share, 1 - new.held.sum() / held.held.sum())
-    alone = naming.stated.fit
-    before = float((problem.residuals(alone.terms, alone.values[None]) ** 2).sum())
+        share = max(share, 1 - new.error / held.error)
+    before = _error(problem, naming.stated.fit)
     room = before - noise_of(problem)
     return Structure(
         p, share, above(problem, base.fit.residuals),

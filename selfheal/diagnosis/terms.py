@@ -73,6 +73,11 @@ class Term:
         return np.array([p.scale for p in self.parameters], float)
 
     @property
+    def key(self) -> tuple:
+        """What tells it from other candidates, whatever its starts."""
+        return self.effect.name, self.targets, tuple(self.note.items())
+
+    @property
     def label(self) -> str:
         """As a person reads it."""
         return f"{self.effect.name} at {', '.join(self.targets)}"
@@ -123,9 +128,8 @@ class Effect:
     separate_by = ""
     regime = "always"
     common = False  # most robots have some of it, whatever else is missing
-    rare = (
-        0  # people measure lengths (2) better than loads (1), those than friction (0)
-    )
+    # people measure lengths (2) better than loads (1), those than friction (0)
+    rare = 0
     of_before = False  # gives a command as it was when a step began
     limits_actuators = False  # writes Moment.forcerange
 

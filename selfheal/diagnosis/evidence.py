@@ -1,0 +1,191 @@
+"""Evidence that a fit is right: takes its residuals, gives what they prove of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..recording.data import Floats
+from .fit import Base, Fit, Problem, bounds, fit, step, whitened
+from .terms import Term
+
+BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
+STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
+ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A fit and how well it predicts what it did not see.
+
+    Attributes:
+        fit: of all windows.
+        held: (W) squared residuals of each window, predicted from the other folds.
+    """
+
+    fit: Fit
+    held: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, found: Fit) -> "Scored":
+        """With every fold predicted from the others."""
+        return cls(found, held_out(problem, found))
+
+    @property
+    def error(self) -> float:
+        """Of all windows."""
+        return self.held.sum()
+
+    @property
+    def last(self) -> Term:
+        """The term that was tried."""
+        return self.fit.terms[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Why an effect is named.
+
+    Attributes:
+        gain: nats per effective sample that it adds to held-out predictions.
+        p_value: of that gain, corrected for all candidates tried.
+        stability: share of resamples of the windows in which it, or what cannot be
+            told from it, comes first.
+    """
+
+    gain: float
+    p_value: float
+    stability: float
+
+
+def blocks_of(problem: Problem) -> np.ndarray:
+    """(W) block of each window: neighbors in time share one."""
+    return (
+        np.arange(len(problem.windows))
+        * min(BLOCKS, len(problem.windows))
+        // len(problem.windows)
+    )
+
+
+def held_out(problem: Problem, found: Fit) -> Floats:
+    """(W) squared residuals of each fold, with the values that the others ask for.
+
+    One Gauss-Newton step from the fit of all: exact where the model is linear.
+    """
+    low, high, scale = bounds(found.terms)
+    x, jac, r = found.values, found.jacobian, found.residuals
+    of = blocks_of(problem)[problem.window_of]
+    base = Base.of(problem, found)
+    h, g = base.curvature, base.slope(r)
+    out = np.empty(len(r))
+    for fold in np.unique(of):
+        rows = of == fold
+        a = jac[rows]
+        move = step(h - a.T @ a, g - a.T @ r[rows], low - x, high - x, scale)
+        out[rows] = (r[rows] + a @ move) ** 2
+    return problem.by_window(out)
+
+
+def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Scored:
+    """Fit, and predict every fold from the others."""
+    return Scored.of(problem, fit(problem, terms, start, **more))
+
+
+def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
+    """p-value that `new` predicts better than `old`, paying for `tried` tries.
+
+    A likelihood ratio of held-out residuals with as many samples as are independent,
+    and only where the gain is no single piece's.
+    """
+    from scipy.stats import chi2
+
+    ratio = old.error / max(new.error, 1e-300)
+    gains = np.bincount(blocks_of(problem), old.held - new.held)
+    error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+    if ratio <= 1 or gains.sum() < STEADY * error:
+        return 1.0
+    free = max(1, len(new.fit.values) - len(old.fit.values))
+    # the larger residuals are the old ones, and the more alike their neighbors
+    nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
+    return float(min(1.0, tried * chi2.sf(2 * nats, free)))
+
+
+def as_good(problem: Problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
+    """Whether the windows do not tell that `other` predicts worse than `lead`."""
+    apart = np.bincount(blocks_of(problem), other.held - lead.held)
+    noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
+    ratio = other.error / max(lead.error, 1e-300)
+    nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
+    return bool(apart.sum() <= errors * noise and ratio < 1.5) or bool(nats < errors)
+
+
+def stability(
+    problem: Problem, tried: Sequence[Scored], winners: Sequence[Scored]
+) -> float:
+    """Share of bootstraps of the blocks in which one of the winners comes first."""
+    rng = np.random.default_rng(0)
+    block = blocks_of(problem)
+    sums = np.array([np.bincount(block, s.held) for s in tried])
+    draws = rng.integers(sums.shape[1], size=(400, sums.shape[1]))
+    first = sums[:, draws].sum(axis=-1).argmin(axis=0)
+    keys = {s.last.key for s in winners}
+    return float(np.mean([tried[i].last.key in keys for i in first]))
+
+
+def effective(problem: Problem, r: Floats) -> float:
+    """How many independent samples the squared residuals (R) amount to.
+
+    Each column of each window counts by its correlation time; the sum's spread by
+    Satterthwaite's (1946) rule.
+    """
+    width = problem.windows.readings.shape[1]
+    r = r.reshape(-1, width)
+    edges = np.searchsorted(problem.windows.window, np.arange(len(problem.windows) + 1))
+    energy, spread = 0.0, 0.0
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for x in r[a:b].T:
+            size = float(x @ x)
+            if size > 0:
+                energy += size
+                spread += size**2 / (len(x) / _correlation_time(x))
+    return energy**2 / spread if spread else 0.0
+
+
+def _correlation_time(x: Floats) -> float:
+    """Integrated correlation time of a series [samples], about zero."""
+    n = len(x)
+    if n < 4:
+        return float(n)
+    power = np.abs(np.fft.rfft(x, 2 * n)) ** 2
+    rho = np.fft.irfft(power)[:n]
+    rho = rho / rho[0]
+    end = int(np.argmax(rho <= 0)) or n
+    return float(min(n, 1 + 2 * rho[1:end].sum()))
+
+
+def above(problem: Problem, residuals: Floats) -> float:
+    """Root mean square of residuals (R) over what the readings' noise would leave."""
+    return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
+
+
+def noise_of(problem: Problem) -> float:
+    """Squared residuals that the readings' noise alone would leave."""
+    noise = np.concatenate([
+        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
+        for c in problem.world.signals
+    ])  # fmt: skip
+    count = np.isfinite(problem.windows.readings).sum(axis=0)
+    return float((count * (noise / problem.sigma) ** 2).sum())
+
+
+def reweighed(problem: Problem, found: Fit) -> Problem:
+    """Each column's residuals measured by how large they are now."""
+    width = problem.windows.readings.shape[1]
+    r = found.residuals.reshape(-1, width)
+    known = np.isfinite(problem.windows.readings)
+    size = np.sqrt((r**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    noise = np.concatenate([c.noise for c in problem.world.signals])
+    least = np.where(np.isfinite(noise), noise, 0.0)
+    sigma = np.maximum(size * problem.sigma, least)
+    sigma = np.where(sigma > 0, sigma, problem.sigma)
+    return whitened(replace(problem, sigma=sigma, whiten=()), found.terms, found.values)

@@ -1,0 +1,255 @@
+"""Batches that MuJoCo runs: takes models, starts and commands, gives true signals."""
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from ..recording.data import Floats
+from .plant import Plant
+from .sense import Sensors
+from .terms import Moment, Term, does
+from .windows import Windows
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """What n simulations of each window take to be true.
+
+    Attributes:
+        plant: with the joints that the terms add.
+        models: (n) compiled.
+        terms: of all.
+        values: (n, P).
+        shares: the same, by term.
+        reads: of a signal: bias, gain, delay, step (n).
+        centered: as `World.simulate` has it.
+    """
+
+    plant: Plant
+    models: Sequence["mujoco.MjModel"]
+    terms: Sequence[Term]
+    values: Floats
+    shares: Sequence[Floats]
+    reads: Mapping[str, Mapping[str, Floats]]
+    centered: bool
+
+
+def center_damping(model, step: float) -> None:
+    """Let damping act on the mean of a step's two velocities, by a change of inertia.
+
+    (M + D h) dv = h (f - D v) takes the later one, M dv = h (f - D v) the earlier one,
+    and (M + D h / 2) dv = h (f - D v) their mean.
+    """
+    motor = np.zeros(model.nv)
+    for a in range(model.nu):
+        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
+            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
+            motor[dof] -= model.actuator_gear[a, 0] ** 2 * model.actuator_biasprm[a, 2]
+    joint = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+    explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    if model.opt.integrator != int(mujoco.mjtIntegrator.mjINT_EULER):
+        motor = -motor
+        joint = -joint
+    elif not model.opt.disableflags & explicit:
+        joint = -joint
+    change = step / 2 * (joint + motor)
+    model.dof_armature += np.maximum(change, -0.5 * model.dof_M0)
+
+
+def simulated(
+    those: Hypotheses, windows: Windows, start, commands: Floats, sensors: Sensors,
+    *, step: float,
+) -> Floats:  # fmt: skip
+    """True signals (N, K, C) of n hypotheses in W windows, N = n W.
+
+    Args:
+        those: what is true.
+        windows: where each simulation begins.
+        start: as `States.begin` gives it.
+        commands: (N, K, nu), as they reach the actuators.
+        sensors: what is read.
+        step: of the simulation [s].
+    """
+    if any(does(t.effect, "act") for t in those.terms):
+        return _stepped(those, windows, start, commands, sensors, step)
+    return _rolled(those, start, commands, sensors)
+
+
+def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Floats:
+    """True signals (N, K, C), where MuJoCo alone does all the work."""
+    plant = those.plant
+    size, steps = commands.shape[:2]
+    rows = np.arange(size)
+    batch = _batch(those, rows, start, len(os.sched_getaffinity(0)))
+    fields = sorted({"qpos", "qvel", *sensors.needs})
+    told = np.empty((size, steps, sensors.width))
+    first_velocity = start[1]
+    if those.centered:
+        batch.rollout(1, commands[:, :1] if plant.model.nu else None, record=["qvel"])
+        first_velocity = _half_a_step_earlier(batch, plant, rows, start)
+    seen = batch.rollout(steps, commands if plant.model.nu else None, record=fields)
+    # a step leaves position and velocity new, and all else as before it
+    for name, first in (("qpos", start[0]), ("qvel", first_velocity)):
+        seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
+    flat = {k: v.reshape(size * steps, *v.shape[2:]) for k, v in seen.items()}
+    sensors.of_state(flat, told.reshape(size * steps, -1))
+    sensors.of_forward(flat, told.reshape(size * steps, -1))
+    told[_diverged(batch)] = np.nan
+    return told
+
+
+def _stepped(
+    those: Hypotheses, windows: Windows, start, commands: Floats, sensors: Sensors,
+    step: float,
+) -> Floats:  # fmt: skip
+    """True signals (N, K, C), where effects act at every step."""
+    plant, n, w = those.plant, len(those.models), len(windows)
+    acts = [
+        (t.effect, plant.place(place), np.repeat(part, w, axis=0))
+        for t, part in zip(those.terms, those.shares, strict=True)
+        if does(t.effect, "act")
+        for place in t.places
+    ]
+    begin = np.tile(windows.start * step, n)
+    # a thread a group: threads that wait for each other at every step are slow
+    groups = np.array_split(np.arange(n * w), len(os.sched_getaffinity(0)))
+    groups = [g for g in groups if len(g)]
+
+    def told(rows: np.ndarray) -> Floats:
+        return _step_by_step(
+            _batch(those, rows, start, 1), plant,
+            [(e, p, v[rows]) for e, p, v in acts],
+            {a: s[rows] for a, s in start[3].items()}, commands[rows],
+            begin[rows], sensors, step, (rows, start) if those.centered else None,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(len(groups)) as pool:
+        return np.concatenate(list(pool.map(told, groups)))
+
+
+def _batch(those: Hypotheses, rows, start, threads: int):
+    """Simulations `rows` of the N of n models by W windows, at their start."""
+    from mujoco.batch import Batch
+
+    plant, w = those.plant, len(start[0]) // len(those.models)
+    batch = Batch(plant.model, len(rows), nthread=threads)
+    for name in _numbers(plant.model):
+        values = [_get(m, name) for m in those.models]
+        usual = _get(plant.model, name)
+        if any(not np.array_equal(v, usual) for v in values):
+            batch.expand(name)[:] = np.stack(values)[rows // w]
+    _place(batch, plant, rows, start)
+    return batch
+
+
+def _place(batch, plant: Plant, rows, start) -> None:
+    """Let simulations be at their start."""
+    batch.bind("qpos")[:], batch.bind("qvel")[:] = start[0][rows], start[1][rows]
+    batch.bind("time")[:] = 0
+    if plant.model.na:
+        batch.bind("act")[:] = start[2][rows]
+    if plant.model.nhistory:
+        batch.bind("history")[:] = start[4][rows]
+
+
+def _half_a_step_earlier(batch, plant: Plant, rows, start) -> Floats:
+    """Let simulations that made one step start again, by velocities of before."""
+    velocity = start[1][rows]
+    velocity = velocity - (batch.bind("qvel") - velocity) / 2
+    _place(batch, plant, rows, start)
+    batch.bind("qvel")[:] = velocity
+    return velocity
+
+
+@cache
+def _fields() -> tuple[str, ...]:
+    """Fields that an edit of a compiled model may change."""
+    from mujoco.batch import MODEL_FIELDS
+
+    key = ("actuator_", "body_", "dof_", "geom_", "jnt_", "qpos", "site_", "opt.")
+    return tuple(sorted(f for f in MODEL_FIELDS if f.startswith(key)))
+
+
+def _numbers(model) -> list[str]:
+    return [
+        f for f in _fields() if np.size(_get(model, f)) and _get(model, f) is not None
+    ]
+
+
+def _get(model, name: str):
+    if name.startswith("opt."):
+        return np.array(getattr(model.opt, name[4:]))
+    return getattr(model, name, None)
+
+
+def _diverged(batch) -> np.ndarray:
+    """(N) whether MuJoCo warned that a simulation is no longer one."""
+    bad = [
+        int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{x}"))
+        for x in ("QPOS", "QVEL", "QACC")
+    ]
+    return batch.warning[:, bad, 1].any(axis=1)
+
+
+def _step_by_step(
+    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, dt: float, again
+) -> Floats:
+    """True signals (N, K, C) of simulations in which effects act at every step."""
+    bound = {name: batch.bind(name) for name in {"qpos", "qvel", *sensors.needs}}
+    ctrl = batch.bind("ctrl") if plant.model.nu else None
+    forces = _Forces(batch, acts, sums, dt)
+    told = np.empty((len(commands), commands.shape[1], sensors.width))
+    if again:
+        if ctrl is not None:
+            ctrl[:] = commands[:, 0]
+        forces.step(bound["qpos"], bound["qvel"], ctrl, begin)
+        batch.step()
+        _half_a_step_earlier(batch, plant, *again)
+        forces.sums = {a: s.copy() for a, s in sums.items()}
+    for k in range(commands.shape[1]):
+        if ctrl is not None:
+            ctrl[:] = commands[:, k]
+        sensors.of_state(bound, told[:, k])
+        forces.step(bound["qpos"], bound["qvel"], ctrl, begin + k * dt)
+        batch.step()
+        sensors.of_forward(bound, told[:, k])
+    told[_diverged(batch)] = np.nan
+    return told
+
+
+class _Forces:
+    """What effects do at each step, written into a batch."""
+
+    def __init__(self, batch, acts, sums: Mapping[int, Floats], step: float) -> None:
+        self.acts = acts
+        self.applied = batch.bind("qfrc_applied")
+        self.torque = batch.bind("qfrc_actuator")
+        self.loss = batch.expand("dof_frictionloss")
+        self.usual_loss = self.loss.copy()
+        self.limits: Floats | None = None
+        self.sums = {a: s.copy() for a, s in sums.items()}
+        self.dt = step
+        if any(effect.limits_actuators for effect, _, _ in acts):
+            limited = batch.expand("actuator_forcelimited")
+            self.limits = batch.expand("actuator_forcerange")
+            wide = np.where(limited[..., None] > 0, self.limits, [-np.inf, np.inf])
+            self.usual_limits = np.clip(wide, -1e9, 1e9)
+            limited[:] = 1
+
+    def step(self, qpos, qvel, ctrl, time) -> None:
+        """Let every effect act on the state of now."""
+        self.applied[:] = 0
+        self.loss[:] = self.usual_loss
+        if self.limits is not None:
+            self.limits[:] = self.usual_limits
+        moment = Moment(
+            time, qpos, qvel, ctrl, self.torque, self.applied, self.loss,
+            self.limits, self.sums, self.dt,
+        )  # fmt: skip
+        for effect, place, values in self.acts:
+            effect.act(moment, place, values)

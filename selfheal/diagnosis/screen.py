@@ -1,0 +1,83 @@
+"""Many candidates at little cost: takes a fit, gives the few worth fitting in full."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..recording.data import Floats
+from .fit import Base, Fit, Problem, try_term
+from .terms import Term
+
+# candidates are tried on more and more steps of simulation, for more and more rounds,
+# and ever fewer of them; chosen for a minute a joint
+STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
+
+Progress = Callable[[str, float], None]
+
+
+def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
+    """The same fit in windows that simulate about so many steps.
+
+    Half of them those with the largest residuals, where an effect shows that does so
+    rarely; the others drawn at random, where one that is wrong does harm.
+    """
+    problem, found = base.problem, base.fit
+    size = len(problem.windows)
+    count = int(np.clip(steps / problem.windows.steps.mean(), min(4, size), size))
+    if count >= 0.8 * size:
+        return base
+    worst = np.argsort(-problem.by_window(found.residuals**2))
+    others = rng.permutation(worst[(count + 1) // 2 :])
+    chosen = np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
+    width = problem.windows.readings.shape[1]
+    rows = problem.windows.rows(chosen)[:, None] * width + np.arange(width)
+    rows = rows.ravel()
+    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
+    return Base.of(problem.take(chosen), part)
+
+
+def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
+    """As many of the windows, drawn at random, as simulate about so many steps."""
+    size = len(problem.windows)
+    count = int(np.clip(steps / problem.windows.steps.mean(), 24, size))
+    if count >= 0.8 * size:
+        return problem
+    return problem.take(np.sort(rng.permutation(size)[:count]))
+
+
+def screened(
+    bases: Sequence[Base], candidates: Sequence[Term], progress: Progress
+) -> tuple[list[Fit], float]:
+    """Candidates' fits, the best first, in the last of the bases.
+
+    And how many independent candidates there were, by how alike their answers to the
+    residuals are (participation ratio of their correlations; Galwey 2009).
+
+    Args:
+        bases: the same fit in more and more windows; fewer and fewer candidates are
+            tried in them.
+        candidates: to be tried.
+        progress: told which one is.
+    """
+    fits: list[Fit] = []
+    answers: list[Floats] = []
+    for base, rounds, keep in zip(bases, ROUNDS, KEEP, strict=True):
+        fits = []
+        for i, term in enumerate(candidates):
+            progress(f"trying {term.label}", i / len(candidates))
+            fits.append(try_term(base, term, rounds=rounds))
+        answers = answers or [base.fit.residuals - f.residuals for f in fits]
+        fits = sorted(fits, key=lambda f: f.cost / base.fit.cost)[:keep]
+        old = len(base.fit.values)
+        candidates = [
+            replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
+        ]
+    return fits, _independent(np.array(answers))
+
+
+def _independent(answers: Floats) -> float:
+    """How many of (n, R) answers are independent, between 1 and n."""
+    size = np.linalg.norm(answers, axis=1)
+    unit = answers[size > 0] / size[size > 0, None]
+    return len(unit) ** 2 / max(float(((unit @ unit.T) ** 2).sum()), 1.0)
