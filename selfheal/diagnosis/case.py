@@ -20,6 +20,7 @@ from .windows import Windows, windows
 from .world import World
 
 WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
+LONG = 2.0  # [s] of a longer one; chosen: slow effects show there
 QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything; chosen
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from ..recording import Recording
 from .answer import answer_of
-from .case import WINDOW, check_enough, prepare, problem_of
+from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
 from .effects import catalogue
+from .fit import Problem
 from .name import name_effects
 from .prove import Proof, bare, judged, polished, structure_of, upheld
 from .result import Diagnosis
@@ -50,7 +51,8 @@ def diagnose(
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)
     naming = name_effects(
-        problem, case.scene, stated_terms(case.scene), catalogue().values(),
+        problem, Problem(case.world, pieces_of(case.world, LONG), problem.sigma),
+        case.scene, stated_terms(case.scene), catalogue().values(),
         rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
     say("fitting everything once more", 0.0)

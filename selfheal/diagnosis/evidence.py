@@ -10,6 +10,7 @@ from .fit import Base, Fit, Problem, bounds, fit, step, whitened
 from .terms import Term
 
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
+EPISODES = 3  # at least, each to be predicted from the others; chosen
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
 
@@ -67,14 +68,19 @@ def blocks_of(problem: Problem) -> np.ndarray:
     )
 
 
-def held_out(problem: Problem, found: Fit) -> Floats:
+def held_out(problem: Problem, found: Fit, of: np.ndarray | None = None) -> Floats:
     """(W) squared residuals of each fold, with the values that the others ask for.
 
     One Gauss-Newton step from the fit of all: exact where the model is linear.
+
+    Args:
+        problem: that was fitted.
+        found: its fit.
+        of: (R) fold of each residual; by default one of `BLOCKS` stretches of time.
     """
     low, high, scale = bounds(found.terms)
     x, jac, r = found.values, found.jacobian, found.residuals
-    of = blocks_of(problem)[problem.window_of]
+    of = _stretches(problem) if of is None else of
     base = Base.of(problem, found)
     h, g = base.curvature, base.slope(r)
     out = np.empty(len(r))
@@ -84,6 +90,27 @@ def held_out(problem: Problem, found: Fit) -> Floats:
         move = step(h - a.T @ a, g - a.T @ r[rows], low - x, high - x, scale)
         out[rows] = (r[rows] + a @ move) ** 2
     return problem.by_window(out)
+
+
+def _stretches(problem: Problem) -> np.ndarray:
+    """(R) fold of each residual: windows next to each other, or parts of long ones."""
+    if len(problem.windows) >= BLOCKS:
+        return blocks_of(problem)[problem.window_of]
+    rows = len(problem.window_of)
+    return np.arange(rows) * BLOCKS // rows
+
+
+def carries_over(problem: Problem, old: Fit, new: Fit) -> bool:
+    """Whether `new` predicts whole episodes from the others no worse than `old`.
+
+    Pieces next to each other share what is peculiar to an episode; that also holds a
+    name that explains nothing else. Two episodes are too few to ask.
+    """
+    log = problem.windows.log[problem.window_of]
+    if len(np.unique(log)) < EPISODES:
+        return True
+    before, after = (held_out(problem, f, log).sum() for f in (old, new))
+    return bool(after < before)
 
 
 def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Scored:

@@ -16,6 +16,7 @@ FAR = 300.0  # of a residual's standard deviations; a diverged sample is that fa
 NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
+LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 
 
@@ -100,6 +101,22 @@ def start_errors(world: World, windows: Windows) -> Floats:
     for i in range(2 * nv):
         kick[i + 1, :, i] = std[:, i]
     return kick
+
+
+def is_told(problem: Problem, terms: Sequence[Term], values: Floats) -> bool:
+    """Whether the windows are short enough for their starts.
+
+    What an error of the start causes in them stays linear; where it grows too fast,
+    longer pieces say less, not more.
+    """
+    kick = start_errors(problem.world, problem.windows)
+    hypotheses = np.tile(values, (len(kick), 1))
+    told = problem.world.simulate(
+        terms, hypotheses, problem.windows, kick=kick, centered=problem.centered
+    )
+    columns = [np.full(c.width, c.spread) for c in problem.world.signals]
+    moved = ((told[1:] - told[0]) / np.concatenate(columns)) ** 2
+    return bool(np.nanmean(moved.sum(axis=0)) < LINEAR**2)
 
 
 def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:

@@ -13,13 +13,14 @@ from .evidence import (
     as_good,
     better,
     blocks_of,
+    carries_over,
     effective,
     held_out,
     reweighed,
     scored,
     stability,
 )
-from .fit import Base, Fit, Problem, fit, try_term
+from .fit import Base, Fit, Problem, fit, is_told, try_term, whitened
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
@@ -85,6 +86,7 @@ class _Claim:
 
 def name_effects(
     problem: Problem,
+    longer: Problem,
     scene: Scene,
     stated: Sequence[Term],
     effects: Iterable,
@@ -96,10 +98,12 @@ def name_effects(
 
     Forward, with a look back after each step: what a later effect makes needless goes.
     Where that leaves something, once more from all the usual ones at once: the first
-    one named alone may have stood for several.
+    one named alone may have stood for several. And in longer pieces, if the starts
+    allow it: slow effects show there.
 
     Args:
         problem: all windows that may be used.
+        longer: the same in longer pieces.
         scene: of the robot.
         stated: terms of what the model states.
         effects: the catalogue.
@@ -117,13 +121,15 @@ def name_effects(
     # aside for it is what the second one tries in its place
     start = replace(search, claims=search.claims)
     search.forward()
-    named = search.now.fit.terms[len(stated) :]
-    odd = any(t.effect.rare for t in named) or len(named) > 1
-    left = search.above > (LEFT if odd else ABOVE)
-    if left and not search.is_white:
-        other = start.with_all_usual()
-        if other is not None and other.beats(search):
-            search = other
+    if search.is_done:
+        return search.ended()
+    longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
+    if is_told(longer, now.fit.terms, now.fit.values):
+        longer = whitened(longer, now.fit.terms, now.fit.values)
+        start = replace(start, problem=longer)
+    other = start.with_all_usual()
+    if other is not None and other.beats(search):
+        search = other
     return search.ended()
 
 
@@ -166,6 +172,12 @@ class _Search:
     def above(self) -> float:
         """What is left, of what noise would leave."""
         return above(self.problem, self.now.fit.residuals)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing is left that another hypothesis could explain."""
+        odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
+        return self.is_white or self.above <= (LEFT if odd else ABOVE)
 
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
@@ -239,7 +251,7 @@ class _Search:
 
     def with_all_usual(self) -> "_Search | None":
         """Another search, from all usual effects at once; None if there are none."""
-        usual = [t for t in self.candidates if t.effect.common and len(t.targets) == 1]
+        usual = [t for t in self.candidates if t.effect.is_usual(t)]
         if not usual:
             return None
         self.progress(f"fitting {len(usual)} usual effects at once", 0.0)
@@ -336,7 +348,11 @@ def _winner(
     """The candidate that earns a name, and its claim to it."""
     p_value = {s: better(problem, now, s, tried) for s in finals}
     good = [
-        s for s in finals if p_value[s] < SURE and s.error < (1 - WORTH) * now.error
+        s
+        for s in finals
+        if p_value[s] < SURE
+        and s.error < (1 - WORTH) * now.error
+        and carries_over(problem, now.fit, s.fit)
     ]
     if not good:
         return None

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..recording.data import Floats
 from . import score
-from .case import WINDOW, Case, pieces_of
+from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, above, better, noise_of
-from .fit import Base, Fit, Problem, fit, start_errors, try_term, whitened
+from .fit import Base, Fit, Problem, fit, is_told, start_errors, try_term, whitened
 from .free_form import FreeForm
 from .name import Naming, without
 from .plant import parts
@@ -16,32 +16,24 @@ from .screen import fewer
 from .terms import Term
 from .windows import Windows
 
-LONG = 2.0  # [s] of a piece in the last fit; chosen: slow effects show there
 POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute at 1 ms
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-GROWN = 1.5  # times as far above the noise: longer pieces say less then; chosen
 # least share of the squared error in held-out episodes that a name removes, and of what
 # all of them together do; chosen
 HELPS, TRIFLE = 0.01, 0.003
 
 
 def polished(case: Case, naming: Naming) -> Naming:
-    """The same names, fitted to all pieces, and to longer ones if those can be told.
-
-    Where errors of the initial state grow too fast, longer pieces say less, not more.
-    """
+    """The same names, fitted to all pieces, and to longer ones if those can be told."""
     found, sigma = naming.final.fit, naming.problem.sigma
     rng = np.random.default_rng(2)
     for seconds in (WINDOW, LONG):
         start = Problem(case.world, pieces_of(case.world, seconds), sigma)
-        problem = whitened(fewer(start, POLISHED, rng), found.terms, found.values)
-        told = problem.at(found.terms, found.values)
-        if seconds == LONG and above(problem, told) > GROWN * above(
-            naming.problem, found.residuals
-        ):
+        problem = fewer(start, POLISHED, rng)
+        if seconds == LONG and not is_told(problem, found.terms, found.values):
             return naming
-        naming = _refitted(problem, naming)
+        naming = _refitted(whitened(problem, found.terms, found.values), naming)
         found = naming.final.fit
     return naming
 

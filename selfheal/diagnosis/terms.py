@@ -127,7 +127,7 @@ class Effect:
     source = ""
     separate_by = ""
     regime = "always"
-    common = False  # most robots have some of it, whatever else is missing
+    common = False  # see `is_usual`
     # people measure lengths (2) better than loads (1), those than friction (0)
     rare = 0
     of_before = False  # gives a command as it was when a step began
@@ -136,6 +136,10 @@ class Effect:
     def terms(self, scene: "Scene") -> list[Term]:
         """Every place where it could be."""
         raise NotImplementedError
+
+    def is_usual(self, term: Term) -> bool:
+        """Whether most robots have some of it there, whatever else is missing."""
+        return self.common and len(term.targets) == 1
 
     def edit(self, model: "mujoco.MjModel", place, values: Floats) -> None:
         """Change a compiled model; values (p)."""

@@ -161,6 +161,7 @@ class StribeckFriction(Friction):
 
 class LoadDependentFriction(Friction):
     name = "load_dependent_friction"
+    common = True
     says = "Dry friction of a gear that grows with the torque it transmits."
     equation = "tau = -(frictionloss + load_coefficient |tau_transmitted|) sign(v)"
     source = "Rhoban BAM (Duclusaud 2024), load-dependent models"

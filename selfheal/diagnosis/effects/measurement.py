@@ -27,7 +27,7 @@ class OfSensor(Effect):
             Term(
                 self,
                 (f"sensor:{signal.name}",),
-                ({"signal": signal.name},),
+                ({"signal": signal.name, "kind": signal.kind},),
                 (self.parameter(signal),),
                 self.starts(signal),
             )
@@ -35,10 +35,16 @@ class OfSensor(Effect):
             if self.fits(signal)
         ]
 
+    def is_usual(self, term):
+        """Of positions a zero is often off; speeds are filtered, and so come late."""
+        speed = "velocity" in term.places[0]["kind"]
+        return super().is_usual(term) and speed == self.of_speeds
+
     def measure(self, place, values):
         return {self.parameter_name: values[:, 0]}
 
     parameter_name = ""
+    of_speeds = False  # whether it is usual at velocities, rather than at the others
 
 
 class SensorBias(OfSensor):
@@ -70,6 +76,8 @@ class SensorGain(OfSensor):
 
 class SensorDelay(OfSensor):
     name = "sensor_delay"
+    common = True
+    of_speeds = True
     parameter_name = "delay"
     says = "The sensor says what was true a while ago."
     equation = "reading(t) = true(t - delay)"
