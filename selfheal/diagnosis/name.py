@@ -30,6 +30,7 @@ SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; 
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
+MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
 LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
@@ -352,6 +353,7 @@ def _winner(
         for s in finals
         if p_value[s] < SURE
         and s.error < (1 - WORTH) * now.error
+        and _is_plausible(problem, now, s)
         and carries_over(problem, now.fit, s.fit)
     ]
     if not good:
@@ -373,6 +375,18 @@ def _winner(
     )
     return best, _Claim(
         evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
+    )
+
+
+def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
+    """Whether an effect is usual enough for what it explains.
+
+    Where much stays unexplained, a rare effect that explains some of it is more likely
+    to stand for something else.
+    """
+    mostly = new.error < MOSTLY * now.error
+    return (
+        not new.last.effect.rare or mostly or above(problem, new.fit.residuals) < LEFT
     )
 
 
