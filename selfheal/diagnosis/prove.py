@@ -10,13 +10,14 @@ from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, above, better, noise_of
 from .fit import Base, Fit, Problem, fit, is_told, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import Naming, without
+from .name import LEFT, Naming, without
 from .plant import parts
 from .screen import fewer
 from .terms import Term
 from .windows import Windows
 
 POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute at 1 ms
+UNSCORED = 4.0  # times as far off may be what is not scored; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 # least share of the squared error in held-out episodes that a name removes, and of what
@@ -27,8 +28,17 @@ UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in th
 
 
 def polished(case: Case, naming: Naming) -> Naming:
-    """The same names, fitted to all pieces, and to longer ones if those can be told."""
+    """The same names, fitted to all pieces, and to longer ones if those can be told.
+
+    Where something stays unexplained a fit is a compromise: it is made for the signals
+    that are scored.
+    """
     found, sigma = naming.final.fit, naming.problem.sigma
+    if above(naming.problem, found.residuals) > LEFT:
+        scored = np.concatenate(
+            [np.full(c.width, c.scored) for c in case.world.signals]
+        )
+        sigma = np.where(scored, sigma, UNSCORED * sigma)
     rng = np.random.default_rng(2)
     for seconds in (WINDOW, LONG):
         start = Problem(case.world, pieces_of(case.world, seconds), sigma)
@@ -43,10 +53,10 @@ def polished(case: Case, naming: Naming) -> Naming:
 def _refitted(problem: Problem, naming: Naming) -> Naming:
     """The same names in other windows."""
     found, stated = naming.final.fit, naming.stated.fit
-    alone = fit(problem, stated.terms, stated.values, rounds=3)
+    alone = fit(problem, stated.terms, stated.values, rounds=6)
     final = alone
     if naming.named:
-        final = fit(problem, found.terms, found.values, rounds=3)
+        final = fit(problem, found.terms, found.values, rounds=6)
     return replace(
         naming, problem=problem, stated=Scored.of(problem, alone),
         final=Scored.of(problem, final),
