@@ -1,6 +1,7 @@
 """`selfheal diagnose`, `replay`, `effects`: a model and recordings in, findings out."""
 
 import os
+import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -48,17 +49,26 @@ def diagnose(
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
     ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where the same run was killed.")
+    ] = False,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
     from selfheal.api import diagnose as find
     from selfheal.diagnosis.folder import check_folder
 
-    check_folder(out, force)
+    out = check_folder(out, force)
+    memory = out.with_name(f".{out.name}.unfinished")
+    if not resume:
+        shutil.rmtree(memory, ignore_errors=True)
     with _progress(quiet=as_json) as show:
+        if resume and not memory.exists():
+            show.console.print(f"nothing of {out} is unfinished: from the beginning")
         found = find(model, recordings, held_out=held_out or (), seed=seed,
-                     progress=show)  # fmt: skip
+                     memory=memory, progress=show)  # fmt: skip
     found.save(out, force=force)
+    shutil.rmtree(memory, ignore_errors=True)
     if as_json:
         from ._print import print_json
 

@@ -21,6 +21,7 @@ def diagnose(
     *,
     held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
     seed: int = 0,
+    memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Diagnosis:
     """Where a model and recordings differ, and which physics the model lacks.
@@ -34,6 +35,8 @@ def diagnose(
             too. Without any: a third of a recording's episodes, such that the others
             span them, or the last third of a lone one.
         seed: of everything random.
+        memory: folder in which what is worked out is kept. The same diagnosis asked
+            again with it goes on where it was killed; remove it in the end.
         progress: told what is being done and how much of that is done (0 to 1).
 
     Returns:
@@ -59,7 +62,7 @@ def diagnose(
     read = _opened([*given, *files], spare=len(files))
     names = [name for entry in entries for name in _held_out(entry, read)]
     say = progress or (lambda what, share: None)
-    found = find(model, read, held_out=names, seed=seed, progress=say)
+    found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say)
     say("drawing the report", 0.0)
     return replace(found, page=page(found, str(model), [r.file for r in read]))
 

@@ -11,6 +11,7 @@ from ..errors import RecordingError, UnknownNameError
 from ..recording import Recording, split
 from .fit import Problem, whitened
 from .logs import meanings
+from .memory import Memory, about
 from .plant import Workshop
 from .prepare import scene_of, world_of
 from .scene import Scene
@@ -47,12 +48,15 @@ def prepare(
     model: str | os.PathLike[str],
     recordings: Sequence[Recording],
     held_out: Sequence[str],
+    memory: str | os.PathLike[str] | None = None,
 ) -> Case:
-    """A model and its recordings, parted; errors as `diagnose` says."""
+    """A model and its recordings, parted; arguments and errors as of `diagnose`."""
     workshop = Workshop(os.fspath(model))
     meanings(recordings)  # one in all, whichever part of them they come to lie in
     pairs = _parted(recordings, held_out)
-    world = world_of(workshop, [fit for fit, _ in pairs if fit.episodes])
+    fitted = [fit for fit, _ in pairs if fit.episodes]
+    world = world_of(workshop, fitted)
+    world = replace(world, memory=Memory(memory, about(workshop, fitted)))
     held = world_of(workshop, [h for _, h in pairs if h.episodes])
     if not world.signals:
         raise RecordingError("no signal holds a reading that the model can predict")

@@ -29,6 +29,7 @@ def diagnose(
     *,
     held_out: Sequence[str] = (),
     seed: int = 0,
+    memory: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Where simulation and reality differ, and which physics was left out.
@@ -38,6 +39,7 @@ def diagnose(
         recordings: of the real robot.
         held_out: episodes or pieces kept from the fit, as `recording.split` takes them.
         seed: of the windows that candidates are first tried on.
+        memory: folder of what was worked out, in which a killed run goes on.
         progress: told what is being done and how far it is (0 to 1).
 
     Raises:
@@ -46,7 +48,7 @@ def diagnose(
     """
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
-    case = prepare(model, recordings, held_out)
+    case = prepare(model, recordings, held_out, memory)
     check_usable(case)
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)

@@ -1,11 +1,13 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from ..recording.data import Floats
+from .memory import Answer
 from .plant import parts
 from .state import start_of
 from .terms import Term
@@ -67,6 +69,26 @@ class Problem:
                 part = flat[:, edges[i] : edges[i + 1]]
                 part -= ((part @ u) * shrink) @ u.T
         return flat
+
+    def recall(self, question: Sequence, work_out: Callable[[], Answer]) -> Answer:
+        """What `work_out` gives of this problem, from memory if it is there.
+
+        Args:
+            question: what else the answer depends on.
+            work_out: gives arrays.
+        """
+
+        def counting() -> Answer:
+            before = counted[0]
+            return *work_out(), np.array(counted[0] - before)
+
+        windows, counted = self.windows, self.world.counted
+        own = (windows.log, windows.start, windows.steps, windows.window, windows.at,
+               self.sigma, list(self.whiten), self.centered)  # fmt: skip
+        before = counted[0]
+        *answer, simulated = self.world.memory.recall((*own, *question), counting)
+        counted[0] = before + int(simulated)
+        return tuple(answer)
 
     def take(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
@@ -238,6 +260,13 @@ def fit(
         gain: share of the cost below which another round is not worth it.
     """
     terms = tuple(terms)
+    question = ("fit", terms, np.asarray(start, float), rounds, gain)
+    work_out = partial(_fitted, problem, terms, start, rounds, gain)
+    return Fit(terms, *problem.recall(question, work_out))
+
+
+def _fitted(problem: Problem, terms, start: Floats, rounds: int, gain: float) -> Answer:
+    """Values, residuals and Jacobian of `fit`."""
     low, high, scale = bounds(terms)
     weights = believed(terms)
     x = np.clip(np.asarray(start, float), low, high)
@@ -260,7 +289,7 @@ def fit(
             jac = jacobian(problem, terms, x, r)
         if before - costs[best] < gain * before:
             break
-    return Fit(terms, x, r, jac)
+    return x, r, jac
 
 
 def _secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
@@ -322,6 +351,18 @@ def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
     Returns:
         All terms; residuals and Jacobian are those of the linear answer.
     """
+    found = base.fit
+    question = ("try", found.terms, found.values, found.residuals, found.jacobian,
+                term, rounds)  # fmt: skip
+    x, r, jac, move = base.problem.recall(question, partial(_tried, base, term, rounds))
+    return Fit(
+        (*found.terms, term), np.concatenate([found.values + move, x]),
+        r + found.jacobian @ move, np.hstack([found.jacobian, jac]),
+    )  # fmt: skip
+
+
+def _tried(base: Base, term: Term, rounds: int) -> Answer:
+    """The term's values, residuals and Jacobian, and the move of all others."""
     problem, terms = base.problem, (*base.fit.terms, term)
     low, high, scale = term.low, term.high, term.scale
     fixed = base.fit.values
@@ -355,11 +396,7 @@ def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
         jac = differences(x, r)
         if before - cost < 2e-3 * before:
             break
-    old = base.fit.jacobian
-    return Fit(
-        terms, np.concatenate([fixed + move, x]), r + old @ move,
-        np.hstack([old, jac]),
-    )  # fmt: skip
+    return x, r, jac, move
 
 
 def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:

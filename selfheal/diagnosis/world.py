@@ -8,6 +8,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .logs import Log
+from .memory import Memory
 from .plant import Workshop, parts
 from .rollout import Hypotheses, center_damping, simulated
 from .scene import Channel
@@ -30,6 +31,7 @@ class World:
         signals: the channels compared.
         logs: episodes on a grid of `step` s.
         step: of the simulation [s].
+        memory: keeps what is worked out of it.
         counted: (1) windows simulated so far.
     """
 
@@ -37,6 +39,7 @@ class World:
     signals: tuple[Channel, ...]
     logs: tuple[Log, ...]
     step: float
+    memory: Memory = field(default_factory=Memory)
     counted: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
     _held: WeakKeyDictionary = field(default_factory=WeakKeyDictionary)
 
