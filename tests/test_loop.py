@@ -80,6 +80,12 @@ def test_a_cut_run_goes_on_in_every_space(space, tmp_path):
     _same(_last(settings, load(tmp_path / "run.h5")), whole)
 
 
+def test_a_run_with_every_simulation_on_mjx():
+    run = _last(replace(SMALL, engine="mjx", cycles=2, budget=200))
+    assert run.counts["mjx"] >= 200 and "statics" not in run.counts
+    assert np.isfinite(run.cycles[-1].losses[0])
+
+
 def test_a_cut_run_that_mjx_confirms_goes_on_to_the_same_end(tmp_path):
     settings = replace(SMALL, engine="auto", cycles=2, budget=300)
     first, *_, whole = identify(Toy(), settings)
