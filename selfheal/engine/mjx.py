@@ -10,7 +10,7 @@ import functools
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats
+from ..body.body import Bodies, Floats
 from ._jax import prepare_jax
 from ._mjx_body import Parts, motion, owners, parts, torso_constants
 from .readings import Readings, from_rest
