@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 from _common import Section, share
-from _outcome import CLEARANCE_APART, NEAR, TILT_APART, alike, explained
+from _outcome import NEAR, alike, explained
 from _suites import Row
 from scipy.stats import fisher_exact
+
+from selfheal.selfmodel.explore import TOLD_APART
 
 Records = Sequence[dict[str, Any]]
 _PAPER_RUNS = 30  # runs of each regime in the paper
@@ -52,9 +54,9 @@ def _success(rows: list[Row], records: dict[str, Records], jobs: int) -> Section
         "Wilson intervals. Exact: every part on its true parent. Or like it: exact, or "
         f"the parts' centers lie within {10 * NEAR:g} mm on average (not where hinges "
         "are unknown), or none of the robot's actions tells it from the truth by more "
-        f"than {TILT_APART:g} degree or {CLEARANCE_APART:g} mm, by statics. Tilt error "
-        "is `mujoco`'s, over the actions tried [deg]; simulations are those of the "
-        f"search, mean; seconds are a run's while {jobs} ran at a time; medians."
+        f"than {TOLD_APART[0]:g} degree or {TOLD_APART[2]:g} mm, by statics. Tilt "
+        "error is `mujoco`'s, over the actions tried [deg]; simulations are those of "
+        f"the search, mean; seconds are a run's while {jobs} ran at a time; medians."
     )
     header = ["row", "robot", "method", "actions", "engine", "exact", "or like it",
               "target (exact)", "edge F1", "right hinge axes", "tilt error",

@@ -326,6 +326,11 @@ def _summary(run: "Run") -> Iterator[str]:
     close = int((cycle.losses[1:] < cycle.losses[0] + len(run.cycles) / 4).sum())
     if close:
         yield f"{close} other bodies explain the readings nearly as well; see the page"
+    if len(run.alike):
+        yield (
+            f"no action of this robot tells it from {len(run.alike):,} other bodies "
+            f"that explain the readings, of {run.alike_trees} other trees"
+        )
     counts = ", ".join(f"{name} {count:,}" for name, count in run.counts.items())
     yield f"simulations: {counts}; {result['seconds']} s"
 

@@ -241,7 +241,7 @@ def test_what_is_no_run_is_refused(run_file, recording):
 def test_another_version_is_said(run_file):
     with h5py.File(run_file, "r+") as file:
         file.attrs["version"] = 99
-    with pytest.raises(RunFileError, match="version 99; this program reads version 1"):
+    with pytest.raises(RunFileError, match="version 99; this program reads version 2"):
         load(run_file)
 
 

@@ -147,6 +147,12 @@ def _rivals(run: Run) -> Section:
         f"as it (at most {EQUAL:g} more loss an action): {equal}; nearly as good (at "
         f"most {NEAR:g}): {len(found) - 1 - equal}."
     )
+    if run.result:
+        said += (
+            " Of all bodies considered, twins too, no action of this robot tells "
+            f"{len(run.alike)} from the best one; they have {run.alike_trees} other "
+            "trees."
+        )
     table = tables.rivals(run, found) if len(found) > 1 else ""
     return Section("Rivals that the data do not rule out", (said, table))
 

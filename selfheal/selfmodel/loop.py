@@ -16,7 +16,7 @@ from ..recording import Recording
 from ..robot.base import Robot
 from .evaluate import Evaluator, Evidence, channels
 from .run import Cycle, Run, Settings
-from .space import genome_key, space_of
+from .space import genome_key, others, space_of
 from .strategy import METHODS, Released, Rivals, Strategy
 from .sureness import sureness
 
@@ -316,7 +316,7 @@ def identify(
 
 
 def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
-    """Check the best body on the reference engine: new counts and the result."""
+    """Check the best body on the reference engine: what is new in the run."""
     last, settings, robot = run.cycles[-1], run.settings, loop.robot
     every = np.arange(len(robot.actions))
     best = build(robot.anatomy, last.genomes[:1])
@@ -328,6 +328,7 @@ def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
     tried = list(loop.evidence.tried)
     gap = np.abs(seen[tried, :2] - loop.evidence.felt[:, :2]).sum(axis=1)
     gap = gap[np.isfinite(gap)]
+    alike = others(loop.strategy.alike(last.tables[0]), last.genomes[:1])
     result = {
         "format": "selfheal-identify",
         "version": 1,
@@ -341,7 +342,7 @@ def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
         "actions": [_as_said(robot.actions, a) for a in tried],
         "simulations": counts,
     }
-    return {"counts": counts, "result": result}
+    return {"counts": counts, "result": result, "alike": alike.parent}
 
 
 def _as_said(actions: Floats, action: int) -> list[int] | list[float]:
