@@ -328,8 +328,8 @@ def _summary(run: "Run") -> Iterator[str]:
         yield f"{close} other bodies explain the readings nearly as well; see the page"
     if len(run.alike):
         yield (
-            f"no action of this robot tells it from {len(run.alike):,} other bodies "
-            f"that explain the readings, of {run.alike_trees} other trees"
+            "other bodies that explain the readings and that no action of this robot "
+            f"tells from it: {len(run.alike):,}; other trees: {run.alike_trees}"
         )
     counts = ", ".join(f"{name} {count:,}" for name, count in run.counts.items())
     yield f"simulations: {counts}; {result['seconds']} s"

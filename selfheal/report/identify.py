@@ -149,9 +149,9 @@ def _rivals(run: Run) -> Section:
     )
     if run.result:
         said += (
-            " Of all bodies considered, twins too, no action of this robot tells "
-            f"{len(run.alike)} from the best one; they have {run.alike_trees} other "
-            "trees."
+            " Other bodies considered, twins too, that no action of this robot tells "
+            f"from the best one: {len(run.alike)}; trees of theirs other than the best "
+            f"one's: {run.alike_trees}."
         )
     table = tables.rivals(run, found) if len(found) > 1 else ""
     return Section("Rivals that the data do not rule out", (said, table))
