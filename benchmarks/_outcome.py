@@ -9,10 +9,10 @@ from selfheal.body.genome import build
 from selfheal.engine.statics import Statics
 from selfheal.robot.base import Robot
 from selfheal.selfmodel.evaluate import CAPPED_LOSS, channels
+from selfheal.selfmodel.explore import TOLD_APART
 from selfheal.selfmodel.run import Run
 
 NEAR = 1.5  # [cm] mean distance of the parts' centers: the same body
-TILT_APART, CLEARANCE_APART = 1.0, 2.0  # [deg], [mm] what an action must differ by
 _SAME_AXIS = np.cos(np.radians(10.0))  # chosen
 
 
@@ -65,8 +65,8 @@ def alike(record: dict[str, Any]) -> str:
 
     Centers at zero angles say nothing of hinges, so that "near" needs them right.
     """
-    clear = record["clearance_apart"] <= CLEARANCE_APART
-    if record["tilt_apart"] <= TILT_APART and clear:
+    apart = np.array([record["tilt_apart"], record["clearance_apart"]])
+    if (apart <= TOLD_APART[1:]).all():
         return "no action tells them apart"
     if record["distance"] <= NEAR and record["settings"]["space"] != "full":
         return f"within {10 * NEAR:g} mm"

@@ -136,7 +136,7 @@ def child(engine: str, batch: int, count: int) -> dict[str, Any]:
     imported = time.perf_counter() - start
     made = make_engine(engine)
     if engine == "mjx":
-        made.batch = batch
+        made = type(made)(batch=batch)
     bodies, targets = candidates(count, 1)
     head = slice(0, batch)
     first = seconds(lambda: made.simulate(bodies[head], targets[head]))

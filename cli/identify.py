@@ -326,6 +326,11 @@ def _summary(run: "Run") -> Iterator[str]:
     close = int((cycle.losses[1:] < cycle.losses[0] + len(run.cycles) / 4).sum())
     if close:
         yield f"{close} other bodies explain the readings nearly as well; see the page"
+    if len(run.alike):
+        yield (
+            "other bodies that explain the readings and that no action of this robot "
+            f"tells from it: {len(run.alike):,}; other trees: {run.alike_trees}"
+        )
     counts = ", ".join(f"{name} {count:,}" for name, count in run.counts.items())
     yield f"simulations: {counts}; {result['seconds']} s"
 

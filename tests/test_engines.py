@@ -135,10 +135,11 @@ def test_a_diverging_simulation_fails_without_a_log(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def _race(bound: np.ndarray):
+def _race(bound: np.ndarray, order: np.ndarray | None = None):
     """Every tree against what the star felt: losses (N, n) raced, and in full."""
     bodies, _ = _trees()
     count = bound.shape[1]
+    order = np.tile(np.arange(count), (TREES, 1)) if order is None else order
     targets, felt = actions_2006()[:count], channels(_reference("star"))[:count]
     each = FAST["statics"].race(
         bodies,
@@ -146,6 +147,7 @@ def _race(bound: np.ndarray):
         felt,
         weight=CAPPED_LOSS.weight,
         cap=CAPPED_LOSS.cap,
+        order=order,
         bound=bound,
     )
     row = np.repeat(np.arange(TREES), count)
@@ -168,6 +170,16 @@ def test_a_race_ends_where_the_bound_is_reached():
     assert np.isnan(each).any() and not np.isnan(each).all(axis=1).any()
 
 
+def test_every_body_races_in_its_own_order():
+    rng, limit = np.random.default_rng(0), 25.0
+    order = rng.permuted(np.tile(np.arange(7), (TREES, 1)), axis=1)
+    each, full = _race(np.full((TREES, 7), limit), order)
+    each, full = (np.take_along_axis(x, order, axis=1) for x in (each, full))
+    before = np.cumsum(full, axis=1) - full
+    np.testing.assert_array_equal(np.isnan(each), before >= limit)
+    np.testing.assert_allclose(each[before < limit], full[before < limit], atol=1e-9)
+
+
 def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
     bodies, _ = _trees()
     length = bodies.length.copy()
@@ -178,6 +190,7 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
         np.zeros((3, 3)),
         weight=np.ones(3),
         cap=np.full(3, 8.0),
+        order=np.tile(np.arange(3), (3, 1)),
         bound=np.full((3, 3), np.inf),
     )
     assert each[1, 0] == np.inf and np.isnan(each[1, 1:]).all()

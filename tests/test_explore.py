@@ -12,6 +12,7 @@ from selfheal.selfmodel.explore import (
     choose,
     contrasts,
     first_action,
+    never_told_apart,
     plausibility,
     random_action,
     voters,
@@ -272,3 +273,22 @@ def test_among_bodies_that_fit_as_well_the_one_of_fewer_limbs_is_believed(search
     method.finder = search
     genomes, _, losses = method.rivals()
     assert (np.diff(losses + method.prior(genomes)) >= -1e-12).all()
+
+
+def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
+    evaluator, search, evidence = searched
+    method = Rivals(evaluator, space="free", known_lengths=False, random_actions=False)
+    method.kin.learn(search.crowd, evidence, np.random.default_rng(0))
+    method.found = found = method.kin.hypotheses(evidence)
+    table = found.tables[0]
+    gap = np.nan_to_num(np.abs(found.tables - table)).max(axis=1)
+    expected = found.genomes[(gap <= [1.0, 1.0, 2.0]).all(axis=1)]
+    assert 0 < len(expected) < len(found)
+    np.testing.assert_array_equal(method.alike(table).parent, expected.parent)
+    for channel, most in enumerate((1.0, 1.0, 2.0)):
+        moved = table.copy()
+        moved[3, channel] += 0.99 * most
+        first = found[np.array([0])]
+        assert len(never_told_apart(first, moved)) == 1
+        moved[3, channel] += 0.02 * most
+        assert len(never_told_apart(first, moved)) == 0

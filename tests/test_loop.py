@@ -80,6 +80,20 @@ def test_a_cut_run_goes_on_in_every_space(space, tmp_path):
     _same(_last(settings, load(tmp_path / "run.h5")), whole)
 
 
+def test_where_hinges_are_unknown_the_search_waits_for_the_last_readings():
+    early = {}
+    for space in ("sides", "full"):
+        run = _last(replace(SMALL, space=space, cycles=4, budget=8000))
+        early[space] = run.cycles[-2].spent / run.cycles[-1].spent
+    assert early["full"] < 0.2 < 0.3 < early["sides"]
+
+
+def test_a_run_with_every_simulation_on_mjx():
+    run = _last(replace(SMALL, engine="mjx", cycles=2, budget=200))
+    assert run.counts["mjx"] >= 200 and "statics" not in run.counts
+    assert np.isfinite(run.cycles[-1].losses[0])
+
+
 def test_a_cut_run_that_mjx_confirms_goes_on_to_the_same_end(tmp_path):
     settings = replace(SMALL, engine="auto", cycles=2, budget=300)
     first, *_, whole = identify(Toy(), settings)
@@ -235,7 +249,7 @@ def test_what_is_no_run_is_refused(run_file, recording):
 def test_another_version_is_said(run_file):
     with h5py.File(run_file, "r+") as file:
         file.attrs["version"] = 99
-    with pytest.raises(RunFileError, match="version 99; this program reads version 1"):
+    with pytest.raises(RunFileError, match="version 99; this program reads version 2"):
         load(run_file)
 
 

@@ -24,14 +24,16 @@ from selfheal.selfmodel.evaluate import (
     Loss,
 )
 from selfheal.selfmodel.paper import CLIMBERS, PaperSearch, Slips, mutated
-from selfheal.selfmodel.search import Crowd, RivalSearch
+from selfheal.selfmodel.search import Crowd, RivalSearch, _Climber
 from selfheal.selfmodel.space import (
     SPACES,
+    changes,
     crossed,
     genome_key,
     kicked,
     neighbors,
     nudges,
+    others,
     random_bodies,
     same,
     space_of,
@@ -179,7 +181,8 @@ def test_neighbors_are_other_bodies_of_the_space(name):
     space, rng = space_of(name), np.random.default_rng(0)
     for row in range(5):
         genome = random_bodies(anatomy(), space, 5, rng)[[row]]
-        for around in (neighbors(space, genome, rng), nudges(space, genome, rng)):
+        fine = others(nudges(space, genome, rng), genome)
+        for around in (neighbors(space, genome), fine):
             assert valid(around).all()
             assert not same(around, genome).any()
             assert ((around.placement >= 0) & (around.placement < 1)).all()
@@ -189,7 +192,7 @@ def test_neighbors_are_other_bodies_of_the_space(name):
                 assert (around.length == genome.length).all()
             if space.sides:
                 np.testing.assert_allclose(around.placement % 0.25, 0.125)
-        coarse = neighbors(space, genome, rng)
+        coarse = neighbors(space, genome)
         assert (coarse.length == genome.length).all()
         assert (coarse.parent != genome.parent).any(axis=1).any()
 
@@ -198,26 +201,81 @@ def test_one_change_brings_a_part_to_any_place_with_any_hinge():
     """Two changes through a body that fits worse are not climbed."""
     space, rng = space_of("full"), np.random.default_rng(0)
     genome = random_bodies(anatomy(), space, 1, rng)
-    around = concatenate(genome, neighbors(space, genome, rng))
+    around = concatenate(genome, neighbors(space, genome))
     for part in range(genome.parent.shape[1]):
         spots = np.column_stack(
             [around.parent[:, part], around.side[:, part], around.hinge[:, part]]
         )
-        others = np.delete(np.arange(genome.parent.shape[1]), part)
+        rest = np.delete(np.arange(genome.parent.shape[1]), part)
         still = np.ones(len(around), bool)
         for gene in ("parent", "placement", "hinge"):
-            values = getattr(around, gene)[:, others]
-            still &= (values == getattr(genome, gene)[:, others]).all(axis=1)
+            values = getattr(around, gene)[:, rest]
+            still &= (values == getattr(genome, gene)[:, rest]).all(axis=1)
         assert len(np.unique(spots[still], axis=0)) == 4 * (part + 1) * len(HINGE_NAMES)
+
+
+def test_the_same_row_is_the_same_change_of_every_body():
+    space, rng = space_of("full"), np.random.default_rng(0)
+    pair = [changes(space, random_bodies(anatomy(), space, 1, rng)) for _ in range(2)]
+    assert len(pair[0]) == len(pair[1])
+    row = 0
+    for part in range(PARTS):
+        spots = 4 * (part + 1) * len(HINGE_NAMES)
+        for gene in ("parent", "placement", "hinge"):
+            one, other = (getattr(g, gene)[row : row + spots, part] for g in pair)
+            np.testing.assert_array_equal(one, other)
+        row += spots
+
+
+def test_a_climber_tries_every_change_once_and_after_a_gain_all_of_the_new_body():
+    space, rng = space_of("sides"), np.random.default_rng(0)
+    first, second = (random_bodies(anatomy(), space, 1, rng) for _ in range(2))
+    climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
+    _rest(climber, 1)
+    climber.move(second, 8.0, np.array([4.0, 4.0]))
+    assert not climber.stuck
+    seen = [genome_key(g, row) for g in _rest(climber, 1000) for row in range(len(g))]
+    around = neighbors(space, second)
+    assert sorted(seen) == sorted(genome_key(around, k) for k in range(len(around)))
+
+
+def _rest(climber: _Climber, calls: int) -> list[Genomes]:
+    """What a climber tries in so many turns, or until it is stuck."""
+    space, rng, tried = space_of("sides"), np.random.default_rng(1), []
+    while not climber.stuck and len(tried) < calls:
+        tried.append(climber.changes(space, 5, rng))
+    return tried
+
+
+def test_after_a_gain_a_climber_goes_on_with_the_next_change():
+    """What failed a moment ago is tried again last."""
+    space, rng = space_of("sides"), np.random.default_rng(0)
+    first, second = (random_bodies(anatomy(), space, 1, rng) for _ in range(2))
+    climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
+    climber.changes(space, 7, rng)
+    climber.move(second, 8.0, np.array([4.0, 4.0]))
+    tried = climber.changes(space, 5, rng)
+    expected = others(changes(space, second)[climber.order[7:12]], second)
+    np.testing.assert_array_equal(tried.parent, expected.parent)
+    np.testing.assert_array_equal(tried.placement, expected.placement)
+
+
+def test_a_change_that_gains_nothing_where_there_is_room_is_given_up():
+    """Of four actions two are well explained: they have nothing to give."""
+    climber = _Climber(_genomes(1), 14.0, np.array([0.5, 8.0, 0.5, 5.0]))
+    order, bound = climber.route(4)
+    assert order[:2].tolist() == [1, 3]
+    mine = np.cumsum(climber.each[order])
+    assert (bound[1:] < mine[1:]).all()  # as good as the climber is not enough
+    assert mine[0] < bound[0] <= mine[0] + 1  # it may still gain in the second action
 
 
 def test_a_neighbor_of_a_neighbor_can_be_the_body_itself():
     rng = np.random.default_rng(0)
     genome = random_bodies(anatomy(), space_of("sides"), 1, rng)
-    around = neighbors(space_of("sides"), genome, rng)
+    around = neighbors(space_of("sides"), genome)
     assert any(
-        same(neighbors(space_of("sides"), around[[k]], rng), genome).any()
-        for k in range(5)
+        same(neighbors(space_of("sides"), around[[k]]), genome).any() for k in range(5)
     )
 
 

@@ -337,16 +337,18 @@ def settle_batch(
 @numba.njit(**_JIT)
 def race_batch(
     parent, anchor, turn, axis, length, thickness, mass, known, radius,
-    targets, felt, weight, cap, bound, steps, far, each,
+    targets, felt, weight, cap, order, bound, steps, far, each,
 ):  # fmt: skip
     """Settle each body under one action after the other until its loss is too high.
 
     Args:
         parent, ..., radius: as in `settle_batch`, N bodies.
-        targets: (n, P) joint targets in the order to try [rad].
+        targets: (n, P) joint targets of the actions [rad].
         felt: (n, 3) channels measured: tilts [deg], clearance [mm]; NaN = unknown.
         weight, cap: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).
-        bound: (N, n) a body is given up once its loss reaches this before an action.
+        order: (N, n) of the actions, first to last to be tried.
+        bound: (N, n) a body is given up once its loss reaches this before the first,
+            second, ... action in its order.
         steps: sub-steps of the ramp.
         far: largest clearance that the belly sensor reads [m].
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
@@ -366,16 +368,17 @@ def race_batch(
         for k in range(targets.shape[0]):
             if not total < bound[row, k]:
                 break
-            height = settle(body, known, targets[k], steps, radii, work)
+            action = order[row, k]
+            height = settle(body, known, targets[action], steps, radii, work)
             seen[0] = -np.degrees(np.arcsin(min(1.0, max(-1.0, n[1]))))
             seen[1] = np.degrees(np.arcsin(min(1.0, max(-1.0, n[0]))))
             clear = height / n[2] - known[0][2] if n[2] > 1e-3 else far
             seen[2] = 1000.0 * max(0.0, min(clear, far))
             loss = 0.0
             for c in range(3):
-                if not np.isnan(felt[k, c]):
-                    loss += weight[c] * min(abs(seen[c] - felt[k, c]), cap[c])
+                if not np.isnan(felt[action, c]):
+                    loss += weight[c] * min(abs(seen[c] - felt[action, c]), cap[c])
             if not np.isfinite(height) or not np.isfinite(n[0] + n[1] + n[2]):
                 loss = np.inf
-            each[row, k] = loss
+            each[row, action] = loss
             total += loss

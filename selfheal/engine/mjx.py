@@ -10,7 +10,7 @@ import functools
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats
+from ..body.body import Bodies, Floats
 from ._jax import prepare_jax
 from ._mjx_body import Parts, motion, owners, parts, torso_constants
 from .readings import Readings, from_rest
@@ -34,8 +34,6 @@ class Mjx:
         name: "mjx".
         ramp: [s] joints move from 0 to their target.
         hold: [s] then hold.
-        batch: simulations in a call of the compiled program, whatever N is; None
-            suits the devices.
     """
 
     name = "mjx"
@@ -43,7 +41,15 @@ class Mjx:
     def __init__(
         self, ramp: float = RAMP, hold: float = HOLD, *, batch: int | None = None
     ) -> None:
-        self.ramp, self.hold, self.batch = ramp, hold, batch
+        """`batch` simulations in a call; None: as many as suit the devices."""
+        self.ramp, self.hold, self._batch = ramp, hold, batch
+
+    @property
+    def batch(self) -> int:
+        """Simulations in a call of the compiled program, whatever N is."""
+        devices = prepare_jax().devices()
+        rows = CPU_ROWS if devices[0].platform == "cpu" else GPU_ROWS
+        return self._batch or rows * len(devices)
 
     def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
         """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
@@ -58,7 +64,8 @@ class Mjx:
     def _rest(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, 5 + F) what `_simulate` returns for each row."""
         a = bodies.anatomy
-        batch, program = self._compiled(a)
+        batch = self.batch
+        program = _program(owners(a), a.feet, self.ramp, self.hold, batch)
         rows, torso = (*parts(bodies), targets), torso_constants(a)
         results = []
         for start in range(0, len(bodies), batch):  # queued; the devices work meanwhile
@@ -69,14 +76,6 @@ class Mjx:
         for i, result in enumerate(results):
             rest[i * batch : (i + 1) * batch] = result
         return rest[: len(bodies)]
-
-    def _compiled(self, anatomy: Anatomy):
-        """Size of a batch of this anatomy's bodies, and the program that runs it."""
-        devices = prepare_jax().devices()
-        rows = CPU_ROWS if devices[0].platform == "cpu" else GPU_ROWS
-        batch = self.batch or rows * len(devices)
-        kind = (owners(anatomy), anatomy.feet)
-        return batch, _program(*kind, self.ramp, self.hold, batch)
 
 
 def _pad(rows, count: int):

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import Bodies, Floats, Ints
 from ._jax import cores
 from .readings import MAX_CLEARANCE, Readings, from_rest
 
@@ -56,17 +56,20 @@ class Statics:
         *,
         weight: Floats,
         cap: Floats,
+        order: Ints,
         bound: Floats,
     ) -> Floats:
         """Loss of N bodies under n actions in turn, each given up at its bound.
 
         Args:
             bodies: N.
-            targets: (n, P) joint targets in the order to try [rad].
+            targets: (n, P) joint targets of the actions [rad].
             felt: (n, 3) channels measured: tilts [deg], clearance [mm].
             weight: (3), and
             cap: (3) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
-            bound: (N, n) a body is given up whose loss before an action is not below.
+            order: (N, n) in which each body's actions are tried.
+            bound: (N, n) a body is given up whose loss before the first, second, ...
+                action in its order is not below.
 
         Returns:
             (N, n) loss under each action, NaN where it was not simulated, infinite
@@ -78,8 +81,8 @@ class Statics:
 
         def run(rows: slice) -> None:
             race_batch(
-                *_inputs(bodies, rows), targets, felt, weight, cap, bound[rows],
-                self.substeps, MAX_CLEARANCE, each[rows],
+                *_inputs(bodies, rows), targets, felt, weight, cap, order[rows],
+                bound[rows], self.substeps, MAX_CLEARANCE, each[rows],
             )  # fmt: skip
 
         self._share(run, len(bodies))

@@ -147,6 +147,12 @@ def _rivals(run: Run) -> Section:
         f"as it (at most {EQUAL:g} more loss an action): {equal}; nearly as good (at "
         f"most {NEAR:g}): {len(found) - 1 - equal}."
     )
+    if run.result:
+        said += (
+            " Other bodies considered, twins too, that no action of this robot tells "
+            f"from the best one: {len(run.alike)}; trees of theirs other than the best "
+            f"one's: {run.alike_trees}."
+        )
     table = tables.rivals(run, found) if len(found) > 1 else ""
     return Section("Rivals that the data do not rule out", (said, table))
 

@@ -156,65 +156,68 @@ class Evaluator:
             evidence: n actions and readings.
             bound: (N, n) or (N): a candidate is given up if its loss after k + 1
                 actions has reached bound[:, k].
-            order: (n) positions in the evidence, first to last to be simulated.
+            order: (n) or (N, n) positions in the evidence, first to last to be
+                simulated.
 
         Returns:
             total: (N) loss of the candidates that stayed below, infinite for others.
             each: (N, n) loss under each action, by position in the evidence; NaN where
                 not simulated, infinite where the simulation diverged.
         """
-        if bound.ndim == 1:
-            bound = np.repeat(bound[:, None], len(order), axis=1)
+        shape = len(genomes), len(evidence)
+        order = np.ascontiguousarray(np.broadcast_to(order, shape))
+        bound = np.broadcast_to(bound if bound.ndim == 2 else bound[:, None], shape)
         bodies = build(self.anatomy, genomes)
-        each = np.full((len(genomes), len(evidence)), np.nan)
+        each = np.full(shape, np.nan)
         sound = np.flatnonzero(centers_in_torso(bodies) == 0)  # papers.md 1.1
         if len(sound):
-            each[np.ix_(sound, order)] = self._race(
-                bodies[sound], evidence, bound=bound[sound], order=order
+            each[sound] = self._race(
+                bodies[sound], evidence, bound=bound[sound], order=order[sound]
             )
-        run = np.cumsum(each[:, order], axis=1)
+        run = np.cumsum(np.take_along_axis(each, order, axis=1), axis=1)
         complete = (run < bound).all(axis=1)  # false where anything is not known
         return np.where(complete, run[:, -1], np.inf), each
 
     def _race(
         self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> Floats:
-        """(N, n) losses in `order`, NaN from where a body has reached its bound."""
-        tried, felt = np.asarray(evidence.tried)[order], evidence.felt[order]
+        """(N, n) losses by position, NaN from where a body has reached its bound."""
+        tried, felt = np.asarray(evidence.tried), evidence.felt
         race = getattr(self.engine, "race", None)
         if race:
             # the bound before an action is the one after the action before
             before = np.hstack([np.full((len(bound), 1), np.inf), bound[:, :-1]])
-            weight, cap = self.loss.weight, self.loss.cap
             each = race(
-                bodies, self.actions[tried], felt, weight=weight, cap=cap, bound=before
-            )
+                bodies, self.actions[tried], felt, weight=self.loss.weight,
+                cap=self.loss.cap, order=order, bound=before,
+            )  # fmt: skip
             self._count(int((~np.isnan(each)).sum()))
             self.failed += int(np.isinf(each).sum())
         else:
-            each = self._waves(bodies, tried, felt, bound)
+            each = self._waves(bodies, evidence, bound=bound, order=order)
         self._note(tried, each)
         return each
 
     def _waves(
-        self, bodies: Bodies, tried: Ints, felt: Floats, bound: Floats
+        self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> Floats:
         """The race on an engine of fixed batch size: several actions at once."""
-        each = np.full((len(bodies), len(tried)), np.nan)
+        tried, total = np.asarray(evidence.tried), np.zeros(len(bodies))
+        each = np.full(order.shape, np.nan)
         alive, place = np.arange(len(bodies)), 0
         while place < len(tried) and len(alive):
             batch = getattr(self.engine, "batch", 1)
-            wave = slice(place, place + max(1, batch // len(alive)))
-            width = len(tried[wave])
+            now = order[alive, place : place + max(1, batch // len(alive))]
+            width = now.shape[1]
             seen = self.simulate(
-                bodies[np.repeat(alive, width)], np.tile(tried[wave], len(alive))
+                bodies[np.repeat(alive, width)], tried[now].reshape(-1)
             )
-            gap = self.loss(seen, np.tile(felt[wave], (len(alive), 1)))
-            gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap)
-            each[alive, wave] = gap.reshape(-1, width)
+            gap = self.loss(seen, evidence.felt[now].reshape(-1, 3))
+            gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap).reshape(now.shape)
+            each[alive[:, None], now] = gap
             place += width
-            below = each[alive, :place].sum(axis=1) < bound[alive, place - 1]
-            alive = alive[below]
+            total[alive] += gap.sum(axis=1)
+            alive = alive[total[alive] < bound[alive, place - 1]]
         return each
 
     def _note(self, actions: Ints, gap: Floats) -> None:

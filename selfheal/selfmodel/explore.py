@@ -14,12 +14,29 @@ _RESOLUTION, _TEMPERATURE = 2.0, 1.0
 # Chosen on simulated robots; from 0.05 to 0.2 there is no difference.
 _EVENNESS = 0.1
 _SCALE = np.array([1.0, 1.0, 0.5])  # mm of clearance count half, as in the loss
+# [deg], [deg], [mm] by which a reading tells two bodies apart; chosen: more than a
+# sensor's noise and less than what servos add to it.
+TOLD_APART = np.array([1.0, 1.0, 2.0])
+_AT_ONCE = 4096  # tables compared at a time, some 20 MB; chosen
 
 
 def plausibility(costs: Floats) -> Floats:
     """(M) share of belief in bodies of these costs, sum 1 (a Laplace likelihood)."""
     weight = np.exp(-(costs - costs.min()) / _TEMPERATURE)
     return weight / weight.sum()
+
+
+def never_told_apart(found: Hypotheses, table: Floats) -> Hypotheses:
+    """Those that no action tells from the body of a table (A, 3).
+
+    An action under which a body's channels are not known, NaN, tells nothing.
+    """
+    rows = np.arange(len(found))
+    alike = [np.empty(0, np.int64)]
+    for some in np.array_split(rows, 1 + len(rows) // _AT_ONCE):
+        gap = np.nan_to_num(np.abs(found[some].tables - table))
+        alike.append(some[(gap <= TOLD_APART).all(axis=(1, 2))])
+    return found[np.concatenate(alike)]
 
 
 def voters(found: Hypotheses, rng: np.random.Generator) -> tuple[Hypotheses, Floats]:

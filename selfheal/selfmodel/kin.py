@@ -171,7 +171,7 @@ class Kin:
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))
             twin = self.twins.genome(self.crowd.genomes, row, turn, trade)
-            around.append(neighbors(self.space, twin, rng))
+            around.append(neighbors(self.space, twin))
         genomes = concatenate(*around)
         total, _ = self.evaluator.losses(
             genomes,

@@ -14,12 +14,12 @@ from typing import IO, Any, get_origin
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
 from ..errors import RunFileError
 from ..files import atomic_path
 
-FORMAT, VERSION = "selfheal-run", 1
+FORMAT, VERSION = "selfheal-run", 2
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,8 @@ class Run:
         counts: simulations by engine, "choice" (spent on choosing), "failed".
         state: arrays and JSON texts that the search goes on from.
         result: what `identify --json` prints, empty until the run is done.
+        alike: (M, P) parents of the other bodies that might be right and that no action
+            of the robot tells from the best one; none until the run is done.
     """
 
     settings: Settings
@@ -108,6 +110,14 @@ class Run:
     counts: Mapping[str, int] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)
     result: Mapping[str, Any] = field(default_factory=dict)
+    alike: Ints = field(default_factory=lambda: np.empty((0, 0), np.int64))
+
+    @property
+    def alike_trees(self) -> int:
+        """How many trees other than the best one the bodies of `alike` have."""
+        best = self.cycles[-1].genomes.parent[0]
+        other = self.alike[(self.alike != best).any(axis=1)] if len(self.alike) else ()
+        return len(np.unique(other, axis=0))
 
     def after(self, cycle: Cycle, **changes: Any) -> "Run":
         """This run and one more cycle."""
@@ -127,7 +137,7 @@ def save(run: Run, path: str | os.PathLike[str]) -> None:
         file.attrs["settings"] = json.dumps(asdict(run.settings))
         file.attrs["counts"] = json.dumps(dict(run.counts))
         file.attrs["result"] = json.dumps(dict(run.result))
-        file["actions"] = run.actions
+        file["actions"], file["alike"] = run.actions, run.alike
         _put(file.create_group("anatomy"), run.anatomy)
         if run.truth is not None:
             _put(file.create_group("truth"), run.truth, skip=("anatomy",))
@@ -215,6 +225,7 @@ def _read(path: Path, file: Any) -> Run:
         counts=json.loads(file.attrs["counts"]),
         state=texts,
         result=json.loads(file.attrs["result"]),
+        alike=file["alike"][()],
     )
 
 

@@ -1,11 +1,11 @@
 """Our search: climbers that start from rivals, and a crowd of the rivals they reach.
 
-A climber takes the best of a few small changes at a time, each given up as soon as it
-is worse than the climber. At a peak its table under every action is simulated once;
-the table holds thousands of twins (see `symmetry`), and if one explains the data
-better, the climb goes on from there. A peak joins the crowd, where it competes only
-with bodies of the same structure until the crowd is full (deterministic crowding,
-Mahfoud 1995, with the tree as the distance).
+A climber tries small changes round and round, a few at a time, and takes the best that
+gains enough. Each body's table under every action holds thousands of twins (see
+`symmetry`): a climber that has come some way, or stands at a peak, is simulated under
+every action once, and goes on from its best twin. A peak joins the crowd, where it
+competes only with bodies of the same structure until the crowd is full (deterministic
+crowding, Mahfoud 1995, with the tree as the distance).
 """
 
 from dataclasses import dataclass, field
@@ -18,10 +18,11 @@ from ..errors import EngineError
 from .evaluate import Evaluator, Evidence
 from .space import (
     Space,
+    changes,
     crossed,
     kicked,
-    neighbors,
     nudges,
+    others,
     random_bodies,
     same,
 )
@@ -32,9 +33,13 @@ _HOPELESS = 2.0
 # Chosen on simulated robots: a climb from the best of 64 bodies takes half as many
 # simulations a success as one from a single body, where placements are free.
 _DRAWN = 64
-# Chosen on simulated robots: a change that falls behind the climber by this loss, an
-# action that is missed in one channel, is given up though it might catch up later.
-_BEHIND = 8.0
+# Chosen on simulated robots: a change is tried on the actions that the climber explains
+# worst first, and given up where it has fallen _BEHIND or half of what there is still
+# to gain, for an action explained to _WELL has nothing to give.
+_BEHIND, _HOPE, _WELL = 1.0, 0.5, 1.0
+# Chosen on simulated robots: a discrete change must gain this loss. With less a climber
+# drifts among bodies that differ by noise, and tries all changes again each time.
+_GAIN = 0.5
 # Chosen on simulated robots: rivals that climb again on new evidence; the others are
 # kept as they are. Six took most of the simulations where hinges are unknown.
 _AGAIN = 2
@@ -100,6 +105,10 @@ class _Climber:
 
     Attributes:
         each: (n) its loss under each action, None where not known.
+        around: all changes of the kind in turn.
+        order: in which they are tried, round and round.
+        place: in the order.
+        left: changes not tried since the body changed.
         fine: whether it tries small changes of continuous genes.
         peak: loss at which the last coarse climb ended.
     """
@@ -108,30 +117,48 @@ class _Climber:
     loss: float
     each: Floats | None = None
     around: Genomes | None = None
+    order: Ints | None = None
     place: int = 0
+    left: int = 0
     fine: bool = False
     peak: float = np.inf
 
     @property
     def stuck(self) -> bool:
         """Whether every change of the kind in turn was tried in vain."""
-        return self.around is not None and self.place >= len(self.around)
+        return self.around is not None and self.left <= 0
 
-    def bound(self, order: Ints) -> Floats:
-        """(n) what a change's loss must stay below, action after action in `order`."""
+    def route(self, count: int) -> tuple[Ints, Floats]:
+        """The order of `count` actions, and what a loss must stay below after each."""
         if self.each is None:
-            return np.full(len(order), self.loss)
-        return np.minimum(np.cumsum(self.each[order]) + _BEHIND, self.loss) - 1e-9
+            return np.arange(count), np.full(count, self.loss)
+        order = np.argsort(-self.each, kind="stable")
+        mine = self.each[order]
+        room = np.maximum(mine - _WELL, 0)
+        left = room.sum() - np.cumsum(room)
+        behind = np.minimum(_BEHIND, _HOPE * left)
+        return order, np.cumsum(mine) + behind - (1e-9 if self.fine else _GAIN)
 
     def changes(self, space: Space, count: int, rng: np.random.Generator) -> Genomes:
         """The next few changes to try; of a body not yet simulated, itself."""
-        if not np.isfinite(self.loss):
+        if self.each is None:
             return self.genome
         if self.around is None:
-            around = nudges if self.fine else neighbors
-            self.around, self.place = around(space, self.genome, rng), 0
-        self.place += count
-        return self.around[self.place - count : self.place]
+            fine = self.fine
+            self.around = (
+                nudges(space, self.genome, rng) if fine else changes(space, self.genome)
+            )
+            self.left = len(self.around)
+            if fine or self.order is None or len(self.order) != self.left:
+                self.order, self.place = rng.permutation(self.left), 0
+        assert self.order is not None
+        steps = self.place + np.arange(min(count, self.left))
+        self.place, self.left = self.place + count, self.left - count
+        return others(self.around[self.order[steps % len(self.order)]], self.genome)
+
+    def move(self, genome: Genomes, loss: float, each: Floats) -> None:
+        """Be another body."""
+        self.genome, self.loss, self.each, self.around = genome, loss, each, None
 
 
 @dataclass
@@ -163,14 +190,12 @@ class RivalSearch:
         """Search until the evaluator has spent `limit` simulations."""
         queue = self._relearn(evidence)
         active: list[_Climber] = []
-        order = self.evaluator.hardest_first(evidence)
         while self.evaluator.spent < limit or not self._any(active):
             while len(active) < self.climbers:
                 active.append(queue.pop(0) if queue else self._start(evidence, rng))
-            self._step(active, evidence, order, rng)
+            self._step(active, evidence, rng)
             if self.evaluator.failed >= max(_FRUITLESS, self.evaluator.spent):
                 raise EngineError(f"all of {self.evaluator.spent} simulations diverged")
-            order = self.evaluator.hardest_first(evidence)
             for climber in [c for c in active if c.stuck and not self._turn(c)]:
                 active.remove(climber)
                 again = self._peak(climber, evidence)
@@ -203,10 +228,16 @@ class RivalSearch:
                 *self._best_twin(old.genomes[[row]], old.tables[row], evidence)
             )
         self.crowd.cut(self.size)
+        finite = np.flatnonzero(np.isfinite(self.crowd.losses))
         return [
-            _Climber(self.crowd.genomes[[k]], float(self.crowd.losses[k]))
-            for k in range(min(_AGAIN, len(self.crowd)))
+            self._climber(self.crowd.genomes[[k]], self.crowd.tables[k], evidence)
+            for k in finite[:_AGAIN]
         ]
+
+    def _climber(self, genome: Genomes, table: Floats, evidence: Evidence) -> _Climber:
+        """A climber that starts from a body whose table is known."""
+        each = self.evaluator.loss(table[list(evidence.tried)], evidence.felt)
+        return _Climber(genome, float(each.sum()), each)
 
     def _best_twin(
         self, genome: Genomes, table: Floats, evidence: Evidence
@@ -258,26 +289,21 @@ class RivalSearch:
         return _Climber(genomes[[best]], loss, parts)
 
     def _step(
-        self,
-        active: list[_Climber],
-        evidence: Evidence,
-        order: Ints,
-        rng: np.random.Generator,
+        self, active: list[_Climber], evidence: Evidence, rng: np.random.Generator
     ) -> None:
-        """Each climber tries a few changes and takes the best that is better."""
+        """Each climber tries a few changes and takes the best that gains enough."""
         batches = [c.changes(self.space, self.children, rng) for c in active]
         sizes = [len(b) for b in batches]
-        bound = np.repeat([c.bound(order) for c in active], sizes, axis=0)
+        routes = zip(*(c.route(len(evidence)) for c in active), strict=True)
+        order, bound = (np.repeat(rows, sizes, axis=0) for rows in routes)
         genomes = concatenate(*batches)
         total, each = self.evaluator.losses(genomes, evidence, bound=bound, order=order)
         edges = np.cumsum([0, *sizes])
         for climber, low, high in zip(active, edges[:-1], edges[1:], strict=True):
             best = low + int(np.argmin(total[low:high])) if high > low else low
             if high > low and total[best] < climber.loss:
-                climber.genome, climber.loss = genomes[[best]], float(total[best])
-                climber.each = each[best]
-                climber.around = None
-            elif climber.around is None:
+                climber.move(genomes[[best]], float(total[best]), each[best])
+            elif climber.each is None:
                 climber.around = climber.genome[:0]  # an impossible start: give up
 
     def _peak(self, climber: _Climber, evidence: Evidence) -> _Climber | None:
@@ -291,4 +317,4 @@ class RivalSearch:
         better = loss < climber.loss - 1e-6
         self.crowd.add(genome, table, loss)
         self.crowd.cut(self.size)
-        return _Climber(genome, loss) if better else None
+        return self._climber(genome, table, evidence) if better else None

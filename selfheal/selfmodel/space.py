@@ -146,26 +146,30 @@ def _nudged(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
     return out
 
 
-def neighbors(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
-    """Bodies one discrete change away, in random order, valid, without the body itself.
+def changes(space: Space, genome: Genomes) -> Genomes:
+    """All discrete changes of a body, the k-th the same change whatever the body.
 
-    Where hinges are unknown a part changes its place and its hinge at once: in most
-    places the hinge that was right in another one is as wrong as any.
+    Some make no valid body, or no other one: see `others`. Where hinges are unknown a
+    part changes its place and its hinge at once: in most places the hinge that was
+    right in another one is as wrong as any.
 
     Args:
         space: which genes may change.
         genome: a batch of one.
-        rng: for the order.
     """
     pairs, cycles = _orders(genome.parent.shape[1])
     kinds = np.arange(len(HINGE_NAMES) if space.hinges else 0)
-    batches = [
+    return concatenate(
         _reattached(genome, kinds),
         _moved(genome, pairs),
         _relabeled(genome, pairs),
         _moved(genome, cycles),
-    ]
-    return _shuffled(concatenate(*batches), genome, rng)
+    )
+
+
+def neighbors(space: Space, genome: Genomes) -> Genomes:
+    """The other bodies one discrete change away from a body (1)."""
+    return others(changes(space, genome), genome)
 
 
 def nudges(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
@@ -175,13 +179,12 @@ def nudges(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
         batches.append(_nudged(genome, "placement", rng))
     if space.lengths:
         batches.append(_nudged(genome, "length", rng))
-    return _shuffled(concatenate(*batches), genome, rng)
+    return concatenate(*batches)
 
 
-def _shuffled(around: Genomes, genome: Genomes, rng: np.random.Generator) -> Genomes:
-    """The valid ones that differ from the genome (1), in random order."""
-    others = np.flatnonzero(valid(around) & ~same(around, genome))
-    return around[rng.permutation(others)]
+def others(around: Genomes, genome: Genomes) -> Genomes:
+    """The valid ones that differ from the genome (1)."""
+    return around[valid(around) & ~same(around, genome)]
 
 
 def valid(genomes: Genomes) -> np.ndarray:
@@ -211,8 +214,8 @@ def crossed(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genome
 def kicked(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
     """The genome (1) after two to four random small changes in a row."""
     for _ in range(rng.integers(2, 5)):
-        around = neighbors(space, genome, rng)
-        genome = around[:1]
+        around = neighbors(space, genome)
+        genome = around[rng.integers(len(around), size=1)]
     return at_sides(genome) if space.sides else genome
 
 

@@ -13,6 +13,7 @@ from .explore import (
     belief_left,
     choose,
     first_action,
+    never_told_apart,
     plausibility,
     random_action,
     voters,
@@ -56,6 +57,10 @@ class Strategy(Protocol):
 
     def candidates(self) -> tuple[Ints, Floats]:
         """Trees (M, P) of the bodies that might be the right one, and belief (M)."""
+        ...
+
+    def alike(self, table: Floats) -> Genomes:
+        """Bodies that might be right and that no action tells from one of a table."""
         ...
 
     def prior(self, genomes: Genomes) -> Floats:
@@ -133,6 +138,11 @@ class Rivals:
             return crowd.genomes.parent, np.full(len(crowd), 1 / len(crowd))
         return self.found.genomes.parent, plausibility(self.found.costs)
 
+    def alike(self, table: Floats) -> Genomes:
+        """Of the hypotheses."""
+        assert self.found is not None
+        return never_told_apart(self.found, table).genomes
+
     def prior(self, genomes: Genomes) -> Floats:
         """Bodies of few kinds of limbs are likelier."""
         return cost(self.evaluator.anatomy, genomes)
@@ -205,6 +215,10 @@ class Released:
     def candidates(self) -> tuple[Ints, Floats]:
         """The climbers."""
         return self.finder.genomes.parent, plausibility(self.finder.losses)
+
+    def alike(self, table: Floats) -> Genomes:
+        """None: the climbers' tables are not simulated."""
+        return self.finder.genomes[:0]
 
     def prior(self, genomes: Genomes) -> Floats:
         """The rule knows none."""
