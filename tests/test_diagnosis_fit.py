@@ -12,7 +12,9 @@ from selfheal.diagnosis.evidence import (
     Scored,
     better,
     blocks_of,
+    carries_over,
     effective,
+    folds_of,
     held_out,
 )
 from selfheal.diagnosis.fit import (
@@ -22,6 +24,7 @@ from selfheal.diagnosis.fit import (
     Problem,
     bounds,
     fit,
+    is_told,
     jacobian,
     start_errors,
     step,
@@ -308,7 +311,7 @@ def _linear(b, rng, count=3):
 
 def test_held_out_errors_are_those_of_fits_that_did_not_see_them(arm):
     problem, found, y = _linear(arm, np.random.default_rng(0))
-    of = blocks_of(problem)[problem.window_of]
+    of = folds_of(problem)
     expected = np.empty(len(y))
     for block in np.unique(of):
         seen = of != block
@@ -318,6 +321,49 @@ def test_held_out_errors_are_those_of_fits_that_did_not_see_them(arm):
         held_out(problem, found), problem.by_window(expected), rtol=1e-5
     )
     assert held_out(problem, found).sum() > found.cost
+
+
+def test_long_windows_are_parted_too(arm, monkeypatch):
+    """Else the last fold of a few long ones would have to extrapolate."""
+    problem, found, _ = _linear(arm, np.random.default_rng(0))
+    few = problem.take(np.arange(3))
+    rows = np.isin(problem.window_of, [0, 1, 2])
+    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
+    whole = held_out(few, part, few.window_of).sum()
+    assert part.cost < held_out(few, part).sum() < whole
+
+
+def test_what_explains_one_episode_only_does_not_carry_over(arm):
+    rng = np.random.default_rng(1)
+    problem, found, _ = _linear(arm, rng)
+    log = problem.windows.log[problem.window_of]
+    assert len(np.unique(log)) == 3
+    same = rng.normal(size=len(log))
+    own = same * np.array([1.0, -1.0, 1.0])[log]  # of another sign in one episode
+    real, local = (_added(found, same, 3 * x) for x in (same, own))
+    assert carries_over(problem, *real)
+    assert not carries_over(problem, *local)
+
+
+def _added(found: Fit, column, missing) -> tuple[Fit, Fit]:
+    """A fit that lacks something, and that with a column for it, at its best."""
+    old = replace(found, residuals=found.residuals + missing)
+    (new,) = np.linalg.lstsq(column[:, None], -old.residuals, rcond=None)[0]
+    return old, Fit(
+        (*found.terms, replace(found.terms[0])), np.append(found.values, new),
+        old.residuals + column * new, np.column_stack([found.jacobian, column]),
+    )  # fmt: skip
+
+
+def test_windows_are_told_while_errors_of_their_starts_stay_small(pendulum):
+    problem = _problem(pendulum)
+    assert is_told(problem, (), np.zeros(0))
+    world = problem.world
+    signals = tuple(
+        replace(c, noise=np.full(c.width, 0.3 * c.spread)) for c in world.signals
+    )
+    loud = replace(problem, world=replace(world, signals=signals))
+    assert not is_told(loud, (), np.zeros(0))
 
 
 def test_blocks_are_neighbors_and_cover_all(arm):

@@ -80,7 +80,7 @@ def held_out(problem: Problem, found: Fit, of: np.ndarray | None = None) -> Floa
     """
     low, high, scale = bounds(found.terms)
     x, jac, r = found.values, found.jacobian, found.residuals
-    of = _stretches(problem) if of is None else of
+    of = folds_of(problem) if of is None else of
     base = Base.of(problem, found)
     h, g = base.curvature, base.slope(r)
     out = np.empty(len(r))
@@ -92,7 +92,7 @@ def held_out(problem: Problem, found: Fit, of: np.ndarray | None = None) -> Floa
     return problem.by_window(out)
 
 
-def _stretches(problem: Problem) -> np.ndarray:
+def folds_of(problem: Problem) -> np.ndarray:
     """(R) fold of each residual: windows next to each other, or parts of long ones."""
     if len(problem.windows) >= BLOCKS:
         return blocks_of(problem)[problem.window_of]

@@ -40,7 +40,7 @@ class Memory:
             return work_out()
         path = self.folder / f"{_digest((self.about, *question)).hex()}.npz"
         try:
-            with np.load(path) as kept:
+            with path.open("rb") as file, np.load(file) as kept:
                 return tuple(kept[f"arr_{i}"] for i in range(len(kept.files)))
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             pass

@@ -118,9 +118,7 @@ def name_effects(
     problem = reweighed(problem, found)
     now = scored(problem, tuple(stated), found.values)
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
-    # the claims are shared: where both searches give a name, what the first one set
-    # aside for it is what the second one tries in its place
-    start = replace(search, claims=search.claims)
+    start = replace(search)
     search.forward()
     if search.is_done:
         return search.ended()
@@ -128,8 +126,9 @@ def name_effects(
     if is_told(longer, now.fit.terms, now.fit.values):
         longer = whitened(longer, now.fit.terms, now.fit.values)
         start = replace(start, problem=longer)
-    other = start.with_all_usual()
-    if other is not None and other.beats(search):
+    # what the first search set aside for a name, the second one tries in its place
+    other = replace(start, claims=dict(search.claims), first=search.first)
+    if other.with_all_usual() and other.beats(search):
         search = other
     return search.ended()
 
@@ -250,11 +249,11 @@ class _Search:
                 self.now = _swapped(self.problem, self.now, term, others)
         return gone
 
-    def with_all_usual(self) -> "_Search | None":
-        """Another search, from all usual effects at once; None if there are none."""
+    def with_all_usual(self) -> bool:
+        """Begin from all usual effects at once; False if there are none."""
         usual = [t for t in self.candidates if t.effect.is_usual(t)]
         if not usual:
-            return None
+            return False
         self.progress(f"fitting {len(usual)} usual effects at once", 0.0)
         start = [np.array(t.starts[0]) for t in usual]
         terms = (*self.now.fit.terms, *usual)
@@ -265,7 +264,7 @@ class _Search:
         self._look_back(scored(self.problem, found.terms, found.values, rounds=4))
         self._doubt(len(usual))
         self.forward()
-        return self
+        return True
 
     def _doubt(self, tried: int) -> None:
         """Keep the names that each are worth it, of so many that were tried."""

@@ -1,0 +1,130 @@
+"""What was worked out is found again, and only where nothing it depends on changed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toys_diagnosis import ROBOTS, bench, record
+
+from selfheal.diagnosis import diagnose as module
+from selfheal.diagnosis.diagnose import diagnose
+from selfheal.diagnosis.document import text_of
+from selfheal.diagnosis.effects import catalogue
+from selfheal.diagnosis.memory import Memory, about
+
+ANSWER = (np.arange(4.0), np.array(7))
+QUESTION = ("fit", np.arange(3.0), (1, None), [b"of", 2.5])
+
+
+class Work:
+    """Counts how often it is done."""
+
+    def __init__(self, answer=ANSWER) -> None:
+        self.answer, self.done = answer, 0
+
+    def __call__(self):
+        self.done += 1
+        return self.answer
+
+
+def test_an_answer_is_worked_out_once(tmp_path):
+    work = Work()
+    answers = [Memory(tmp_path).recall(QUESTION, work) for _ in range(3)]
+    assert work.done == 1
+    for answer in answers:
+        for told, expected in zip(answer, work.answer, strict=True):
+            np.testing.assert_array_equal(told, expected)
+            assert told.dtype == expected.dtype
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        ("try", *QUESTION[1:]),
+        ("fit", np.arange(3), *QUESTION[2:]),
+        ("fit", np.arange(3.0) + 1e-12, *QUESTION[2:]),
+        ("fit", np.arange(3.0)[None], *QUESTION[2:]),
+        QUESTION[:-1],
+        (*QUESTION[:2], (1, 0), QUESTION[3]),
+    ],
+)
+def test_another_question_has_another_answer(tmp_path, other):
+    memory = Memory(tmp_path)
+    memory.recall(QUESTION, Work())
+    work = Work((np.zeros(1),))
+    (told,) = memory.recall(other, work)
+    assert work.done == 1
+    assert told == 0
+
+
+def test_nothing_is_kept_without_a_folder():
+    work = Work()
+    Memory().recall(QUESTION, work)
+    Memory().recall(QUESTION, work)
+    assert work.done == 2
+
+
+@pytest.mark.parametrize("rest", [0, 1, 40])
+def test_an_answer_that_cannot_be_read_is_worked_out_again(tmp_path, rest):
+    work = Work()
+    Memory(tmp_path).recall(QUESTION, work)
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(kept.read_bytes()[:rest])
+    Memory(tmp_path).recall(QUESTION, work)
+    Memory(tmp_path).recall(QUESTION, work)
+    assert work.done == 2
+
+
+def test_what_answers_are_about_is_the_model_and_every_reading(tmp_path):
+    pendulum = bench("pendulum", tmp_path, episodes=2, seconds=0.3)
+    workshop, recording = pendulum.world.workshop, pendulum.recording
+    name, episode = next(iter(recording.episodes.items()))
+    key, signal = next(iter(episode.signals.items()))
+    values = signal.values.copy()
+    values[5] += 1e-9
+    signals = {**episode.signals, key: replace(signal, values=values)}
+    episodes = {**recording.episodes, name: replace(episode, signals=signals)}
+    assert about(workshop, [recording]) == about(workshop, [replace(recording)])
+    other = replace(recording, episodes=episodes)
+    assert about(workshop, [other]) != about(workshop, [recording])
+    (tmp_path / "arm").mkdir()
+    arm = bench("arm", tmp_path / "arm", episodes=1, seconds=0.3)
+    assert about(arm.world.workshop, [recording]) != about(workshop, [recording])
+
+
+class Killed(BaseException):
+    """As Ctrl-C is."""
+
+
+@pytest.mark.parametrize("last", [4, 9])
+def test_a_killed_diagnosis_goes_on_to_the_same_end(tmp_path, monkeypatch, last):
+    names = ("coulomb_friction", "command_delay", "sensor_bias")
+    small = {name: catalogue()[name] for name in names}
+    monkeypatch.setattr(module, "catalogue", lambda: small)
+    model, memory = tmp_path / "model.xml", tmp_path / "memory"
+    model.write_text(ROBOTS["pendulum"].xml)
+
+    def dry(model) -> None:
+        model.dof_frictionloss[:] = 0.1
+
+    recording = record(
+        ROBOTS["pendulum"], episodes=4, seconds=1.5, noise=4e-3, seed=3, change=dry
+    )
+    calls = 0
+
+    def kill(what, share):
+        nonlocal calls
+        calls += 1
+        if calls > last:
+            raise Killed
+
+    with pytest.raises(Killed):
+        diagnose(model, [recording], memory=memory, progress=kill)
+    kept = set(memory.iterdir())
+    assert kept
+    again = diagnose(model, [recording], memory=memory)
+    whole = diagnose(model, [recording])
+    assert set(memory.iterdir()) > kept
+    assert text_of(again.document) == text_of(whole.document)
+    assert again.patched == whole.patched
+    assert again.simulations == whole.simulations
