@@ -380,13 +380,12 @@ def _winner(
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
     """Whether an effect is usual enough for what it explains.
 
-    Where much stays unexplained, a rare effect that explains some of it is more likely
-    to stand for something else.
+    Where much stays unexplained, an effect that is rare, or says that the model's own
+    numbers are far off, is more likely to stand for something else.
     """
+    usual = not (new.last.effect.rare or new.last.effect.restates)
     mostly = new.error < MOSTLY * now.error
-    return (
-        not new.last.effect.rare or mostly or above(problem, new.fit.residuals) < LEFT
-    )
+    return usual or mostly or above(problem, new.fit.residuals) < LEFT
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:

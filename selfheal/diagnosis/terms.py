@@ -130,6 +130,7 @@ class Effect:
     common = False  # see `is_usual`
     # people measure lengths (2) better than loads (1), those than friction (0)
     rare = 0
+    restates = False  # says that a number which the model states is far off
     of_before = False  # gives a command as it was when a step began
     limits_actuators = False  # writes Moment.forcerange
 

@@ -260,7 +260,7 @@ class SpeedTorqueLimit(AtActuator):
 
 class ServoGain(AtActuator):
     name = "servo_gain"
-    rare = 1
+    restates = True
     says = "The servo is stiffer or softer than stated."
     equation = "tau = kp (ctrl - q) - kv v"
     source = "MuJoCo actuator/position"
