@@ -45,8 +45,8 @@ class Memory:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             pass
         answer = work_out()
-        with atomic_path(path) as temporary, temporary.open("wb") as file:
-            np.savez(file, *answer)
+        with atomic_path(path) as temporary, temporary.open("wb") as new:
+            np.savez(new, *answer)
         return answer
 
 

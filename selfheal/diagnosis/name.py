@@ -23,6 +23,7 @@ from .evidence import (
 from .fit import Base, Fit, Problem, fit, is_told, try_term, whitened
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
+from .stated import Stated
 from .terms import Term
 
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
@@ -380,12 +381,13 @@ def _winner(
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
     """Whether an effect is usual enough for what it explains.
 
-    Where much stays unexplained, an effect that is rare, or says that the model's own
-    numbers are far off, is more likely to stand for something else.
+    Where much stays unexplained beside other names, one that is rare, or says that the
+    model's own numbers are far off, is more likely to stand for something else.
     """
     usual = not (new.last.effect.rare or new.last.effect.restates)
+    first = all(isinstance(t.effect, Stated) for t in now.fit.terms)
     mostly = new.error < MOSTLY * now.error
-    return usual or mostly or above(problem, new.fit.residuals) < LEFT
+    return usual or first or mostly or above(problem, new.fit.residuals) < LEFT
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
