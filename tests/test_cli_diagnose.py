@@ -35,17 +35,25 @@ class Doctor:
         self.asked: list[dict] = []
         self.answer = made_up(findings=(FINDING, DELAY))
 
-    def diagnose(self, model, recordings, *, held_out=(), seed=0, progress=None):
+    def diagnose(
+        self, model, recordings, *, held_out=(), seed=0, memory=None, progress=None
+    ):
         self.asked.append(
             {"model": model, "files": [r.file for r in recordings],
              "held_out": list(held_out), "seed": seed}
         )  # fmt: skip
+        self.memory = Path(memory)
+        self.found = sorted(p.name for p in self.memory.glob("*"))
+        self.memory.mkdir(exist_ok=True)
+        (self.memory / "answer").touch()
         progress("trying coulomb_friction at joint:knee", 0.2)
         progress("trying backlash at joint:knee", 0.4)
         if isinstance(self.answer, BaseException):
             raise self.answer
         text = Path(model).read_text()
         return replace(self.answer, model=str(model), patched=text)
+
+    memory, found = Path(), ()  # of the last diagnosis: where, and what was there
 
     def replay(self, folder, recording, *, model=None):
         self.asked.append({"folder": folder, "file": recording.file, "model": model})
@@ -196,11 +204,32 @@ def test_an_earlier_diagnosis_is_overwritten_by_force_only(doctor, files, tmp_pa
 
 
 @pytest.mark.parametrize("error, code", [(KeyboardInterrupt(), 130), (OSError(), 1)])
-def test_a_broken_off_diagnosis_leaves_nothing(error, code, doctor, files, tmp_path):
-    doctor.answer, before = error, _names(tmp_path)
-    result = _run("diagnose", *files, "--out", tmp_path / "out")
-    assert result.exit_code == code
-    assert _names(tmp_path) == before
+def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
+    error, code, doctor, files, tmp_path
+):
+    answer, doctor.answer, before = doctor.answer, error, _names(tmp_path)
+    words = ["diagnose", *files, "--out", tmp_path / "out"]
+    assert _run(*words).exit_code == code
+    assert set(_names(tmp_path)) - set(before) == {doctor.memory.name}
+    doctor.answer = answer
+    assert _run(*words, "--resume").exit_code == 0
+    assert doctor.found == ["answer"]
+    assert set(_names(tmp_path)) - set(before) == {"out"}
+
+
+def test_without_resume_a_diagnosis_begins_anew(doctor, files, tmp_path):
+    answer, doctor.answer = doctor.answer, KeyboardInterrupt()
+    words = ["diagnose", *files, "--out", tmp_path / "out"]
+    _run(*words)
+    doctor.answer = answer
+    assert _run(*words).exit_code == 0
+    assert doctor.found == []
+
+
+def test_with_nothing_to_resume_it_says_so_and_begins(doctor, files, tmp_path):
+    result = _run("diagnose", *files, "--out", tmp_path / "out", "--resume")
+    assert result.exit_code == 0
+    assert "from the beginning" in " ".join(result.stderr.split())
 
 
 def test_a_name_to_hold_out_that_is_none_is_refused(files, tmp_path):

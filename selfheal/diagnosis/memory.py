@@ -4,13 +4,13 @@ import hashlib
 import os
 import zipfile
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from .. import __version__
 from ..files import atomic_path
 from ..recording import Recording
 from .plant import Workshop
@@ -31,8 +31,6 @@ class Memory:
     ) -> None:
         """Answers are kept in `folder`; `about` is what all questions are about."""
         self.folder, self.about = None if folder is None else Path(folder), about
-        if self.folder:
-            self.folder.mkdir(parents=True, exist_ok=True)
 
     def recall(self, question: Sequence[Any], work_out: Callable[[], Answer]) -> Answer:
         """The answer, worked out if it is not there or cannot be read."""
@@ -45,6 +43,7 @@ class Memory:
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             pass
         answer = work_out()
+        self.folder.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as temporary, temporary.open("wb") as new:
             np.savez(new, *answer)
         return answer
@@ -55,7 +54,7 @@ def about(workshop: Workshop, recordings: Sequence[Recording]) -> bytes:
     model = workshop.given
     raw = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, raw)
-    said: list[Any] = [__version__, mujoco.__version__, np.__version__, raw]
+    said: list[Any] = [*map(version, ("selfheal", "mujoco", "numpy")), raw]
     for recording in recordings:
         for name, e in recording.episodes.items():
             said += [recording.file, name, e.time, e.ctrl, e.qpos0, e.qvel0]

@@ -361,7 +361,7 @@ def _winner(
     good.sort(key=lambda s: s.error)
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not s.last.effect.rare] or close
-    near = [s for s in usual if as_good(problem, s, usual[0])]
+    near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
     # of those that the data cannot rank, a usual one, with the least to choose
     best = min(
         near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
