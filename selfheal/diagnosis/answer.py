@@ -220,7 +220,7 @@ def _remarks(
         )
     if refuted:
         found.append(
-            f"What also fitted, {'; '.join(refuted)}, did next to nothing on the "
+            f"What also fitted, {'; '.join(refuted)}, did not help in the "
             "held-out episodes, so it is not named."
         )
     if structure.left and structure.share > 0.05:
