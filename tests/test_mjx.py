@@ -11,7 +11,8 @@ import pytest
 
 from selfheal.body.body import Anatomy
 from selfheal.body.genome import build, from_tree, random_genomes
-from selfheal.engine.mjx import Mjx
+from selfheal.engine._mjx_body import owners
+from selfheal.engine.mjx import Mjx, _program
 from selfheal.engine.statics import Statics
 
 STAR_PARENTS = np.array([0, 0, 0, 0, 1, 2, 3, 4])
@@ -91,7 +92,8 @@ def test_most_random_trees_rest_as_in_statics():
 def test_one_program_serves_every_tree():
     ENGINE.simulate(_star(3), _actions()[:3])
     ENGINE.simulate(_trees(45), _actions()[np.arange(45) % 36])
-    _, program = ENGINE._compiled(ANATOMY)
+    shape = owners(ANATOMY), ANATOMY.feet
+    program = _program(*shape, ENGINE.ramp, ENGINE.hold, ENGINE.batch)
     assert program._cache_size() == 1
 
 
