@@ -12,12 +12,21 @@ from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
 from .effects import catalogue
 from .fit import Problem
 from .name import name_effects
-from .prove import Proof, bare, judged, polished, structure_of, upheld
+from .prove import (
+    Proof,
+    bare,
+    judged,
+    polished,
+    removed_share,
+    structure_of,
+    upheld,
+)
 from .result import Diagnosis
 from .stated import stated_terms
 from .usable import check_usable
 
 WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
+LITTLE = 0.1  # of what can be explained there: names that remove less are none; chosen
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 Progress = Callable[[str, float], None]
@@ -66,10 +75,13 @@ def diagnose(
     naming, verdict = judged(naming, structure)
     proof = Proof.of(case, naming)
     patched, refit = proof.numbers["patched"], proof.numbers["refit"]
-    if naming.named and not patched <= min(WORSE * refit, np.finfo(float).max):
-        # what predicts worse where nothing was fitted is no finding
+    worse = not patched <= min(WORSE * refit, np.finfo(float).max)
+    removed = removed_share(proof.numbers)
+    if naming.named and (worse or (removed is not None and removed < LITTLE)):
+        # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in naming.named))
-        naming, verdict = bare(naming), "unlisted"
+        naming, verdict = judged(bare(naming), structure)
+        verdict = "unlisted" if worse else verdict
         proof = Proof.of(case, naming)
     if proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
