@@ -71,12 +71,11 @@ def _located(case: Case, naming: Naming):
     before = _squares(problem, stated.terms, stated.values)
     share, p = locate.grid(world, case.scene, pieces, before)
     located = Located(tuple(c.name for c in world.signals), locate.REGIMES, share, p)
-    where = {}
+    where, after = {}, _squares(problem, final.terms, final.values)
     masks = locate.regimes(world, case.scene, pieces)
     for n, named in enumerate(naming.named):
         less = _squares(problem, *final.but(named.term))
-        gain = less - _squares(problem, final.terms, final.values)
-        where[n] = _where(case, pieces, masks, gain)
+        where[n] = _where(case, pieces, masks, less - after)
     return located, where
 
 

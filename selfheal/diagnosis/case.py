@@ -14,7 +14,7 @@ from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
 from .prepare import scene_of, world_of
-from .scene import Scene
+from .scene import Scene, by_column
 from .state import estimate
 from .stated import stated_terms
 from .windows import Windows, windows
@@ -118,7 +118,7 @@ def problem_of(case: Case, seconds: float) -> Problem:
     sigma = np.sqrt(
         np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
     )
-    spread = np.concatenate([np.full(c.width, c.spread) for c in world.signals])
+    spread = by_column(world.signals, "spread")
     sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
     return whitened(Problem(world, pieces, sigma), stated, np.ones(len(stated)))
 

@@ -101,7 +101,7 @@ def folds_of(problem: Problem) -> np.ndarray:
 
 
 def carries_over(problem: Problem, old: Fit, new: Fit) -> bool:
-    """Whether `new` predicts whole episodes from the others no worse than `old`.
+    """Whether `new` predicts whole episodes from the others better than `old`.
 
     Pieces next to each other share what is peculiar to an episode; that also holds a
     name that explains nothing else. Two episodes are too few to ask.

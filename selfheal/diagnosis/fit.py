@@ -9,6 +9,7 @@ import numpy as np
 from ..recording.data import Floats
 from .memory import Answer
 from .plant import parts
+from .scene import by_column
 from .state import start_of
 from .terms import Term
 from .windows import Windows
@@ -136,8 +137,8 @@ def is_told(problem: Problem, terms: Sequence[Term], values: Floats) -> bool:
     told = problem.world.simulate(
         terms, hypotheses, problem.windows, kick=kick, centered=problem.centered
     )
-    columns = [np.full(c.width, c.spread) for c in problem.world.signals]
-    moved = ((told[1:] - told[0]) / np.concatenate(columns)) ** 2
+    spread = by_column(problem.world.signals, "spread")
+    moved = ((told[1:] - told[0]) / spread) ** 2
     return bool(np.nanmean(moved.sum(axis=0)) < LINEAR**2)
 
 

@@ -23,7 +23,6 @@ from .evidence import (
 from .fit import Base, Fit, Problem, fit, is_told, try_term, whitened
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
-from .stated import Stated
 from .terms import Term
 
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
@@ -385,7 +384,7 @@ def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
     model's own numbers are far off, is more likely to stand for something else.
     """
     usual = not (new.last.effect.rare or new.last.effect.restates)
-    first = all(isinstance(t.effect, Stated) for t in now.fit.terms)
+    first = all(t.effect.name == "stated" for t in now.fit.terms)
     mostly = new.error < MOSTLY * now.error
     return usual or first or mostly or above(problem, new.fit.residuals) < LEFT
 

@@ -12,6 +12,7 @@ from .fit import Base, Fit, Problem, fit, is_told, start_errors, try_term, white
 from .free_form import FreeForm
 from .name import LEFT, Naming, without
 from .plant import parts
+from .scene import by_column
 from .screen import fewer
 from .terms import Term
 from .windows import Windows
@@ -35,9 +36,7 @@ def polished(case: Case, naming: Naming) -> Naming:
     """
     found, sigma = naming.final.fit, naming.problem.sigma
     if above(naming.problem, found.residuals) > LEFT:
-        scored = np.concatenate(
-            [np.full(c.width, c.scored) for c in case.world.signals]
-        )
+        scored = by_column(case.world.signals, "scored")
         sigma = np.where(scored, sigma, UNSCORED * sigma)
     rng = np.random.default_rng(2)
     for seconds in (WINDOW, LONG):

@@ -1,5 +1,6 @@
 """What a diagnosis knows of a robot: its joints, actuators, bodies and signals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +52,11 @@ class Channel:
     def scored(self) -> bool:
         """Whether the contract's score counts it."""
         return self.kind in POSITION_LIKE
+
+
+def by_column(signals: Sequence[Channel], field: str) -> np.ndarray:
+    """(C) a signal's `field`, once for each of its columns."""
+    return np.concatenate([np.full(c.width, getattr(c, field)) for c in signals])
 
 
 @dataclass(frozen=True)
