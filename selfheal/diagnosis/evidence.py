@@ -13,6 +13,9 @@ BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; 
 EPISODES = 3  # at least, each to be predicted from the others; chosen
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
+FEW = 4  # readings in a window, fewer of which tell no correlation in time
+TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
+FAINT = 0.1  # of the residuals' size, what is smaller is no smaller; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,13 +135,50 @@ def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
     if ratio <= 1 or gains.sum() < STEADY * error:
         return 1.0
     free = max(1, len(new.fit.values) - len(old.fit.values))
-    # the larger residuals are the old ones, and the more alike their neighbors
-    nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
-    return float(min(1.0, tried * chi2.sf(2 * nats, free)))
+    if is_sparse(problem):
+        nats = min(_likelihoods(problem, new) - _likelihoods(problem, old))
+    else:
+        # the larger residuals are the old ones, and the more alike their neighbors
+        nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
+    return float(min(1.0, tried * chi2.sf(2 * max(nats, 0.0), free)))
+
+
+def is_sparse(problem: Problem) -> bool:
+    """Whether windows hold single readings, as those of a robot that holds a pose."""
+    return bool(np.bincount(problem.windows.window).max() < FEW)
+
+
+def _likelihoods(problem: Problem, fit: Scored) -> Floats:
+    """Log-likelihoods (2) [nats] of windows' squared residuals, of unknown scale.
+
+    Of a normal error, and of one with Student's tails that a window's columns share: a
+    pose in which the robot rests on another leg is far off, and tells of a lost one more
+    than all that are slightly off, but alone it may be an accident. The scale of the
+    latter by Lange, Little, Taylor (1989), eq. 6.
+    """
+    known = np.isfinite(problem.windows.readings)
+    at, held = problem.windows.window, fit.held
+    count = sum(
+        np.bincount(at, known[:, c.columns].all(axis=1), len(held)) * c.freedom
+        for c in problem.world.signals
+    )
+    square = mean = max(held.sum() / count.sum(), 1e-300)
+    for _ in range(100):
+        weight = (TAILS + count) / (TAILS + held / square)
+        square = max(float((weight * held).sum() / count.sum()), FAINT**2 * mean)
+    apart = (TAILS + count) / 2 * np.log1p(held / square / TAILS)
+    normal = -count.sum() / 2 * np.log(mean)
+    return np.array([normal, -count.sum() / 2 * np.log(square) - apart.sum()])
 
 
 def as_good(problem: Problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
     """Whether the windows do not tell that `other` predicts worse than `lead`."""
+    if is_sparse(problem):
+        # so few readings do not hold a large fit back: each number costs (BIC)
+        number = 0.5 * np.log(np.isfinite(problem.windows.readings).sum())
+        more = len(lead.fit.values) - len(other.fit.values)
+        apart = _likelihoods(problem, lead) - _likelihoods(problem, other)
+        return bool(min(apart) - number * more < errors)
     apart = np.bincount(blocks_of(problem), other.held - lead.held)
     noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
     ratio = other.error / max(lead.error, 1e-300)

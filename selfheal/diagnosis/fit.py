@@ -17,6 +17,7 @@ from .world import World
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
+LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
 LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
@@ -379,10 +380,12 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
 
     points = np.array(term.starts, float).reshape(len(term.starts), -1)
     told = residuals(points)
+    if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
+        rounds = 0
     settled = [base.settle(r) for r in told]
     best = int(np.argmin([c for c, _ in settled]))
     x, r, (cost, move) = points[best], told[best], settled[best]
-    jac = differences(x, r) if len(x) else np.zeros((len(r), 0))
+    jac = differences(x, r) if len(x) and rounds else np.zeros((len(r), len(x)))
     for _ in range(rounds if len(x) else 0):
         tries = x + np.array([
             _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING

@@ -122,13 +122,10 @@ def name_effects(
     search.forward()
     if search.is_done:
         return search.ended()
-    longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
-    if is_told(longer, now.fit.terms, now.fit.values):
-        longer = whitened(longer, now.fit.terms, now.fit.values)
-        start = replace(start, problem=longer)
     # what the first search set aside for a name, the second one tries in its place
     other = replace(start, claims=dict(search.claims), first=search.first)
-    if other.with_all_usual() and other.beats(search):
+    longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
+    if other.with_all_usual(longer) and other.beats(search):
         search = other
     return search.ended()
 
@@ -249,8 +246,11 @@ class _Search:
                 self.now = _swapped(self.problem, self.now, term, others)
         return gone
 
-    def with_all_usual(self) -> bool:
-        """Begin from all usual effects at once; False if there are none."""
+    def with_all_usual(self, longer: Problem) -> bool:
+        """Begin from all usual effects at once; False if there are none.
+
+        In longer pieces, if what is near the truth allows it.
+        """
         usual = [t for t in self.candidates if t.effect.is_usual(t)]
         if not usual:
             return False
@@ -259,6 +259,9 @@ class _Search:
         terms = (*self.now.fit.terms, *usual)
         values = np.concatenate([self.now.fit.values, *start])
         found = fit(self.problem, terms, values, rounds=8)
+        if is_told(longer, terms, found.values):
+            self.problem = whitened(longer, terms, found.values)
+            found = fit(self.problem, terms, found.values, rounds=8)
         found = _pruned(self.problem, found, self.stated)
         self.problem = reweighed(self.problem, found)
         self._look_back(scored(self.problem, found.terms, found.values, rounds=4))

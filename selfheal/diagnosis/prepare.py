@@ -10,7 +10,7 @@ from ..recording.data import Floats
 from .logs import channels, log
 from .plant import Workshop
 from .scene import Actuator, Scene, bodies_of, joints_of
-from .state import start_of
+from .state import estimate, start_of
 from .world import World
 
 
@@ -45,21 +45,69 @@ def in_order(episode: Episode, model) -> Episode:
 def scene_of(world: World) -> Scene:
     """What the robot and its recordings are like."""
     model = world.workshop.given
-    motion = _Motion(world)
-    measured = {
-        model.joint(c.target).id for c in world.signals if c.kind == "joint_position"
-    }
+    states = _States(world)
+    motion = _Motion(world, states)
+    measured = {j for j in range(model.njnt) if states.is_read[model.jnt_qposadr[j]]}
     joints = joints_of(model, motion.torque, motion, measured)
     return Scene(
-        model, world.step, world.signals, joints, actuators_of(world, joints),
+        model, world.step, world.signals, joints, actuators_of(world, states, joints),
         bodies_of(model), motion.touches,
     )  # fmt: skip
 
 
-class _Motion:
-    """How the robot moved, by what was read at some hundred moments."""
+class _States:
+    """The robot's state at some times: as read or, where nothing tells, as simulated.
+
+    Attributes:
+        is_read: (nq) whether readings tell a position most of the time.
+    """
 
     def __init__(self, world: World) -> None:
+        model = world.workshop.given
+        told = []
+        for log in world.logs:
+            at = np.linspace(0, log.at[-1], 9)[1:-1]
+            told.append(estimate(model, world.signals, log, at, world.step, {})[0])
+        self.world = world
+        self.is_read = np.isfinite(np.vstack(told)).mean(axis=0) > 0.5
+        by_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
+        self._moves = self.is_read[by_dof]
+        self._paths: dict[int, Floats] = {}
+
+    def __call__(self, episode: int, at: np.ndarray) -> tuple[Floats, Floats]:
+        """Positions (W, nq) and velocities (W, nv) at times `at` (W) [steps]."""
+        qpos, qvel, _ = start_of(self.world, episode, at, {})
+        if not self.is_read.all():
+            path = self._path(episode)[np.minimum(at, len(self._path(episode)) - 1)]
+            nq = qpos.shape[1]
+            qpos = np.where(self.is_read, qpos, path[:, :nq])
+            qvel = np.where(self._moves, qvel, path[:, nq:])
+        return qpos, qvel
+
+    def _path(self, episode: int) -> Floats:
+        """Positions and velocities (G, nq + nv) of the given model, open loop."""
+        if episode not in self._paths:
+            import mujoco
+            from mujoco import rollout
+
+            model = self.world.workshop.given
+            data = mujoco.MjData(model)
+            first = start_of(self.world, episode, np.zeros(1, int), {})
+            data.qpos[:], data.qvel[:] = first[0][0], first[1][0]
+            kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+            state = np.empty(mujoco.mj_stateSize(model, kind))
+            mujoco.mj_getState(model, data, state, kind)
+            control = self.world.logs[episode].ctrl[None]
+            seen = rollout.rollout(model, data, state[None], control)[0][0]
+            seen = np.vstack([state, seen])[:-1, 1 : 1 + model.nq + model.nv]
+            self._paths[episode] = np.nan_to_num(seen)
+        return self._paths[episode]
+
+
+class _Motion:
+    """How the robot moved, at some hundred moments."""
+
+    def __init__(self, world: World, states_of: _States) -> None:
         import mujoco
 
         model = world.workshop.given
@@ -69,7 +117,7 @@ class _Motion:
         each = max(2, 600 // len(world.logs))
         for i, episode in enumerate(world.logs):
             at = np.linspace(0, episode.at[-1], each).astype(int)
-            qpos, qvel, _ = start_of(world, i, at, {})
+            qpos, qvel = states_of(i, at)
             ctrl = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)]
             for q, v, u in zip(qpos, qvel, ctrl, strict=True):
                 data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, u
@@ -80,14 +128,10 @@ class _Motion:
         self.states = np.vstack(states)
         self.torque: Floats = np.sqrt(np.mean(np.square(torques), axis=0))
         self.torque += 1e-3 * model.dof_M0  # of a joint without load or gravity
-        self.goals = _goals(world)
         self.touches = touches or _stands_on_something(model)
 
     def __call__(self, joint: int) -> tuple[float, float, float, float]:
         """Speed (rms), fastest, lowest and highest position of a joint."""
-        if joint in self.goals:
-            low, high = self.goals[joint]
-            return high - low, 3 * (high - low), low, high
         q = self.states[:, self.model.jnt_qposadr[joint]]
         v = self.states[:, self.model.nq + self.model.jnt_dofadr[joint]]
         low, high = np.quantile(q, [0.005, 0.995])
@@ -97,19 +141,6 @@ class _Motion:
         )  # fmt: skip
 
 
-def _goals(world: World) -> dict[int, tuple[float, float]]:
-    """Lowest and highest goal of each servo whose joint was not measured."""
-    model, found = world.workshop.given, {}
-    seen = {c.target for c in world.signals if c.kind == "joint_position"}
-    for a in range(model.nu):
-        joint = int(model.actuator_trnid[a, 0])
-        holds = model.actuator_biasprm[a, 1] < 0 and model.actuator_trntype[a] == 0
-        if holds and model.joint(joint).name not in seen:
-            goals = np.concatenate([log.ctrl[:, a] for log in world.logs])
-            found[joint] = float(goals.min()), float(goals.max())
-    return found
-
-
 def _stands_on_something(model) -> bool:
     """Whether something floats and the world has something to touch."""
     fixed = model.body_weldid[model.geom_bodyid] == 0
@@ -117,18 +148,18 @@ def _stands_on_something(model) -> bool:
     return bool((fixed & solid).any() and (model.jnt_type == 0).any())
 
 
-def actuators_of(world: World, joints) -> tuple[Actuator, ...]:
+def actuators_of(world: World, states: _States, joints) -> tuple[Actuator, ...]:
     """The actuators, and how the recordings use them."""
     model, found = world.workshop.given, []
     by_id = {j.id: j for j in joints}
     for a in range(model.nu):
         at_joint = model.actuator_trntype[a] in (0, 1)
         joint = by_id.get(int(model.actuator_trnid[a, 0])) if at_joint else None
-        found.append(_actuator(world, a, joint))
+        found.append(_actuator(world, states, a, joint))
     return tuple(found)
 
 
-def _actuator(world: World, a: int, joint) -> Actuator:
+def _actuator(world: World, states: _States, a: int, joint) -> Actuator:
     model = world.workshop.given
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     servo = bool(
@@ -139,7 +170,7 @@ def _actuator(world: World, a: int, joint) -> Actuator:
     most, rates = 0.0, []
     for i, episode in enumerate(world.logs):
         at = np.arange(0, int(episode.at[-1]), max(1, int(episode.at[-1]) // 300))
-        qpos, qvel, _ = start_of(world, i, at, {})
+        qpos, qvel = states(i, at)
         u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1), a]
         force = gain[0] * u
         if joint is not None:

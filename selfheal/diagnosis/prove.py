@@ -10,7 +10,7 @@ from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, above, better, noise_of
 from .fit import Base, Fit, Problem, fit, is_told, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import LEFT, Naming, without
+from .name import LEFT, Named, Naming, without
 from .plant import parts
 from .scene import by_column
 from .screen import fewer
@@ -66,7 +66,8 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
     """Only the names that help in the held-out episodes, and labels of the others.
 
     A name that makes far less difference there than where it was fitted, as that of a
-    rotor's inertia where nothing moves fast, is not refuted.
+    rotor's inertia where nothing moves fast, is not refuted. What could not be told
+    from one that is refuted takes its place, if it helps.
     """
     gone: list[str] = []
     start = Problem(case.held, pieces_of(case.held, WINDOW), naming.problem.sigma)
@@ -91,11 +92,27 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
             break
         _, name, less = weakest
         gone.append(name.term.label)
+        instead, best = _in_its_place(naming.problem, held, name, less)
         naming = replace(
-            naming, named=tuple(n for n in naming.named if n is not name),
-            final=Scored.of(naming.problem, less),
+            naming, final=Scored.of(naming.problem, best),
+            named=tuple(x for n in naming.named for x in (instead if n is name else [n])),
         )  # fmt: skip
     return naming, tuple(gone)
+
+
+def _in_its_place(
+    problem: Problem, held: Problem, refuted: Named, less: Fit
+) -> tuple[list[Named], Fit]:
+    """Of what was equivalent to a name, what helps the most if anything does."""
+    instead, best, least = [], less, (1 - HELPS) * _error(held, less)
+    for term in refuted.equivalent:
+        tried = try_term(Base.of(problem, less), term)
+        found = fit(problem, tried.terms, tried.values, rounds=6)
+        if (error := _error(held, found)) < least:
+            others = tuple(t for t in refuted.equivalent if t is not term)
+            instead = [replace(refuted, term=found.terms[-1], equivalent=others)]
+            best, least = found, error
+    return instead, best
 
 
 def _error(problem: Problem, found: Fit) -> float:

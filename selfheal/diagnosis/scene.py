@@ -49,6 +49,11 @@ class Channel:
         return slice(self.first, self.first + self.width)
 
     @property
+    def freedom(self) -> int:
+        """How many of its columns are free; a direction is as long as another."""
+        return self.width - (self.width > 1 and self.unit in ("1", "quaternion"))
+
+    @property
     def scored(self) -> bool:
         """Whether the contract's score counts it."""
         return self.kind in POSITION_LIKE

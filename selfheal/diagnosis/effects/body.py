@@ -228,7 +228,9 @@ class MountShift(AtBody):
         return tuple(Parameter(x, "m", 0.0, -reach, reach, 0.05 * reach) for x in "xyz")
 
     def starts(self, scene, body):
-        return ((0.0, 0.0, 0.0),)
+        # also a fifth of the way: which foot bears it may change between
+        far = 0.2 * max(body.offset, body.size) * np.eye(3)
+        return tuple(map(tuple, np.vstack([np.zeros(3), far, -far]).tolist()))
 
     def fits(self, scene, body):
         return not body.free and body.parent != 0
