@@ -10,12 +10,16 @@ from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.evidence import (
     Scored,
+    as_good,
     better,
     blocks_of,
     carries_over,
+    economy,
     effective,
     folds_of,
     held_out,
+    is_sparse,
+    refitted,
 )
 from selfheal.diagnosis.fit import (
     FAR,
@@ -31,10 +35,13 @@ from selfheal.diagnosis.fit import (
     try_term,
     whitened,
 )
+from selfheal.diagnosis.plant import Workshop
+from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term
-from selfheal.diagnosis.windows import windows
+from selfheal.diagnosis.windows import Windows, windows
+from selfheal.recording import read
 
 NOISE = 1e-3
 PIECE = 150  # steps of a window
@@ -357,13 +364,37 @@ def _added(found: Fit, column, missing) -> tuple[Fit, Fit]:
 
 def test_windows_are_told_while_errors_of_their_starts_stay_small(pendulum):
     problem = _problem(pendulum)
-    assert is_told(problem, (), np.zeros(0))
+    assert is_told(problem, problem, (), np.zeros(0))
     world = problem.world
     signals = tuple(
         replace(c, noise=np.full(c.width, 0.3 * c.spread)) for c in world.signals
     )
     loud = replace(problem, world=replace(world, signals=signals))
-    assert not is_told(loud, (), np.zeros(0))
+    assert not is_told(loud, loud, (), np.zeros(0))
+
+
+def _pieces(b, steps: int) -> Problem:
+    width = sum(c.width for c in b.world.signals)
+    return Problem(b.world, windows(b.world.logs, steps), np.full(width, NOISE))
+
+
+class Reversal(Effect):
+    name = "reversal"
+
+    def edit(self, model, place, values):
+        model.opt.gravity[:] *= -1
+
+
+def test_where_errors_of_the_starts_grow_longer_windows_are_not_told(
+    pendulum, tmp_path
+):
+    pole = bench("cart_pole", tmp_path, episodes=2, seconds=3.0, seed=3)
+    short, long = (_pieces(pole, steps) for steps in (50, 300))
+    standing = [Term(Reversal(), ("world",), ({},), (), ((),))]  # the pole falls
+    held = [_pieces(pendulum, steps) for steps in (300, 50)]
+    assert is_told(*held, (), np.zeros(0))
+    assert is_told(short, short, standing, np.zeros(0))
+    assert not is_told(long, short, standing, np.zeros(0))
 
 
 def test_blocks_are_neighbors_and_cover_all(arm):
@@ -397,6 +428,59 @@ def test_a_worse_prediction_is_never_better_and_tries_are_paid_for(arm):
     p = [better(problem, now, good, tries) for tries in (1, 10, 100)]
     assert p[0] < 0.01 and p[1] == pytest.approx(10 * p[0])
     assert p[2] == pytest.approx(min(1, 100 * p[0]))
+
+
+def _poses(arm, count: int) -> Problem:
+    """Windows that hold a single reading each, as of a robot that holds a pose."""
+    width = sum(c.width for c in arm.world.signals)
+    one = np.ones(count, int)
+    pieces = Windows(
+        0 * one, 0 * one, PIECE * one, np.arange(count), 1.0 * PIECE * one,
+        np.full((count, width), np.nan),
+    )  # fmt: skip
+    pieces.readings[:, :2] = 0.0
+    return Problem(arm.world, pieces, np.ones(width))
+
+
+def test_of_single_readings_a_large_one_counts_and_small_ones_do_not_outvote_it(arm):
+    problem = _poses(arm, 12)
+    assert is_sparse(problem) and not is_sparse(_problem(arm))
+    _, found, _ = _linear(arm, np.random.default_rng(0))
+    large, small = [0, 0, 1.5, 25, 6, 1.3, 0.1, 0, 1.6, 0, 0.1, 0], [1.5, 6, 1.3, 1.6]
+    now = Scored(found, np.array(large, float))
+    tips, drifts = now.held.copy(), now.held.copy()
+    tips[3] = 1.6
+    drifts[[2, 4, 5, 8]] = 0.2 * np.array(small)
+    more = replace(found, values=np.append(found.values, 0.0))
+    assert better(problem, now, Scored(more, tips), 3) < 0.01
+    assert better(problem, now, Scored(more, drifts), 3) > 0.01
+    assert as_good(problem, now, now)
+    assert not as_good(problem, now, Scored(more, tips))
+    # one that predicts as well with fewer numbers is the likelier
+    assert economy(problem, now) > economy(problem, Scored(more, now.held))
+
+
+def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordings):
+    """The damaged robot of 2006: a torso heavy on one side explains its poses too."""
+    folder = shared_recordings / "starfish_2006"
+    damaged = read(folder / "damaged.h5")
+    chosen = list(damaged.episodes)[::2]
+    damaged = replace(damaged, episodes={i: damaged.episodes[i] for i in chosen})
+    world = world_of(Workshop(str(folder / "published_body.xml")), [damaged])
+    scene = scene_of(world)
+    pieces = windows(world.logs, None)
+    problem = Problem(world, pieces, np.full(pieces.readings.shape[1], 0.02))
+    base = Base.of(problem, fit(problem, (), np.zeros(0)))
+    terms = [
+        t
+        for name, target in (("limb_loss", "right_lower"), ("com_shift", "torso"))
+        for t in effect(name).terms(scene)
+        if t.targets == (f"body:{target}",)
+    ]
+    tried = [Scored.of(problem, try_term(base, t)) for t in terms]
+    assert max(s.error for s in tried) < 0.1 * base.fit.cost
+    (best,) = refitted(base, tried, terms)
+    assert best.last is terms[0] and best.error < 0.1 * base.fit.cost
 
 
 def test_what_one_piece_alone_gains_is_no_gain(arm):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Base, Fit, Problem, bounds, fit, step, whitened
+from .fit import Base, Fit, Problem, bounds, fit, step, try_term, whitened
 from .terms import Term
 
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
@@ -15,6 +15,8 @@ STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
 FEW = 4  # readings in a window, fewer of which tell no correlation in time
 TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
+FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
+EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
 FAINT = 0.1  # of the residuals' size, what is smaller is no smaller; chosen
 
 
@@ -116,6 +118,42 @@ def carries_over(problem: Problem, old: Fit, new: Fit) -> bool:
     return bool(after < before)
 
 
+def refitted(
+    base: Base, found: Sequence[Scored], terms: Sequence[Term]
+) -> list[Scored]:
+    """Fits with one more term than the base, the term fitted anew without each fold.
+
+    Where a robot that holds a pose rests on other feet, one step from the fit of all
+    knows too much of what it did not see. A fit that turns out to be worse than another
+    is left out.
+
+    Args:
+        base: the fit without it.
+        found: of all windows.
+        terms: theirs are among them, as a search begins with them.
+    """
+    problem, begin = base.problem, {t.key: t for t in terms}
+    count = len(problem.windows)
+    fold = np.arange(count) % min(FOLDS, count)
+    worst = np.argsort(-np.bincount(fold, problem.by_window(base.fit.residuals**2)))
+    tried: list[Scored] = []
+    for s in sorted(found, key=lambda s: (len(s.last.parameters), s.error)):
+        best = EQUAL * min((t.error for t in tried), default=np.inf)
+        held = np.zeros(count)
+        for k in worst if s.error < best else ():
+            seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+            new = try_term(base.take(seen), begin[s.last.key])
+            held[unseen] = problem.take(unseen).by_window(
+                problem.take(unseen).at(new.terms, new.values) ** 2
+            )
+            if held.sum() > best:
+                break
+        else:
+            if s.error < best:
+                tried.append(Scored(s.fit, held))
+    return tried
+
+
 def scored(problem: Problem, terms: Sequence[Term], start: Floats, **more) -> Scored:
     """Fit, and predict every fold from the others."""
     return Scored.of(problem, fit(problem, terms, start, **more))
@@ -125,17 +163,18 @@ def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
     """p-value that `new` predicts better than `old`, paying for `tried` tries.
 
     A likelihood ratio of held-out residuals with as many samples as are independent,
-    and only where the gain is no single piece's.
+    and only where the gain is no single piece's; of single readings, the less of two.
     """
     from scipy.stats import chi2
 
     ratio = old.error / max(new.error, 1e-300)
     gains = np.bincount(blocks_of(problem), old.held - new.held)
     error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    if ratio <= 1 or gains.sum() < STEADY * error:
+    sparse = is_sparse(problem)
+    if ratio <= 1 or (gains.sum() < STEADY * error and not sparse):
         return 1.0
     free = max(1, len(new.fit.values) - len(old.fit.values))
-    if is_sparse(problem):
+    if sparse:
         nats = min(_likelihoods(problem, new) - _likelihoods(problem, old))
     else:
         # the larger residuals are the old ones, and the more alike their neighbors
@@ -151,17 +190,15 @@ def is_sparse(problem: Problem) -> bool:
 def _likelihoods(problem: Problem, fit: Scored) -> Floats:
     """Log-likelihoods (2) [nats] of windows' squared residuals, of unknown scale.
 
-    Of a normal error, and of one with Student's tails that a window's columns share: a
-    pose in which the robot rests on another leg is far off, and tells of a lost one more
-    than all that are slightly off, but alone it may be an accident. The scale of the
-    latter by Lange, Little, Taylor (1989), eq. 6.
+    Of a normal error, by which a pose in which the robot tips tells most, and of one
+    with Student's tails that a window's columns share, by which it may be an accident.
+    The scale of the latter by Lange, Little, Taylor (1989), eq. 6.
     """
-    known = np.isfinite(problem.windows.readings)
-    at, held = problem.windows.window, fit.held
-    count = sum(
-        np.bincount(at, known[:, c.columns].all(axis=1), len(held)) * c.freedom
-        for c in problem.world.signals
-    )
+    known, held = np.isfinite(problem.windows.readings), fit.held
+    count = np.zeros(len(held))
+    for c in problem.world.signals:
+        whole = known[:, c.columns].all(axis=1)
+        count += np.bincount(problem.windows.window, whole, len(held)) * c.freedom
     square = mean = max(held.sum() / count.sum(), 1e-300)
     for _ in range(100):
         weight = (TAILS + count) / (TAILS + held / square)
@@ -171,19 +208,22 @@ def _likelihoods(problem: Problem, fit: Scored) -> Floats:
     return np.array([normal, -count.sum() / 2 * np.log(square) - apart.sum()])
 
 
+def economy(problem: Problem, fit: Scored) -> float:
+    """Log-likelihood [nats] of single readings, for which each number costs (BIC)."""
+    readings = np.isfinite(problem.windows.readings).sum()
+    price = 0.5 * np.log(readings) * len(fit.fit.values)
+    return float(_likelihoods(problem, fit)[0] - price)
+
+
 def as_good(problem: Problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
     """Whether the windows do not tell that `other` predicts worse than `lead`."""
     if is_sparse(problem):
-        # so few readings do not hold a large fit back: each number costs (BIC)
-        number = 0.5 * np.log(np.isfinite(problem.windows.readings).sum())
-        more = len(lead.fit.values) - len(other.fit.values)
-        apart = _likelihoods(problem, lead) - _likelihoods(problem, other)
-        return bool(min(apart) - number * more < errors)
+        return economy(problem, lead) - economy(problem, other) < errors
     apart = np.bincount(blocks_of(problem), other.held - lead.held)
     noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
     ratio = other.error / max(lead.error, 1e-300)
     nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
-    return bool(apart.sum() <= errors * noise and ratio < 1.5) or bool(nats < errors)
+    return bool(apart.sum() <= errors * noise and ratio < EQUAL) or bool(nats < errors)
 
 
 def stability(

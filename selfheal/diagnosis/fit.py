@@ -21,6 +21,7 @@ LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
 LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
+GROWS = 2.0  # times what it causes in a shorter piece; chosen
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 
 
@@ -127,12 +128,20 @@ def start_errors(world: World, windows: Windows) -> Floats:
     return kick
 
 
-def is_told(problem: Problem, terms: Sequence[Term], values: Floats) -> bool:
+def is_told(
+    problem: Problem, shorter: Problem, terms: Sequence[Term], values: Floats
+) -> bool:
     """Whether the windows are short enough for their starts.
 
-    What an error of the start causes in them stays linear; where it grows too fast,
-    longer pieces say less, not more.
+    What an error of the start causes in them stays linear and is not much more than it
+    is in shorter ones; where it grows too fast, longer pieces say less, not more.
     """
+    moved = [_moved_by_starts(p, terms, values) for p in (problem, shorter)]
+    return moved[0] < min(LINEAR, GROWS * moved[1])
+
+
+def _moved_by_starts(problem: Problem, terms: Sequence[Term], values: Floats) -> float:
+    """Root mean square of what errors of the starts cause, of the signals' spreads."""
     kick = start_errors(problem.world, problem.windows)
     hypotheses = np.tile(values, (len(kick), 1))
     told = problem.world.simulate(
@@ -140,7 +149,7 @@ def is_told(problem: Problem, terms: Sequence[Term], values: Floats) -> bool:
     )
     spread = by_column(problem.world.signals, "spread")
     moved = ((told[1:] - told[0]) / spread) ** 2
-    return bool(np.nanmean(moved.sum(axis=0)) < LINEAR**2)
+    return float(np.sqrt(np.nanmean(moved.sum(axis=0))))
 
 
 def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
@@ -324,6 +333,16 @@ class Base:
         weights = believed(found.terms)
         curvature = found.jacobian.T @ found.jacobian + np.diag(weights)
         return cls(problem, found, weights, curvature)
+
+    def take(self, chosen: np.ndarray) -> "Base":
+        """The same fit in some of the windows."""
+        windows, found = self.problem.windows, self.fit
+        width = windows.readings.shape[1]
+        rows = windows.rows(chosen)[:, None] * width + np.arange(width)
+        r, jac = found.residuals[rows.ravel()], found.jacobian[rows.ravel()]
+        return Base.of(
+            self.problem.take(chosen), Fit(found.terms, found.values, r, jac)
+        )
 
     def slope(self, r: Floats) -> Floats:
         """(P) of the cost at residuals r (R), with the pull of what is believed."""

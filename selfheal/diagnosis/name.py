@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from .evidence import (
     better,
     blocks_of,
     carries_over,
+    economy,
     effective,
     held_out,
+    is_sparse,
+    refitted,
     reweighed,
     scored,
     stability,
@@ -211,12 +215,11 @@ class _Search:
         part = bases[-1]
         if not self.first:
             self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
-        return _winner(
-            part.problem,
-            Scored.of(part.problem, part.fit),
-            _finalists(part.problem, fits, self.progress),
-            independent,
-        )
+        finals = _finalists(part.problem, fits, self.progress)
+        if is_sparse(part.problem):
+            finals = refitted(part, finals, open_to)
+        now = Scored.of(part.problem, part.fit)
+        return _winner(part.problem, now, finals, independent)
 
     def _look_back(self, best: Scored) -> list[Term]:
         """Weigh anew, and undo what a later effect made needless or better explained.
@@ -240,7 +243,7 @@ class _Search:
                 break
             term, self.now = min(tries, key=lambda x: x[1].error)
             gone.append(term)
-        for term in self.named[:-1]:
+        for term in () if is_sparse(self.problem) else self.named[:-1]:
             if term.key in self.claims:
                 others = self.claims[term.key].others
                 self.now = _swapped(self.problem, self.now, term, others)
@@ -259,7 +262,7 @@ class _Search:
         terms = (*self.now.fit.terms, *usual)
         values = np.concatenate([self.now.fit.values, *start])
         found = fit(self.problem, terms, values, rounds=8)
-        if is_told(longer, terms, found.values):
+        if is_told(longer, self.problem, terms, found.values):
             self.problem = whitened(longer, terms, found.values)
             found = fit(self.problem, terms, found.values, rounds=8)
         found = _pruned(self.problem, found, self.stated)
@@ -360,14 +363,7 @@ def _winner(
     ]
     if not good:
         return None
-    good.sort(key=lambda s: s.error)
-    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
-    usual = [s for s in close if not s.last.effect.rare] or close
-    near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
-    # of those that the data cannot rank, a usual one, with the least to choose
-    best = min(
-        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
-    )
+    best = _likeliest(problem, sorted(good, key=lambda s: s.error))
     others = [s for s in good if s is not best]
     also = [s for s in others if as_good(problem, s, best, 2.0)]
     evidence = Evidence(
@@ -377,6 +373,19 @@ def _winner(
     )
     return best, _Claim(
         evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
+    )
+
+
+def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:
+    """Of candidates, the best first, the one that gets the name."""
+    if is_sparse(problem):
+        return max(good, key=partial(economy, problem))
+    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
+    usual = [s for s in close if not s.last.effect.rare] or close
+    near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
+    # of those that the data cannot rank, a usual one, with the least to choose
+    return min(
+        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
     )
 
 

@@ -45,7 +45,7 @@ def in_order(episode: Episode, model) -> Episode:
 def scene_of(world: World) -> Scene:
     """What the robot and its recordings are like."""
     model = world.workshop.given
-    states = _States(world)
+    states = Reckoned(world)
     motion = _Motion(world, states)
     measured = {j for j in range(model.njnt) if states.is_read[model.jnt_qposadr[j]]}
     joints = joints_of(model, motion.torque, motion, measured)
@@ -55,7 +55,7 @@ def scene_of(world: World) -> Scene:
     )  # fmt: skip
 
 
-class _States:
+class Reckoned:
     """The robot's state at some times: as read or, where nothing tells, as simulated.
 
     Attributes:
@@ -64,12 +64,12 @@ class _States:
 
     def __init__(self, world: World) -> None:
         model = world.workshop.given
-        told = []
-        for log in world.logs:
-            at = np.linspace(0, log.at[-1], 9)[1:-1]
-            told.append(estimate(model, world.signals, log, at, world.step, {})[0])
+        told = [np.full((1, model.nq), np.nan)]
+        for episode in world.logs:
+            at = np.linspace(0, episode.at[-1], 9)[1:-1]
+            told.append(estimate(model, world.signals, episode, at, world.step, {})[0])
         self.world = world
-        self.is_read = np.isfinite(np.vstack(told)).mean(axis=0) > 0.5
+        self.is_read = np.isfinite(np.vstack(told)).mean(axis=0) >= 0.5
         by_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
         self._moves = self.is_read[by_dof]
         self._paths: dict[int, Floats] = {}
@@ -107,7 +107,7 @@ class _States:
 class _Motion:
     """How the robot moved, at some hundred moments."""
 
-    def __init__(self, world: World, states_of: _States) -> None:
+    def __init__(self, world: World, states_of: Reckoned) -> None:
         import mujoco
 
         model = world.workshop.given
@@ -148,7 +148,7 @@ def _stands_on_something(model) -> bool:
     return bool((fixed & solid).any() and (model.jnt_type == 0).any())
 
 
-def actuators_of(world: World, states: _States, joints) -> tuple[Actuator, ...]:
+def actuators_of(world: World, states: Reckoned, joints) -> tuple[Actuator, ...]:
     """The actuators, and how the recordings use them."""
     model, found = world.workshop.given, []
     by_id = {j.id: j for j in joints}
@@ -159,7 +159,7 @@ def actuators_of(world: World, states: _States, joints) -> tuple[Actuator, ...]:
     return tuple(found)
 
 
-def _actuator(world: World, states: _States, a: int, joint) -> Actuator:
+def _actuator(world: World, states: Reckoned, a: int, joint) -> Actuator:
     model = world.workshop.given
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     servo = bool(

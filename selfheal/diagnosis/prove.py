@@ -1,6 +1,7 @@
 """How far a naming holds: takes it, gives a verdict and held-out errors."""
 
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -42,7 +43,9 @@ def polished(case: Case, naming: Naming) -> Naming:
     for seconds in (WINDOW, LONG):
         start = Problem(case.world, pieces_of(case.world, seconds), sigma)
         problem = fewer(start, POLISHED, rng)
-        if seconds == LONG and not is_told(problem, found.terms, found.values):
+        if seconds == LONG and not is_told(
+            problem, naming.problem, found.terms, found.values
+        ):
             return naming
         naming = _refitted(whitened(problem, found.terms, found.values), naming)
         found = naming.final.fit
@@ -93,10 +96,10 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
         _, name, less = weakest
         gone.append(name.term.label)
         instead, best = _in_its_place(naming.problem, held, name, less)
+        named = [[n] if n is not name else instead for n in naming.named]
         naming = replace(
-            naming, final=Scored.of(naming.problem, best),
-            named=tuple(x for n in naming.named for x in (instead if n is name else [n])),
-        )  # fmt: skip
+            naming, final=Scored.of(naming.problem, best), named=tuple(chain(*named))
+        )
     return naming, tuple(gone)
 
 

@@ -22,7 +22,7 @@ from .effects import effect
 from .folder import read
 from .logs import channels, log
 from .plant import Workshop
-from .prepare import actuators_of, in_order
+from .prepare import Reckoned, actuators_of, in_order
 from .result import Diagnosis
 from .scene import Scene, bodies_of, joints_of
 from .stated import stated_terms
@@ -183,10 +183,8 @@ def bare_scene(workshop: Workshop) -> Scene:
     model = workshop.given
     joints = joints_of(model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set())
     world = World(workshop, (), (), float(model.opt.timestep))
-    return Scene(
-        model, world.step, (), joints, actuators_of(world, joints), bodies_of(model),
-        True,
-    )  # fmt: skip
+    actuators = actuators_of(world, Reckoned(world), joints)
+    return Scene(model, world.step, (), joints, actuators, bodies_of(model), True)
 
 
 def _played(

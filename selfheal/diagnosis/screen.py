@@ -29,12 +29,9 @@ def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
         return base
     worst = np.argsort(-problem.by_window(found.residuals**2))
     others = rng.permutation(worst[(count + 1) // 2 :])
-    chosen = np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
-    width = problem.windows.readings.shape[1]
-    rows = problem.windows.rows(chosen)[:, None] * width + np.arange(width)
-    rows = rows.ravel()
-    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
-    return Base.of(problem.take(chosen), part)
+    return base.take(
+        np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
+    )
 
 
 def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
@@ -68,7 +65,11 @@ def screened(
             progress(f"trying {term.label}", i / len(candidates))
             fits.append(try_term(base, term, rounds=rounds))
         answers = answers or [base.fit.residuals - f.residuals for f in fits]
-        fits = sorted(fits, key=lambda f: f.cost / base.fit.cost)[:keep]
+        readings = np.count_nonzero(base.fit.residuals)
+        # few readings do not hold a large term back: each number costs (BIC)
+        price = readings ** (1 / readings) if readings else 1.0
+        fits.sort(key=lambda f: f.cost * price ** len(f.terms[-1].parameters))
+        fits = fits[:keep]
         old = len(base.fit.values)
         candidates = [
             replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
