@@ -7,12 +7,15 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Base, Fit, Problem, bounds, fit, step, try_term, whitened
+from .scene import by_column
 from .terms import Term
 
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
 EPISODES = 3  # at least, each to be predicted from the others; chosen
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
+LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
+UNSCORED = 4.0  # times as far off may be what is not scored; chosen
 FEW = 4  # readings in a window, fewer of which tell no correlation in time
 TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
 FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
@@ -283,6 +286,18 @@ def noise_of(problem: Problem) -> float:
     ])  # fmt: skip
     count = np.isfinite(problem.windows.readings).sum(axis=0)
     return float((count * (noise / problem.sigma) ** 2).sum())
+
+
+def for_score(problem: Problem, found: Fit) -> Problem:
+    """The same, but where something stays unexplained for the signals that are scored.
+
+    A fit is a compromise there.
+    """
+    if above(problem, found.residuals) <= LEFT:
+        return problem
+    scored = by_column(problem.world.signals, "scored")
+    sigma = np.where(scored, problem.sigma, UNSCORED * problem.sigma)
+    return whitened(replace(problem, sigma=sigma, whiten=()), found.terms, found.values)
 
 
 def reweighed(problem: Problem, found: Fit) -> Problem:

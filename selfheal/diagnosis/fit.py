@@ -8,7 +8,6 @@ import numpy as np
 
 from ..recording.data import Floats
 from .memory import Answer
-from .plant import parts
 from .scene import by_column
 from .state import start_of
 from .terms import Term
@@ -189,12 +188,17 @@ class Fit:
 
     def but(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
         """The terms without some, and their values."""
-        kept = [i for i, t in enumerate(self.terms) if t not in gone]
-        values = parts(self.terms, self.values)
-        return (
-            tuple(self.terms[i] for i in kept),
-            np.concatenate([*(values[i] for i in kept), np.zeros(0)]),
-        )
+        kept = tuple(t for t in self.terms if t not in gone)
+        return kept, self.values[self._columns(gone)]
+
+    def near(self, *gone: Term) -> Floats:
+        """The Jacobian without the columns of some terms."""
+        return self.jacobian[:, self._columns(gone)]
+
+    def _columns(self, gone: Sequence[Term]) -> np.ndarray:
+        """(P) which parameters stay without some terms."""
+        stays = [t not in gone for t in self.terms for _ in t.parameters]
+        return np.array(stays, bool)
 
 
 def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
@@ -257,7 +261,7 @@ def jacobian(
 
 def fit(
     problem: Problem, terms: Sequence[Term], start: Floats, *, rounds: int = 8,
-    gain: float = 1e-3,
+    gain: float = 1e-3, known: Floats | None = None,
 ) -> Fit:  # fmt: skip
     """Values of the terms' parameters, within their bounds, that fit best.
 
@@ -269,20 +273,21 @@ def fit(
         start: (P).
         rounds: at most.
         gain: share of the cost below which another round is not worth it.
+        known: (R, P), a Jacobian near the start if there is one.
     """
     terms = tuple(terms)
-    question = ("fit", terms, np.asarray(start, float), rounds, gain)
-    work_out = partial(_fitted, problem, terms, start, rounds, gain)
+    question = ("fit", terms, np.asarray(start, float), rounds, gain, known)
+    work_out = partial(_fitted, problem, terms, start, rounds, gain, known)
     return Fit(terms, *problem.recall(question, work_out))
 
 
-def _fitted(problem: Problem, terms, start: Floats, rounds: int, gain: float) -> Answer:
+def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answer:
     """Values, residuals and Jacobian of `fit`."""
     low, high, scale = bounds(terms)
     weights = believed(terms)
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.at(terms, x)
-    jac = jacobian(problem, terms, x, r)
+    jac = jacobian(problem, terms, x, r) if known is None else known
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
@@ -290,6 +295,9 @@ def _fitted(problem: Problem, terms, start: Floats, rounds: int, gain: float) ->
         costs = (told**2).sum(axis=1) + (weights * (tries - 1) ** 2).sum(axis=1)
         best = int(costs.argmin())
         before = float(r @ r + weights @ (x - 1) ** 2)
+        if costs[best] >= before and known is not None:
+            jac, known = jacobian(problem, terms, x, r), None
+            continue
         if costs[best] >= before:
             break
         move, change = tries[best] - x, told[best] - r
@@ -297,7 +305,7 @@ def _fitted(problem: Problem, terms, start: Floats, rounds: int, gain: float) ->
         if before - costs[best] < NEAR * before:
             jac = _secant(jac, move, change, scale)
         else:
-            jac = jacobian(problem, terms, x, r)
+            jac, known = jacobian(problem, terms, x, r), None
         if before - costs[best] < gain * before:
             break
     return x, r, jac

@@ -8,6 +8,7 @@ import numpy as np
 
 from .evidence import (
     ABOVE,
+    LEFT,
     Evidence,
     Scored,
     above,
@@ -17,6 +18,7 @@ from .evidence import (
     carries_over,
     economy,
     effective,
+    for_score,
     held_out,
     is_sparse,
     refitted,
@@ -35,7 +37,6 @@ WORTH = 0.02  # least share of the held-out squared error that a name removes; c
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
-LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
@@ -124,7 +125,7 @@ def name_effects(
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
     start = replace(search)
     search.forward()
-    if search.is_done:
+    if search.is_done or is_sparse(problem):  # poses do not show what most robots have
         return search.ended()
     # what the first search set aside for a name, the second one tries in its place
     other = replace(start, claims=dict(search.claims), first=search.first)
@@ -288,13 +289,15 @@ class _Search:
 
     def beats(self, other: "_Search") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
-        problem = self.problem
-        theirs = other.now.fit
-        against = scored(problem, theirs.terms, theirs.values, rounds=2)
-        if self.now.error < BETTER * against.error:
+        problem = for_score(self.problem, self.now.fit)
+        mine, theirs = (
+            scored(problem, s.now.fit.terms, s.now.fit.values, rounds=2)
+            for s in (self, other)
+        )
+        if mine.error < BETTER * theirs.error:
             return True
         odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
-        return odd[0] < odd[1] and as_good(problem, self.now, against)
+        return odd[0] < odd[1] and as_good(problem, mine, theirs)
 
     def ended(self) -> Naming:
         """What was found."""
@@ -322,8 +325,8 @@ def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
         idle = [i for i in order if costs[i] < 1 + WORTH][: max(1, len(order) // 2)]
         if not idle:
             break
-        idle_terms = (found.terms[stated + i] for i in idle)
-        found = fit(problem, *found.but(*idle_terms), rounds=2)
+        gone = [found.terms[stated + i] for i in idle]
+        found = fit(problem, *found.but(*gone), rounds=2, known=found.near(*gone))
     return found
 
 
@@ -342,7 +345,8 @@ def _finalists(problem: Problem, fits: Sequence[Fit], progress) -> list[Scored]:
     for i in range(min(FITTED, len(found))):
         old = found[i]
         progress(f"fitting {old.last.label}", i / FITTED)
-        new = scored(problem, old.fit.terms, old.fit.values, rounds=3)
+        at, near = old.fit.values, old.fit.jacobian
+        new = scored(problem, old.fit.terms, at, rounds=3, known=near)
         if new.error < old.error:
             found[i] = new
     return found
@@ -432,4 +436,4 @@ def _plainer(new: Term, old: Term) -> bool:
 
 def without(problem: Problem, found: Fit, term: Term) -> Fit:
     """The fit of all terms but one."""
-    return fit(problem, *found.but(term), rounds=3)
+    return fit(problem, *found.but(term), rounds=3, known=found.near(term))

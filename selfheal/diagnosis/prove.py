@@ -8,18 +8,17 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
-from .evidence import ABOVE, Scored, above, better, noise_of
+from .evidence import ABOVE, Scored, above, better, for_score, noise_of
 from .fit import Base, Fit, Problem, fit, is_told, start_errors, try_term, whitened
 from .free_form import FreeForm
-from .name import LEFT, Named, Naming, without
+from .name import Named, Naming, without
 from .plant import parts
-from .scene import by_column
 from .screen import fewer
 from .terms import Term
 from .windows import Windows
 
 POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute at 1 ms
-UNSCORED = 4.0  # times as far off may be what is not scored; chosen
+STEPPED = 15000  # of them in a fit to the model's own time step; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 # least share of the squared error in held-out episodes that a name removes, and of what
@@ -30,26 +29,16 @@ UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in th
 
 
 def polished(case: Case, naming: Naming) -> Naming:
-    """The same names, fitted to all pieces, and to longer ones if those can be told.
-
-    Where something stays unexplained a fit is a compromise: it is made for the signals
-    that are scored.
-    """
-    found, sigma = naming.final.fit, naming.problem.sigma
-    if above(naming.problem, found.residuals) > LEFT:
-        scored = by_column(case.world.signals, "scored")
-        sigma = np.where(scored, sigma, UNSCORED * sigma)
+    """The same names, fitted to more pieces, to longer ones if those can be told."""
+    found = naming.final.fit
+    sigma = for_score(naming.problem, found).sigma
     rng = np.random.default_rng(2)
-    for seconds in (WINDOW, LONG):
-        start = Problem(case.world, pieces_of(case.world, seconds), sigma)
-        problem = fewer(start, POLISHED, rng)
-        if seconds == LONG and not is_told(
-            problem, naming.problem, found.terms, found.values
-        ):
-            return naming
-        naming = _refitted(whitened(problem, found.terms, found.values), naming)
-        found = naming.final.fit
-    return naming
+    short, long = (
+        fewer(Problem(case.world, pieces_of(case.world, seconds), sigma), POLISHED, rng)
+        for seconds in (WINDOW, LONG)
+    )
+    problem = long if is_told(long, short, found.terms, found.values) else short
+    return _refitted(whitened(problem, found.terms, found.values), naming)
 
 
 def _refitted(problem: Problem, naming: Naming) -> Naming:
@@ -220,8 +209,9 @@ class Proof:
     def of(cls, case: Case, naming: Naming) -> "Proof":
         """Of the model as given, re-fitted, and with what was named."""
         world, none = case.held, ((), np.zeros(0))
-        stated = stepped(naming.problem, naming.stated.fit)
-        found = stepped(naming.problem, naming.final.fit) if naming.named else stated
+        problem = fewer(naming.problem, STEPPED, np.random.default_rng(3))
+        stated = stepped(problem, naming.stated.fit)
+        found = stepped(problem, naming.final.fit) if naming.named else stated
         pieces = score.replayed(world)
         count = score.counts(world, pieces)
         models = {"given": none, "refit": (stated.terms, stated.values),
