@@ -9,6 +9,7 @@ from toys_diagnosis import bench
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.evidence import (
+    Evidence,
     Scored,
     as_good,
     better,
@@ -35,8 +36,10 @@ from selfheal.diagnosis.fit import (
     try_term,
     whitened,
 )
+from selfheal.diagnosis.name import Named
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
+from selfheal.diagnosis.prove import in_its_place
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term
@@ -239,6 +242,50 @@ def test_what_data_do_not_answer_has_no_bound_on_its_error(arm):
     assert np.isfinite(uncertainty(problem, idle)).tolist() == [True, False]
 
 
+def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):
+    dry = effect("coulomb_friction").terms(arm.scene)[1]
+    problem = _problem(arm, (dry,), (0.1,))
+    plain = fit(problem, (dry,), (0.3,), rounds=20)
+    rng = np.random.default_rng(0)
+    for known in (plain.jacobian, rng.normal(size=plain.jacobian.shape)):
+        found = fit(problem, (dry,), (0.3,), rounds=20, known=known)
+        assert found.cost == pytest.approx(plain.cost, rel=1e-3)
+
+
+def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
+    dry, inert = (
+        effect(name).terms(arm.scene)[1] for name in ("coulomb_friction", "armature")
+    )
+    problem = _problem(arm, (dry,), (0.1,))
+    held, seen = (problem.take(np.arange(i, len(problem.windows), 3)) for i in (0, 1))
+    less = fit(seen, (), np.zeros(0))
+    refuted = Named(inert, Evidence(1.0, 1e-3, 1.0), (dry,))
+    ((instead,), best) = in_its_place(seen, held, refuted, less)
+    assert instead.term.key == dry.key and instead.equivalent == ()
+    assert best.terms == (instead.term,)
+    assert best.values[0] == pytest.approx(0.1, rel=0.2)
+    alone = replace(refuted, equivalent=())
+    assert in_its_place(seen, held, alone, less) == ([], less)
+
+
+def test_what_no_reading_tells_moves_as_the_model_does(tmp_path):
+    """An elbow that is not read is as large, fast and loaded as one that is."""
+    full, half = (
+        bench(name, _made(tmp_path / name), episodes=1, seconds=2.0, seed=4).scene
+        for name in ("arm", "half_seen_arm")
+    )
+    seen, unseen = (s.joints[1] for s in (full, half))
+    assert seen.measured and not unseen.measured
+    for field in ("range", "speed", "torque"):
+        expected = getattr(seen, field)
+        assert getattr(unseen, field) == pytest.approx(expected, rel=0.3), field
+
+
+def _made(folder):
+    folder.mkdir()
+    return folder
+
+
 # uncertain starts
 
 
@@ -280,6 +327,17 @@ class Explosion(Effect):
 
     def act(self, moment, place, values):
         moment.applied[:] += 10 ** values[:, :1] - 1
+
+
+def test_where_every_start_diverges_nothing_more_is_simulated(pendulum):
+    (boom,) = Explosion().terms(pendulum.scene)
+    problem = _problem(pendulum)
+    base = Base.of(problem, fit(problem, (), np.zeros(0)))
+    before = pendulum.world.counted[0]
+    with np.errstate(all="ignore"):
+        try_term(base, boom)
+    asked = pendulum.world.counted[0] - before
+    assert asked == len(boom.starts) * len(problem.windows)
 
 
 def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):

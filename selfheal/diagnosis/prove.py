@@ -84,7 +84,7 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
             break
         _, name, less = weakest
         gone.append(name.term.label)
-        instead, best = _in_its_place(naming.problem, held, name, less)
+        instead, best = in_its_place(naming.problem, held, name, less)
         named = [[n] if n is not name else instead for n in naming.named]
         naming = replace(
             naming, final=Scored.of(naming.problem, best), named=tuple(chain(*named))
@@ -92,7 +92,7 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
     return naming, tuple(gone)
 
 
-def _in_its_place(
+def in_its_place(
     problem: Problem, held: Problem, refuted: Named, less: Fit
 ) -> tuple[list[Named], Fit]:
     """Of what was equivalent to a name, what helps the most if anything does."""
