@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
+from .choose import SURE, WORTH, Claim, finalists, winner
 from .evidence import (
     ABOVE,
     LEFT,
@@ -15,8 +15,6 @@ from .evidence import (
     as_good,
     better,
     blocks_of,
-    carries_over,
-    economy,
     effective,
     for_score,
     held_out,
@@ -24,19 +22,14 @@ from .evidence import (
     refitted,
     reweighed,
     scored,
-    stability,
 )
 from .fit import Base, Fit, Problem, fit, is_told, try_term, whitened
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
 
-FITTED = 3  # of the last ones, with every other value fitted anew; chosen
-SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
-WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
-MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
@@ -73,21 +66,6 @@ class Naming:
     final: Scored
     named: tuple[Named, ...]
     ranking: tuple[tuple[Term, float], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class _Claim:
-    """What speaks for a name, and what else might have got it.
-
-    Attributes:
-        evidence: for it.
-        rivals: what cannot be told from it.
-        others: what else might take its place beside later effects.
-    """
-
-    evidence: Evidence
-    rivals: tuple[Term, ...] = ()
-    others: tuple[Term, ...] = ()
 
 
 def name_effects(
@@ -156,7 +134,7 @@ class _Search:
     candidates: Sequence[Term]
     rng: np.random.Generator
     progress: Progress
-    claims: dict[tuple, _Claim]
+    claims: dict[tuple, Claim]
     first: tuple[tuple[Term, float], ...] = ()
 
     @property
@@ -200,11 +178,11 @@ class _Search:
             gone = self._look_back(best)
             tabu = {t.key for t in gone}  # for one round: what follows may need it
             replaced = tuple(t for t in before if t not in self.named)
-            swapped = _Claim(claim.evidence, replaced, replaced)
+            swapped = Claim(claim.evidence, replaced, replaced)
             for new in self.named:  # one of them may have taken another's place
                 self.claims.setdefault(new.key, swapped)
 
-    def _round(self, tabu: set[tuple]) -> tuple[Scored, _Claim] | None:
+    def _round(self, tabu: set[tuple]) -> tuple[Scored, Claim] | None:
         """The candidate that earns a name beside those named, if one does."""
         taken = {t.key for t in self.named} | tabu
         open_to = [
@@ -216,11 +194,11 @@ class _Search:
         part = bases[-1]
         if not self.first:
             self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
-        finals = _finalists(part.problem, fits, self.progress)
+        finals = finalists(part.problem, fits, self.progress)
         if is_sparse(part.problem):
             finals = refitted(part, finals, open_to)
         now = Scored.of(part.problem, part.fit)
-        return _winner(part.problem, now, finals, independent)
+        return winner(part.problem, now, finals, independent)
 
     def _look_back(self, best: Scored) -> list[Term]:
         """Weigh anew, and undo what a later effect made needless or better explained.
@@ -285,7 +263,7 @@ class _Search:
             draws = self.rng.integers(len(gain), size=(400, len(gain)))
             nats = 0.5 * np.log(old.error / max(self.now.error, 1e-300))
             stable = float((gain[draws].sum(axis=1) > 0).mean())
-            self.claims[term.key] = _Claim(Evidence(float(nats), p, stable))
+            self.claims[term.key] = Claim(Evidence(float(nats), p, stable))
 
     def beats(self, other: "_Search") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
@@ -336,73 +314,6 @@ def _fresh(term: Term, kept: Sequence[Term]) -> bool:
         term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
         for t in kept
     )
-
-
-def _finalists(problem: Problem, fits: Sequence[Fit], progress) -> list[Scored]:
-    """The candidates' predictions, the best ones' with everything else fitted anew."""
-    found = [Scored.of(problem, f) for f in fits]
-    found.sort(key=lambda s: s.error)
-    for i in range(min(FITTED, len(found))):
-        old = found[i]
-        progress(f"fitting {old.last.label}", i / FITTED)
-        at, near = old.fit.values, old.fit.jacobian
-        new = scored(problem, old.fit.terms, at, rounds=3, known=near)
-        if new.error < old.error:
-            found[i] = new
-    return found
-
-
-def _winner(
-    problem: Problem, now: Scored, finals: Sequence[Scored], tried: float
-) -> tuple[Scored, _Claim] | None:
-    """The candidate that earns a name, and its claim to it."""
-    p_value = {s: better(problem, now, s, tried) for s in finals}
-    good = [
-        s
-        for s in finals
-        if p_value[s] < SURE
-        and s.error < (1 - WORTH) * now.error
-        and _is_plausible(problem, now, s)
-        and carries_over(problem, now.fit, s.fit)
-    ]
-    if not good:
-        return None
-    best = _likeliest(problem, sorted(good, key=lambda s: s.error))
-    others = [s for s in good if s is not best]
-    also = [s for s in others if as_good(problem, s, best, 2.0)]
-    evidence = Evidence(
-        float(0.5 * np.log(now.error / max(best.error, 1e-300))),
-        p_value[best],
-        stability(problem, good, [best, *also]),
-    )
-    return best, _Claim(
-        evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
-    )
-
-
-def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:
-    """Of candidates, the best first, the one that gets the name."""
-    if is_sparse(problem):
-        return max(good, key=partial(economy, problem))
-    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
-    usual = [s for s in close if not s.last.effect.rare] or close
-    near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
-    # of those that the data cannot rank, a usual one, with the least to choose
-    return min(
-        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
-    )
-
-
-def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
-    """Whether an effect is usual enough for what it explains.
-
-    Where much stays unexplained beside other names, one that is rare, or says that the
-    model's own numbers are far off, is more likely to stand for something else.
-    """
-    usual = not (new.last.effect.rare or new.last.effect.restates)
-    first = all(t.effect.name == "stated" for t in now.fit.terms)
-    mostly = new.error < MOSTLY * now.error
-    return usual or first or mostly or above(problem, new.fit.residuals) < LEFT
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:

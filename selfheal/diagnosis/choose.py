@@ -1,0 +1,113 @@
+"""Which of some candidates earns a name: takes their fits, gives one or none."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from .evidence import (
+    LEFT,
+    Evidence,
+    Scored,
+    above,
+    as_good,
+    better,
+    carries_over,
+    economy,
+    is_sparse,
+    scored,
+    stability,
+)
+from .fit import Fit, Problem
+from .screen import Progress
+from .terms import Term
+
+FITTED = 3  # of the last ones, with every other value fitted anew; chosen
+SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
+WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
+MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """What speaks for a name, and what else might have got it.
+
+    Attributes:
+        evidence: for it.
+        rivals: what cannot be told from it.
+        others: what else might take its place beside later effects.
+    """
+
+    evidence: Evidence
+    rivals: tuple[Term, ...] = ()
+    others: tuple[Term, ...] = ()
+
+
+def finalists(
+    problem: Problem, fits: Sequence[Fit], progress: Progress
+) -> list[Scored]:
+    """The candidates' predictions, the best ones' with everything else fitted anew."""
+    found = [Scored.of(problem, f) for f in fits]
+    found.sort(key=lambda s: s.error)
+    for i in range(min(FITTED, len(found))):
+        old = found[i]
+        progress(f"fitting {old.last.label}", i / FITTED)
+        at, near = old.fit.values, old.fit.jacobian
+        new = scored(problem, old.fit.terms, at, rounds=3, known=near)
+        if new.error < old.error:
+            found[i] = new
+    return found
+
+
+def winner(
+    problem: Problem, now: Scored, finals: Sequence[Scored], tried: float
+) -> tuple[Scored, Claim] | None:
+    """The candidate that earns a name, and its claim to it."""
+    p_value = {s: better(problem, now, s, tried) for s in finals}
+    good = [
+        s
+        for s in finals
+        if p_value[s] < SURE
+        and s.error < (1 - WORTH) * now.error
+        and _is_plausible(problem, now, s)
+        and carries_over(problem, now.fit, s.fit)
+    ]
+    if not good:
+        return None
+    best = _likeliest(problem, sorted(good, key=lambda s: s.error))
+    others = [s for s in good if s is not best]
+    also = [s for s in others if as_good(problem, s, best, 2.0)]
+    evidence = Evidence(
+        float(0.5 * np.log(now.error / max(best.error, 1e-300))),
+        p_value[best],
+        stability(problem, good, [best, *also]),
+    )
+    return best, Claim(
+        evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
+    )
+
+
+def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:
+    """Of candidates, the best first, the one that gets the name."""
+    if is_sparse(problem):
+        return max(good, key=partial(economy, problem))
+    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
+    usual = [s for s in close if not s.last.effect.rare] or close
+    near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
+    # of those that the data cannot rank, a usual one, with the least to choose
+    return min(
+        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
+    )
+
+
+def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
+    """Whether an effect is usual enough for what it explains.
+
+    Where much stays unexplained beside other names, one that is rare, or says that the
+    model's own numbers are far off, is more likely to stand for something else.
+    """
+    usual = not (new.last.effect.rare or new.last.effect.restates)
+    first = all(t.effect.name == "stated" for t in now.fit.terms)
+    mostly = new.error < MOSTLY * now.error
+    return usual or first or mostly or above(problem, new.fit.residuals) < LEFT
