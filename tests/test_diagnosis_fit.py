@@ -252,6 +252,18 @@ def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):
         assert found.cost == pytest.approx(plain.cost, rel=1e-3)
 
 
+def test_a_jacobian_is_carried_to_other_weights(arm):
+    dry = effect("coulomb_friction").terms(arm.scene)[1]
+    plain = _problem(arm, (dry,), (0.1,))
+    white = whitened(plain, (dry,), np.array([0.1]))
+    rng = np.random.default_rng(0)
+    sigma = plain.sigma * rng.uniform(0.5, 2, len(plain.sigma))
+    other = whitened(replace(plain, sigma=sigma), (dry,), np.array([0.1]))
+    at = np.array([0.15])
+    here, there = (jacobian(p, (dry,), at, p.at((dry,), at)) for p in (white, other))
+    np.testing.assert_allclose(white.carried(other, here), there, rtol=1e-6, atol=1e-6)
+
+
 def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
     dry, inert = (
         effect(name).terms(arm.scene)[1] for name in ("coulomb_friction", "armature")

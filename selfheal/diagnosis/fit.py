@@ -72,6 +72,16 @@ class Problem:
                 part -= ((part @ u) * shrink) @ u.T
         return flat
 
+    def carried(self, other: "Problem", jac: Floats) -> Floats:
+        """A Jacobian (R, P) as in another problem, that weighs the same otherwise."""
+        flat = jac.T.copy()
+        edges = np.searchsorted(self.window_of, np.arange(len(self.windows) + 1))
+        for i, (u, shrink) in enumerate(self.whiten):
+            part = flat[:, edges[i] : edges[i + 1]]
+            part += ((part @ u) * (shrink / (1 - shrink))) @ u.T
+        plain = flat.reshape(len(flat), -1, len(self.sigma)) * self.sigma
+        return other._whitened((plain / other.sigma).reshape(flat.shape)).T
+
     def recall(self, question: Sequence, work_out: Callable[[], Answer]) -> Answer:
         """What `work_out` gives of this problem, from memory if it is there.
 

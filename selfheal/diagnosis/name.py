@@ -98,8 +98,7 @@ def name_effects(
     progress("refitting what the model states", 0.0)
     problem = fewer(problem, STEPS[-1], rng)
     found = fit(problem, stated, np.ones(len(stated)))
-    problem = reweighed(problem, found)
-    now = scored(problem, tuple(stated), found.values)
+    problem, now = _weighed_anew(problem, found, 8)
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
     start = replace(search)
     search.forward()
@@ -206,9 +205,10 @@ class _Search:
         Returns:
             What went.
         """
-        found = fit(self.problem, best.fit.terms, best.fit.values, rounds=6)
-        self.problem = reweighed(self.problem, found)
-        self.now = scored(self.problem, found.terms, found.values, rounds=4)
+        same = len(best.fit.residuals) == len(self.now.fit.residuals)
+        near = best.fit.jacobian if same else None
+        found = fit(self.problem, best.fit.terms, best.fit.values, rounds=6, known=near)
+        self.problem, self.now = _weighed_anew(self.problem, found, 4)
         gone: list[Term] = []
         while len(self.named) > 1:
             tries = []
@@ -245,8 +245,8 @@ class _Search:
             self.problem = whitened(longer, terms, found.values)
             found = fit(self.problem, terms, found.values, rounds=8)
         found = _pruned(self.problem, found, self.stated)
-        self.problem = reweighed(self.problem, found)
-        self._look_back(scored(self.problem, found.terms, found.values, rounds=4))
+        self.problem, self.now = _weighed_anew(self.problem, found, 4)
+        self._look_back(self.now)
         self._doubt(len(usual))
         self.forward()
         return True
@@ -279,13 +279,18 @@ class _Search:
 
     def ended(self) -> Naming:
         """What was found."""
-        own = self.now.fit
-        alone = scored(
-            self.problem, own.terms[: self.stated], own.values[: self.stated]
-        )
+        own, named = self.now.fit, self.named
+        alone = scored(self.problem, *own.but(*named), known=own.near(*named))
         claims = [(t, self.claims[t.key]) for t in self.named]
         named = tuple(Named(t, c.evidence, c.rivals) for t, c in claims)
         return Naming(self.problem, alone, self.now, named, self.first)
+
+
+def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, Scored]:
+    """The problem with weights by what a fit leaves, and the fit there."""
+    new = reweighed(problem, found)
+    near = problem.carried(new, found.jacobian)
+    return new, scored(new, found.terms, found.values, rounds=rounds, known=near)
 
 
 def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
