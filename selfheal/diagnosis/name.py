@@ -279,8 +279,8 @@ class _Search:
 
     def ended(self) -> Naming:
         """What was found."""
-        own, named = self.now.fit, self.named
-        alone = scored(self.problem, *own.but(*named), known=own.near(*named))
+        own, terms = self.now.fit, self.named
+        alone = scored(self.problem, *own.but(*terms), known=own.near(*terms))
         claims = [(t, self.claims[t.key]) for t in self.named]
         named = tuple(Named(t, c.evidence, c.rivals) for t, c in claims)
         return Naming(self.problem, alone, self.now, named, self.first)
