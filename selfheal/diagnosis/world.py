@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from mujoco import MjData
 
 from ..recording.data import Floats
 from .logs import Log
@@ -19,7 +21,7 @@ from .windows import Windows
 
 VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
 WARM = 0.1  # [s] before a window in which a gear's inside settles; chosen
-ROOM = 3e7  # numbers kept of one batch; chosen: 240 MB
+ROOM = 6e7  # numbers kept of one batch, copies too; chosen: 480 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +77,7 @@ class World:
             (n, M, C); NaN after a hypothesis diverged.
         """
         values = np.atleast_2d(values)
-        width = max(1, sum(c.width for c in self.signals))
-        size = len(windows) * (int(windows.steps.max()) + 2) * width
+        size = len(windows) * (int(windows.steps.max()) + 2) * self._width
         count = max(1, int(ROOM / size))
         pieces = [
             self._simulate(
@@ -87,6 +88,14 @@ class World:
             for i in range(0, len(values), count)
         ]  # fmt: skip
         return np.concatenate(pieces)
+
+    @cached_property
+    def _width(self) -> int:
+        """Numbers kept of one step: what is recorded, its copy, and the signals."""
+        model = self.workshop.given
+        sensors, data = Sensors(self.workshop.plant(()), self.signals), MjData(model)
+        kept = {"qpos", "qvel", *sensors.needs}
+        return sensors.width + 2 * sum(np.size(getattr(data, f)) for f in kept)
 
     def _simulate(self, terms, values, windows, kick, centered) -> Floats:
         plant = self.workshop.plant(terms, leaping=centered)
