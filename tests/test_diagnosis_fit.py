@@ -1,6 +1,7 @@
 """Fits: bounds, planted values, uncertain starts, divergence; what is held out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,10 +37,10 @@ from selfheal.diagnosis.fit import (
     try_term,
     whitened,
 )
-from selfheal.diagnosis.name import Named
+from selfheal.diagnosis.name import Named, Naming
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
-from selfheal.diagnosis.prove import in_its_place
+from selfheal.diagnosis.prove import in_its_place, likeliest
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term
@@ -278,6 +279,26 @@ def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
     assert best.values[0] == pytest.approx(0.1, rel=0.2)
     alone = replace(refuted, equivalent=())
     assert in_its_place(seen, held, alone, less) == ([], less)
+
+
+def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(arm):
+    dry = effect("coulomb_friction").terms(arm.scene)[1]
+    problem = _problem(arm, (dry,), (0.1,))
+    case = SimpleNamespace(held=arm.world)
+    told = arm.world.simulate((dry,), np.array([[0.1]]), problem.windows)[0]
+    seen = replace(problem, windows=replace(problem.windows, readings=told))
+
+    def naming(value: float) -> Naming:
+        at = fit(seen, (dry,), np.array([value]), rounds=0)
+        scored = Scored.of(seen, at)
+        return Naming(seen, scored, scored, (), ())
+
+    # the held-out pieces are those of a robot without any friction
+    near, far = naming(0.001), naming(0.1)
+    assert likeliest(case, [far]) is far
+    assert likeliest(case, [far, near]) is near
+    assert likeliest(case, [near, far]) is near
+    assert likeliest(case, [near, naming(0.00101)]) is near
 
 
 def test_what_no_reading_tells_moves_as_the_model_does(tmp_path):

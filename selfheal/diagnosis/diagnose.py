@@ -16,6 +16,7 @@ from .prove import (
     Proof,
     bare,
     judged,
+    likeliest,
     polished,
     removed_share,
     structure_of,
@@ -61,13 +62,13 @@ def diagnose(
     check_usable(case)
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)
-    naming = name_effects(
+    namings = name_effects(
         problem, Problem(case.world, pieces_of(case.world, LONG), problem.sigma),
         case.scene, stated_terms(case.scene), catalogue().values(),
         rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
     say("fitting everything once more", 0.0)
-    naming = polished(case, naming)
+    naming = likeliest(case, [polished(case, n) for n in namings])
     say("testing what was found on the held-out episodes", 0.0)
     naming, refuted = upheld(case, naming)
     say("looking for what has no name", 0.0)

@@ -77,7 +77,7 @@ def name_effects(
     *,
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
-) -> Naming:
+) -> list[Naming]:
     """Find the effects without which the recordings cannot be explained.
 
     Forward, with a look back after each step: what a later effect makes needless goes.
@@ -93,6 +93,9 @@ def name_effects(
         effects: the catalogue.
         rng: chooses the windows on which candidates are tried first.
         progress: told what is being done and how far it is.
+
+    Returns:
+        One hypothesis, or what both searches found, the likelier first.
     """
     candidates = [term for effect in effects for term in effect.terms(scene)]
     progress("refitting what the model states", 0.0)
@@ -103,13 +106,14 @@ def name_effects(
     start = replace(search)
     search.forward()
     if search.is_done or is_sparse(problem):  # poses do not show what most robots have
-        return search.ended()
+        return [search.ended()]
     # what the first search set aside for a name, the second one tries in its place
     other = replace(start, claims=dict(search.claims), first=search.first)
     longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
-    if other.with_all_usual(longer) and other.beats(search):
-        search = other
-    return search.ended()
+    if not other.with_all_usual(longer):
+        return [search.ended()]
+    both = (other, search) if other.beats(search) else (search, other)
+    return [s.ended() for s in both]
 
 
 @dataclass

@@ -1,5 +1,6 @@
 """How far a naming holds: takes it, gives a verdict and held-out errors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -21,6 +22,7 @@ POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute
 STEPPED = 15000  # of them in a fit to the model's own time step; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
+CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; chosen
 # least share of the squared error in held-out episodes that a name removes, and of what
 # all of them together do; chosen
 HELPS, TRIFLE = 0.01, 0.003
@@ -52,6 +54,16 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
         naming, problem=problem, stated=Scored.of(problem, alone),
         final=Scored.of(problem, final),
     )  # fmt: skip
+
+
+def likeliest(case: Case, namings: Sequence[Naming]) -> Naming:
+    """Of hypotheses the first, unless held-out episodes clearly speak for another."""
+    lead = namings[0]
+    sigma = for_score(lead.problem, lead.final.fit).sigma
+    held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
+    errors = [_error(held, n.final.fit) for n in namings]
+    best = int(np.argmin(errors))
+    return namings[best] if errors[best] < CLEARLY * errors[0] else lead
 
 
 def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
