@@ -281,6 +281,16 @@ def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
     assert in_its_place(seen, held, alone, less) == ([], less)
 
 
+@pytest.mark.parametrize("name", ["arm", "box"])
+def test_delays_of_a_step_are_faint_only_where_something_touches(name, tmp_path):
+    b = bench(name, tmp_path, episodes=1)
+    step, touches = b.world.step, name == "box"
+    (term, *_) = effect("sensor_delay").terms(b.scene)
+    assert b.scene.touches == touches
+    assert term.is_faint(np.array([step])) == touches
+    assert not term.is_faint(np.array([3 * step]))
+
+
 def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(arm):
     dry = effect("coulomb_friction").terms(arm.scene)[1]
     problem = _problem(arm, (dry,), (0.1,))

@@ -69,6 +69,7 @@ def winner(
         s
         for s in finals
         if p_value[s] < SURE
+        and not s.last.is_faint(s.values)
         and s.error < (1 - WORTH) * now.error
         and _is_plausible(problem, now, s)
         and carries_over(problem, now.fit, s.fit)

@@ -50,6 +50,11 @@ class Scored:
         """The term that was tried."""
         return self.fit.terms[-1]
 
+    @property
+    def values(self) -> Floats:
+        """Of its parameters."""
+        return self.fit.values[len(self.fit.values) - len(self.last.parameters) :]
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:

@@ -83,10 +83,14 @@ def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
         before = _error(held, alone)
         least = max(HELPS * error, TRIFLE * (before - error))
         weakest = None
+        values = dict(zip(found.terms, parts(found.terms, found.values), strict=True))
         for name in naming.named:
             less = without(naming.problem, found, name.term)
             other = held.at(less.terms, less.values)
             gain = float(other @ other) - error
+            if name.term.is_faint(values[name.term]):
+                weakest = -np.inf, name, less
+                break
             changed = float(((other - told) ** 2).sum()) / error
             if changed < UNSEEN * (less.cost / found.cost - 1):
                 continue

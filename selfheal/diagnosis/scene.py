@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 IGNORED = ("supply_voltage", "temperature")  # the model does not predict them
+VAGUE = 2.0  # steps of a simulation, by which a contact may be off; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +186,11 @@ class Scene:
     actuators: tuple[Actuator, ...]
     bodies: tuple[Moving, ...]
     touches: bool
+
+    @property
+    def vague(self) -> float:
+        """By how much contacts may begin early or late [s]: it hides such a delay."""
+        return VAGUE * self.step if self.touches else 0.0
 
     def joint(self, joint: int) -> Joint:
         """The joint of that id."""

@@ -27,6 +27,7 @@ class Parameter:
         low: the smallest value that makes sense.
         high: the largest.
         scale: a change that the robot would show; the unit of a search step.
+        least: distance from `absent` below which the simulation's own errors are.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Parameter:
     low: float
     high: float
     scale: float
+    least: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,11 @@ class Term:
     def scale(self) -> Floats:
         """Values' natural steps (p)."""
         return np.array([p.scale for p in self.parameters], float)
+
+    def is_faint(self, values: Floats) -> bool:
+        """Whether values (p) are too near to absent for a simulation to tell."""
+        each = zip(self.parameters, values, strict=True)
+        return any(abs(v - p.absent) < p.least for p, v in each)
 
     @property
     def key(self) -> tuple:

@@ -60,7 +60,7 @@ class CommandDelay(AtActuator):
     together = True
 
     def parameters(self, scene, actuator):
-        return (Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01),)
+        return (Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, scene.vague),)
 
     def starts(self, scene, actuator):
         return ((0.005,), (0.02,), (0.06,))

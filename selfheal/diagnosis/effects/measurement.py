@@ -1,5 +1,7 @@
 """What a sensor makes of the truth: round to step (gain x true(t - delay) + bias)."""
 
+from dataclasses import replace
+
 from ..terms import Effect, Parameter, Term
 
 
@@ -87,6 +89,13 @@ class SensorDelay(OfSensor):
 
     def parameter(self, signal):
         return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01)
+
+    def terms(self, scene):
+        """At every signal."""
+        return [
+            replace(t, parameters=(replace(t.parameters[0], least=scene.vague),))
+            for t in super().terms(scene)
+        ]
 
     def starts(self, signal):
         return ((0.005,), (0.03,))
