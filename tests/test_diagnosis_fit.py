@@ -20,7 +20,6 @@ from selfheal.diagnosis.evidence import (
     effective,
     folds_of,
     held_out,
-    is_sparse,
     refitted,
 )
 from selfheal.diagnosis.fit import (
@@ -545,7 +544,7 @@ def _poses(arm, count: int) -> Problem:
 
 def test_of_single_readings_a_large_one_counts_and_small_ones_do_not_outvote_it(arm):
     problem = _poses(arm, 12)
-    assert is_sparse(problem) and not is_sparse(_problem(arm))
+    assert problem.windows.is_single and not _problem(arm).windows.is_single
     _, found, _ = _linear(arm, np.random.default_rng(0))
     large, small = [0, 0, 1.5, 25, 6, 1.3, 0.1, 0, 1.6, 0, 0.1, 0], [1.5, 6, 1.3, 1.6]
     now = Scored(found, np.array(large, float))

@@ -12,7 +12,7 @@ from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
 from selfheal.diagnosis.effects import catalogue
 from selfheal.diagnosis.result import Candidate, Diagnosis, Located, SignalFit, Trace
-from selfheal.report import diagnose, tables
+from selfheal.report import diagnose, figures, tables
 from selfheal.report.diagnose import page, sentence
 from selfheal.report.page import bars, write_page
 
@@ -379,6 +379,16 @@ def test_one_short_constant_trace_is_drawn():
     one = np.ones(1)
     trace = Trace("a", "b", "rad", one, one, one, one, one)
     assert _page(replace(made_up(), traces=(trace,))).count("<svg") == 2
+
+
+def test_episodes_read_once_are_drawn_as_dots_in_a_row():
+    poses = Trace("", "tilt", "1", np.arange(1.0, 7), *np.ones((4, 6)))
+    top, below = figures.traces([poses]).axes
+    assert "held-out episodes" in top.get_title(loc="left")
+    assert below.get_xlabel() == "episode"
+    assert {line.get_marker() for line in top.lines} == {"o"}
+    (curve, _) = figures.traces([_trace(0)]).axes
+    assert "o" not in {line.get_marker() for line in curve.lines}
 
 
 def test_a_large_diagnosis_stays_below_five_megabytes():

@@ -18,6 +18,7 @@ from .name import Naming
 from .patch import difference, patched
 from .prove import Proof, Structure, removed_share
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
+from .scene import Channel
 from .stated import is_loose
 from .terms import Term
 from .textual import Edit, Source, edits
@@ -148,7 +149,10 @@ def patch_of(case: Case, found: Fit) -> tuple[str, str, list[Edit]]:
 
 
 def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace, ...]:
-    """The worst stretches of the held-out episodes, by the re-fitted model."""
+    """The worst stretches of the held-out episodes, by the re-fitted model.
+
+    Of poses that were read once, all of them in a row.
+    """
     world, none = case.held, ((), np.zeros(0))
     each = [
         world.simulate(terms, values[None], pieces)[0]
@@ -164,15 +168,26 @@ def _traces(case: Case, pieces: Windows, stated: Fit, found: Fit) -> tuple[Trace
             w = int(by.argmax())
             worst.append((by[w] * (2 if c.scored else 1), c, k, w))
     worst.sort(key=lambda x: -x[0])
+    if pieces.is_single:
+        pose = np.arange(1, len(pieces.window) + 1, dtype=float)
+        return tuple(
+            Trace("", _column(c, k), c.unit, pose, pieces.readings[:, k],
+                  *(e[:, k] for e in each))
+            for _, c, k, _ in worst[:4]
+        )  # fmt: skip
     return tuple(_trace(world, pieces, each, c, k, w) for _, c, k, w in worst[:4])
+
+
+def _column(c: Channel, k: int) -> str:
+    """Name of one of all columns."""
+    return c.name if c.width == 1 else f"{c.name}[{k - c.first}]"
 
 
 def _trace(world: World, pieces: Windows, each, c, k: int, w: int) -> Trace:
     rows = np.flatnonzero(pieces.window == w)
     log = world.logs[int(pieces.log[w])]
     at = log.start + (pieces.start[w] + pieces.at[rows]) * world.step
-    name = c.name if c.width == 1 else f"{c.name}[{k - c.first}]"
-    return Trace(log.id, name, c.unit, at, pieces.readings[rows, k],
+    return Trace(log.id, _column(c, k), c.unit, at, pieces.readings[rows, k],
                  *(e[rows, k] for e in each))  # fmt: skip
 
 

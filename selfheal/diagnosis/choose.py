@@ -15,7 +15,6 @@ from .evidence import (
     better,
     carries_over,
     economy,
-    is_sparse,
     scored,
     stability,
 )
@@ -91,7 +90,7 @@ def winner(
 
 def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:
     """Of candidates, the best first, the one that gets the name."""
-    if is_sparse(problem):
+    if problem.windows.is_single:
         return max(good, key=partial(economy, problem))
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not s.last.effect.rare] or close

@@ -16,7 +16,6 @@ STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
 LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 UNSCORED = 4.0  # times as far off may be what is not scored; chosen
-FEW = 4  # readings in a window, fewer of which tell no correlation in time
 TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
 FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
 EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
@@ -178,7 +177,7 @@ def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
     ratio = old.error / max(new.error, 1e-300)
     gains = np.bincount(blocks_of(problem), old.held - new.held)
     error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    sparse = is_sparse(problem)
+    sparse = problem.windows.is_single
     if ratio <= 1 or (gains.sum() < STEADY * error and not sparse):
         return 1.0
     free = max(1, len(new.fit.values) - len(old.fit.values))
@@ -188,11 +187,6 @@ def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
         # the larger residuals are the old ones, and the more alike their neighbors
         nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
     return float(min(1.0, tried * chi2.sf(2 * max(nats, 0.0), free)))
-
-
-def is_sparse(problem: Problem) -> bool:
-    """Whether windows hold single readings, as those of a robot that holds a pose."""
-    return bool(np.bincount(problem.windows.window).max() < FEW)
 
 
 def _likelihoods(problem: Problem, fit: Scored) -> Floats:
@@ -225,7 +219,7 @@ def economy(problem: Problem, fit: Scored) -> float:
 
 def as_good(problem: Problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
     """Whether the windows do not tell that `other` predicts worse than `lead`."""
-    if is_sparse(problem):
+    if problem.windows.is_single:
         return economy(problem, lead) - economy(problem, other) < errors
     apart = np.bincount(blocks_of(problem), other.held - lead.held)
     noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf

@@ -18,7 +18,6 @@ from .evidence import (
     effective,
     for_score,
     held_out,
-    is_sparse,
     refitted,
     reweighed,
     scored,
@@ -105,7 +104,9 @@ def name_effects(
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
     start = replace(search)
     search.forward()
-    if search.is_done or is_sparse(problem):  # poses do not show what most robots have
+    if (
+        search.is_done or problem.windows.is_single
+    ):  # poses do not show what most robots have
         return [search.ended()]
     # what the first search set aside for a name, the second one tries in its place
     other = replace(start, claims=dict(search.claims), first=search.first)
@@ -198,7 +199,7 @@ class _Search:
         if not self.first:
             self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
         finals = finalists(part.problem, fits, self.progress)
-        if is_sparse(part.problem):
+        if part.problem.windows.is_single:
             finals = refitted(part, finals, open_to)
         now = Scored.of(part.problem, part.fit)
         return winner(part.problem, now, finals, independent)
@@ -226,7 +227,7 @@ class _Search:
                 break
             term, self.now = min(tries, key=lambda x: x[1].error)
             gone.append(term)
-        for term in () if is_sparse(self.problem) else self.named[:-1]:
+        for term in () if self.problem.windows.is_single else self.named[:-1]:
             if term.key in self.claims:
                 others = self.claims[term.key].others
                 self.now = _swapped(self.problem, self.now, term, others)

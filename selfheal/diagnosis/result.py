@@ -17,10 +17,10 @@ class Trace:
     """One signal in one stretch of a held-out episode, read and predicted.
 
     Attributes:
-        episode: its name.
+        episode: its name; empty where each of several was read once.
         signal: name; of a vector signal one column ("cube_position[2]").
         unit: of all values.
-        time: (T) [s].
+        time: (T) [s], or the number of the episode where each was read once.
         read: (T) NaN where missing.
         given, refit, patched: (T) by the model as given, re-fitted, with the findings.
     """

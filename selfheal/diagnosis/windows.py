@@ -8,6 +8,8 @@ import numpy as np
 from ..recording.data import Floats
 from .logs import Log
 
+FEW = 4  # readings in a window, fewer of which tell no correlation in time
+
 
 @dataclass(frozen=True, eq=False)
 class Windows:
@@ -32,6 +34,11 @@ class Windows:
     def __len__(self) -> int:
         """How many windows."""
         return len(self.log)
+
+    @property
+    def is_single(self) -> bool:
+        """Whether they hold single readings, as those of a robot that takes poses."""
+        return bool(len(self.window)) and int(np.bincount(self.window).max()) < FEW
 
     def take(self, chosen: np.ndarray) -> "Windows":
         """Some of them, by number."""

@@ -248,22 +248,24 @@ def _trace(top: "Axes", below: "Axes", trace: Trace) -> None:
     at = np.unique(np.linspace(0, size - 1, min(size, _POINTS)).astype(int))
     time, read = trace.time[at], trace.read[at]
     curves = {name: getattr(trace, name)[at] for name in _CURVES}
-    top.plot(time, read, color=INK, lw=3.4, alpha=0.45, label="measured")
+    dot = "" if trace.episode else "o"
+    top.plot(time, read, color=INK, lw=3.4, alpha=0.45, label="measured", marker=dot)
     below.axhline(0, color=LINE, lw=0.8)
     for name, curve in curves.items():
-        top.plot(time, curve, label=name, **_CURVES[name])
-        below.plot(time, curve - read, **_CURVES[name])
+        top.plot(time, curve, label=name, marker=dot, **_CURVES[name])
+        below.plot(time, curve - read, marker=dot, **_CURVES[name])
     fitted = [curves["refit"], curves["patched"]]
     # a model that is far off leaves the picture instead of flattening the others
     room = _span(read) or _span(np.concatenate(fitted))
     _limit(top, read, fitted, 0.6 * room)
     _limit(below, 0 * read, [curve - read for curve in fitted], 1.2 * room)
-    title = f"{label(trace.signal)}, episode {label(trace.episode)}"
+    where = f"episode {label(trace.episode)}" if trace.episode else "held-out episodes"
+    title = f"{label(trace.signal)}, {where}"
     top.set_title(title, loc="left", weight="bold")
     top.set_ylabel(label(trace.unit))
     top.tick_params(labelbottom=False)
     below.set_ylabel("off by", fontsize=8)
-    below.set_xlabel("time [s]")
+    below.set_xlabel("time [s]" if trace.episode else "episode")
 
 
 def _span(values: Floats) -> float:
