@@ -14,8 +14,8 @@ from ._jax import cores
 from .plant import Plant, set_points
 from .readings import TOUCH_HEIGHT
 
-PERIOD = 0.02  # [s] between commands; chosen: a hobby servo's pulse
-SAMPLE = 0.1  # [s] between readings; chosen
+PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulation
+SAMPLE = 0.05  # [s] between readings; chosen
 _EVERY = round(SAMPLE / PERIOD)
 _CHUNK = 64  # simulations in memory at once; chosen
 _FASTEST = 50.0  # [rad/s or m/s] what moves faster has diverged; chosen

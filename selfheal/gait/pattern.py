@@ -16,6 +16,7 @@ _FADE = 1.0  # [s] in which waves begin; chosen
 # Cycles a second that waves may take. Chosen: below 0.2 a swing within the servos'
 # speed is longer than the range of the joints, above 0.8 it is only 12 degrees.
 _FREQUENCY = (0.2, 0.8)
+_GRAIN = 0.2  # [s] so that a quarter of a cycle is a whole number of samples
 
 
 class Pattern(Protocol):
@@ -37,6 +38,10 @@ class Pattern(Protocol):
 
     def cycle(self, genes: Floats) -> float:
         """Seconds in which a gait (size) repeats."""
+        ...
+
+    def stand(self, genes: Floats, stance: Floats) -> Floats:
+        """Genes (N, size) moved by a stance (N, P) [rad]."""
         ...
 
 
@@ -73,6 +78,10 @@ class Poses:
         """See `Pattern`."""
         return 4 * SECONDS / _SEGMENTS
 
+    def stand(self, genes: Floats, stance: Floats) -> Floats:
+        """See `Pattern`."""
+        return genes + np.tile(stance / SWING, 4)
+
 
 @dataclass(frozen=True)
 class Waves:
@@ -104,11 +113,18 @@ class Waves:
         """See `Pattern`."""
         return float(1 / self._frequency(genes[None])[0])
 
+    def stand(self, genes: Floats, stance: Floats) -> Floats:
+        """See `Pattern`."""
+        out = genes.copy()
+        out[:, : stance.shape[1]] += stance / (SWING / 2)
+        return out
+
     @staticmethod
     def _frequency(genes: Floats) -> Floats:
-        """(N) [1/s]."""
+        """(N) [1/s], of a period that is a whole number of `_GRAIN`."""
         low, high = _FREQUENCY
-        return low + (high - low) / (1 + np.exp(-genes[:, -1]))
+        free = low + (high - low) / (1 + np.exp(-genes[:, -1]))
+        return 1 / (_GRAIN * np.round(1 / free / _GRAIN))
 
 
 def _times(seconds: float) -> Floats:

@@ -14,12 +14,12 @@ from .pattern import SECONDS, pattern
 Progress = Callable[[str, float], None]
 
 # Chosen on development seeds: of what a search costs, most goes to the best of its
-# starts. A rung: how many searches live, generations, plants each gait is tried on.
-_RUNGS = ((4, 20, 1), (2, 20, 1), (1, 70, 2))
-_RANDOM = 96  # gaits drawn before the searches start
+# starts. A rung: how many searches live, generations, seconds that each gait is tried.
+_RUNGS = ((6, 10, 5.0), (3, 20, 5.0), (2, 20, 10.0), (1, 40, 10.0))
+_STANCE = np.radians(60.0)  # of joints as far from the torso; chosen
+_RANDOM = 192  # gaits drawn before the searches start
 _CHILDREN, _STEP = 16, 0.4
 _AGAIN_STEP = 0.25  # of a search that starts from an old gait
-_TRIED_FOR = 5.0  # [s] a gait walks while it is searched
 _JUDGES = 16  # plants that the finished gait is predicted on
 # What may differ between the self-model and the robot, as wide as a careful builder
 # would grant: friction, mass, servo stiffness, strength, speed, delay, play, zero.
@@ -27,7 +27,8 @@ _FRICTION, _DENSITY, _STIFFNESS = (0.5, 1.2), (0.92, 1.08), (30.0, 60.0)
 _STRENGTH, _SPEED, _DELAYS = (0.8, 1.1), (0.8, 1.1), (0.0, 0.02, 0.04, 0.06)
 _BACKLASH, _ZERO = np.radians(2.0), np.radians(1.0)
 _SIDEWAYS = 0.5  # of the way to the side is taken off; chosen
-_TIPPED, _FALL = 0.5, 0.3  # cosine of the tilt that counts as tipped; cost [m]; chosen
+# A gait that tilts the torso beyond 15 degrees costs, up to 0.3 m at 60; chosen
+_LEVEL, _TIPPED, _FALL = np.cos(np.radians(15.0)), np.cos(np.radians(60.0)), 0.3
 
 
 @dataclass(frozen=True)
@@ -72,10 +73,11 @@ def forward(position: Floats, heading: float) -> tuple[Floats, Floats]:
 
 
 def fitness(walks: Walks, heading: float) -> Floats:
-    """(N) [m] way along the heading, less half the way across, less a fall."""
+    """(N) [m] way along the heading, less half the way across, less a tipping."""
     along, across = forward(walks.position[:, -1], heading)
-    fallen = walks.up[..., 2].min(axis=1) < _TIPPED
-    return along - _SIDEWAYS * np.abs(across) - _FALL * fallen
+    lowest = walks.up[..., 2].min(axis=1)
+    tipped = np.clip((_LEVEL - lowest) / (_LEVEL - _TIPPED), 0, 1)
+    return along - _SIDEWAYS * np.abs(across) - _FALL * tipped
 
 
 def unlike(plant: Plant, rng: np.random.Generator) -> Plant:
@@ -119,18 +121,15 @@ class _Search:
         return unlike(self.plants[self.rng.choice(len(self.plants), p=self.weights)],
                       self.rng)  # fmt: skip
 
-    def score(self, genes: Floats, plants: Sequence[Plant]) -> Floats:
-        """(N) mean fitness of genes (N, D) over plants; diverged ones are worst."""
-        commands = self.pattern.commands(genes, self.joints, _TRIED_FOR)
-        each = []
-        for plant in plants:
-            walks = simulate([plant] * len(genes), commands)
-            self.simulations += len(genes)
-            self.failed += int(walks.failed.sum())
-            with np.errstate(invalid="ignore"):
-                fit = fitness(walks, self.heading)
-            each.append(np.where(walks.failed, -np.inf, fit))
-        return np.mean(each, axis=0)
+    def score(self, genes: Floats, seconds: float) -> Floats:
+        """(N) [m/s] fitness of genes (N, D) on one plant; diverged ones are worst."""
+        commands = self.pattern.commands(genes, self.joints, seconds)
+        walks = simulate([self.draw()] * len(genes), commands)
+        self.simulations += len(genes)
+        self.failed += int(walks.failed.sum())
+        with np.errstate(invalid="ignore"):
+            fit = fitness(walks, self.heading) / seconds
+        return np.where(walks.failed, -np.inf, fit)
 
 
 def synthesize(
@@ -156,16 +155,16 @@ def synthesize(
     """
     search = _Search(plants, weights, name, heading, np.random.default_rng(seed))
     lives = _starts(search, start)
-    total = sum(count * generations * k for count, generations, k in _RUNGS)
-    done = 0
-    for count, generations, tries in _RUNGS:
+    total = sum(count * generations * seconds for count, generations, seconds in _RUNGS)
+    done = 0.0
+    for count, generations, seconds in _RUNGS:
         lives = sorted(lives, key=lambda life: -life[0])[:count]
         after = []
         for score, state in lives:
             for _ in range(generations):
-                score, state = _generation(search, score, state, tries)
-                done += tries
-                progress(f"best {2 * score:.2f} m in 10 s", done / total)
+                score, state = _generation(search, score, state, seconds)
+                done += seconds
+                progress(f"{SECONDS * score:.2f} m in 10 s", done / total)
             after.append((score, state))
         lives = after
     return _judged(search, lives[0][1].mean)
@@ -173,9 +172,8 @@ def synthesize(
 
 def _starts(search: _Search, start: Gait | None) -> list[tuple[float, Evolution]]:
     """Where the first searches begin: the old gait, and the best of many random ones."""
-    size = search.pattern.size(search.joints)
-    genes = _STEP * search.rng.normal(size=(_RANDOM, size))
-    scores = search.score(genes, [search.draw()])
+    genes = _random(search)
+    scores = search.score(genes, _RUNGS[0][2])
     order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")
     lives = [(float(scores[i]), begin(genes[i], _STEP)) for i in order[: _RUNGS[0][0]]]
     if start is not None and start.pattern == search.pattern.name:
@@ -183,12 +181,24 @@ def _starts(search: _Search, start: Gait | None) -> list[tuple[float, Evolution]
     return lives
 
 
+def _random(search: _Search) -> Floats:
+    """(_RANDOM, D) genes; joints as far from the torso share a stance."""
+    rng, joints = search.rng, search.joints
+    genes = _STEP * rng.normal(size=(_RANDOM, search.pattern.size(joints)))
+    parent = search.plants[0].body.parent[0]
+    depth = np.zeros(joints, int)
+    for i, k in enumerate(parent):
+        depth[i] = depth[k - 1] + 1 if k else 0
+    stance = rng.uniform(-_STANCE, _STANCE, (_RANDOM, depth.max() + 1))[:, depth]
+    return search.pattern.stand(genes, stance)
+
+
 def _generation(
-    search: _Search, score: float, state: Evolution, tries: int
+    search: _Search, score: float, state: Evolution, seconds: float
 ) -> tuple[float, Evolution]:
-    """One generation on plants drawn anew; the score is a running mean."""
+    """One generation on a plant drawn anew; the score is a running mean."""
     genes = ask(state, _CHILDREN, search.rng)
-    scores = search.score(genes, [search.draw() for _ in range(tries)])
+    scores = search.score(genes, seconds)
     state = tell(state, genes, scores)
     best = float(np.sort(scores)[-4:].mean())
     if not np.isfinite(score) or state.generation < 4:

@@ -1,0 +1,215 @@
+"""Monitor: predicted and sensed in, when they stopped fitting and which sensor says so.
+
+Windows of a quarter of a gait's cycle. A channel's residual (sensed less predicted) is
+compared with what it was, at the same quarter, while the robot was known to be whole.
+Each channel has a CUSUM (Page 1954) of the log likelihood ratio of "as before" against
+"six times as wide", which sees a sensor that is far off. One more sums the misfit of
+all channels, against "two spreads more than before", which sees many that are a little
+off. By Lorden (1971) such a sum passes h by chance at most once in exp(h) windows,
+which sets h from the stated rate of false alarms.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Floats
+from ..engine.walk import SAMPLE, Channels
+
+QUARTERS = 4  # windows a cycle
+FALSE_ALARMS = 1.0  # an hour, stated; chosen
+_WIDE = 6.0  # of the alternative; chosen
+_FREEDOM = 4.0  # of Student's t: heavier tails than any sensor's; chosen
+_SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
+_START = 4.0  # [s] in which a walk from rest becomes regular; chosen
+_INFLATE = 1.5  # of the spread, for windows that follow each other are alike; chosen
+# No channel's spread is taken for less: tilt, angles [deg], gap, way [mm], touch; chosen
+_LEAST = {"deg": 0.5, "mm": 3.0, "touch": 0.08}
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """What the monitor says.
+
+    Attributes:
+        time: when it was raised [s].
+        since: when the misfit seems to have begun [s].
+        sensor: the signal that fits worst.
+        p_value: chance that a whole robot raises this alarm or a clearer one by then.
+    """
+
+    time: float
+    since: float
+    sensor: str
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What a monitor saw.
+
+    Attributes:
+        time: (W) end of each window [s].
+        sums: (W, C + 1) CUSUM of each channel, and of all together [nats].
+        threshold: an alarm is raised when a sum passes it [nats].
+        names: (C) of the channels.
+        alarm: the first, or None.
+    """
+
+    time: Floats
+    sums: Floats
+    threshold: float
+    names: tuple[str, ...]
+    alarm: Alarm | None
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """How residuals were while the robot was whole.
+
+    Attributes:
+        mean: (QUARTERS, C) and
+        spread: (C) of the windows' residuals.
+        common: mean and spread of the misfit of all channels in a window.
+        cycle: [s] of the gait.
+    """
+
+    mean: Floats
+    spread: Floats
+    common: tuple[float, float]
+    cycle: float
+
+
+def window_values(sensed: Floats, cycle: float, names: tuple[str, ...]) -> Floats:
+    """(W, C) mean of each channel in windows of a quarter cycle.
+
+    The last two of the (S, C) channels are a position [mm]; a window has the way
+    travelled in it instead, which no heading changes, and the change of position
+    cannot.
+    """
+    edges = _edges(len(sensed), cycle)
+    rows = [sensed[a:b].mean(axis=0) for a, b in zip(edges, edges[1:], strict=False)]
+    out = np.array(rows).reshape(len(rows), len(names))
+    place = sensed[np.maximum(edges - 1, 0), -2:]
+    way = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    out[:, -2], out[:, -1] = way[: len(out)], 0.0
+    return out
+
+
+def _edges(samples: int, cycle: float) -> np.ndarray:
+    """Where windows begin and end, in samples; a cycle need not be whole samples."""
+    count = int(np.floor(samples * SAMPLE / cycle * QUARTERS))
+    return np.round(np.arange(count + 1) * cycle / QUARTERS / SAMPLE).astype(int)
+
+
+def baseline(
+    sensed: Floats, predicted: Floats, cycle: float, channels: Channels
+) -> Baseline:
+    """How residuals are while the robot is whole.
+
+    Args:
+        sensed: (S, C), and
+        predicted: (S, C) channels of a walk of several cycles.
+        cycle: [s].
+        channels: of the robot.
+    """
+    gap = _gaps(sensed, predicted, cycle, channels)[_skipped(cycle) :]
+    full = len(gap) // QUARTERS * QUARTERS
+    folded = gap[:full].reshape(-1, QUARTERS, gap.shape[1])
+    mean = folded.mean(axis=0)
+    freedom = max(1, (len(folded) - 1) * QUARTERS)
+    spread = np.sqrt(((folded - mean) ** 2).sum(axis=(0, 1)) / freedom)
+    least = np.array([_LEAST[_unit(n)] for n in channels.names])
+    # few cycles say little of the spread and of the mean
+    spread = _INFLATE * np.maximum(spread, least) * np.sqrt(1 + 1 / len(folded))
+    # each cycle against the others, as a new one will be against all
+    n = len(folded)
+    apart = (folded - mean) * (n / max(1, n - 1)) / spread
+    misfit = -_log_t(apart**2).sum(axis=2).ravel()
+    common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
+    return Baseline(mean, spread, common, cycle)
+
+
+def _skipped(cycle: float) -> int:
+    """Windows at the start that are not looked at, whole cycles: it gets going."""
+    return QUARTERS * int(np.ceil(_START / cycle))
+
+
+def _unit(channel: str) -> str:
+    """The kind of a channel's unit, a key of `_LEAST`."""
+    if channel.endswith("_touch"):
+        return "touch"
+    return "mm" if channel in ("clearance", "x", "y") else "deg"
+
+
+def _gaps(sensed: Floats, predicted: Floats, cycle: float, channels: Channels):
+    """(W, C) sensed less predicted."""
+    names = channels.names
+    return window_values(sensed, cycle, names) - window_values(predicted, cycle, names)
+
+
+def threshold(cycle: float, channels: Channels) -> float:
+    """[nats] that keeps false alarms at the stated rate, all channels together."""
+    windows = 3600 / (cycle / QUARTERS)
+    return float(np.log(windows * (len(channels.names) + 1) / FALSE_ALARMS))
+
+
+def watch(
+    sensed: Floats,
+    predicted: Floats,
+    known: Baseline,
+    channels: Channels,
+) -> Watch:
+    """Watch a walk that began at rest as the baseline's did.
+
+    Args:
+        sensed: (S, C), and
+        predicted: (S, C) channels.
+        known: from a walk of the same gait.
+        channels: of the robot.
+    """
+    skip = _skipped(known.cycle)
+    gap = _gaps(sensed, predicted, known.cycle, channels)[skip:]
+    phase = np.arange(len(gap)) % QUARTERS
+    z2 = ((gap - known.mean[phase]) / known.spread) ** 2
+    z2 = np.nan_to_num(z2)
+    each = _log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2)
+    middle, width = known.common
+    common = np.minimum((-_log_t(z2).sum(axis=1) - middle) / width, _MOST)
+    ratio = np.column_stack([each, _SHIFT * common - _SHIFT**2 / 2])
+    sums, run = np.zeros_like(ratio), np.zeros(ratio.shape[1])
+    for k, step in enumerate(ratio):
+        run = np.maximum(0.0, run + step)
+        sums[k] = run
+    end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
+    limit = threshold(known.cycle, channels)
+    alarm = _alarm(end, sums, limit, channels, known.cycle, -_log_t(z2))
+    return Watch(end, sums, limit, channels.names, alarm)
+
+
+def _log_t(z2: Floats) -> Floats:
+    """Log density of Student's t without its constant, of squared residuals."""
+    return -(_FREEDOM + 1) / 2 * np.log1p(z2 / _FREEDOM)
+
+
+def _alarm(
+    end: Floats,
+    sums: Floats,
+    limit: float,
+    channels: Channels,
+    cycle: float,
+    misfit: Floats,
+) -> Alarm | None:
+    """The first time any sum passes the threshold."""
+    over = np.flatnonzero((sums > limit).any(axis=1))
+    if not len(over):
+        return None
+    at = over[0]
+    highest = int(np.argmax(sums[at]))
+    zero = np.flatnonzero(sums[:at, highest] == 0)
+    first = int(zero[-1]) + 1 if len(zero) else 0
+    worst = int(np.argmax(misfit[first : at + 1].sum(axis=0)))
+    sensor = channels.sensors[worst if highest == len(channels.names) else highest]
+    chance = sums[at].size * (at + 1) * np.exp(-sums[at, highest])
+    begun = end[first] - cycle / QUARTERS
+    return Alarm(float(end[at]), float(begun), sensor, float(min(1.0, chance)))
