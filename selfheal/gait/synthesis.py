@@ -15,10 +15,10 @@ Progress = Callable[[str, float], None]
 
 # Chosen on development seeds: of what a search costs, most goes to the best of its
 # starts. A rung: how many searches live, generations, seconds that each gait is tried.
-_RUNGS = ((6, 10, 5.0), (3, 20, 5.0), (2, 20, 10.0), (1, 40, 10.0))
+_RUNGS = ((6, 10, 5.0), (3, 20, 5.0), (1, 60, 10.0))
 _STANCE = np.radians(60.0)  # of joints as far from the torso; chosen
 _RANDOM = 192  # gaits drawn before the searches start
-_CHILDREN, _STEP = 16, 0.4
+_CHILDREN, _STEP = 14, 0.4
 _AGAIN_STEP = 0.25  # of a search that starts from an old gait
 _JUDGES = 16  # plants that the finished gait is predicted on
 # What may differ between the self-model and the robot, as wide as a careful builder
@@ -155,7 +155,7 @@ def synthesize(
     """
     search = _Search(plants, weights, name, heading, np.random.default_rng(seed))
     lives = _starts(search, start)
-    total = sum(count * generations * seconds for count, generations, seconds in _RUNGS)
+    total = sum(count * times * seconds for count, times, seconds in _RUNGS)
     done = 0.0
     for count, generations, seconds in _RUNGS:
         lives = sorted(lives, key=lambda life: -life[0])[:count]
@@ -167,7 +167,9 @@ def synthesize(
                 progress(f"{SECONDS * score:.2f} m in 10 s", done / total)
             after.append((score, state))
         lives = after
-    return _judged(search, lives[0][1].mean)
+    found = Gait(name, lives[0][1].mean, heading, 0.0, 0.0, 0.0,
+                 search.simulations, search.failed)  # fmt: skip
+    return judge(plants, found, weights=weights, seed=seed)
 
 
 def _starts(search: _Search, start: Gait | None) -> list[tuple[float, Evolution]]:
@@ -206,12 +208,19 @@ def _generation(
     return 0.8 * score + 0.2 * best, state
 
 
-def _judged(search: _Search, genes: Floats) -> Gait:
-    """The gait with what is predicted of it."""
-    name, heading = search.pattern.name, search.heading
-    gait = Gait(name, genes, heading, 0.0, 0.0, 0.0, 0, 0)
-    walks = walk([search.draw() for _ in range(_JUDGES)], gait)
-    along, _ = forward(walks.position[:, -1], heading)
+def judge(
+    plants: Sequence[Plant],
+    gait: Gait,
+    *,
+    weights: Sequence[float] = (1.0,),
+    seed: int = 0,
+) -> Gait:
+    """A gait with what is predicted of it on plants that the robot may be."""
+    rng = np.random.default_rng([seed, 1])
+    chance = np.asarray(weights, float) / np.sum(weights)
+    drawn = rng.choice(len(plants), size=_JUDGES, p=chance)
+    walks = walk([unlike(plants[k], rng) for k in drawn], gait)
+    along, _ = forward(walks.position[:, -1], gait.heading)
     along = along[~walks.failed] if not walks.failed.all() else np.zeros(1)
     low, middle, high = np.quantile(along, [0.1, 0.5, 0.9])
     return replace(
@@ -219,6 +228,6 @@ def _judged(search: _Search, genes: Floats) -> Gait:
         predicted=float(middle),
         low=float(low),
         high=float(high),
-        simulations=search.simulations + _JUDGES,
-        failed=search.failed + int(walks.failed.sum()),
+        simulations=gait.simulations + _JUDGES,
+        failed=gait.failed + int(walks.failed.sum()),
     )

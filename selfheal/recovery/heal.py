@@ -1,0 +1,310 @@
+"""Heal: a robot that breaks while it walks in; a run that grows by one phase out.
+
+Phases: gait, whole (it walks), alarm (it breaks and notices), ask-N (an action each),
+verdict, healed (a new gait), walked, known (for the report: with the truth known).
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..body.body import Bodies, Floats
+from ..body.damage import Damage
+from ..engine.plant import Plant, damaged, rated
+from ..engine.walk import PERIOD, SAMPLE, channels_of, sensed, simulate
+from ..gait.pattern import SECONDS
+from ..gait.synthesis import Gait, forward, judge, synthesize
+from ..robot.base import Walker
+from .hypotheses import catalogue
+from .monitor import baseline, watch
+from .probes import probes
+from .record import HealRun, HealSettings, Phase, gait_document, gait_of
+from .reidentify import Doubt, Told
+from .senses import felt_over_time, orientation, position
+
+LEARNED = 30.0  # [s] of walking whole from which the monitor learns; chosen
+WATCHED = 40.0  # [s] of each walk that is watched; chosen
+_SHIFTS = 3  # such walks until it is given up that something is wrong
+_KEPT, _LIKELY = 4, 0.05  # hypotheses that the new gait has to suit; chosen
+_SHOWN = 6  # hypotheses in the result
+_STILL = ("none", "sensor_dead")  # kinds after which the old gait is as good as ever
+
+Progress = Callable[[str, str, float], None]
+
+
+@dataclass(frozen=True)
+class Robots:
+    """The robot in its three lives.
+
+    Attributes:
+        whole: as built.
+        breaking: breaks in the middle of each move.
+        broken: broken from the start.
+    """
+
+    whole: Walker
+    breaking: Walker
+    broken: Walker
+
+
+def robots_of(robot: Walker, settings: HealSettings) -> Robots:
+    """The robot before, while and after the damage of some settings."""
+    damage = settings.damage
+    return Robots(
+        robot, robot.struck(damage, settings.onset), robot.struck(damage)
+    )
+
+
+class _Heal:
+    """One heal in progress: what its file does not hold."""
+
+    def __init__(self, robots, models, weights, settings, progress) -> None:
+        self.robots: Robots = robots
+        self.plants: list[Plant] = [rated(models[[k]]) for k in range(len(models))]
+        self.weights: Floats = weights
+        self.settings: HealSettings = settings
+        self.progress: Progress = progress
+        self.anatomy = models.anatomy
+        self.channels = channels_of(self.anatomy)
+        self.doubt: Doubt | None = None
+
+    def next(self, run: HealRun) -> tuple[str, Phase] | None:
+        """The name of the next phase and what came of it; None at the end."""
+        done = run.phases
+        for name in ("gait", "whole", "alarm"):
+            if name not in done:
+                return name, getattr(self, f"_{name}")(done)
+        if "verdict" not in done:
+            doubt = self._doubt(run)
+            if done["alarm"]["alarm"] and not doubt.done:
+                return f"ask-{len(doubt.told) + 1:02d}", self._ask(doubt)
+            return "verdict", self._verdict(run, doubt)
+        for name in ("healed", "walked", "known"):
+            if name not in done:
+                return name, getattr(self, f"_{name}")(done)
+        return None
+
+    def _synthesize(
+        self, name: str, plants: Sequence[Plant], weights, seed: int, start=None
+    ) -> Gait:
+        """A gait, with progress."""
+        return synthesize(
+            plants, weights=weights, name=self.settings.gait,
+            heading=self.settings.heading, seed=seed, start=start,
+            progress=lambda what, share: self.progress(name, what, share),
+        )  # fmt: skip
+
+    def _gait(self, done) -> Phase:
+        """A gait for the whole robot."""
+        gait = self._synthesize("gait", self.plants, self.weights, self.settings.seed)
+        return {"gait": gait_document(gait)}
+
+    def _move(self, robot: Walker, gait: Gait, seconds: float, trial: int):
+        """A gait on the robot: its recording."""
+        return robot.move(gait.commands(self.anatomy.size, seconds), trial=trial)
+
+    def _path(self, recording) -> dict[str, Floats]:
+        """Where the torso was: position (S, 3) [m], orientation (S, 4), and joints."""
+        angles = felt_over_time(recording, self.anatomy)[1][:, 3 : 3 + self.anatomy.size]
+        return {"position": position(recording), "orientation": orientation(recording),
+                "angles": np.radians(angles)}  # fmt: skip
+
+    def _distance(self, path: Floats) -> float:
+        """Way along the heading after `SECONDS` [m]."""
+        last = path[round(SECONDS / SAMPLE) - 1]
+        return float(forward(last, self.settings.heading)[0])
+
+    def _whole(self, done) -> Phase:
+        """It walks, and the monitor learns how it walks while whole."""
+        gait = gait_of(done["gait"])
+        self.progress("whole", "walking", 0.0)
+        walked = self._move(self.robots.whole, gait, LEARNED, 0)
+        path = self._path(walked)
+        return {**path, "distance": self._distance(path["position"]),
+                "felt": felt_over_time(walked, self.anatomy)[1]}  # fmt: skip
+
+    def _predicted(self, gait: Gait, seconds: float) -> Floats:
+        """(S, C) channels that the self-model predicts of a gait."""
+        commands = gait.commands(self.anatomy.size, seconds)[None]
+        return sensed(simulate(self.plants[:1], commands), self.plants[:1])[0]
+
+    def _alarm(self, done) -> Phase:
+        """It walks on, breaks at some time, and notices."""
+        gait = gait_of(done["gait"])
+        predicted = self._predicted(gait, WATCHED)
+        felt = done["whole"]["felt"]
+        known = baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
+        for shift in range(_SHIFTS):
+            self.progress("alarm", "walking and watching", shift / _SHIFTS)
+            robot = self.robots.broken if shift else self.robots.breaking
+            walked = self._move(robot, gait, WATCHED, 1 + shift)
+            now = felt_over_time(walked, self.anatomy)[1]
+            seen = watch(now, predicted, known, self.channels)
+            if seen.alarm:
+                break
+        before = shift * WATCHED
+        alarm = asdict(seen.alarm) if seen.alarm else None
+        end = len(now)
+        if alarm:
+            alarm["time"] += before
+            alarm["since"] += before
+            end = round(seen.alarm.time / SAMPLE)
+        angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
+        return {"alarm": alarm, "angles": np.radians(angles), "time": seen.time + before,
+                "sums": seen.sums, "threshold": seen.threshold}  # fmt: skip
+
+    def _doubt(self, run: HealRun) -> Doubt:
+        """What is believed since the alarm, from all actions so far."""
+        if self.doubt is None:
+            gait = gait_of(run.phases["gait"])
+            actions = probes(gait, self.anatomy.joints)
+            guesses = catalogue(self.anatomy, run.phases["alarm"]["angles"])
+            self.doubt = Doubt(self.plants[0], actions, guesses)
+            for told in run.asked:
+                self.doubt.recall(Told(told["probe"], told["why"], told["values"]))
+        return self.doubt
+
+    def _ask(self, doubt: Doubt) -> Phase:
+        """One action, chosen to tell the hypotheses apart."""
+        k = len(doubt.told)
+        self.progress("ask", f"choosing action {k + 1}", 0.0)
+        probe, left = doubt.choose(np.random.default_rng([self.settings.seed, 20, k]))
+        action = doubt.probes[probe]
+        self.progress("ask", action.says, 0.5)
+        walked = self.robots.broken.move(action.commands, trial=100 + k)
+        doubt.observe(probe, action.says, felt_over_time(walked, self.anatomy)[1])
+        return {"probe": probe, "why": action.says, "expected": left,
+                "values": doubt.told[-1].felt,
+                "believed": _believed(doubt)}  # fmt: skip
+
+    def _verdict(self, run: HealRun, doubt: Doubt) -> Phase:
+        """What happened."""
+        if run.phases["alarm"]["alarm"]:
+            self.progress("verdict", "finding how much", 0.0)
+            doubt.polish()
+        return {"believed": _believed(doubt), "simulations": doubt.simulations}
+
+    def _healed(self, done) -> Phase:
+        """A new gait for what the robot is now believed to be."""
+        old, believed = gait_of(done["gait"]), done["verdict"]["believed"]
+        likely = [b for b in believed[:_KEPT] if b["probability"] >= _LIKELY]
+        if likely[0]["kind"] in _STILL or not done["alarm"]["alarm"]:
+            return {"gait": gait_document(old), "kept": True}
+        plants, weights = [], []
+        for b in likely:
+            for plant, weight in zip(self.plants, self.weights, strict=True):
+                plants.append(damaged(plant, damage_of(b)))
+                weights.append(b["probability"] * weight)
+        gait = self._best("healed", plants, weights, old)
+        kept = bool(np.array_equal(gait.genes, old.genes))
+        return {"gait": gait_document(gait), "kept": kept}
+
+    def _best(self, name: str, plants, weights, old: Gait) -> Gait:
+        """The better of a new gait and the old one."""
+        seed = self.settings.seed + 1
+        new = self._synthesize(name, plants, weights, seed, old)
+        again = judge(plants, old, weights=weights, seed=seed)
+        return new if new.predicted > again.predicted else again
+
+    def _walked(self, done) -> Phase:
+        """The old and the new gait on the broken robot."""
+        found: dict[str, Any] = {}
+        for trial, name in ((200, "gait"), (201, "healed")):
+            self.progress("walked", f"{name} on the broken robot", 0.5 * (trial - 200))
+            gait = gait_of(done[name])
+            path = self._path(self._move(self.robots.broken, gait, SECONDS, trial))
+            what = {"gait": "damaged", "healed": "healed"}[name]
+            found |= {f"{what}_{k}": v for k, v in path.items()}
+            found[what] = self._distance(path["position"])
+        return found
+
+    def _known(self, done) -> Phase:
+        """For the report alone: a gait for the true damaged body, walked."""
+        robot, old = self.robots.broken, gait_of(done["gait"])
+        if robot.truth is None:
+            return {"distance": None}
+        plant = damaged(rated(robot.truth), *self.settings.damage)
+        gait = self._best("known", [plant], [1.0], old)
+        path = position(self._move(robot, gait, SECONDS, 202))
+        return {"gait": gait_document(gait), "distance": self._distance(path)}
+
+
+def _believed(doubt: Doubt) -> list[dict[str, Any]]:
+    """The likeliest hypotheses, most likely first, as a phase keeps them."""
+    return [
+        {**damage.document, "azimuth": damage.azimuth, "probability": round(chance, 6)}
+        for damage, chance in doubt.verdict()[:_SHOWN]
+    ]
+
+
+def damage_of(believed: dict[str, Any]) -> Damage:
+    """The damage that a phase keeps."""
+    return Damage(**{k: v for k, v in believed.items() if k != "probability"})
+
+
+def heal(
+    robots: Robots,
+    models: Bodies,
+    weights: Floats,
+    settings: HealSettings,
+    *,
+    run: HealRun | None = None,
+    progress: Progress = lambda phase, what, share: None,
+) -> Iterator[HealRun]:
+    """Walk, notice the damage, find it, walk again; a yield a phase, result at the end.
+
+    Args:
+        robots: act.
+        models: rival self-models of the whole robot (K), best first.
+        weights: (K) how likely each is.
+        settings: what to do.
+        run: one to go on with, made by the same robots and settings; None = start.
+        progress: told the phase, what is done, and how much of it.
+    """
+    run = run or HealRun(settings)
+    if run.result:
+        yield run
+        return
+    work = _Heal(robots, models, weights, settings, progress)
+    while True:
+        start = time.perf_counter()
+        step = work.next(run)
+        if step is None:
+            break
+        name, phase = step
+        run = run.after(name, {**phase, "seconds": time.perf_counter() - start})
+        yield run
+    yield replace(run, result=_result(run, robots.whole.name))
+
+
+def _result(run: HealRun, robot: str) -> dict[str, Any]:
+    """What `heal --json` prints (contract section 3)."""
+    p, settings = run.phases, run.settings
+    alarm = p["alarm"]["alarm"]
+    keys = ("time", "sensor", "p_value")
+    shown = [{k: v for k, v in b.items() if k != "azimuth"}
+             for b in p["verdict"]["believed"]]  # fmt: skip
+    known = p["known"]["distance"]
+    distance = {"intact": p["whole"]["distance"], "damaged": p["walked"]["damaged"],
+                "healed": p["walked"]["healed"], "best_known": known}  # fmt: skip
+    rounded = {k: None if v is None else round(v, 4) for k, v in distance.items()}
+    return {
+        "format": "selfheal-heal",
+        "version": 1,
+        "robot": robot,
+        "seed": settings.seed,
+        "damage": [d.document for d in settings.damage],
+        "alarm": {k: alarm[k] for k in keys} if alarm else None,
+        "hypotheses": shown,
+        "actions": len(run.asked),
+        "distance": rounded,
+        "predicted": {
+            "intact": round(gait_of(p["gait"]).predicted, 4),
+            "healed": round(gait_of(p["healed"]).predicted, 4),
+        },
+        "seconds": round(run.seconds, 1),
+        "run": settings.run,
+    }

@@ -1,0 +1,3 @@
+"""The page of a heal (stub)."""
+def heal_page(run, models):
+    return "<html></html>"
