@@ -14,7 +14,7 @@ import numpy as np
 from ..body.body import Bodies, Floats
 from ..body.damage import Damage
 from ..engine.plant import Plant, damaged, rated
-from ..engine.walk import PERIOD, SAMPLE, channels_of, sensed, simulate
+from ..engine.walk import SAMPLE, channels_of, sensed, simulate
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import Gait, forward, judge, synthesize
 from ..robot.base import Walker
@@ -53,9 +53,7 @@ class Robots:
 def robots_of(robot: Walker, settings: HealSettings) -> Robots:
     """The robot before, while and after the damage of some settings."""
     damage = settings.damage
-    return Robots(
-        robot, robot.struck(damage, settings.onset), robot.struck(damage)
-    )
+    return Robots(robot, robot.struck(damage, settings.onset), robot.struck(damage))
 
 
 class _Heal:
@@ -80,7 +78,9 @@ class _Heal:
         if "verdict" not in done:
             doubt = self._doubt(run)
             if done["alarm"]["alarm"] and not doubt.done:
-                return f"ask-{len(doubt.told) + 1:02d}", self._ask(doubt)
+                name, asked = f"ask-{len(doubt.told) + 1:02d}", self._ask(doubt)
+                if asked:
+                    return name, asked
             return "verdict", self._verdict(run, doubt)
         for name in ("healed", "walked", "known"):
             if name not in done:
@@ -108,7 +108,9 @@ class _Heal:
 
     def _path(self, recording) -> dict[str, Floats]:
         """Where the torso was: position (S, 3) [m], orientation (S, 4), and joints."""
-        angles = felt_over_time(recording, self.anatomy)[1][:, 3 : 3 + self.anatomy.size]
+        angles = felt_over_time(recording, self.anatomy)[1][
+            :, 3 : 3 + self.anatomy.size
+        ]
         return {"position": position(recording), "orientation": orientation(recording),
                 "angles": np.radians(angles)}  # fmt: skip
 
@@ -162,16 +164,20 @@ class _Heal:
             gait = gait_of(run.phases["gait"])
             actions = probes(gait, self.anatomy.joints)
             guesses = catalogue(self.anatomy, run.phases["alarm"]["angles"])
-            self.doubt = Doubt(self.plants[0], actions, guesses)
+            whole = run.phases["whole"]["felt"]
+            self.doubt = Doubt(self.plants[0], actions, guesses, whole)
             for told in run.asked:
                 self.doubt.recall(Told(told["probe"], told["why"], told["values"]))
         return self.doubt
 
-    def _ask(self, doubt: Doubt) -> Phase:
-        """One action, chosen to tell the hypotheses apart."""
+    def _ask(self, doubt: Doubt) -> Phase | None:
+        """One action, chosen to tell the hypotheses apart; None if none would."""
         k = len(doubt.told)
         self.progress("ask", f"choosing action {k + 1}", 0.0)
-        probe, left = doubt.choose(np.random.default_rng([self.settings.seed, 20, k]))
+        chosen = doubt.choose(np.random.default_rng([self.settings.seed, 20, k]))
+        if chosen is None:
+            return None
+        probe, left = chosen
         action = doubt.probes[probe]
         self.progress("ask", action.says, 0.5)
         walked = self.robots.broken.move(action.commands, trial=100 + k)

@@ -9,6 +9,7 @@ from ..body.body import Anatomy, Floats, Ints
 from ..body.damage import INTACT, WORLD, Damage, sensors_of
 
 _SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5)  # paper A: 0.1 to 2
+_JAMS = np.radians(np.arange(-60, 61, 20.0))
 _STRENGTHS = (0.15, 0.3, 0.45, 0.6, 0.75)
 _SLOPES, _AZIMUTHS = np.radians((5.0, 10.0, 15.0)), np.radians(np.arange(0, 360, 45.0))
 _FRICTIONS = (0.05, 0.1, 0.2, 0.3)
@@ -29,16 +30,18 @@ def catalogue(anatomy: Anatomy, angles: Floats) -> list[Damage]:
 
     Args:
         anatomy: of the robot.
-        angles: (P) of the joints when the alarm was raised [rad]: where a jam would be.
+        angles: (P) of the joints when the alarm was raised [rad]: a jam may be there.
     """
     parts = [f"body:{part}" for part in anatomy.parts]
     servos = [f"actuator:{joint}_servo" for joint in anatomy.joints]
-    joints = zip(anatomy.joints, angles, strict=True)
+    joints = [(f"joint:{joint}", float(angle))
+              for joint, now in zip(anatomy.joints, angles, strict=True)
+              for angle in (now, *_JAMS)]  # fmt: skip
     return [
         INTACT,
         *(Damage("part_scale", part, s) for part in parts for s in _SCALES),
         *(Damage("limb_loss", part) for part in parts),
-        *(Damage("joint_jam", f"joint:{joint}", float(a)) for joint, a in joints),
+        *(Damage("joint_jam", joint, angle) for joint, angle in joints),
         *(Damage("weak_motor", servo, s) for servo in servos for s in _STRENGTHS),
         *(Damage("sensor_dead", f"sensor:{name}") for name in sensors_of(anatomy)),
         *(Damage("slope", "world", float(s), float(a)) for s in _SLOPES

@@ -7,17 +7,30 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..body.body import Floats
+from ..body.body import Floats, Ints
 from ..body.damage import Damage
 from ..engine.plant import Plant
 from ..engine.walk import channels_of
-from .belief import Noise, choose, log_likelihood, of_groups, posterior
+from .belief import Noise, choose, entropy, log_likelihood, of_groups, posterior
 from .hypotheses import finer, groups, log_prior
-from .probes import DRIFT, Probe, guess, plants_of, predict, scale_of, slopes, values
+from .probes import (
+    DRIFT,
+    Probe,
+    guess,
+    plants_of,
+    predict,
+    scale_of,
+    slopes,
+    values,
+    walk_bias,
+)
 
 SURE = 0.95  # of one kind and target: enough to act on; chosen
 MOST = 12  # actions, however unsure; chosen
 _FEWEST = 2  # actions, however sure: the first may have been read badly; chosen
+_SIZED = 5  # actions after which it is not asked any longer how much; chosen
+_SPREAD = 0.03  # of a part's scale that is known well enough: 4 mm of 125; chosen
+_WORTH = 0.05  # [nats] that an action must be expected to tell, to be taken; chosen
 _POLISH = 4  # rounds of finer values once the kind is known
 
 
@@ -44,6 +57,7 @@ class Doubt:
         plant: the robot as it was.
         probes: actions it may take.
         damages: H hypotheses.
+        whole: (S, C) channels of a walk while the robot was whole.
         told: actions so far.
         simulations: spent.
     """
@@ -51,6 +65,7 @@ class Doubt:
     plant: Plant
     probes: list[Probe]
     damages: list[Damage]
+    whole: Floats
     told: list[Told] = field(default_factory=list)
     simulations: int = 0
     _plants: list[Plant] = field(default_factory=list)
@@ -62,6 +77,8 @@ class Doubt:
         """Lay out the hypotheses' plants."""
         self._plants = plants_of(self.plant, self.damages)
         self._names = channels_of(self.plant.body.anatomy).names
+        walk = next(p for p in self.probes if p.target is None)
+        self._bias = walk_bias(self.plant, walk, self.whole)
 
     def log_weight(self) -> Floats:
         """(H) belief, from the prior and all that was felt."""
@@ -78,20 +95,43 @@ class Doubt:
         )
         return prior + fit
 
-    def choose(self, rng: np.random.Generator) -> tuple[int, float]:
+    def choose(self, rng: np.random.Generator) -> tuple[int, float] | None:
         """The next probe's index, and the entropy expected after it [nats].
 
-        Poses are predicted by `statics` for this, and the walk by MuJoCo once.
+        None where no probe can be expected to tell more. Poses are predicted by
+        `statics` for this, and the walk by MuJoCo once.
         """
         left = [k for k in range(len(self.probes))
                 if k not in [t.probe for t in self.told]]  # fmt: skip
         for k in left:
             self._extend(self._guesses, k, self._quick)
-        _, group = groups(self.damages)
+        weight, group = self.log_weight(), self._open()
         scales = [scale_of(self.probes[k], self._names) for k in left]
         tables = [self._guesses[k] for k in left]
-        best, expected = choose(tables, scales, self.log_weight(), group, rng)
+        best, expected = choose(tables, scales, weight, group, rng)
+        now = entropy(of_groups(posterior(weight), group))
+        if len(self.told) > _FEWEST and now - expected < _WORTH:
+            return None
         return left[best], expected
+
+    def _open(self) -> Ints:
+        """(H) groups to tell apart: kinds and targets, then values of the sure one."""
+        _, group = groups(self.damages)
+        chance = of_groups(posterior(self.log_weight()), group)
+        if chance.max() < SURE:
+            return group
+        return np.where(group == chance.argmax(), np.arange(len(group)), len(group))
+
+    def _unsized(self) -> bool:
+        """Whether the likeliest part's scale is not known well enough yet."""
+        _, group = groups(self.damages)
+        belief = posterior(self.log_weight())
+        rows = np.flatnonzero(group == of_groups(belief, group).argmax())
+        if self.damages[rows[0]].kind != "part_scale" or len(self.told) >= _SIZED:
+            return False
+        value, weight = np.array([self.damages[k].value for k in rows]), belief[rows]
+        mean = np.average(value, weights=weight)
+        return bool(np.average((value - mean) ** 2, weights=weight) > _SPREAD**2)
 
     def _quick(self, plants: list[Plant], probe: Probe) -> Floats:
         """(H, M) what plants are guessed to show."""
@@ -102,7 +142,8 @@ class Doubt:
     def _exact(self, plants: list[Plant], probe: Probe) -> Floats:
         """(H, M) what plants show."""
         self.simulations += len(plants)
-        return predict(plants, probe)
+        bias = self._bias if probe.target is None else np.zeros(1)
+        return predict(plants, probe, bias)
 
     def _extend(self, tables: dict[int, Floats], k: int, how) -> None:
         """Complete a table of a probe for hypotheses that are new."""
@@ -160,4 +201,6 @@ class Doubt:
         """Whether it is sure enough, or has asked enough."""
         if len(self.told) < _FEWEST:
             return False
-        return self.verdict()[0][1] >= SURE or len(self.told) >= MOST
+        if self.verdict()[0][1] >= SURE:
+            return not self._unsized()
+        return len(self.told) >= MOST

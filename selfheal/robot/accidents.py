@@ -28,9 +28,7 @@ def accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     return (draw(anatomy, rng, BODY_KINDS + WORLD_KINDS),)
 
 
-def draw(
-    anatomy: Anatomy, rng: np.random.Generator, kinds: tuple[str, ...]
-) -> Damage:
+def draw(anatomy: Anatomy, rng: np.random.Generator, kinds: tuple[str, ...]) -> Damage:
     """A random damage of one of these kinds, each as likely, then each target."""
     kind = str(rng.choice(kinds))
     if kind in ("part_scale", "limb_loss"):
