@@ -186,25 +186,39 @@ def _outcome(run, damage, onset, truth, models, robots) -> dict[str, Any]:
 
 
 def alarms(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
-    """Hours of walking whole, in walks of 40 s, after 30 s of learning each robot."""
+    """Walks of hidden robots, whole and breaking, watched."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _intact(k)
+        yield f"{FIRST + k}", lambda k=k: _watched(k)
 
 
-def _intact(k: int) -> dict[str, Any]:
-    gait = _known_gaits()[k % len(_known_gaits())]
+def _watched(k: int) -> dict[str, Any]:
+    gait, rng = _known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
     hidden = walker(open_robot("starfish", seed=FIRST + 100 + k))
     plant, anatomy = rated(published()), hidden.anatomy
     predicted = sensed(walk([plant], gait, WATCHED), [plant])[0]
     channels = channels_of(anatomy)
     felt = felt_over_time(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
     known = baseline(felt, predicted[: len(felt)], gait.cycle, channels)
-    false = 0
-    for trial in range(1, 31):
-        move = hidden.move(gait.commands(8, WATCHED), trial=trial)
-        seen = watch(felt_over_time(move, anatomy)[1], predicted, known, channels)
-        false += seen.alarm is not None
-    return {"false": false, "seconds": 30 * WATCHED}
+
+    def seen(robot: Any, trial: int) -> Any:
+        move = robot.move(gait.commands(8, WATCHED), trial=trial)
+        return watch(felt_over_time(move, anatomy)[1], predicted, known, channels)
+
+    alarmed = [seen(hidden, trial).alarm for trial in range(1, 9)]
+    broken = []
+    for trial, kinds in enumerate((BODY_KINDS, WORLD_KINDS), 20):
+        damage = draw(anatomy, rng, (kinds[k % len(kinds)],))
+        onset = float(rng.uniform(8, 20))
+        alarm = seen(hidden.struck((damage,), onset), trial).alarm
+        early = alarm is not None and alarm.time < onset
+        late = None if early or alarm is None else (alarm.time - onset) / gait.cycle
+        ends = [position(robot.move(gait.commands(8), trial=30))[-1, 0]
+                for robot in (hidden, hidden.struck((damage,)))]  # fmt: skip
+        broken.append({"damage": damage.document, "early": early, "delay": late,
+                       "cost": float(1 - ends[1] / ends[0])})  # fmt: skip
+    times = [WATCHED if a is None else a.time for a in alarmed]
+    return {"false": sum(a is not None for a in alarmed), "broken": broken,
+            "seconds": float(sum(times) - 6.0 * len(times))}  # fmt: skip
 
 
 def _known_gaits() -> list[Gait]:
@@ -217,7 +231,7 @@ def _known_gaits() -> list[Gait]:
 
 _GAITS: list[Gait] = []
 
-SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 9),
+SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 30),
           "heals": (heals, 30), "worlds": (worlds, 20)}  # fmt: skip
 
 

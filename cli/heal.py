@@ -125,6 +125,61 @@ def heal(
         _go(begun, path, as_json)
 
 
+def watch(
+    body: Annotated[
+        Path, typer.Argument(metavar="BODY.xml", help="The body, as identify wrote it.")
+    ],
+    recording: Annotated[
+        Path, typer.Argument(metavar="RECORDING.h5", help="What the robot did.")
+    ],
+    learn: Annotated[
+        float | None,
+        typer.Option(help="Seconds at the start in which it was whole; a third."),
+    ] = None,
+    cycle: Annotated[
+        float | None,
+        typer.Option(help="Seconds in which commands repeat; found in them."),
+    ] = None,
+    as_json: Annotated[bool, _JSON] = False,
+) -> None:
+    """Say when a recording stopped fitting a body."""
+    from selfheal.body.mjcf import load
+    from selfheal.errors import InputError
+    from selfheal.files import check_file
+    from selfheal.recording import read
+    from selfheal.recovery.monitor import FALSE_ALARMS
+    from selfheal.recovery.watched import watched
+
+    for value in (learn, cycle):
+        if value is not None and not 0 < value < 1e6:
+            raise InputError(f"seconds must be positive; not {value:g}")
+    check_file(body)
+    found = watched(load(body), read(recording), learn=learn, cycle=cycle)
+    if as_json:
+        from ._print import print_json
+
+        print_json({"format": "selfheal-watch", "version": 1, "body": str(body),
+                    "recording": str(recording), "false_alarms_per_hour": FALSE_ALARMS,
+                    "episodes": found})  # fmt: skip
+        return
+    for episode in found:
+        typer.echo(_watched(episode))
+
+
+def _watched(episode: dict[str, Any]) -> str:
+    """A line on one watched episode."""
+    alarm, name = episode["alarm"], episode["id"]
+    if alarm is None:
+        return f"{name}: fits throughout"
+    sure = f"{alarm['sensor']} fits worst, p {alarm['p_value']:.1g}"
+    if "cycle" not in episode:
+        return f"{name}: stopped fitting by {episode['episode']} ({sure})"
+    return (
+        f"{name}: stopped fitting at {alarm['since']:.1f} s, said at "
+        f"{alarm['time']:.1f} s ({sure})"
+    )
+
+
 def _check(heading: float, seed: int) -> None:
     """Refuse numbers that make no sense."""
     from selfheal.errors import InputError

@@ -143,7 +143,7 @@ def _walks(plants, model, states, sensors, points, steps) -> Walks:
     anatomy = plants[0].body.anatomy
     feet = np.asarray(anatomy.feet, int) - 1
     thick = np.stack([x.body.thickness[0, feet] for x in plants])
-    height = tips.reshape(*tips.shape[:2], -1, 3)[..., 2]
+    height = tips.reshape(*tips.shape[:2], len(feet), 3)[..., 2]
     up = np.stack([_up(x.slope) for x in plants])[:, None]
     out = Walks(
         position=q[..., :3].copy(),

@@ -18,12 +18,15 @@ from ..engine.walk import SAMPLE, Channels
 
 QUARTERS = 4  # windows a cycle
 FALSE_ALARMS = 1.0  # an hour, stated; chosen
+_FALSE_POSES = 0.01  # chance of a false alarm in a series of poses; chosen
 _WIDE = 6.0  # of the alternative; chosen
 _FREEDOM = 4.0  # of Student's t: heavier tails than any sensor's; chosen
 _SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
-_START = 4.0  # [s] in which a walk from rest becomes regular; chosen
-_INFLATE = 1.5  # of the spread, for windows that follow each other are alike; chosen
-# No channel's spread is taken for less: tilt, angles [deg], gap, way [mm], touch; chosen
+# Chosen on development seeds, for no false alarm in 0.9 hours: seconds in which a walk
+# from rest becomes regular; how much wider the spread is taken than it was seen, for
+# windows that follow each other are alike.
+_START, _INFLATE = 6.0, 2.5
+# Chosen: no spread is taken for less; tilt, angles [deg], gap, way [mm], touch.
 _LEAST = {"deg": 0.5, "mm": 3.0, "touch": 0.08}
 
 
@@ -154,11 +157,41 @@ def threshold(cycle: float, channels: Channels) -> float:
     return float(np.log(windows * (len(channels.names) + 1) / FALSE_ALARMS))
 
 
+@dataclass(frozen=True)
+class Readings:
+    """Poses at rest, one after the other.
+
+    Attributes:
+        felt: (W, C) channels without the place; NaN = not read.
+        predicted: (W, C).
+        scale: (C) by which a right prediction is off.
+    """
+
+    felt: Floats
+    predicted: Floats
+    scale: Floats
+
+
+def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
+    """Watch poses of which none was learned from: the alarm, its time in poses.
+
+    The same sums as in `watch`, against a stated chance of `_FALSE_POSES` that any
+    passes within the poses given.
+    """
+    gap = readings.felt - readings.predicted
+    z2 = np.nan_to_num(gap / readings.scale) ** 2
+    sums = _cusum(_log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2))
+    limit = float(np.log(sums.size / _FALSE_POSES))
+    end = np.arange(1.0, len(sums) + 1)
+    return _alarm(end, sums, limit, channels, 1.0, -_log_t(z2))
+
+
 def watch(
     sensed: Floats,
     predicted: Floats,
     known: Baseline,
     channels: Channels,
+    after: float = 0.0,
 ) -> Watch:
     """Watch a walk that began at rest as the baseline's did.
 
@@ -167,24 +200,30 @@ def watch(
         predicted: (S, C) channels.
         known: from a walk of the same gait.
         channels: of the robot.
+        after: [s] before which nothing is looked at, the walk's start in any case.
     """
-    skip = _skipped(known.cycle)
+    skip = max(_skipped(known.cycle), int(np.ceil(after / known.cycle)) * QUARTERS)
     gap = _gaps(sensed, predicted, known.cycle, channels)[skip:]
     phase = np.arange(len(gap)) % QUARTERS
     z2 = ((gap - known.mean[phase]) / known.spread) ** 2
-    z2 = np.nan_to_num(z2)
     each = _log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2)
     middle, width = known.common
     common = np.minimum((-_log_t(z2).sum(axis=1) - middle) / width, _MOST)
-    ratio = np.column_stack([each, _SHIFT * common - _SHIFT**2 / 2])
+    sums = _cusum(np.column_stack([each, _SHIFT * common - _SHIFT**2 / 2]))
+    end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
+    limit = threshold(known.cycle, channels)
+    step = known.cycle / QUARTERS
+    alarm = _alarm(end, sums, limit, channels, step, -_log_t(z2))
+    return Watch(end, sums, limit, channels.names, alarm)
+
+
+def _cusum(ratio: Floats) -> Floats:
+    """(W, K) sums of log likelihood ratios (W, K), never below 0 (Page 1954)."""
     sums, run = np.zeros_like(ratio), np.zeros(ratio.shape[1])
     for k, step in enumerate(ratio):
         run = np.maximum(0.0, run + step)
         sums[k] = run
-    end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
-    limit = threshold(known.cycle, channels)
-    alarm = _alarm(end, sums, limit, channels, known.cycle, -_log_t(z2))
-    return Watch(end, sums, limit, channels.names, alarm)
+    return sums
 
 
 def _log_t(z2: Floats) -> Floats:
@@ -197,10 +236,19 @@ def _alarm(
     sums: Floats,
     limit: float,
     channels: Channels,
-    cycle: float,
+    step: float,
     misfit: Floats,
 ) -> Alarm | None:
-    """The first time any sum passes the threshold."""
+    """The first time any sum (W, K) passes the threshold.
+
+    Args:
+        end: (W) end of each window, which is `step` long.
+        sums: of the channels, and perhaps of all together.
+        limit: the threshold.
+        channels: of the robot.
+        step: see `end`.
+        misfit: (W, C) of each channel, to say which is worst.
+    """
     over = np.flatnonzero((sums > limit).any(axis=1))
     if not len(over):
         return None
@@ -209,7 +257,7 @@ def _alarm(
     zero = np.flatnonzero(sums[:at, highest] == 0)
     first = int(zero[-1]) + 1 if len(zero) else 0
     worst = int(np.argmax(misfit[first : at + 1].sum(axis=0)))
-    sensor = channels.sensors[worst if highest == len(channels.names) else highest]
+    sensor = channels.sensors[highest if highest < misfit.shape[1] else worst]
     chance = sums[at].size * (at + 1) * np.exp(-sums[at, highest])
-    begun = end[first] - cycle / QUARTERS
+    begun = end[first] - step
     return Alarm(float(end[at]), float(begun), sensor, float(min(1.0, chance)))

@@ -24,7 +24,7 @@ EDGE = 2.0  # [deg/deg] a reading that moves more stands on an edge: no slope
 # How far a right prediction is off, on development seeds of hidden robots: at rest
 # [deg], [mm], touch; on the way [deg]; of a walk [deg], [mm], touch, speed [mm/s].
 TILT = 2.0  # at rest: as the prototype found of the 2006 readings
-_REST = {"tilt": TILT, "clearance": 4.0, "angle": 1.5, "touch": 0.4}
+REST = {"tilt": TILT, "clearance": 4.0, "angle": 1.5, "touch": 0.4}
 _WAY_THERE = 2.5
 _WALKED = {"tilt": 2.0, "clearance": 5.0, "angle": 1.5, "touch": 0.1, "speed": 15.0}
 DRIFT = 1.5  # [deg] of each joint's zero: servos miss by 1.2 on average (papers.md 1.1)
@@ -54,14 +54,15 @@ def probes(gait: Gait, joints: Sequence[str]) -> list[Probe]:
         for pose in poses:
             down = ", ".join(j for j, a in zip(joints, pose, strict=True) if a < 0)
             target = pose * (swing / SWING)
-            says = f"hold {down} at -{np.degrees(swing):.0f} deg, the others at +"
+            angle = np.degrees(swing)
+            says = f"hold {down} at -{angle:.0f} deg, the others at +{angle:.0f}"
             found.append(Probe(says, np.tile(target, (steps, 1)), target))
     walk = gait.commands(len(joints), _WALK)
     return [*found, Probe("walk a few steps of the old gait", walk, None)]
 
 
-def _kinds(names: Sequence[str]) -> list[str]:
-    """What each channel is: a key of `_REST`."""
+def kinds_of(names: Sequence[str]) -> list[str]:
+    """What each channel is: a key of `REST`."""
     known = {"clearance": "clearance", "x": "speed", "y": "speed"}
     known |= {n: "tilt" for n in names if n.startswith("tilt")}
     return [known.get(n, "touch" if n.endswith("_touch") else "angle") for n in names]
@@ -69,12 +70,12 @@ def _kinds(names: Sequence[str]) -> list[str]:
 
 def scale_of(probe: Probe, names: Sequence[str]) -> Floats:
     """(M) how far right predictions of `values` are off."""
-    kinds = _kinds(names)
+    kinds = kinds_of(names)
     if probe.target is None:
         still = [_WALKED[k] for k in kinds[:-2]]
         return np.array([*still, *still, _WALKED["speed"], _WALKED["speed"]])
     early = [_WAY_THERE for k in kinds if k == "angle"]
-    return np.array([*early, *(_REST[k] for k in kinds[:-2])])
+    return np.array([*early, *(REST[k] for k in kinds[:-2])])
 
 
 def values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats:
@@ -90,7 +91,7 @@ def values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats:
         still = half[..., :-2]
         parts = [still.mean(axis=-2), still.std(axis=-2), speed]
         return np.concatenate(parts, axis=-1)
-    angle = [k for k, kind in enumerate(_kinds(names)) if kind == "angle"]
+    angle = [k for k, kind in enumerate(kinds_of(names)) if kind == "angle"]
     early = sensed[..., round(_EARLY / SAMPLE) - 1, :][..., angle]
     rest = sensed[..., -round(_LAST / SAMPLE) :, :-2].mean(axis=-2)
     return np.concatenate([early, rest], axis=-1)
@@ -117,7 +118,7 @@ def _sources(probe: Probe, channels: Channels) -> list[str]:
     sensors = list(channels.sensors)
     if probe.target is None:
         return [*sensors[:-2], *sensors]
-    kinds = zip(_kinds(channels.names), sensors, strict=True)
+    kinds = zip(kinds_of(channels.names), sensors, strict=True)
     return [*(s for kind, s in kinds if kind == "angle"), *sensors[:-2]]
 
 

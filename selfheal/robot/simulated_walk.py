@@ -73,8 +73,9 @@ def move(
     count = len(commands) // every
     servos = tuple(f"{j}_servo" for j in plant.body.anatomy.joints)
     # a command stands at the sample from which it is held
+    after_sample = np.minimum(np.arange(1, count + 1) * every, len(commands) - 1)
     episode = Episode(
-        np.arange(1, count + 1) * SAMPLE, commands[every - 1 :: every], servos, joined
+        np.arange(1, count + 1) * SAMPLE, commands[after_sample], servos, joined
     )
     return Recording({"move": episode}, name, "simulated")
 
