@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from _common import INTACT, ROOT, parser
+from _heal_page import write
 
 from selfheal.body.body import length_error
 from selfheal.engine.plant import damaged, rated
@@ -37,7 +38,7 @@ from selfheal.robot.base import open_robot, walker
 from selfheal.robot.replay import replay
 
 FIRST = 5000
-ROBOTS = 6  # hidden robots of `heals`, each identified once
+ROBOTS = 3  # hidden robots of `heals`, each identified once
 RESULTS = ROOT / "benchmarks" / "results"
 
 
@@ -247,26 +248,30 @@ def records(suite: str) -> dict[str, dict[str, Any]]:
 def main() -> None:
     """Play a suite, or make the page."""
     options = parser(__doc__ or "")
-    options.add_argument("suite", choices=[*SUITES, "page"])
+    options.add_argument("suites", nargs="+", choices=[*SUITES, "page"])
     options.add_argument("--count", type=int, default=0)
     chosen = options.parse_args()
-    if chosen.suite == "page":
-        from _heal_page import write
+    for name in chosen.suites:
+        if name == "page":
+            write(chosen.root, {suite: records(suite) for suite in SUITES})
+        else:
+            _complete(name, chosen.count)
 
-        write(chosen.root, {suite: records(suite) for suite in SUITES})
-        return
-    suite, count = SUITES[chosen.suite]
-    done = records(chosen.suite)
+
+def _complete(name: str, wanted: int) -> None:
+    """Play what is not known yet of a suite, writing each down as it ends."""
+    suite, count = SUITES[name]
+    done = records(name)
     RESULTS.mkdir(parents=True, exist_ok=True)
-    for key, play in suite(chosen.count or count):
+    for key, play in suite(wanted or count):
         if key in done:
             continue
-        start = time.perf_counter()
-        record = {"key": key, **play()}
-        with (RESULTS / f"heal-{chosen.suite}.jsonl").open("a") as out:
+        start, cpu = time.perf_counter(), time.process_time()
+        record = {"key": key, **play(), "cpu_seconds": time.process_time() - cpu}
+        with (RESULTS / f"heal-{name}.jsonl").open("a") as out:
             out.write(json.dumps(record) + "\n")
         spent = time.perf_counter() - start
-        print(f"{chosen.suite} {key}: {spent:.1f} s", file=sys.stderr)
+        print(f"{name} {key}: {spent:.1f} s", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from ..engine.walk import SAMPLE, Channels
 
 QUARTERS = 4  # windows a cycle
 FALSE_ALARMS = 1.0  # an hour, stated; chosen
-_FALSE_POSES = 0.01  # chance of a false alarm in a series of poses; chosen
+_FALSE_POSES = 0.05  # chance of a false alarm in a series of poses; chosen
 _WIDE = 6.0  # of the alternative; chosen
 _FREEDOM = 4.0  # of Student's t: heavier tails than any sensor's; chosen
 _SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
@@ -175,15 +175,20 @@ class Readings:
 def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
     """Watch poses of which none was learned from: the alarm, its time in poses.
 
-    The same sums as in `watch`, against a stated chance of `_FALSE_POSES` that any
-    passes within the poses given.
+    A pose falls to another rest or it does not, so one reading can be enough: each is
+    tested by itself, with Bonferroni's correction for all readings of the series.
     """
-    gap = readings.felt - readings.predicted
-    z2 = np.nan_to_num(gap / readings.scale) ** 2
-    sums = _cusum(_log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2))
-    limit = float(np.log(sums.size / _FALSE_POSES))
-    end = np.arange(1.0, len(sums) + 1)
-    return _alarm(end, sums, limit, channels, 1.0, -_log_t(z2))
+    from scipy.stats import t
+
+    z = np.abs(readings.felt - readings.predicted) / readings.scale
+    read = int((~np.isnan(z)).sum())
+    chance = read * 2 * t.sf(np.nan_to_num(z), _FREEDOM)
+    over = np.flatnonzero((chance < _FALSE_POSES).any(axis=1))
+    if not len(over):
+        return None
+    worst = int(np.argmin(chance[over[0]]))
+    sensor, p_value = channels.sensors[worst], float(chance[over[0], worst])
+    return Alarm(float(over[0]) + 1, float(over[0]), sensor, p_value)
 
 
 def watch(

@@ -28,8 +28,7 @@ from .probes import (
 SURE = 0.95  # of one kind and target: enough to act on; chosen
 MOST = 12  # actions, however unsure; chosen
 _FEWEST = 2  # actions, however sure: the first may have been read badly; chosen
-_SIZED = 5  # actions after which it is not asked any longer how much; chosen
-_SPREAD = 0.03  # of a part's scale that is known well enough: 4 mm of 125; chosen
+_SIZED = 5  # actions in which a part's scale is asked for; chosen
 _WORTH = 0.05  # [nats] that an action must be expected to tell, to be taken; chosen
 _POLISH = 4  # rounds of finer values once the kind is known
 
@@ -123,15 +122,9 @@ class Doubt:
         return np.where(group == chance.argmax(), np.arange(len(group)), len(group))
 
     def _unsized(self) -> bool:
-        """Whether the likeliest part's scale is not known well enough yet."""
-        _, group = groups(self.damages)
-        belief = posterior(self.log_weight())
-        rows = np.flatnonzero(group == of_groups(belief, group).argmax())
-        if self.damages[rows[0]].kind != "part_scale" or len(self.told) >= _SIZED:
-            return False
-        value, weight = np.array([self.damages[k].value for k in rows]), belief[rows]
-        mean = np.average(value, weights=weight)
-        return bool(np.average((value - mean) ** 2, weights=weight) > _SPREAD**2)
+        """Whether it is a part's scale, and how much is not asked enough yet."""
+        kind = self.verdict()[0][0].kind
+        return kind == "part_scale" and len(self.told) < _SIZED
 
     def _quick(self, plants: list[Plant], probe: Probe) -> Floats:
         """(H, M) what plants are guessed to show."""
