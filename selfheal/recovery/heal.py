@@ -191,7 +191,7 @@ class _Heal:
         if run.phases["alarm"]["alarm"]:
             self.progress("verdict", "finding how much", 0.0)
             doubt.polish()
-        return {"believed": _believed(doubt), "simulations": doubt.simulations}
+        return {"believed": _believed(doubt)}
 
     def _healed(self, done) -> Phase:
         """A new gait for what the robot is now believed to be."""

@@ -58,7 +58,6 @@ class Doubt:
         damages: H hypotheses.
         whole: (S, C) channels of a walk while the robot was whole.
         told: actions so far.
-        simulations: spent.
     """
 
     plant: Plant
@@ -66,7 +65,6 @@ class Doubt:
     damages: list[Damage]
     whole: Floats
     told: list[Told] = field(default_factory=list)
-    simulations: int = 0
     _plants: list[Plant] = field(default_factory=list)
     _tables: dict[int, Floats] = field(default_factory=dict)
     _slopes: dict[int, Floats] = field(default_factory=dict)
@@ -134,7 +132,6 @@ class Doubt:
 
     def _exact(self, plants: list[Plant], probe: Probe) -> Floats:
         """(H, M) what plants show."""
-        self.simulations += len(plants)
         bias = self._bias if probe.target is None else np.zeros(1)
         return predict(plants, probe, bias)
 
