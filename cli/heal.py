@@ -49,8 +49,14 @@ def gait(
     found, robot = _identified(run)
     start = time.perf_counter()
     with _progress(quiet=as_json) as show:
-        told = stroll(found, robot, name=gait, heading=math.radians(heading), seed=seed,
-                      progress=lambda what, share: show("gait", what, share))  # fmt: skip
+        told = stroll(
+            found,
+            robot,
+            name=gait,
+            heading=math.radians(heading),
+            seed=seed,
+            progress=lambda what, share: show("gait", what, share),
+        )
     told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
         from ._print import print_json

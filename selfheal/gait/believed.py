@@ -1,4 +1,4 @@
-"""What a self-modeling run believes: a run in, the bodies that the robot may have out."""
+"""What a self-modeling run believes: a run in, the bodies the robot may have out."""
 
 import numpy as np
 

@@ -173,7 +173,7 @@ def synthesize(
 
 
 def _starts(search: _Search, start: Gait | None) -> list[tuple[float, Evolution]]:
-    """Where the first searches begin: the old gait, and the best of many random ones."""
+    """Where searches begin: the old gait, and the best of many random ones."""
     genes = _random(search)
     scores = search.score(genes, _RUNGS[0][2])
     order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")

@@ -155,8 +155,13 @@ class _Heal:
             alarm["since"] += before
             end = round(seen.alarm.time / SAMPLE)
         angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
-        return {"alarm": alarm, "angles": np.radians(angles), "time": seen.time + before,
-                "sums": seen.sums, "threshold": seen.threshold}  # fmt: skip
+        return {
+            "alarm": alarm,
+            "angles": np.radians(angles),
+            "time": seen.time + before,
+            "sums": seen.sums,
+            "threshold": seen.threshold,
+        }
 
     def _doubt(self, run: HealRun) -> Doubt:
         """What is believed since the alarm, from all actions so far."""

@@ -140,7 +140,7 @@ def plants_of(plant: Plant, damages: Sequence[Damage]) -> list[Plant]:
 
 
 def _at_rest(plants: Sequence[Plant], targets: Floats) -> tuple[Floats, Floats]:
-    """(H, 3) tilts [deg], clearance [mm] and (H, F) touch by `statics`, level ground."""
+    """(H, 3) tilts [deg], clearance [mm], (H, F) touch by `statics`, level ground."""
     body = concatenate(*(p.body for p in plants))
     jam = np.stack([p.jam for p in plants])
     rest = Statics().simulate(body, np.where(np.isnan(jam), targets, jam))

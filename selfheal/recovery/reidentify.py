@@ -151,6 +151,8 @@ class Doubt:
     def recall(self, told: Told) -> None:
         """Take note of an action that was taken, here or in an earlier process."""
         self.told.append(told)
+        if self.probes[told.probe].target is None and told.probe in self._guesses:
+            self._tables[told.probe] = self._guesses[told.probe]  # exact as it is
         self._extend(self._tables, told.probe, self._exact)
         self._extend(self._slopes, told.probe, slopes)
         self._refine(3)

@@ -54,8 +54,8 @@ def _lead(run: HealRun) -> str:
         f"What happened: {happened}. The robot noticed {_late(run)}, and after {asked} "
         f"action{'s' * (asked != 1)} said: {damage_of(best)} "
         f"({100 * best['probability']:.0f} % sure). It walked "
-        f"{distance['intact']:.2f} m whole, {distance['damaged']:.2f} m broken with its "
-        f"old gait, and {distance['healed']:.2f} m with a new one."
+        f"{distance['intact']:.2f} m whole, {distance['damaged']:.2f} m broken with "
+        f"its old gait, and {distance['healed']:.2f} m with a new one."
     )
 
 
@@ -92,9 +92,11 @@ def _walks(run: HealRun, before: Bodies, after: Bodies) -> Section:
         ("broken, a gait made knowing the damage", _meters(d["best_known"]), ""),
     ]
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
-    moving = animation(lanes, heading, "The three walks as a camera saw the torso and "
-                       "the joints felt themselves, drawn on the body that the robot "
-                       "believes in; twice as fast as they were.", sample=SAMPLE)  # fmt: skip
+    caption = (
+        "The three walks as a camera saw the torso and the joints felt themselves, drawn "
+        "on the body that the robot believes in; twice as fast as they were."
+    )
+    moving = animation(lanes, heading, caption, sample=SAMPLE)
     return Section("Walks", (table(head, rows, "lrr"), moving, _paths(lanes, heading)))
 
 
@@ -201,10 +203,9 @@ def _hypotheses(run: HealRun) -> Section:
     head = ("", "action", "believed after it")
     final = [(str(damage_of(b)), f"{100 * b['probability']:.1f} %")
              for b in run.phases["verdict"]["believed"]]  # fmt: skip
-    return Section(
-        "What it took the damage for",
-        (table(head, rows, "rll"), _beliefs(asked), table(("in the end", "sure"), final, "lr")),
-    )  # fmt: skip
+    end = table(("in the end", "sure"), final, "lr")
+    asking = table(head, rows, "rll")
+    return Section("What it took the damage for", (asking, _beliefs(asked), end))
 
 
 def _spoken(believed: Mapping[str, Any]) -> str:
@@ -246,9 +247,11 @@ def _gaits(run: HealRun) -> Section:
     rows = []
     for name, title in (("gait", "whole"), ("healed", "healed")):
         gait = gait_of(run.phases[name])
+        spread = f"{gait.low:.2f} to {gait.high:.2f}"
+        seconds = f"{run.phases[name]['seconds']:.0f}"
         rows.append((title, gait.pattern, f"{gait.cycle:.2f}", f"{gait.predicted:.2f}",
-                     f"{gait.low:.2f} to {gait.high:.2f}", f"{gait.simulations:,}",
-                     f"{gait.failed:,}", f"{run.phases[name]['seconds']:.0f}"))  # fmt: skip
+                     spread, f"{gait.simulations:,}", f"{gait.failed:,}",
+                     seconds))  # fmt: skip
     head = ("gait", "pattern", "cycle [s]", "predicted [m]", "80 % of robots",
             "simulations", "failed", "time [s]")  # fmt: skip
     kept = "The old gait was kept: it is as good as a new one."
