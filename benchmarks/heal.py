@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,8 +28,9 @@ from selfheal.gait.believed import believed
 from selfheal.gait.pattern import pattern
 from selfheal.gait.synthesis import Gait, forward, synthesize, walk
 from selfheal.recording import read
-from selfheal.recovery.heal import LEARNED, WATCHED, damage_of, heal, robots_of
+from selfheal.recovery.heal import heal
 from selfheal.recovery.monitor import baseline, watch
+from selfheal.recovery.phases import LEARNED, WATCHED, damage_of, robots_of
 from selfheal.recovery.record import HealRun, HealSettings, gait_of
 from selfheal.recovery.replayed import Tables, name_damage, tables
 from selfheal.recovery.senses import felt_over_time, position

@@ -234,7 +234,7 @@ def _go(run: "HealRun", path: Path, as_json: bool) -> None:
     """Phase by phase to the end, saved after each; then the page."""
     from selfheal.gait.believed import believed
     from selfheal.recovery.heal import heal as phases
-    from selfheal.recovery.heal import robots_of
+    from selfheal.recovery.phases import robots_of
     from selfheal.recovery.record import save
     from selfheal.report.heal import heal_page
     from selfheal.report.page import write_page
@@ -316,7 +316,7 @@ def _line(name: str, phase: Any) -> str:
 
 def _hypothesis(believed: dict[str, Any]) -> str:
     """A hypothesis and its probability in words."""
-    from selfheal.recovery.heal import damage_of
+    from selfheal.recovery.phases import damage_of
 
     return f"{damage_of(believed)} ({100 * believed['probability']:.0f} %)"
 

@@ -15,7 +15,8 @@ from selfheal.gait import synthesis
 from selfheal.gait.believed import believed
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import read, write
-from selfheal.recovery.heal import heal, robots_of
+from selfheal.recovery.heal import heal
+from selfheal.recovery.phases import robots_of
 from selfheal.recovery.record import HealSettings, load, save
 from selfheal.recovery.watched import watched
 from selfheal.report.heal import heal_page

@@ -20,13 +20,12 @@ _GRAIN = 0.2  # [s] so that a quarter of a cycle is a whole number of samples
 
 
 class Pattern(Protocol):
-    """A way to write a gait as numbers.
+    """A way to write a gait as numbers."""
 
-    Attributes:
-        name: of it.
-    """
-
-    name: str
+    @property
+    def name(self) -> str:
+        """Of it."""
+        ...
 
     def size(self, joints: int) -> int:
         """How many numbers a gait of so many joints has."""
@@ -124,7 +123,8 @@ class Waves:
         """(N) [1/s], of a period that is a whole number of `_GRAIN`."""
         low, high = _FREQUENCY
         free = low + (high - low) / (1 + np.exp(-genes[:, -1]))
-        return 1 / (_GRAIN * np.round(1 / free / _GRAIN))
+        whole: Floats = np.round(1 / free / _GRAIN).astype(np.float64)
+        return 1 / (_GRAIN * whole)
 
 
 def _times(seconds: float) -> Floats:

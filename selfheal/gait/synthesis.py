@@ -110,7 +110,14 @@ def walk(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> Walks
 class _Search:
     """The trials of one synthesis, counted."""
 
-    def __init__(self, plants, weights, name: str, heading: float, rng) -> None:
+    def __init__(
+        self,
+        plants: Sequence[Plant],
+        weights: Sequence[float] | Floats,
+        name: str,
+        heading: float,
+        rng: np.random.Generator,
+    ) -> None:
         self.plants, self.heading, self.rng = plants, heading, rng
         self.weights = np.asarray(weights, float) / np.sum(weights)
         self.pattern, self.joints = pattern(name), plants[0].body.anatomy.size
@@ -135,7 +142,7 @@ class _Search:
 def synthesize(
     plants: Sequence[Plant],
     *,
-    weights: Sequence[float] = (1.0,),
+    weights: Sequence[float] | Floats = (1.0,),
     name: str = "waves",
     heading: float = 0.0,
     seed: int = 0,
@@ -212,7 +219,7 @@ def judge(
     plants: Sequence[Plant],
     gait: Gait,
     *,
-    weights: Sequence[float] = (1.0,),
+    weights: Sequence[float] | Floats = (1.0,),
     seed: int = 0,
 ) -> Gait:
     """A gait with what is predicted of it on plants that the robot may be."""

@@ -77,7 +77,7 @@ def posterior(log_weight: Floats) -> Floats:
 
 def of_groups(probability: Floats, group: Ints) -> Floats:
     """(G) probability of each group of hypotheses (H)."""
-    return np.bincount(group, probability, minlength=group.max() + 1)
+    return np.eye(group.max() + 1)[group].T @ probability
 
 
 def entropy(probability: Floats) -> Floats:

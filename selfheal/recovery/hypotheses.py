@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body import Anatomy, Floats, Ints
-from ..body.damage import INTACT, WORLD, Damage, sensors_of
+from ..body.damage import INTACT, Damage, sensors_of
 
 _SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5)  # paper A: 0.1 to 2
 _JAMS = np.radians(np.arange(-60, 61, 20.0))
@@ -17,11 +17,12 @@ _FRICTIONS = (0.05, 0.1, 0.2, 0.3)
 # and nothing else is likelier than another.
 _NOTHING = 0.05
 # A value is not refined beyond this: 5 mm on the longest part, a degree; chosen
-_FINE = {"part_scale": 0.03, "joint_jam": np.radians(1.0), "weak_motor": 0.04,
-         "slope": np.radians(1.0), "ground_friction": 0.02}  # fmt: skip
-_FIRST = {"joint_jam": np.radians(8.0), "slope": np.radians(5.0)}  # first steps
-_RANGES = {"part_scale": (0.05, 2.0), "joint_jam": np.radians((-96.0, 96.0)),
-           "weak_motor": (0.05, 1.0), "slope": np.radians((0.0, 30.0)),
+_DEG = np.pi / 180
+_FINE = {"part_scale": 0.03, "joint_jam": _DEG, "weak_motor": 0.04, "slope": _DEG,
+         "ground_friction": 0.02}  # fmt: skip
+_FIRST = {"joint_jam": 8 * _DEG, "slope": 5 * _DEG}  # first steps
+_RANGES = {"part_scale": (0.05, 2.0), "joint_jam": (-96 * _DEG, 96 * _DEG),
+           "weak_motor": (0.05, 1.0), "slope": (0.0, 30 * _DEG),
            "ground_friction": (0.02, 1.5)}  # fmt: skip
 
 
@@ -86,10 +87,10 @@ def finer(damages: Sequence[Damage], log_weight: Floats, count: int = 3) -> list
     for g in np.argsort(-peak, kind="stable")[:count]:
         if peak[g] < peak.max() - 6:  # hardly believed any more; chosen
             continue
-        members = np.flatnonzero(group == g)
-        best = damages[members[np.argmax(log_weight[members])]]
+        members = [k for k in range(len(damages)) if group[k] == g]
+        best = damages[max(members, key=lambda k: float(log_weight[k]))]
         if best.kind in _FINE:
-            new += _between(best, [damages[m] for m in members])
+            new += _between(best, [damages[k] for k in members])
     return new
 
 
@@ -111,8 +112,3 @@ def _between(best: Damage, known: list[Damage]) -> list[Damage]:
         if step > np.radians(5):
             found += [replace(best, azimuth=best.azimuth + s) for s in (-step, step)]
     return [d for d in found if d not in known]
-
-
-def is_world(damage: Damage) -> bool:
-    """Whether it leaves the body whole."""
-    return damage.kind in WORLD

@@ -145,7 +145,9 @@ def _unit(channel: str) -> str:
     return "mm" if channel in ("clearance", "x", "y") else "deg"
 
 
-def _gaps(sensed: Floats, predicted: Floats, cycle: float, channels: Channels):
+def _gaps(
+    sensed: Floats, predicted: Floats, cycle: float, channels: Channels
+) -> Floats:
     """(W, C) sensed less predicted."""
     names = channels.names
     return window_values(sensed, cycle, names) - window_values(predicted, cycle, names)

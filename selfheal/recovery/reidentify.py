@@ -3,6 +3,7 @@
 Between actions the likeliest hypotheses are made finer: new values between old ones.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -135,7 +136,12 @@ class Doubt:
         bias = self._bias if probe.target is None else np.zeros(1)
         return predict(plants, probe, bias)
 
-    def _extend(self, tables: dict[int, Floats], k: int, how) -> None:
+    def _extend(
+        self,
+        tables: dict[int, Floats],
+        k: int,
+        how: Callable[[list[Plant], Probe], Floats],
+    ) -> None:
         """Complete a table of a probe for hypotheses that are new."""
         old = tables.get(k)
         known = 0 if old is None else len(old)

@@ -80,7 +80,11 @@ def _servos(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
 
 
 def _over_time(
-    body: Bodies, recording: Recording, name: str, learn, cycle
+    body: Bodies,
+    recording: Recording,
+    name: str,
+    learn: float | None,
+    cycle: float | None,
 ) -> dict[str, Any]:
     """One episode over time."""
     episode, where = recording.episodes[name], f"{recording.file}, episode {name!r}"

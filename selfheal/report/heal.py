@@ -10,7 +10,7 @@ from ..engine.plant import damaged, rated
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import forward
-from ..recovery.heal import damage_of
+from ..recovery.phases import damage_of
 from ..recovery.record import HealRun, gait_of
 from .draw import NEUTRAL, draw, from_behind, window
 from .motion import Lane, animation
@@ -93,8 +93,8 @@ def _walks(run: HealRun, before: Bodies, after: Bodies) -> Section:
     ]
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
-        "The three walks as a camera saw the torso and the joints felt themselves, drawn "
-        "on the body that the robot believes in; twice as fast as they were."
+        "The three walks as a camera saw the torso and the joints felt themselves, "
+        "drawn on the body that the robot believes in; twice as fast as they were."
     )
     moving = animation(lanes, heading, caption, sample=SAMPLE)
     return Section("Walks", (table(head, rows, "lrr"), moving, _paths(lanes, heading)))

@@ -75,7 +75,7 @@ def move(
     # a command stands at the sample from which it is held
     after_sample = np.minimum(np.arange(1, count + 1) * every, len(commands) - 1)
     episode = Episode(
-        np.arange(1, count + 1) * SAMPLE, commands[after_sample], servos, joined
+        SAMPLE * np.arange(1.0, count + 1), commands[after_sample], servos, joined
     )
     return Recording({"move": episode}, name, "simulated")
 
