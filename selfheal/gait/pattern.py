@@ -123,13 +123,13 @@ class Waves:
         """(N) [1/s], of a period that is a whole number of `_GRAIN`."""
         low, high = _FREQUENCY
         free = low + (high - low) / (1 + np.exp(-genes[:, -1]))
-        whole: Floats = np.round(1 / free / _GRAIN).astype(np.float64)
+        whole: Floats = np.round(1 / free / _GRAIN)
         return 1 / (_GRAIN * whole)
 
 
 def _times(seconds: float) -> Floats:
     """(T) end of each period [s]."""
-    return (np.arange(round(seconds / PERIOD)) + 1) * PERIOD
+    return PERIOD * np.arange(1.0, round(seconds / PERIOD) + 1)
 
 
 PATTERNS: dict[str, Pattern] = {p.name: p for p in (Poses(), Waves())}
