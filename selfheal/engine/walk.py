@@ -60,7 +60,7 @@ def simulate(
     """Walk plants of one attachment tree.
 
     Args:
-        plants: N; equal ones (the same object) are compiled once.
+        plants: N of one time step; the same object is compiled once.
         commands: (N, T, P) [rad], each held for `PERIOD`; T a multiple of
             SAMPLE / PERIOD.
         start: `state` and `set_point` to go on from; None = at rest, all joints zero.

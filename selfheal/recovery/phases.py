@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.damage import Damage
+from ..body.damage import INTACT, Damage
 from ..engine.plant import Plant, damaged, rated
 from ..engine.walk import SAMPLE, channels_of, sensed, simulate
 from ..gait.pattern import SECONDS
@@ -199,16 +199,17 @@ class Phases:
 
     def _verdict(self, run: HealRun, doubt: Doubt) -> Phase:
         """What happened."""
-        if run.phases["alarm"]["alarm"]:
-            self.progress("verdict", "finding how much", 0.0)
-            doubt.polish()
+        if run.phases["alarm"]["alarm"] is None:
+            return {"believed": [_document(INTACT, 1.0)]}
+        self.progress("verdict", "finding how much", 0.0)
+        doubt.polish()
         return {"believed": _believed(doubt)}
 
     def _healed(self, done: Mapping[str, Phase]) -> Phase:
         """A new gait for what the robot is now believed to be."""
         old, believed = gait_of(done["gait"]), done["verdict"]["believed"]
         likely = [b for b in believed[:_KEPT] if b["probability"] >= _LIKELY]
-        if likely[0]["kind"] in _STILL or not done["alarm"]["alarm"]:
+        if likely[0]["kind"] in _STILL:
             return {"gait": gait_document(old), "kept": True}
         plants, weights = [], []
         for b in likely:
@@ -253,12 +254,15 @@ class Phases:
 
 def _believed(doubt: Doubt) -> list[dict[str, Any]]:
     """The likeliest hypotheses, most likely first, as a phase keeps them."""
-    return [
-        {**damage.document, "azimuth": damage.azimuth, "probability": round(chance, 6)}
-        for damage, chance in doubt.verdict()[:_SHOWN]
-    ]
+    return [_document(damage, chance) for damage, chance in doubt.verdict()[:_SHOWN]]
 
 
-def damage_of(believed: dict[str, Any]) -> Damage:
-    """The damage that a phase keeps."""
+def _document(damage: Damage, chance: float) -> dict[str, Any]:
+    """A hypothesis as a phase keeps it."""
+    extra = {"azimuth": damage.azimuth, "probability": round(chance, 6)}
+    return {**damage.document, **extra}
+
+
+def damage_of(believed: Mapping[str, Any]) -> Damage:
+    """The damage of a hypothesis that a phase keeps."""
     return Damage(**{k: v for k, v in believed.items() if k != "probability"})

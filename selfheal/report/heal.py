@@ -210,7 +210,7 @@ def _hypotheses(run: HealRun) -> Section:
 
 def _spoken(believed: Mapping[str, Any]) -> str:
     """A hypothesis with its probability."""
-    return f"{damage_of(dict(believed))} {100 * believed['probability']:.0f} %"
+    return f"{damage_of(believed)} {100 * believed['probability']:.0f} %"
 
 
 def _beliefs(asked: list[Mapping[str, Any]]) -> Html:
