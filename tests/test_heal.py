@@ -1,6 +1,7 @@
 """The whole loop: what is found, what is printed, and going on after a kill."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -249,6 +250,18 @@ def test_watch_says_when_a_recording_stopped_fitting(walks):
     assert whole["alarm"] is None
     assert whole["cycle"] == pytest.approx(1.4, abs=0.02)
     assert broken["alarm"]["time"] == pytest.approx(26.5, abs=1.5)
+
+
+def test_watch_bears_missing_samples_and_a_clock_that_starts_late(walks):
+    (episode,) = walks[1].episodes.values()
+    signals = dict(episode.signals)
+    del signals["clearance"]
+    gaps = signals["vertical"].values.copy()
+    gaps[3::7] = np.nan
+    signals["vertical"] = replace(signals["vertical"], values=gaps)
+    late = replace(episode, time=episode.time + 1000, signals=signals)
+    found = watched(BODY, replace(walks[1], episodes={"late": late}))[0]
+    assert found["alarm"]["time"] == pytest.approx(1026.5, abs=1.5)
 
 
 def test_watch_on_the_command_line(walks, tmp_path):

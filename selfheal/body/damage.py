@@ -17,7 +17,6 @@ KINDS = {
     "slope": ("world", "the ground tilts by this angle [rad]"),
     "ground_friction": ("world", "sliding friction of the ground [1]"),
 }
-WORLD = ("slope", "ground_friction")  # kinds that leave the body whole
 _WORDS = {
     "loss": "limb_loss",
     "jam": "joint_jam",

@@ -55,14 +55,12 @@ class Watch:
         time: (W) end of each window [s].
         sums: (W, C + 1) CUSUM of each channel, and of all together [nats].
         threshold: an alarm is raised when a sum passes it [nats].
-        names: (C) of the channels.
         alarm: the first, or None.
     """
 
     time: Floats
     sums: Floats
     threshold: float
-    names: tuple[str, ...]
     alarm: Alarm | None
 
 
@@ -221,7 +219,7 @@ def watch(
     limit = threshold(known.cycle, channels)
     step = known.cycle / QUARTERS
     alarm = _alarm(end, sums, limit, channels, step, -_log_t(z2))
-    return Watch(end, sums, limit, channels.names, alarm)
+    return Watch(end, sums, limit, alarm)
 
 
 def _cusum(ratio: Floats) -> Floats:

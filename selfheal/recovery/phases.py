@@ -74,9 +74,10 @@ class Phases:
     def next(self, run: HealRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
         done = run.phases
-        for name in ("gait", "whole", "alarm"):
+        first = {"gait": self._gait, "whole": self._whole, "alarm": self._alarm}
+        for name, phase in first.items():
             if name not in done:
-                return name, getattr(self, f"_{name}")(done)
+                return name, phase(done)
         if "verdict" not in done:
             doubt = self._doubt(run)
             if done["alarm"]["alarm"] and not doubt.done:
@@ -84,9 +85,10 @@ class Phases:
                 if asked:
                     return name, asked
             return "verdict", self._verdict(run, doubt)
-        for name in ("healed", "walked", "known"):
+        last = {"healed": self._healed, "walked": self._walked, "known": self._known}
+        for name, phase in last.items():
             if name not in done:
-                return name, getattr(self, f"_{name}")(done)
+                return name, phase(done)
         return None
 
     def _synthesize(
@@ -115,9 +117,8 @@ class Phases:
 
     def _path(self, recording: Recording) -> dict[str, Floats]:
         """Where the torso was: position (S, 3) [m], orientation (S, 4), and joints."""
-        angles = felt_over_time(recording, self.anatomy)[1][
-            :, 3 : 3 + self.anatomy.size
-        ]
+        channels = felt_over_time(recording, self.anatomy)[1]
+        angles = channels[:, 3 : 3 + self.anatomy.size]
         return {"position": position(recording), "orientation": orientation(recording),
                 "angles": np.radians(angles)}  # fmt: skip
 

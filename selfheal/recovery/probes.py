@@ -21,9 +21,10 @@ _LAST = 0.3  # [s] over which a pose at rest is read
 _WALK = 6.0  # [s] of a walk as a probe, the last half of which is read
 NUDGE = 2.0  # [deg] by which a joint's zero is moved to see what it does
 EDGE = 2.0  # [deg/deg] a reading that moves more stands on an edge: no slope
-# How far a right prediction is off, on development seeds of hidden robots: at rest
-# [deg], [mm], touch; on the way [deg]; of a walk [deg], [mm], touch, speed [mm/s].
-TILT = 2.0  # at rest: as the prototype found of the 2006 readings
+# How far a right prediction is off: of tilts at rest, as was found of the readings of
+# 2006 [deg]; of the rest on development seeds of hidden robots: at rest [deg], [mm],
+# touch; on the way [deg]; of a walk [deg], [mm], touch, speed [mm/s].
+TILT = 2.0
 REST = {"tilt": TILT, "clearance": 4.0, "angle": 1.5, "touch": 0.4}
 _WAY_THERE = 2.5
 _WALKED = {"tilt": 2.0, "clearance": 5.0, "angle": 1.5, "touch": 0.1, "speed": 15.0}

@@ -15,6 +15,7 @@ from .probes import REST, Probe, guess, kinds_of
 from .senses import felt_over_time
 
 _LEAST = 3  # cycles to learn from, at least
+_PRESENT = 0.5  # share of a signal's samples without which it is not looked at; chosen
 
 
 def watched(
@@ -59,15 +60,29 @@ def _at_rest(episode: Episode) -> bool:
 
 
 def _commands(episode: Episode, anatomy: Anatomy, where: str) -> Floats:
-    """(T, P) [rad] the commands at every `PERIOD` from time 0.
+    """(T, P) [rad] the commands at every `PERIOD` from the episode's beginning.
 
     Raises:
         RecordingError: a servo of the body has no command.
     """
     columns = _servos(episode, anatomy, where)
-    time = np.arange(round(episode.time[-1] / SAMPLE) * round(SAMPLE / PERIOD)) * PERIOD
-    row = np.searchsorted(episode.time, time + PERIOD / 2, side="right") - 1
+    rows = round((episode.time[-1] - _begin(episode)) / SAMPLE) * round(SAMPLE / PERIOD)
+    middle = _begin(episode) + (np.arange(rows) + 0.5) * PERIOD
+    row = np.searchsorted(episode.time, middle, side="right") - 1
     return episode.ctrl[np.maximum(row, 0)][:, columns]
+
+
+def _begin(episode: Episode) -> float:
+    """When an episode begins [s]: one step before its first sample."""
+    return float(2 * episode.time[0] - episode.time[1])
+
+
+def _filled(grid: Floats, time: Floats, column: Floats) -> Floats:
+    """A channel on a grid of times; NaN where most samples of it are missing."""
+    known = np.isfinite(column)
+    if known.mean() < _PRESENT:
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, time[known], column[known])
 
 
 def _servos(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
@@ -90,11 +105,12 @@ def _over_time(
     episode, where = recording.episodes[name], f"{recording.file}, episode {name!r}"
     commands = _commands(episode, body.anatomy, where)
     time, felt = felt_over_time(recording, body.anatomy, name)
-    grid = np.arange(1, round(time[-1] / SAMPLE) + 1) * SAMPLE
-    now = np.stack([np.interp(grid, time, column) for column in felt.T], axis=1)
+    begin = _begin(episode)
+    grid = np.arange(1, round((time[-1] - begin) / SAMPLE) + 1) * SAMPLE
+    now = np.stack([_filled(begin + grid, time, c) for c in felt.T], axis=1)
     plants = [rated(body)]
     predicted = sensed(simulate(plants, commands[None]), plants)[0]
-    blind = np.isnan(now).any(axis=0)  # not recorded, or not all the time
+    blind = np.isnan(now).any(axis=0)
     now[:, blind] = predicted[:, blind] = 0.0
     period = cycle or _cycle(commands)
     seconds = grid[-1] / 3 if learn is None else learn
@@ -108,13 +124,16 @@ def _over_time(
     channels = channels_of(body.anatomy)
     known = baseline(now[:rows], predicted[:rows], period, channels)
     seen = watch(now, predicted, known, channels, after=seconds)
-    return {"id": name, "alarm": _told(seen.alarm), "learned": float(seconds),
+    return {"id": name, "alarm": _told(seen.alarm, begin), "learned": float(seconds),
             "watched": float(grid[-1] - seconds), "cycle": float(period)}  # fmt: skip
 
 
-def _told(alarm: Alarm | None) -> dict[str, Any] | None:
-    """An alarm as a document."""
-    return None if alarm is None else asdict(alarm)
+def _told(alarm: Alarm | None, begin: float = 0.0) -> dict[str, Any] | None:
+    """An alarm as a document, in the time of an episode that began then [s]."""
+    if alarm is None:
+        return None
+    late = {"time": alarm.time + begin, "since": alarm.since + begin}
+    return {**asdict(alarm), **late}
 
 
 def _cycle(commands: Floats) -> float:
