@@ -21,7 +21,7 @@ def write(root: Path, known: Mapping[str, Records], remarks: str) -> None:
         _real(known["real"]),
         _gaits(known["gaits"]),
         _random(known["gaits"]),
-        _alarms(known["alarms"]),
+        _alarms(known),
         _heals(known["heals"]),
         _worlds(known["worlds"]),
         Section("What is not reached, and why", remarks),
@@ -71,9 +71,15 @@ def _late(broken: Sequence[Mapping[str, Any]]) -> list[float]:
     return [b["delay"] for b in broken if b["delay"] is not None]
 
 
-def _broken(alarms: Records) -> list[Mapping[str, Any]]:
-    """All walks in which something broke."""
-    return [b for r in alarms.values() for b in r["broken"]]
+def _broken(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
+    """All walks in which something broke, of every suite."""
+    found = [b for r in known["alarms"].values() for b in r["broken"]]
+    for r in [*known["heals"].values(), *known["worlds"].values()]:
+        early = r["delay"] is not None and r["delay"] < 0
+        found.append({"damage": r["damage"], "early": early,
+                      "delay": None if early else r["delay"],
+                      "cost": 1 - r["damaged"] / r["intact"]})  # fmt: skip
+    return found
 
 
 def _whole(found: Mapping[str, Any]) -> bool:
@@ -87,7 +93,7 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     heals, worlds = known["heals"], known["worlds"]
     good = [r for r in heals.values() if r["right"] and r["actions"] <= 8]
     healed, _, _ = _healed(heals)
-    broken = _broken(alarms)
+    broken = _broken(known)
     costly = [b for b in broken if b["cost"] > 0.2]
     missed = [b for b in costly if b["delay"] is None and not b["early"]]
     hours = sum(r["seconds"] for r in alarms.values()) / 3600
@@ -205,12 +211,12 @@ def _spread(ends: np.ndarray) -> tuple[str, ...]:
             f"{(ends[:, 0] > 0).sum()} of {len(ends)}")  # fmt: skip
 
 
-def _alarms(alarms: Records) -> Section:
+def _alarms(known: Mapping[str, Records]) -> Section:
     """The monitor."""
     rows = []
-    kinds = dict.fromkeys(b["damage"]["kind"] for b in _broken(alarms))
+    kinds = dict.fromkeys(b["damage"]["kind"] for b in _broken(known))
     for kind in kinds:
-        here = [b for b in _broken(alarms) if b["damage"]["kind"] == kind]
+        here = [b for b in _broken(known) if b["damage"]["kind"] == kind]
         costly = [b for b in here if b["cost"] > 0.2]
         caught = sum(b["delay"] is not None for b in here)
         rows.append((kind, len(here), caught, sum(b["early"] for b in here),
@@ -220,8 +226,9 @@ def _alarms(alarms: Records) -> Section:
             "delay, median and 90 % [cycles]")  # fmt: skip
     text = (
         "Hidden robots walk whole (eight walks of 40 s each, 30 s of another to learn "
-        "from) and break between 8 and 20 s into a walk of 40 s. Cost: share of the "
-        "distance in 10 s that the damage takes."
+        "from) and break between 8 and 20 s into a walk of 40 s; walks of the heals "
+        "and of the changes of the ground below are in the table too. Cost: share of the "
+        "distance along the heading in 10 s that the damage takes, one walk each."
     )
     return Section("Alarms", text, head, rows)
 
@@ -247,10 +254,18 @@ def _heals(heals: Records) -> Section:
         "gait. Over the gait made knowing the true damaged body, 10th percentile, "
         f"median, 90th: healed {_quantiles(healed, 0.1, 0.5, 0.9)}; the old gait on "
         f"the damaged body {_quantiles(old, 0.1, 0.5, 0.9)}; the whole robot "
-        f"{_quantiles(intact, 0.1, 0.5, 0.9)}. Wrong kind or part: "
+        f"{_quantiles(intact, 0.1, 0.5, 0.9)}. Walked over predicted, median: whole "
+        f"{_quantiles(_kept(heals, 'intact'), 0.5)}, healed "
+        f"{_quantiles(_kept(heals, 'healed'), 0.5)}. Wrong kind or part: "
         f"{dict(wrong) or 'none'}."
     )
     return Section("Heals", text, head, rows)
+
+
+def _kept(heals: Records, name: str) -> list[float]:
+    """Walked over predicted distance of a heal's gaits."""
+    rows = [r for r in heals.values() if r["predicted"]]
+    return [r[name] / r["predicted"][name] for r in rows]
 
 
 def _said(damage: Mapping[str, Any]) -> str:

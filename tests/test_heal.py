@@ -148,6 +148,16 @@ def test_the_page_tells_it_and_asks_for_nothing(steps):
     ).replace("http://www.w3.org", "")
 
 
+def test_the_page_of_a_heal_that_nothing_called_for(steps):
+    run = steps[-1]
+    kept = {k: v for k, v in run.phases.items() if not k.startswith("ask")}
+    kept["alarm"] = {**kept["alarm"], "alarm": None}
+    nothing = {"kind": "none", "target": "world", "value": 0.0, "azimuth": 0.0}
+    kept["verdict"] = {"believed": [{**nothing, "probability": 1.0}]}
+    quiet = replace(run, phases=kept, result={**run.result, "alarm": None})
+    assert "no alarm" in heal_page(quiet, BODY)
+
+
 def test_a_file_that_is_no_heal_is_refused(tmp_path):
     (tmp_path / "x.h5").write_text("nothing")
     for name in ("x.h5", "y.h5"):
