@@ -227,8 +227,8 @@ def _alarms(known: Mapping[str, Records]) -> Section:
     text = (
         "Hidden robots walk whole (eight walks of 40 s each, 30 s of another to learn "
         "from) and break between 8 and 20 s into a walk of 40 s; walks of the heals "
-        "and of the changes of the ground below are in the table too. Cost: share of the "
-        "distance along the heading in 10 s that the damage takes, one walk each."
+        "and of the changes of the ground below are in the table too. Cost: share of "
+        "the distance along the heading in 10 s that the damage takes, one walk each."
     )
     return Section("Alarms", text, head, rows)
 
