@@ -118,11 +118,12 @@ def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
     from matplotlib.figure import Figure
     from PIL import Image
 
-    ways = [_seen(lane.position, heading)[:, 0] for lane in lanes]
-    low, high = min(w.min() for w in ways) - 0.3, max(w.max() for w in ways) + 0.3
+    ways = [_seen(lane.position * [1, 1, 0], heading) for lane in lanes]
+    low, bottom = np.min([way.min(axis=0) for way in ways], axis=0) - [0.3, 0.18]
+    high, top = np.max([way.max(axis=0) for way in ways], axis=0) + [0.3, 0.32]
     high = max(high, low + 1.2)
-    fig = Figure(figsize=(WIDTH, WIDTH * 0.42 / (high - low) * len(lanes)), dpi=_DPI,
-                 facecolor="white")  # fmt: skip
+    size = WIDTH, WIDTH * (top - bottom) / (high - low) * len(lanes)
+    fig = Figure(figsize=size, dpi=_DPI, facecolor="white")
     canvas, frames = FigureCanvasAgg(fig), []
     axes = fig.subplots(len(lanes), 1, squeeze=False)[:, 0]
     fig.subplots_adjust(0, 0, 1, 1, hspace=0)
@@ -130,9 +131,9 @@ def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
         for ax, lane in zip(axes, lanes, strict=True):
             ax.clear()
             ax.set_xlim(low, high)
-            ax.set_ylim(-0.12, 0.30)
+            ax.set_ylim(bottom, top)
             ax.set_axis_off()
-            _draw(ax, lane, k, heading, (low, high))
+            _draw(ax, lane, k, heading, (low, high, top))
         canvas.draw()
         image = Image.frombytes("RGBA", canvas.get_width_height(),
                                 bytes(canvas.buffer_rgba()))  # fmt: skip
@@ -141,15 +142,15 @@ def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
 
 
 def _draw(
-    ax: "Axes", lane: Lane, k: int, heading: float, ends: tuple[float, float]
+    ax: "Axes", lane: Lane, k: int, heading: float, ends: tuple[float, float, float]
 ) -> None:
-    """One walk at one time."""
-    ax.plot(ends, (0, 0), color=LINE, lw=1, zorder=0)
+    """One walk at one time, in a window from left to right, its top last."""
+    ax.plot(ends[:2], (0, 0), color=LINE, lw=1, zorder=0)
     for mark in np.arange(0, ends[1], 0.5):
         ax.plot((mark, mark), (-0.02, 0.0), color=MUTED, lw=0.8, zorder=0)
         ax.text(mark, -0.03, f"{mark:.1f} m", color=MUTED, fontsize=7, ha="center",
                 va="top")  # fmt: skip
-    ax.text(ends[0] + 0.02, 0.25, lane.title, color=INK, fontsize=10, va="center")
+    ax.text(ends[0] + 0.02, ends[2] - 0.05, lane.title, color=INK, fontsize=10)
     path = _seen(lane.position[: k + 1] * [1, 1, 0], heading)
     ax.plot(path[:, 0], path[:, 1], color=lane.color, lw=0.8, alpha=0.5, zorder=1)
     _legs(ax, lane, k, heading)
@@ -170,6 +171,9 @@ def _legs(ax: "Axes", lane: Lane, k: int, heading: float) -> None:
     away = away - parts[..., 0].mean(axis=1) * np.sin(heading)
     middle = place[1] * np.cos(heading) - place[0] * np.sin(heading)
     ax.add_patch(Polygon(hull, facecolor=_TORSO, edgecolor=MUTED, lw=0.6, zorder=3))
+    for hip in parts[lane.body.parent[0] == 0, 0]:
+        beam = _seen(np.array([place, hip]), heading)
+        ax.plot(beam[:, 0], beam[:, 1], color=_TORSO, lw=3, zorder=2)
     for i in np.argsort(-away, kind="stable"):
         seen = _seen(parts[i], heading)
         thick = 6 * min(1.0, float(lane.body.thickness[0, i]) + 0.2)
