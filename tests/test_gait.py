@@ -78,6 +78,15 @@ def test_a_walk_goes_on_from_where_it_stopped():
     assert rest.position[:, -1] == pytest.approx(whole.position[:, -1], abs=1e-3)
 
 
+def test_every_joint_goes_where_its_own_command_sends_it():
+    targets = np.radians(np.arange(-20.0, 20.0, 5.0))
+    walks = simulate([PLANT], np.tile(targets, (1, 200, 1)))
+    assert walks.angles[0, -1] == pytest.approx(targets, abs=0.06)
+    # at rest motors do no work
+    still = simulate([PLANT], np.zeros((1, 200, 8)))
+    assert 0 <= still.energy[0] < 0.02 < walks.energy[0] < 3
+
+
 def test_nonsense_diverges_and_is_counted():
     from dataclasses import replace
 

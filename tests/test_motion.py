@@ -18,9 +18,11 @@ def test_a_posed_body_is_where_mujoco_puts_it():
     data = mujoco.MjData(model)
     turn = rng.normal(size=4)
     data.qpos[:7] = [0.1, 0.2, 0.3, *(turn / np.linalg.norm(turn))]
-    data.qpos[7:] = rng.uniform(-1, 1, 8)
+    angles = rng.uniform(-1, 1, 8)
+    for joint, angle in zip(BODY.anatomy.joints, angles, strict=True):
+        data.joint(joint).qpos = angle
     mujoco.mj_kinematics(model, data)
-    seen = skeleton(BODY, data.qpos[:3], data.qpos[3:7], data.qpos[7:])
+    seen = skeleton(BODY, data.qpos[:3], data.qpos[3:7], angles)
     for i, part in enumerate(BODY.anatomy.parts):
         body = data.body(part)
         tip = body.xpos + body.xmat.reshape(3, 3)[:, 0] * BODY.length[0, i]

@@ -129,12 +129,15 @@ def _walks(plants, model, states, sensors, points, steps) -> Walks:
     last = states[:, -1].copy()
     seen, tips = states[:, every - 1 :: every], sensors[:, every - 1 :: every]
     q, v = seen[..., 1 : 8 + p], seen[..., 8 + p : 14 + 2 * p]
+    # the state lists joints along the tree, all else here lists them as the parts
+    names = plants[0].body.anatomy.joints
+    at = np.array([model.joint(name).qposadr[0] for name in names])
     failed = ~np.isfinite(seen).all(axis=(1, 2)) | (
         np.nan_to_num(np.abs(v), nan=np.inf).max(axis=(1, 2)) > _FASTEST
     )
     # work between samples, from the servo's law
     fine = states[:, steps - 1 :: steps]
-    angle, rate = fine[..., 8 : 8 + p], fine[..., 14 + p : 14 + 2 * p]
+    angle, rate = fine[..., 1 + at], fine[..., 7 + p + at]
     gain = np.array([[[x.physics.kp]] for x in plants])
     drag = np.array([[[x.physics.kv]] for x in plants])
     limit = np.stack([x.torque for x in plants])[:, None]
@@ -149,7 +152,7 @@ def _walks(plants, model, states, sensors, points, steps) -> Walks:
         position=q[..., :3].copy(),
         orientation=q[..., 3:7].copy(),
         up=into_frame(q[..., 3:7], np.broadcast_to(up, q[..., :3].shape)),
-        angles=q[..., 7:].copy(),
+        angles=q[..., at],
         tips=height - (anatomy.radius[feet] * thick)[:, None],
         energy=energy,
         failed=failed,
