@@ -40,7 +40,7 @@ from selfheal.robot.base import open_robot, walker
 from selfheal.robot.replay import replay
 
 FIRST = 5000
-ROBOTS = 3  # hidden robots of `heals`, each identified once
+ROBOTS = 2  # hidden robots of `heals`, each identified once
 REMARKS = Path(__file__).with_name("_heal_remarks.md")
 RESULTS = ROOT / "benchmarks" / "results"
 
@@ -137,6 +137,12 @@ def heals(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
     """Whole heals of random body damages, each kind as often."""
     for k in range(count):
         yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=True)
+
+
+def verdicts(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """More random body damages, alarm and verdict, no new gait."""
+    for k in range(100, 100 + count):
+        yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=False)
 
 
 def worlds(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -236,7 +242,8 @@ def _known_gaits() -> list[Gait]:
 _GAITS: list[Gait] = []
 
 SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 30),
-          "heals": (heals, 30), "worlds": (worlds, 20)}  # fmt: skip
+          "heals": (heals, 30), "verdicts": (verdicts, 30),
+          "worlds": (worlds, 20)}  # fmt: skip
 
 
 def records(suite: str) -> dict[str, dict[str, Any]]:

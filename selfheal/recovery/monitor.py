@@ -5,8 +5,9 @@ compared with what it was, at the same quarter, while the robot was known to be 
 Each channel has a CUSUM (Page 1954) of the log likelihood ratio of "as before" against
 "six times as wide", which sees a sensor that is far off. One more sums the misfit of
 all channels, against "two spreads more than before", which sees many that are a little
-off. By Lorden (1971) such a sum passes h by chance at most once in exp(h) windows,
-which sets h from the stated rate of false alarms.
+off; and one for each channel counts windows in which it stands perfectly still, against
+"always", which sees a dead sensor. By Lorden (1971) such a sum passes h by chance at
+most once in exp(h) windows, which sets h from the stated rate of false alarms.
 """
 
 from dataclasses import dataclass
@@ -53,7 +54,8 @@ class Watch:
 
     Attributes:
         time: (W) end of each window [s].
-        sums: (W, C + 1) CUSUM of each channel, and of all together [nats].
+        sums: (W, 2 C + 1) CUSUM of each channel's misfit, of each channel's standing
+            still, of all together [nats].
         threshold: an alarm is raised when a sum passes it [nats].
         alarm: the first, or None.
     """
@@ -71,12 +73,14 @@ class Baseline:
     Attributes:
         mean: (QUARTERS, C) and
         spread: (C) of the windows' residuals.
+        still: (QUARTERS, C) how often a channel stood still in a window.
         common: mean and spread of the misfit of all channels in a window.
         cycle: [s] of the gait.
     """
 
     mean: Floats
     spread: Floats
+    still: Floats
     common: tuple[float, float]
     cycle: float
 
@@ -128,7 +132,16 @@ def baseline(
     apart = (folded - mean) * (n / max(1, n - 1)) / spread
     misfit = -_log_t(apart**2).sum(axis=2).ravel()
     common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
-    return Baseline(mean, spread, common, cycle)
+    calm = _still(sensed, cycle)[_skipped(cycle) :][:full].reshape(folded.shape)
+    still = (calm.sum(axis=0) + 0.5) / (n + 1)
+    return Baseline(mean, spread, still, common, cycle)
+
+
+def _still(sensed: Floats, cycle: float) -> np.ndarray:
+    """(W, C) whether a channel has one and the same value in a window."""
+    edges = _edges(len(sensed), cycle)
+    pairs = zip(edges, edges[1:], strict=False)
+    return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairs])
 
 
 def _skipped(cycle: float) -> int:
@@ -154,7 +167,7 @@ def _gaps(
 def threshold(cycle: float, channels: Channels) -> float:
     """[nats] that keeps false alarms at the stated rate, all channels together."""
     windows = 3600 / (cycle / QUARTERS)
-    return float(np.log(windows * (len(channels.names) + 1) / FALSE_ALARMS))
+    return float(np.log(windows * (2 * len(channels.names) + 1) / FALSE_ALARMS))
 
 
 @dataclass(frozen=True)
@@ -214,7 +227,9 @@ def watch(
     each = _log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2)
     middle, width = known.common
     common = np.minimum((-_log_t(z2).sum(axis=1) - middle) / width, _MOST)
-    sums = _cusum(np.column_stack([each, _SHIFT * common - _SHIFT**2 / 2]))
+    calm = _still(sensed, known.cycle)[skip:]
+    dead = np.where(calm, -np.log(known.still[phase]), -np.inf)
+    sums = _cusum(np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2]))
     end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
     limit = threshold(known.cycle, channels)
     step = known.cycle / QUARTERS
@@ -262,7 +277,8 @@ def _alarm(
     zero = np.flatnonzero(sums[:at, highest] == 0)
     first = int(zero[-1]) + 1 if len(zero) else 0
     worst = int(np.argmax(misfit[first : at + 1].sum(axis=0)))
-    sensor = channels.sensors[highest if highest < misfit.shape[1] else worst]
-    chance = sums[at].size * (at + 1) * np.exp(-sums[at, highest])
+    count = misfit.shape[1]
+    sensor = channels.sensors[highest % count if highest < 2 * count else worst]
+    chance = sums.shape[1] * (at + 1) * np.exp(-sums[at, highest])
     begun = end[first] - step
     return Alarm(float(end[at]), float(begun), sensor, float(min(1.0, chance)))
