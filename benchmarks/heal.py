@@ -91,10 +91,8 @@ def _gait(seed: int, name: str) -> dict[str, Any]:
         hidden = walker(open_robot("starfish", seed=10 * seed + robot))
         path = position(hidden.move(gait.commands(8)))
         walked.append([float(v) for v in forward(path[-1], heading)])
-    plant = rated(published())
-    energy = float(walk([plant], gait).energy[0])
     return {"gait": name, "heading": heading, "predicted": gait.predicted,
-            "walked": walked, "seconds": spent, "energy": energy,
+            "walked": walked, "seconds": spent,
             "failed": gait.failed, "simulations": gait.simulations}  # fmt: skip
 
 

@@ -148,7 +148,13 @@ def test_the_page_tells_it_and_asks_for_nothing(steps):
     ).replace("http://www.w3.org", "")
 
 
-def test_the_page_of_a_heal_that_nothing_called_for(steps):
+@pytest.fixture
+def still(monkeypatch):
+    """Pages without their animation, which takes seconds."""
+    monkeypatch.setattr("selfheal.report.heal.animation", lambda *a, **k: "")
+
+
+def test_the_page_of_a_heal_that_nothing_called_for(steps, still):
     run = steps[-1]
     kept = {k: v for k, v in run.phases.items() if not k.startswith("ask")}
     kept["alarm"] = {**kept["alarm"], "alarm": None}
@@ -192,7 +198,7 @@ def _run(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
-def test_heal_on_the_command_line_and_a_dead_sensor_leaves_the_gait_alone(tmp_path):
+def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
     path, _ = _identified(tmp_path)
     dead, out = "left_hip_position", tmp_path / "h"
     made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")
