@@ -273,7 +273,8 @@ def _kept(heals: Records, name: str) -> list[float]:
 def _said(damage: Mapping[str, Any]) -> str:
     """A damage in words."""
     value = f" {damage['value']:.2f}" if damage["value"] else ""
-    return f"{damage['kind']} {damage['target'].partition(':')[2]}{value}"
+    words = f"{damage['kind']} {damage['target'].partition(':')[2]}".strip()
+    return f"{words}{value}"
 
 
 def _meters(value: float | None) -> str:
