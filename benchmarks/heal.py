@@ -1,6 +1,6 @@
 """Figures of `gait`, `watch` and `heal` on fresh seeds, and on the readings of 2006.
 
-    python benchmarks/heal.py real|gaits|alarms|heals|worlds|speed [--count N]
+    python benchmarks/heal.py SUITE... [--count N]
     python benchmarks/heal.py page
 
 Every suite appends its records to benchmarks/results/heal-SUITE.jsonl and leaves out
