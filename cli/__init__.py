@@ -6,7 +6,7 @@ import typer
 
 from selfheal import __version__
 
-from . import diagnose, identify, recording
+from . import diagnose, heal, identify, recording
 from ._errors import Group
 
 # rich_markup_mode: rich's help pages would double the time to the first line
@@ -21,6 +21,9 @@ app = typer.Typer(
 app.command()(identify.identify)
 app.command()(identify.show)
 app.command()(identify.robots)
+app.command()(heal.gait)
+app.command()(heal.heal)
+app.command()(heal.watch)
 app.command()(diagnose.diagnose)
 app.command()(diagnose.replay)
 app.command()(diagnose.effects)

@@ -4,11 +4,12 @@ import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from ._runs import clear, fresh_folder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.robot.base import Robot
@@ -66,7 +67,7 @@ def identify(
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
     if resume is not None:
-        _refuse_settings(context)
+        refuse_settings(context)
         with held(resume):
             _go(load(resume), resume, as_json)
         return
@@ -85,44 +86,6 @@ def identify(
     _start(settings, out, force=force, as_json=as_json)
 
 
-def _fresh_folder(name: str, force: bool) -> Path:
-    """runs/NAME, or with a number behind if that is taken and not to be overwritten.
-
-    Made here, so that no other process takes it too.
-    """
-    from selfheal.files import check_writable_folder
-
-    runs = check_writable_folder("runs")
-    names = chain([name], (f"{name}.{number}" for number in count(2)))
-    return next(runs / n for n in names if _made(runs / n, force))
-
-
-def _made(folder: Path, force: bool) -> bool:
-    """Whether this process made the folder, or may use the one that is there."""
-    try:
-        folder.mkdir(exist_ok=force)
-    except FileExistsError:
-        return False
-    return True
-
-
-def _refuse_settings(context: typer.Context) -> None:
-    """Refuse what a resumed run would not heed."""
-    from selfheal.errors import InputError
-
-    given = [
-        "--" + name.replace("_", "-")
-        for name in context.params
-        if name not in ("resume", "as_json")
-        and (source := context.get_parameter_source(name))
-        and source.name == "COMMANDLINE"
-    ]
-    if given:
-        raise InputError(
-            f"--resume takes every setting from the run; leave out {', '.join(given)}"
-        )
-
-
 def _start(
     settings: "Settings", out: Path | None, *, force: bool, as_json: bool
 ) -> None:
@@ -134,29 +97,13 @@ def _start(
     robot = _robot(settings)
     check(settings, robot)
     name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
-    folder = _fresh_folder(name, force) if out is None else check_writable_folder(out)
+    folder = fresh_folder(name, force) if out is None else check_writable_folder(out)
     path = folder / "run.h5"
     with held(path):
-        _clear(path, force)
+        clear(path, force, ("best.xml", "report.html"))
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
         save(run, path)
         _go(run, path, as_json)
-
-
-def _clear(path: Path, force: bool) -> None:
-    """Refuse to overwrite an earlier run's files, or remove them if forced."""
-    from selfheal.errors import InputError
-
-    files = [path, path.with_name("best.xml"), path.with_name("report.html")]
-    old = [file for file in files if file.exists()]
-    if old and not force:
-        resume = f"go on with it by --resume {path}, " * path.exists()
-        raise InputError(
-            f"{old[0]} is there already; {resume}start over by --force, or name "
-            "another folder by --out"
-        )
-    for file in old:
-        file.unlink()
 
 
 def _robot(settings: "Settings") -> "Robot":

@@ -7,8 +7,10 @@ import pytest
 from toys import Toy
 
 from selfheal.body.body import centers_in_torso
+from selfheal.body.damage import parse, sensors_of
 from selfheal.body.mjcf import to_xml
 from selfheal.errors import InputError, RecordingError, UnknownNameError
+from selfheal.gait.pattern import pattern
 from selfheal.recording import (
     Recording,
     check_against_model,
@@ -18,7 +20,7 @@ from selfheal.recording import (
     write,
 )
 from selfheal.robot.actions import actions_2006, published, spoken
-from selfheal.robot.base import open_robot, robots
+from selfheal.robot.base import open_robot, robots, walker
 from selfheal.robot.replay import replay
 
 
@@ -191,3 +193,43 @@ def test_the_robot_of_2006_offers_its_36_actions(shared_recordings):
     for action in (0, 35):
         (episode,) = robot.act(action).episodes.values()
         assert episode.ctrl[-1] == pytest.approx(robot.actions[action])
+
+
+def _moved(robot, seconds=2.0, **how):
+    rng = np.random.default_rng(1)
+    commands = pattern("waves").commands(0.3 * rng.normal(size=(1, 25)), 8, seconds)[0]
+    return robot.move(commands, **how)
+
+
+def test_a_move_is_a_sound_recording_and_the_same_again():
+    robot = walker(open_robot("starfish", seed=3))
+    first, again, other = _moved(robot), _moved(robot), _moved(robot, trial=1)
+    validate(first)
+    signals = [r.episodes["move"].signals for r in (first, again, other)]
+    for name, signal in signals[0].items():
+        assert np.array_equal(signal.values, signals[1][name].values)
+    assert not np.array_equal(
+        signals[0]["vertical"].values, signals[2]["vertical"].values
+    )
+    assert set(sensors_of(robot.anatomy)) < set(signals[0])
+
+
+def test_a_robot_breaks_in_the_middle_of_a_move():
+    robot = walker(open_robot("starfish", seed=3))
+    dead = robot.struck(parse("dead:clearance", robot.anatomy), 1.0)
+    whole, broken = (
+        _moved(r).episodes["move"].signals["clearance"].values for r in (robot, dead)
+    )
+    assert broken[:20] == pytest.approx(whole[:20], abs=0.004)  # other noise
+    assert np.all(broken[20:] == 0) and np.any(whole[20:] != 0)
+
+
+def test_a_shorter_leg_moves_otherwise_only_after_it_broke():
+    robot = walker(open_robot("starfish", seed=3))
+    short = robot.struck(parse("left_lower:0.3", robot.anatomy), 1.0)
+    whole, broken = (
+        _moved(r).episodes["move"].signals["torso_orientation"].values
+        for r in (robot, short)
+    )
+    assert broken[:20] == pytest.approx(whole[:20], abs=1e-9)
+    assert np.abs(broken[-1] - whole[-1]).max() > 1e-4

@@ -7,8 +7,9 @@ import mujoco
 import numpy as np
 
 from ..errors import ModelError
-from .body import Anatomy, Bodies
+from .body import Anatomy, Bodies, Floats
 
+_GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
 
 
@@ -169,6 +170,31 @@ def to_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
     for i in range(bodies.anatomy.size):
         hung.append(_part(hung[bodies.parent[row, i]], bodies, row, i, physics))
     _outfit(spec, bodies.anatomy, physics)
+    return spec
+
+
+def to_walker(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
+    """The articulated model of one body with motors of limited torque on a slope.
+
+    Args:
+        body: a batch of one.
+        physics: of the simulation.
+        torque: (P) largest of each motor [N m].
+        slope: (2) tilt of the ground and downhill azimuth [rad]; gravity is turned,
+            the floor stays z = 0.
+
+    Returns:
+        An MjSpec whose only sensors are the feet's tips.
+    """
+    spec = to_spec(body, 0, physics)
+    tilt, azimuth = slope
+    downhill = np.sin(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
+    spec.option.gravity = _GRAVITY * np.array([*downhill, -np.cos(tilt)])
+    for servo, limit in zip(spec.actuators, torque, strict=True):
+        servo.forcelimited, servo.forcerange = True, [-limit, limit]
+    for sensor in list(spec.sensors):
+        if sensor.type != mujoco.mjtSensor.mjSENS_FRAMEPOS:
+            spec.delete(sensor)  # each costs time at every step
     return spec
 
 

@@ -45,7 +45,7 @@ class Statics:
             )
 
         self._share(run, len(bodies))
-        feet = out[:, 3 + np.asarray(a.feet)]
+        feet = out[:, 3 + np.asarray(a.feet, int)]
         return from_rest(out[:, :3], out[:, 3], feet, targets, a.torso_half[2])
 
     def race(

@@ -3,9 +3,10 @@
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
+from ..body.damage import Damage
 from ..errors import InputError, UnknownNameError
 from ..recording import Recording
 
@@ -36,6 +37,47 @@ class Robot(Protocol):
             at the last sample. Asked again, the same action gives the same recording.
         """
         ...
+
+
+class Walker(Robot, Protocol):
+    """A robot that can also follow commands over time, and be damaged on purpose.
+
+    Attributes:
+        damage: what happens to it, for reports; nobody who identifies it may look.
+    """
+
+    damage: tuple[Damage, ...]
+
+    def move(self, commands: Floats, *, trial: int = 0) -> Recording:
+        """Follow joint commands from rest at zero on the spot, and sense meanwhile.
+
+        Args:
+            commands: (T, P) [rad], each held for `engine.walk.PERIOD`.
+            trial: number of this trial; noise is another in each.
+
+        Returns:
+            A recording of one episode with a sample every `engine.walk.SAMPLE` of
+            `vertical`, `clearance`, `<joint>_position`, `<foot>_touch`,
+            `torso_position` and `torso_orientation` (as a camera above sees them).
+        """
+        ...
+
+    def struck(self, damage: tuple[Damage, ...], onset: float = 0.0) -> "Walker":
+        """This robot with a damage that sets in `onset` seconds into each move."""
+        ...
+
+
+def walker(robot: Robot) -> Walker:
+    """The robot, if it can walk.
+
+    Raises:
+        InputError: it only answers with readings.
+    """
+    if not hasattr(robot, "move"):
+        raise InputError(
+            f"robot {robot.name!r} cannot walk: it answers from a recording"
+        )
+    return cast(Walker, robot)
 
 
 Factory = Callable[[str, int, Path | None], Robot]

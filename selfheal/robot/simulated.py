@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, centers_in_torso
+from ..body.damage import Damage
 from ..body.genome import build, random_genomes
 from ..errors import InputError
 from ..recording import Episode, Recording, Signal
@@ -26,11 +27,15 @@ class SimulatedRobot:
 
     Attributes:
         seed: of its noise and of its hidden physics.
+        damage: what happens to it when it moves.
+        onset: seconds into each move when it happens; 0 = it has happened.
     """
 
     name: str
     truth: Bodies
     seed: int
+    damage: tuple[Damage, ...] = ()
+    onset: float = 0.0
 
     @property
     def anatomy(self) -> Anatomy:
@@ -60,6 +65,22 @@ class SimulatedRobot:
             np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
         )
         return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
+
+    def move(self, commands: Floats, *, trial: int = 0) -> Recording:
+        """Follow commands over time; see `base.Walker`."""
+        from .simulated_walk import hidden_plant, move
+
+        physics, body, offset = self._hidden(np.random.default_rng([self.seed, 0]))
+        rng = np.random.default_rng([self.seed, 4])
+        hidden = hidden_plant(physics, body, offset, rng)
+        noise = np.random.default_rng([self.seed, 5, trial])
+        return move(hidden, commands, self.damage, self.onset, noise, self.name)
+
+    def struck(
+        self, damage: tuple[Damage, ...], onset: float = 0.0
+    ) -> "SimulatedRobot":
+        """This robot with a damage; see `base.Walker`."""
+        return replace(self, damage=damage, onset=onset)
 
     def _hidden(self, rng: np.random.Generator) -> tuple:
         """Physics, body and servo offsets (P) that differ from the self-model's."""

@@ -1,0 +1,287 @@
+"""Figures of `gait`, `watch` and `heal` on fresh seeds, and on the readings of 2006.
+
+    python benchmarks/heal.py SUITE... [--count N]
+    python benchmarks/heal.py page
+
+Every suite appends its records to benchmarks/results/heal-SUITE.jsonl and leaves out
+what is there already; `page` makes docs/results/heal.md of them. Seeds are 5000 and up;
+development used seeds below 5000.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _common import INTACT, ROOT, parser
+from _heal_page import write
+
+from selfheal.body.body import length_error
+from selfheal.engine.plant import damaged, rated
+from selfheal.engine.walk import channels_of, sensed
+from selfheal.gait.believed import believed
+from selfheal.gait.pattern import pattern
+from selfheal.gait.synthesis import Gait, forward, synthesize, walk
+from selfheal.recording import read
+from selfheal.recovery.heal import heal
+from selfheal.recovery.monitor import baseline, watch
+from selfheal.recovery.phases import LEARNED, WATCHED, damage_of, robots_of
+from selfheal.recovery.record import HealRun, HealSettings, gait_of
+from selfheal.recovery.replayed import Tables, name_damage, tables
+from selfheal.recovery.senses import felt_over_time, position
+from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw
+from selfheal.robot.actions import published
+from selfheal.robot.base import open_robot, walker
+from selfheal.robot.replay import replay
+
+FIRST = 5000
+ROBOTS = 2  # hidden robots of `heals`, each identified once
+REMARKS = Path(__file__).with_name("_heal_remarks.md")
+RESULTS = ROOT / "benchmarks" / "results"
+
+
+def real(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Naming the damage of the robot of 2006, chosen actions against random ones."""
+    for seed in range(FIRST, FIRST + count):
+        for chosen in (True, False):
+            yield f"{seed} {chosen}", lambda s=seed, c=chosen: _real(s, c)
+
+
+def _real(seed: int, chosen: bool) -> dict[str, Any]:
+    known, rng = _readings(), np.random.default_rng(seed)
+    parts = published().anatomy.parts
+    steps = []
+    for _, belief in islice(name_damage(known, rng, chosen=chosen), 10):
+        names = [d.name for d in known.damages]
+        of = {
+            p: sum(b for b, n in zip(belief, names, strict=True) if n == p)
+            for p in parts
+        }
+        steps.append({k: round(float(v), 4) for k, v in of.items()})
+    return {"chosen": chosen, "steps": steps}
+
+
+@cache
+def _readings() -> Tables:
+    robots = [replay("starfish-2006", read(INTACT.with_name(f"{name}.h5")), published())
+              for name in ("intact", "damaged")]  # fmt: skip
+    return tables(*robots)
+
+
+def gaits(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Gaits of the true body's self-model, each walked on three hidden robots."""
+    for seed in range(FIRST, FIRST + count):
+        for name in ("waves", "poses") if seed < FIRST + count // 3 else ("waves",):
+            yield f"{seed} {name}", lambda s=seed, n=name: _gait(s, n)
+    yield "random", _random_gaits
+
+
+def _gait(seed: int, name: str) -> dict[str, Any]:
+    heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
+    start = time.perf_counter()
+    gait = synthesize([rated(published())], name=name, heading=heading, seed=seed)
+    spent = time.perf_counter() - start
+    walked = []
+    for robot in range(3):
+        hidden = walker(open_robot("starfish", seed=10 * seed + robot))
+        path = position(hidden.move(gait.commands(8)))
+        walked.append([float(v) for v in forward(path[-1], heading)])
+    return {"gait": name, "heading": heading, "predicted": gait.predicted,
+            "walked": walked, "seconds": spent,
+            "failed": gait.failed, "simulations": gait.simulations}  # fmt: skip
+
+
+def _random_gaits() -> dict[str, Any]:
+    """End of 30 random gaits of paper A's kind, and of waves, on hidden robots [m]."""
+    found: dict[str, Any] = {}
+    for name in ("poses", "waves"):
+        rng, ends = np.random.default_rng(FIRST), []
+        size = pattern(name).size(8)
+        for k in range(30):
+            # paper A's poses are uniform in +-70 degrees
+            genes = (
+                rng.uniform(-1, 1, size)
+                if name == "poses"
+                else rng.normal(0, 0.4, size)
+            )
+            gait = Gait(name, genes, 0.0, 0.0, 0.0, 0.0, 0, 0)
+            robot = walker(open_robot("starfish", seed=FIRST + k))
+            ends.append(position(robot.move(gait.commands(8)))[-1, :2].tolist())
+        found[name] = ends
+    return found
+
+
+def _stock(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
+    """A hidden robot, its self-models, and phases `gait` and `whole` of a heal."""
+    from selfheal.selfmodel.loop import identify
+    from selfheal.selfmodel.run import Settings
+
+    seed = FIRST + robot
+    hidden = walker(open_robot("starfish", seed=seed))
+    *_, run = identify(hidden, Settings("starfish", seed=seed))
+    models, weights = believed(run)
+    return hidden, models, weights, run
+
+
+_STOCK: dict[int, Any] = {}
+
+
+def heals(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Whole heals of random body damages, each kind as often."""
+    for k in range(count):
+        yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=True)
+
+
+def verdicts(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """More random body damages, alarm and verdict, no new gait."""
+    for k in range(100, 100 + count):
+        yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=False)
+
+
+def worlds(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Slopes and slippery ground: alarm and verdict, no new gait."""
+    for k in range(count):
+        yield f"{FIRST + k}", lambda k=k: _heal(k, WORLD_KINDS, whole=False)
+
+
+def _heal(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
+    robot, seed = k % ROBOTS, FIRST + k
+    if robot not in _STOCK:
+        _STOCK[robot] = [*_stock(robot), {}]
+    hidden, models, weights, _, phases = _STOCK[robot]
+    rng = np.random.default_rng([seed, 7])
+    damage = draw(hidden.anatomy, rng, (kinds[k % len(kinds)],))
+    onset = float(rng.uniform(8, 20))
+    settings = HealSettings("", (damage,), onset, seed=FIRST + robot)
+    begun = HealRun(settings, dict(phases))
+    run, robots = begun, robots_of(hidden, settings)
+    for run in heal(robots, models, weights, settings, run=begun):
+        if len(run.phases) == 2:
+            _STOCK[robot][4] = dict(run.phases)
+        if not whole and "verdict" in run.phases:
+            break
+    return _outcome(run, damage, onset, hidden.truth, models, robots)
+
+
+def _outcome(run, damage, onset, truth, models, robots) -> dict[str, Any]:
+    phases = run.phases
+    alarm, gait = phases["alarm"]["alarm"], gait_of(phases["gait"])
+    guess = phases["verdict"]["believed"][0]
+    found = damage_of(guess)
+    old = position(robots.broken.move(gait.commands(8), trial=200))[-1]
+    said = damaged(rated(models[[0]]), found).body
+    real = damaged(rated(truth), damage).body
+    same = (found.kind, found.target) == (damage.kind, damage.target)
+    return {
+        "damage": damage.document, "found": guess, "right": same,
+        "same_part": found.target == damage.target,
+        "world": found.kind in WORLD_KINDS, "nothing": found.kind == "none",
+        "actions": len(run.asked), "alarm": alarm,
+        "delay": alarm and (alarm["time"] - onset) / gait.cycle,
+        "intact": phases["whole"]["distance"], "damaged": float(old[0]),
+        "healed": run.result["distance"]["healed"] if run.result else None,
+        "best_known": run.result["distance"]["best_known"] if run.result else None,
+        "predicted": run.result["predicted"] if run.result else None,
+        "length_error": float(length_error(said, real)[0]),
+        "part_error": float(100 * np.abs(said.length - real.length).max()),
+        "seconds": run.seconds,
+    }  # fmt: skip
+
+
+def alarms(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Walks of hidden robots, whole and breaking, watched."""
+    for k in range(count):
+        yield f"{FIRST + k}", lambda k=k: _watched(k)
+
+
+def _watched(k: int) -> dict[str, Any]:
+    gait, rng = _known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
+    hidden = walker(open_robot("starfish", seed=FIRST + 100 + k))
+    plant, anatomy = rated(published()), hidden.anatomy
+    predicted = sensed(walk([plant], gait, WATCHED), [plant])[0]
+    channels = channels_of(anatomy)
+    felt = felt_over_time(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
+    known = baseline(felt, predicted[: len(felt)], gait.cycle, channels)
+
+    def seen(robot: Any, trial: int) -> Any:
+        move = robot.move(gait.commands(8, WATCHED), trial=trial)
+        return watch(felt_over_time(move, anatomy)[1], predicted, known, channels)
+
+    alarmed = [seen(hidden, trial).alarm for trial in range(1, 9)]
+    broken = []
+    for trial, kinds in enumerate((BODY_KINDS, WORLD_KINDS), 20):
+        damage = draw(anatomy, rng, (kinds[k % len(kinds)],))
+        onset = float(rng.uniform(8, 20))
+        alarm = seen(hidden.struck((damage,), onset), trial).alarm
+        early = alarm is not None and alarm.time < onset
+        late = None if early or alarm is None else (alarm.time - onset) / gait.cycle
+        ends = [position(robot.move(gait.commands(8), trial=30))[-1, 0]
+                for robot in (hidden, hidden.struck((damage,)))]  # fmt: skip
+        broken.append({"damage": damage.document, "early": early, "delay": late,
+                       "cost": float(1 - ends[1] / ends[0])})  # fmt: skip
+    times = [WATCHED if a is None else a.time for a in alarmed]
+    return {"false": sum(a is not None for a in alarmed), "broken": broken,
+            "seconds": float(sum(times) - 6.0 * len(times))}  # fmt: skip
+
+
+def _known_gaits() -> list[Gait]:
+    """Gaits for `alarms`: short searches are enough for walks that are only watched."""
+    if not _GAITS:
+        for seed in range(3):
+            _GAITS.append(synthesize([rated(published())], seed=FIRST + 200 + seed))
+    return _GAITS
+
+
+_GAITS: list[Gait] = []
+
+SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 30),
+          "heals": (heals, 30), "verdicts": (verdicts, 30),
+          "worlds": (worlds, 20)}  # fmt: skip
+
+
+def records(suite: str) -> dict[str, dict[str, Any]]:
+    """What is known of a suite."""
+    file = RESULTS / f"heal-{suite}.jsonl"
+    if not file.is_file():
+        return {}
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    return {line.pop("key"): line for line in lines}
+
+
+def main() -> None:
+    """Play a suite, or make the page."""
+    options = parser(__doc__ or "")
+    options.add_argument("suites", nargs="+", choices=[*SUITES, "page"])
+    options.add_argument("--count", type=int, default=0)
+    chosen = options.parse_args()
+    for name in chosen.suites:
+        if name == "page":
+            known = {suite: records(suite) for suite in SUITES}
+            write(chosen.root, known, REMARKS.read_text())
+        else:
+            _complete(name, chosen.count)
+
+
+def _complete(name: str, wanted: int) -> None:
+    """Play what is not known yet of a suite, writing each down as it ends."""
+    suite, count = SUITES[name]
+    done = records(name)
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    for key, play in suite(wanted or count):
+        if key in done:
+            continue
+        start, cpu = time.perf_counter(), time.process_time()
+        record = {"key": key, **play(), "cpu_seconds": time.process_time() - cpu}
+        with (RESULTS / f"heal-{name}.jsonl").open("a") as out:
+            out.write(json.dumps(record) + "\n")
+        spent = time.perf_counter() - start
+        print(f"{name} {key}: {spent:.1f} s", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

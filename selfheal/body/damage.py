@@ -1,0 +1,150 @@
+"""Damage as data: what may happen to a robot or its world, in words and numbers."""
+
+import math
+from dataclasses import dataclass
+
+from ..errors import InputError, UnknownNameError
+from .body import Anatomy
+
+# kind: what its target is, and what its value means
+KINDS = {
+    "none": ("world", "nothing happened"),
+    "part_scale": ("body", "factor on a part's length, thickness and mass [1]"),
+    "limb_loss": ("body", "a part and all that hangs on it is gone; value 0"),
+    "joint_jam": ("joint", "a joint stands still at this angle [rad]"),
+    "weak_motor": ("actuator", "factor on a motor's torque and speed [1]"),
+    "sensor_dead": ("sensor", "a sensor reads this for ever; value 0"),
+    "slope": ("world", "the ground tilts by this angle [rad]"),
+    "ground_friction": ("world", "sliding friction of the ground [1]"),
+}
+_WORDS = {
+    "loss": "limb_loss",
+    "jam": "joint_jam",
+    "weak": "weak_motor",
+    "dead": "sensor_dead",
+    "slope": "slope",
+    "friction": "ground_friction",
+}
+_USAGE = (
+    "PART:SCALE, loss:PART, jam:JOINT[:DEGREES], weak:ACTUATOR:FACTOR, dead:SENSOR, "
+    "slope:DEGREES[:AZIMUTH], friction:VALUE, or several with commas between"
+)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One thing that happened.
+
+    Attributes:
+        kind: a name of `KINDS`.
+        target: "body:NAME", "joint:NAME", "actuator:NAME", "sensor:NAME" or "world".
+        value: what `KINDS` says.
+        azimuth: of a slope, downhill direction from +x toward +y [rad].
+    """
+
+    kind: str
+    target: str = "world"
+    value: float = 0.0
+    azimuth: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The target's name without what it is; empty for the world."""
+        return self.target.partition(":")[2]
+
+    @property
+    def document(self) -> dict[str, str | float]:
+        """What the contract shows of it (section 3)."""
+        value = round(float(self.value), 6)
+        return {"kind": self.kind, "target": self.target, "value": value}
+
+    def __str__(self) -> str:
+        """It in a few words."""
+        value, name = self.value, self.name.replace("_", " ")
+        return {
+            "none": "nothing",
+            "part_scale": f"{name} x {value:.2f}",
+            "limb_loss": f"{name} lost",
+            "joint_jam": f"{name} jammed at {math.degrees(value):.0f} deg",
+            "weak_motor": f"{name} at {value:.2f} of its strength",
+            "sensor_dead": f"sensor {name} dead",
+            "slope": f"slope of {math.degrees(value):.0f} deg",
+            "ground_friction": f"ground friction {value:.2f}",
+        }[self.kind]
+
+
+INTACT = Damage("none")
+
+
+def sensors_of(anatomy: Anatomy) -> tuple[str, ...]:
+    """Names of the signals that a walking robot gives and that can die."""
+    angles = tuple(f"{joint}_position" for joint in anatomy.joints)
+    touch = tuple(f"{anatomy.parts[f - 1]}_touch" for f in anatomy.feet)
+    return ("vertical", "clearance", *angles, *touch)
+
+
+def parse(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
+    """The damages that a user's text names.
+
+    Args:
+        text: as in "right_lower:0.1", "loss:left_upper" or "jam:left_hip:20"; several
+            with commas between.
+        anatomy: has the names.
+
+    Raises:
+        InputError: it says none; the message lists what would.
+    """
+    words = [word.strip() for word in text.split(",") if word.strip()]
+    if not words:
+        raise InputError(f"no damage given; say {_USAGE}")
+    return tuple(_one(word, anatomy) for word in words)
+
+
+def _one(word: str, anatomy: Anatomy) -> Damage:
+    """The damage of one word."""
+    kind, *rest = word.split(":")
+    if kind not in _WORDS:
+        if len(rest) != 1:
+            raise InputError(f"damage {word!r} is not understood; say {_USAGE}")
+        target = _target("body", kind, anatomy.parts)
+        return Damage("part_scale", target, _number(word, rest[0], 0.05, 2.0))
+    kind, rest = _WORDS[kind], rest or [""]
+    if kind == "limb_loss":
+        return Damage(kind, _target("body", rest[0], anatomy.parts))
+    if kind == "sensor_dead":
+        return Damage(kind, _target("sensor", rest[0], sensors_of(anatomy)))
+    if kind == "joint_jam":
+        angle = _number(word, rest[1] if len(rest) > 1 else "0", -90, 90)
+        target = _target("joint", rest[0], anatomy.joints)
+        return Damage(kind, target, math.radians(angle))
+    if kind == "weak_motor":
+        servos = tuple(f"{joint}_servo" for joint in anatomy.joints)
+        target = _target("actuator", rest[0], servos)
+        return Damage(kind, target, _number(word, (*rest, "0.5")[1], 0.05, 1.0))
+    if kind == "slope":
+        azimuth = _number(word, (*rest, "0")[1], -360, 360)
+        tilt = _number(word, rest[0], 0, 40)
+        return Damage(kind, value=math.radians(tilt), azimuth=math.radians(azimuth))
+    return Damage(kind, value=_number(word, rest[0], 0.01, 5.0))
+
+
+def _target(what: str, name: str, valid: tuple[str, ...]) -> str:
+    """A target's full name; an actuator may be named by its joint."""
+    if what == "actuator" and f"{name}_servo" in valid:
+        name = f"{name}_servo"
+    if name not in valid:
+        raise UnknownNameError(what, name, valid)
+    return f"{what}:{name}"
+
+
+def _number(word: str, text: str, low: float, high: float) -> float:
+    """A number within bounds."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:
+        raise InputError(
+            f"damage {word!r} needs a number from {low:g} to {high:g}, not {text!r}"
+        )
+    return value

@@ -1,0 +1,158 @@
+"""Plants: one way that a robot, its servos and its world may be, as numbers."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.body import Bodies, Floats, scale_parts
+from ..body.damage import Damage
+from ..body.mjcf import Physics
+
+# Rated limits of the robot of 2006 (overview.txt, 3.1 and 2.2): 200 oz in, 60 deg/s,
+# hips -96 to 74 degrees, knees -96 to 94.
+RATED_TORQUE, RATED_SPEED = 1.41, np.radians(60.0)
+_RANGE = {"hip": np.radians([-96.0, 74.0]), "knee": np.radians([-96.0, 94.0])}
+# Servos that give way: published_body.xml's. A step of 10 ms walks within 2.4 mm of
+# one of 2 ms (median of 48 gaits of 5 s) and is five times as fast.
+WALKING = Physics(timestep=0.01, kp=40.0, kv=0.6)
+_STUB = 0.02  # scale of a part that is gone: MuJoCo needs some size and mass; chosen
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A robot with its servos on a floor.
+
+    Attributes:
+        body: a batch of one.
+        physics: of the articulated simulation.
+        torque: (P) largest of each motor [N m].
+        speed: (P) fastest that each set point moves [rad/s].
+        low: (P) and
+        high: (P) ends of each joint's range [rad].
+        delay: of every command [s].
+        backlash: play of every joint, total width [rad].
+        offset: (P) of every servo's zero [rad].
+        jam: (P) angle at which a joint stands still [rad], NaN where it moves.
+        slope: (2) tilt of the ground, downhill azimuth [rad].
+        dead: names of sensors that read zero.
+    """
+
+    body: Bodies
+    physics: Physics
+    torque: Floats
+    speed: Floats
+    low: Floats
+    high: Floats
+    delay: float
+    backlash: float
+    offset: Floats
+    jam: Floats
+    slope: Floats
+    dead: tuple[str, ...]
+
+
+def rated(body: Bodies) -> Plant:
+    """The plant as its maker states it: rated servos, no play, level ground."""
+    joints = body.anatomy.joints
+    ends = np.array([_RANGE["knee" if "knee" in j else "hip"] for j in joints])
+    zero = np.zeros(len(joints))
+    return Plant(
+        body=body,
+        physics=WALKING,
+        torque=zero + RATED_TORQUE,
+        speed=zero + RATED_SPEED,
+        low=ends[:, 0],
+        high=ends[:, 1],
+        delay=0.0,
+        backlash=0.0,
+        offset=zero,
+        jam=zero + np.nan,
+        slope=np.zeros(2),
+        dead=(),
+    )
+
+
+def lost_with(body: Bodies, part: int) -> list[int]:
+    """A part (0..P-1) and all that hangs on it."""
+    gone = {part + 1}
+    for i, parent in enumerate(body.parent[0]):
+        if int(parent) in gone:
+            gone.add(i + 1)
+    return sorted(i - 1 for i in gone)
+
+
+def damaged(plant: Plant, *damages: Damage) -> Plant:
+    """The plant after these damages, in order."""
+    for damage in damages:
+        plant = replace(plant, **_change(plant, damage))
+    return plant
+
+
+def _change(plant: Plant, damage: Damage) -> dict:
+    """What one damage changes."""
+    anatomy, value, name = plant.body.anatomy, damage.value, damage.name
+    if damage.kind in ("part_scale", "limb_loss"):
+        part = anatomy.parts.index(name)
+        scale = np.ones((1, anatomy.size))
+        if damage.kind == "part_scale":
+            scale[0, part] = value
+        else:
+            scale[0, lost_with(plant.body, part)] = _STUB
+        return {"body": scale_parts(plant.body, scale)}
+    if damage.kind == "joint_jam":
+        return {"jam": _with(plant.jam, anatomy.joints.index(name), value)}
+    if damage.kind == "weak_motor":
+        joint = anatomy.joints.index(name.removesuffix("_servo"))
+        weaker = {"torque": plant.torque, "speed": plant.speed}
+        return {k: _with(v, joint, v[joint] * value) for k, v in weaker.items()}
+    if damage.kind == "sensor_dead":
+        return {"dead": (*plant.dead, name)}
+    if damage.kind == "slope":
+        return {"slope": np.array([value, damage.azimuth])}
+    if damage.kind == "ground_friction":
+        return {"physics": replace(plant.physics, friction=value)}
+    return {}
+
+
+def _with(values: Floats, index: int, value: float) -> Floats:
+    """A copy with one element changed."""
+    out = values.copy()
+    out[index] = value
+    return out
+
+
+def set_points(
+    plants: list[Plant], commands: Floats, period: float, start: Floats
+) -> Floats:
+    """Where servos are sent: commands late, within range, at most at the motors' speed.
+
+    Args:
+        plants: N.
+        commands: (N, T, P) [rad], each held for a period.
+        period: [s].
+        start: (N, P) set points before the first command [rad].
+
+    Returns:
+        (N, T, P) [rad]. Play is taken up between motor and joint: the joint's set
+        point follows the motor's by half the play at either side. A joint that is
+        jammed goes to its angle at the motor's speed and stays there.
+    """
+    columns = ("speed", "low", "high", "offset", "jam")
+    speed, low, high, offset, jam = (
+        np.stack([getattr(p, c) for p in plants]) for c in columns
+    )
+    play = np.array([[p.backlash / 2] for p in plants])
+    late = [round(p.delay / period) for p in plants]
+    late_commands = np.stack(
+        [np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
+         for c, k, s in zip(commands, late, start, strict=True)]
+    )  # fmt: skip
+    wanted = np.clip(late_commands, low[:, None], high[:, None]) + offset[:, None]
+    wanted = np.where(np.isnan(jam)[:, None], wanted, jam[:, None])
+    motor, joint = start.copy(), start.copy()
+    out = np.empty_like(wanted)
+    for t in range(wanted.shape[1]):
+        motor = motor + np.clip(wanted[:, t] - motor, -speed * period, speed * period)
+        joint = np.clip(joint, motor - play, motor + play)
+        out[:, t] = joint
+    return out

@@ -1,0 +1,236 @@
+"""Walking: plants and commands in, what the robot does and senses over time out.
+
+Native MuJoCo. MJX walks the same articulated body at 16,700 steps/s on a core, native
+MuJoCo at 65,000 (docs/results/heal.md), so there is no second engine here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..body.body import Anatomy, Floats
+from ._jax import cores
+from .plant import Plant, set_points
+from .readings import TOUCH_HEIGHT
+
+PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulation
+SAMPLE = 0.05  # [s] between readings; chosen
+_EVERY = round(SAMPLE / PERIOD)
+_CHUNK = 64  # simulations in memory at once; chosen
+_FASTEST = 50.0  # [rad/s or m/s] what moves faster has diverged; chosen
+
+
+@dataclass(frozen=True)
+class Walks:
+    """N walks, sampled every `SAMPLE` seconds, S samples without the start.
+
+    Attributes:
+        position: (N, S, 3) of the torso [m].
+        orientation: (N, S, 4) of the torso, quaternion w x y z.
+        up: (N, S, 3) against gravity, in the torso's frame.
+        angles: (N, S, P) [rad].
+        tips: (N, S, F) lowest point of each foot above the ground [m].
+        energy: (N) positive work of all motors [J]: sum of max(torque x speed, 0) dt.
+        failed: (N) True where the simulation diverged; the rest is NaN there.
+        state: (N, nstate) at the end, and
+        set_point: (N, P) [rad], to go on from.
+    """
+
+    position: Floats
+    orientation: Floats
+    up: Floats
+    angles: Floats
+    tips: Floats
+    energy: Floats
+    failed: np.ndarray
+    state: Floats
+    set_point: Floats
+
+    def __getitem__(self, rows) -> "Walks":
+        """These walks."""
+        return Walks(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+
+def simulate(
+    plants: Sequence[Plant],
+    commands: Floats,
+    start: tuple[Floats, Floats] | None = None,
+) -> Walks:
+    """Walk plants of one attachment tree.
+
+    Args:
+        plants: N of one time step; the same object is compiled once.
+        commands: (N, T, P) [rad], each held for `PERIOD`; T a multiple of
+            SAMPLE / PERIOD.
+        start: `state` and `set_point` to go on from; None = at rest, all joints zero.
+    """
+    models = {key: _compiled(p) for key, p in {id(p): p for p in plants}.items()}
+    parts = []
+    for first in range(0, len(plants), _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        begin = None if start is None else (start[0][rows], start[1][rows])
+        chosen = [models[id(p)] for p in plants[rows]]
+        parts.append(_chunk(list(plants[rows]), chosen, commands[rows], begin))
+    joined = (np.concatenate([getattr(p, f.name) for p in parts])
+              for f in fields(Walks))  # fmt: skip
+    return Walks(*joined)
+
+
+def _compiled(plant: Plant):
+    """A plant's model."""
+    import mujoco
+
+    from ..body.mjcf import to_walker
+
+    mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
+    jammed = ~np.isnan(plant.jam)
+    torque = np.where(jammed, 100.0, plant.torque)  # a jam gives way to nothing
+    model = to_walker(plant.body, plant.physics, torque, plant.slope).compile()
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    model.opt.ls_iterations = 10  # enough for contacts with a plane; chosen
+    return model
+
+
+def _ignore(message: str) -> None:
+    """MuJoCo's warnings: a diverged simulation shows as NaN and is counted."""
+
+
+def _start(model, count: int) -> tuple[Floats, Floats]:
+    """State and set points at rest."""
+    import mujoco
+
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.empty(mujoco.mj_stateSize(model, kind))
+    mujoco.mj_getState(model, mujoco.MjData(model), state, kind)
+    return np.tile(state, (count, 1)), np.zeros((count, model.nu))
+
+
+def _chunk(plants: list[Plant], models: list, commands: Floats, start) -> Walks:
+    """Some of the walks."""
+    import mujoco
+    from mujoco import rollout
+
+    state, before = _start(models[0], len(plants)) if start is None else start
+    points = set_points(plants, commands, PERIOD, before)
+    steps = round(PERIOD / models[0].opt.timestep)
+    threads = min(cores(), len(plants))
+    data = [mujoco.MjData(models[0]) for _ in range(threads)]
+    with np.errstate(all="ignore"):
+        states, sensors = rollout.rollout(
+            models, data, state, np.repeat(points, steps, axis=1)
+        )
+        return _walks(plants, models[0], states, sensors, points, steps)
+
+
+def _walks(plants, model, states, sensors, points, steps) -> Walks:
+    """What was simulated, sampled."""
+    p, every = model.nu, _EVERY * steps
+    last = states[:, -1].copy()
+    seen, tips = states[:, every - 1 :: every], sensors[:, every - 1 :: every]
+    q, v = seen[..., 1 : 8 + p], seen[..., 8 + p : 14 + 2 * p]
+    # the state lists joints along the tree, all else here lists them as the parts
+    names = plants[0].body.anatomy.joints
+    at = np.array([model.joint(name).qposadr[0] for name in names])
+    failed = ~np.isfinite(seen).all(axis=(1, 2)) | (
+        np.nan_to_num(np.abs(v), nan=np.inf).max(axis=(1, 2)) > _FASTEST
+    )
+    # work between samples, from the servo's law
+    fine = states[:, steps - 1 :: steps]
+    angle, rate = fine[..., 1 + at], fine[..., 7 + p + at]
+    gain = np.array([[[x.physics.kp]] for x in plants])
+    drag = np.array([[[x.physics.kv]] for x in plants])
+    limit = np.stack([x.torque for x in plants])[:, None]
+    torque = np.clip(gain * (points - angle) - drag * rate, -limit, limit)
+    energy = np.maximum(torque * rate, 0).sum(axis=(1, 2)) * PERIOD
+    anatomy = plants[0].body.anatomy
+    feet = np.asarray(anatomy.feet, int) - 1
+    thick = np.stack([x.body.thickness[0, feet] for x in plants])
+    height = tips.reshape(*tips.shape[:2], len(feet), 3)[..., 2]
+    up = np.stack([_up(x.slope) for x in plants])[:, None]
+    out = Walks(
+        position=q[..., :3].copy(),
+        orientation=q[..., 3:7].copy(),
+        up=into_frame(q[..., 3:7], np.broadcast_to(up, q[..., :3].shape)),
+        angles=q[..., at],
+        tips=height - (anatomy.radius[feet] * thick)[:, None],
+        energy=energy,
+        failed=failed,
+        state=last,
+        set_point=points[:, -1].copy(),
+    )
+    for values in (out.position, out.orientation, out.up, out.angles, out.tips):
+        values[failed] = np.nan
+    return out
+
+
+def _up(slope: Floats) -> Floats:
+    """(3) the direction against gravity in the ground's frame."""
+    tilt, azimuth = slope
+    downhill = np.array([np.cos(azimuth), np.sin(azimuth)])
+    return np.array([*(-np.sin(tilt) * downhill), np.cos(tilt)])
+
+
+def into_frame(quat: Floats, vector: Floats) -> Floats:
+    """(..., 3) world vectors (..., 3) in the frame that a quaternion (..., 4) turns."""
+    w, u = quat[..., :1], -quat[..., 1:]
+    twice = 2 * np.cross(u, vector)
+    return vector + w * twice + np.cross(u, twice)
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Names and sources of what is compared between prediction and sensing.
+
+    Attributes:
+        names: (C) of the channels.
+        sensors: (C) the signal that each comes from.
+    """
+
+    names: tuple[str, ...]
+    sensors: tuple[str, ...]
+
+
+def channels_of(anatomy: Anatomy) -> Channels:
+    """Two tilts, clearance, joint angles, touches, position."""
+    angles = [f"{joint}_position" for joint in anatomy.joints]
+    touch = [f"{anatomy.parts[f - 1]}_touch" for f in anatomy.feet]
+    names = ["tilt left/right", "tilt forward/back", "clearance", *angles, *touch]
+    sensors = ["vertical", "vertical", "clearance", *angles, *touch]
+    both = ["torso_position", "torso_position"]
+    return Channels((*names, "x", "y"), (*sensors, *both))
+
+
+def sensed(walks: Walks, plants: Sequence[Plant]) -> Floats:
+    """(N, S, C) the channels of walks: [deg], [mm], touch 0 or 1; dead ones are 0."""
+    anatomy = plants[0].body.anatomy
+    x, y = np.clip(walks.up[..., 0], -1, 1), np.clip(walks.up[..., 1], -1, 1)
+    belly = anatomy.torso_half[2]
+    out = np.concatenate(
+        [
+            -np.degrees(np.arcsin(y))[..., None],
+            np.degrees(np.arcsin(x))[..., None],
+            1000 * clearance(walks, belly)[..., None],
+            np.degrees(walks.angles),
+            (walks.tips < TOUCH_HEIGHT).astype(float),
+            1000 * walks.position[..., :2],
+        ],
+        axis=2,
+    )
+    sensors = channels_of(anatomy).sensors
+    for row, plant in enumerate(plants):
+        dead = [k for k, sensor in enumerate(sensors) if sensor in plant.dead]
+        out[row, :, dead] = 0.0
+    out[walks.failed] = np.nan
+    return out
+
+
+def clearance(walks: Walks, belly: float) -> Floats:
+    """(N, S) belly to floor along the torso's z [m], at most `MAX_CLEARANCE`."""
+    from .readings import MAX_CLEARANCE
+
+    level = np.array([0.0, 0, 1])
+    z = into_frame(walks.orientation, np.broadcast_to(level, walks.up.shape))[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gap = walks.position[..., 2] / z - belly
+    return np.where(z > 0.05, np.clip(gap, 0, MAX_CLEARANCE), MAX_CLEARANCE)

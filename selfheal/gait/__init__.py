@@ -1,0 +1,1 @@
+"""Gaits: a self-model in, joint commands that carry it along out."""

@@ -1,0 +1,240 @@
+"""Synthesis: what the robot may be in, a gait that carries every such robot out."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.body import Floats
+from ..engine.plant import Plant
+from ..engine.walk import Walks, simulate
+from .evolve import Evolution, ask, begin, tell
+from .pattern import SECONDS, pattern
+
+Progress = Callable[[str, float], None]
+
+# Chosen on development seeds: of what a search costs, most goes to the best of its
+# starts. A rung: how many searches live, generations, seconds that each gait is tried.
+_RUNGS = ((6, 10, 5.0), (3, 20, 5.0), (1, 60, 10.0))
+_STANCE = np.radians(60.0)  # of joints as far from the torso; chosen
+_RANDOM = 192  # gaits drawn before the searches start
+_CHILDREN, _STEP = 14, 0.4
+_AGAIN_STEP = 0.25  # of a search that starts from an old gait
+_JUDGES = 16  # plants that the finished gait is predicted on
+# What may differ between the self-model and the robot, as wide as a careful builder
+# would grant: friction, mass, servo stiffness, strength, speed, delay, play, zero.
+_FRICTION, _DENSITY, _STIFFNESS = (0.5, 1.2), (0.92, 1.08), (30.0, 60.0)
+_STRENGTH, _SPEED, _DELAYS = (0.8, 1.1), (0.8, 1.1), (0.0, 0.02, 0.04, 0.06)
+_BACKLASH, _ZERO = np.radians(2.0), np.radians(1.0)
+_SIDEWAYS = 0.5  # of the way to the side is taken off; chosen
+# A gait that tilts the torso beyond 15 degrees costs, up to 0.3 m at 60; chosen
+_LEVEL, _TIPPED, _FALL = np.cos(np.radians(15.0)), np.cos(np.radians(60.0)), 0.3
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A gait and what the self-model says of it.
+
+    Attributes:
+        pattern: how `genes` are written; see `gait.pattern`.
+        genes: (D).
+        heading: direction to walk, from +x toward +y [rad].
+        predicted: median distance along the heading in `SECONDS` [m].
+        low: 10th percentile of it over what the robot may be.
+        high: 90th percentile.
+        simulations: spent to find it.
+        failed: of these, diverged.
+    """
+
+    pattern: str
+    genes: Floats
+    heading: float
+    predicted: float
+    low: float
+    high: float
+    simulations: int
+    failed: int
+
+    def commands(self, joints: int, seconds: float = SECONDS) -> Floats:
+        """(T, P) [rad], one row every `engine.walk.PERIOD`."""
+        return pattern(self.pattern).commands(self.genes[None], joints, seconds)[0]
+
+    @property
+    def cycle(self) -> float:
+        """Seconds in which it repeats."""
+        return pattern(self.pattern).cycle(self.genes)
+
+
+def forward(position: Floats, heading: float) -> tuple[Floats, Floats]:
+    """Way along and across a heading [m] of positions (..., 2 or more)."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y = position[..., 0], position[..., 1]
+    return c * x + s * y, c * y - s * x
+
+
+def fitness(walks: Walks, heading: float) -> Floats:
+    """(N) [m] way along the heading, less half the way across, less a tipping."""
+    along, across = forward(walks.position[:, -1], heading)
+    lowest = walks.up[..., 2].min(axis=1)
+    tipped = np.clip((_LEVEL - lowest) / (_LEVEL - _TIPPED), 0, 1)
+    return along - _SIDEWAYS * np.abs(across) - _FALL * tipped
+
+
+def unlike(plant: Plant, rng: np.random.Generator) -> Plant:
+    """A plant that the robot may be where its self-model is `plant`."""
+    p = plant.physics
+    physics = replace(
+        p,
+        friction=p.friction * rng.uniform(*_FRICTION),
+        kp=rng.uniform(*_STIFFNESS),
+        density=p.density * rng.uniform(*_DENSITY),
+    )
+    return replace(
+        plant,
+        physics=physics,
+        torque=plant.torque * rng.uniform(*_STRENGTH),
+        speed=plant.speed * rng.uniform(*_SPEED),
+        delay=float(rng.choice(_DELAYS)),
+        backlash=float(rng.uniform(0, _BACKLASH)),
+        offset=plant.offset + rng.normal(0, _ZERO, plant.offset.shape),
+    )
+
+
+def walk(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> Walks:
+    """A gait on several plants."""
+    joints = plants[0].body.anatomy.size
+    commands = gait.commands(joints, seconds)
+    return simulate(plants, np.repeat(commands[None], len(plants), axis=0))
+
+
+class _Search:
+    """The trials of one synthesis, counted."""
+
+    def __init__(
+        self,
+        plants: Sequence[Plant],
+        weights: Sequence[float] | Floats,
+        name: str,
+        heading: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.plants, self.heading, self.rng = plants, heading, rng
+        self.weights = np.asarray(weights, float) / np.sum(weights)
+        self.pattern, self.joints = pattern(name), plants[0].body.anatomy.size
+        self.simulations = self.failed = 0
+
+    def draw(self) -> Plant:
+        """One of the robots that it may be."""
+        return unlike(self.plants[self.rng.choice(len(self.plants), p=self.weights)],
+                      self.rng)  # fmt: skip
+
+    def score(self, genes: Floats, seconds: float) -> Floats:
+        """(N) [m/s] fitness of genes (N, D) on one plant; diverged ones are worst."""
+        commands = self.pattern.commands(genes, self.joints, seconds)
+        walks = simulate([self.draw()] * len(genes), commands)
+        self.simulations += len(genes)
+        self.failed += int(walks.failed.sum())
+        with np.errstate(invalid="ignore"):
+            fit = fitness(walks, self.heading) / seconds
+        return np.where(walks.failed, -np.inf, fit)
+
+
+def synthesize(
+    plants: Sequence[Plant],
+    *,
+    weights: Sequence[float] | Floats = (1.0,),
+    name: str = "waves",
+    heading: float = 0.0,
+    seed: int = 0,
+    start: Gait | None = None,
+    progress: Progress = lambda what, share: None,
+) -> Gait:
+    """A gait for a robot that may be any of these plants, each a little otherwise.
+
+    Args:
+        plants: rival self-models.
+        weights: how likely each is.
+        name: of the gait's pattern.
+        heading: direction to walk [rad].
+        seed: of everything random.
+        start: a gait that one of the searches starts from.
+        progress: told what is done and how much of it.
+    """
+    search = _Search(plants, weights, name, heading, np.random.default_rng(seed))
+    lives = _starts(search, start)
+    total = sum(count * times * seconds for count, times, seconds in _RUNGS)
+    done = 0.0
+    for count, generations, seconds in _RUNGS:
+        lives = sorted(lives, key=lambda life: -life[0])[:count]
+        after = []
+        for score, state in lives:
+            for _ in range(generations):
+                score, state = _generation(search, score, state, seconds)
+                done += seconds
+                progress(f"{SECONDS * score:.2f} m in 10 s", done / total)
+            after.append((score, state))
+        lives = after
+    found = Gait(name, lives[0][1].mean, heading, 0.0, 0.0, 0.0,
+                 search.simulations, search.failed)  # fmt: skip
+    return judge(plants, found, weights=weights, seed=seed)
+
+
+def _starts(search: _Search, start: Gait | None) -> list[tuple[float, Evolution]]:
+    """Where searches begin: the old gait, and the best of many random ones."""
+    genes = _random(search)
+    scores = search.score(genes, _RUNGS[0][2])
+    order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")
+    lives = [(float(scores[i]), begin(genes[i], _STEP)) for i in order[: _RUNGS[0][0]]]
+    if start is not None and start.pattern == search.pattern.name:
+        lives[-1] = (np.inf, begin(start.genes, _AGAIN_STEP))
+    return lives
+
+
+def _random(search: _Search) -> Floats:
+    """(_RANDOM, D) genes; joints as far from the torso share a stance."""
+    rng, joints = search.rng, search.joints
+    genes = _STEP * rng.normal(size=(_RANDOM, search.pattern.size(joints)))
+    parent = search.plants[0].body.parent[0]
+    depth = np.zeros(joints, int)
+    for i, k in enumerate(parent):
+        depth[i] = depth[k - 1] + 1 if k else 0
+    stance = rng.uniform(-_STANCE, _STANCE, (_RANDOM, depth.max() + 1))[:, depth]
+    return search.pattern.stand(genes, stance)
+
+
+def _generation(
+    search: _Search, score: float, state: Evolution, seconds: float
+) -> tuple[float, Evolution]:
+    """One generation on a plant drawn anew; the score is a running mean."""
+    genes = ask(state, _CHILDREN, search.rng)
+    scores = search.score(genes, seconds)
+    state = tell(state, genes, scores)
+    best = float(np.sort(scores)[-4:].mean())
+    if not np.isfinite(score) or state.generation < 4:
+        return best, state
+    return 0.8 * score + 0.2 * best, state
+
+
+def judge(
+    plants: Sequence[Plant],
+    gait: Gait,
+    *,
+    weights: Sequence[float] | Floats = (1.0,),
+    seed: int = 0,
+) -> Gait:
+    """A gait with what is predicted of it on plants that the robot may be."""
+    rng = np.random.default_rng([seed, 1])
+    chance = np.asarray(weights, float) / np.sum(weights)
+    drawn = rng.choice(len(plants), size=_JUDGES, p=chance)
+    walks = walk([unlike(plants[k], rng) for k in drawn], gait)
+    along, _ = forward(walks.position[:, -1], gait.heading)
+    along = along[~walks.failed] if not walks.failed.all() else np.zeros(1)
+    low, middle, high = np.quantile(along, [0.1, 0.5, 0.9])
+    return replace(
+        gait,
+        predicted=float(middle),
+        low=float(low),
+        high=float(high),
+        simulations=gait.simulations + _JUDGES,
+        failed=gait.failed + int(walks.failed.sum()),
+    )

@@ -1,0 +1,1 @@
+"""Recovery: a walking robot in; the alarm, the damage and a new gait out."""

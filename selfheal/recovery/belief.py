@@ -1,0 +1,120 @@
+"""Belief: what hypotheses predict and what was felt in, how likely each is out.
+
+A residual is Student's t about a drift: every joint's zero may have moved a little, the
+same in every action. So a drift in many readings does not outvote a few large changes,
+and one odd reading does not outvote all others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Floats, Ints
+
+_FREEDOM = 4.0  # of Student's t; chosen
+_ROUNDS = 6  # of the drift's fit
+_DRAWS = 48  # outcomes imagined of each candidate action; chosen
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How far a right prediction may be off.
+
+    Attributes:
+        scale: (M) of each value's residual.
+        drift: standard deviation of each joint's zero [deg]; 0 = no drift.
+    """
+
+    scale: Floats
+    drift: float
+
+
+def _log_t(z: Floats) -> Floats:
+    """Log density of Student's t without its constant; NaN counts nothing."""
+    return -(_FREEDOM + 1) / 2 * np.log1p(np.nan_to_num(z) ** 2 / _FREEDOM)
+
+
+def log_likelihood(
+    predicted: Floats, slope: Floats, felt: Floats, noise: Noise
+) -> Floats:
+    """How well each hypothesis explains all that was felt.
+
+    Args:
+        predicted: (H, M) values; NaN where the simulation failed.
+        slope: (H, M, D) change of a value with each joint's zero [1/deg], or D = 0.
+        felt: (M); NaN where nothing was read.
+        noise: see `Noise`.
+
+    Returns:
+        (H) log likelihood, the drift integrated out (Laplace's approximation);
+        -inf where the simulation failed.
+    """
+    gap, drifts = (felt - predicted) / noise.scale, slope.shape[-1]
+    failed = (np.isnan(predicted) & ~np.isnan(felt)).any(axis=1)
+    y = np.nan_to_num(gap)
+    x = slope / noise.scale[:, None] * noise.drift
+    x = np.where(np.isnan(gap)[..., None], 0.0, np.nan_to_num(x))
+    move, eye = np.zeros((len(y), drifts)), np.eye(drifts)
+    precision = np.broadcast_to(eye, (len(y), drifts, drifts))
+    for _ in range(_ROUNDS):
+        rest = y - np.einsum("hmd,hd->hm", x, move)
+        weight = (_FREEDOM + 1) / (_FREEDOM + rest**2)
+        weighted = (x * weight[..., None]).swapaxes(1, 2)
+        precision = weighted @ x + eye
+        move = np.linalg.solve(precision, weighted @ y[..., None])[..., 0]
+    rest = y - np.einsum("hmd,hd->hm", x, move)
+    total = _log_t(rest).sum(axis=1) - (move**2).sum(axis=1) / 2
+    total -= np.linalg.slogdet(precision)[1] / 2
+    return np.where(failed, -np.inf, total)
+
+
+def posterior(log_weight: Floats) -> Floats:
+    """(H) probabilities of log weights."""
+    weight = np.exp(log_weight - log_weight.max())
+    return weight / weight.sum()
+
+
+def of_groups(probability: Floats, group: Ints) -> Floats:
+    """(G) probability of each group of hypotheses (H)."""
+    return np.eye(group.max() + 1)[group].T @ probability
+
+
+def entropy(probability: Floats) -> Floats:
+    """(...) [nats] over the last axis."""
+    p = np.maximum(probability, 1e-300)
+    return -(p * np.log(p)).sum(axis=-1)
+
+
+def choose(
+    tables: Sequence[Floats],
+    scales: Sequence[Floats],
+    log_weight: Floats,
+    group: Ints,
+    rng: np.random.Generator,
+) -> tuple[int, float]:
+    """The action after which the damage can be expected to be known best.
+
+    Args:
+        tables: (H, M) values that each hypothesis predicts, for each candidate action;
+            NaN counts nothing.
+        scales: (M) of their residuals, for each candidate action.
+        log_weight: (H) belief so far.
+        group: (H) hypotheses of one group need not be told apart.
+        rng: draws the outcomes that are imagined.
+
+    Returns:
+        Its index, and the entropy over groups that is expected after it [nats].
+    """
+    truth = rng.choice(len(group), size=_DRAWS, p=posterior(log_weight))
+    members = np.eye(group.max() + 1)[group]
+    expected = np.empty(len(tables))
+    for k, (table, scale) in enumerate(zip(tables, scales, strict=True)):
+        z = table / scale
+        outcome = z[truth] + rng.standard_t(_FREEDOM, size=(_DRAWS, len(scale)))
+        weight = log_weight + _log_t(outcome[:, None] - z[None]).sum(axis=2)
+        weight = np.exp(weight - weight.max(axis=1, keepdims=True))
+        share = weight @ members
+        expected[k] = entropy(share / share.sum(axis=1, keepdims=True)).mean()
+    best = int(np.argmin(expected))
+    return best, float(expected[best])

@@ -1,0 +1,284 @@
+"""Monitor: predicted and sensed in, when they stopped fitting and which sensor says so.
+
+Windows of a quarter of a gait's cycle. A channel's residual (sensed less predicted) is
+compared with what it was, at the same quarter, while the robot was known to be whole.
+Each channel has a CUSUM (Page 1954) of the log likelihood ratio of "as before" against
+"six times as wide", which sees a sensor that is far off. One more sums the misfit of
+all channels, against "two spreads more than before", which sees many that are a little
+off; and one for each channel counts windows in which it stands perfectly still, against
+"always", which sees a dead sensor. By Lorden (1971) such a sum passes h by chance at
+most once in exp(h) windows, which sets h from the stated rate of false alarms.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Floats
+from ..engine.walk import SAMPLE, Channels
+
+QUARTERS = 4  # windows a cycle
+FALSE_ALARMS = 1.0  # an hour, stated; chosen
+_FALSE_POSES = 0.05  # chance of a false alarm in a series of poses; chosen
+_WIDE = 6.0  # of the alternative; chosen
+_FREEDOM = 4.0  # of Student's t: heavier tails than any sensor's; chosen
+_SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
+# Chosen on development seeds, for no false alarm in 0.9 hours: seconds in which a walk
+# from rest becomes regular; how much wider the spread is taken than it was seen, for
+# windows that follow each other are alike.
+_START, _INFLATE = 6.0, 2.5
+# Chosen: no spread is taken for less; tilt, angles [deg], gap, way [mm], touch.
+_LEAST = {"deg": 0.5, "mm": 3.0, "touch": 0.08}
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """What the monitor says.
+
+    Attributes:
+        time: when it was raised [s].
+        since: when the misfit seems to have begun [s].
+        sensor: the signal that fits worst.
+        p_value: chance that a whole robot raises this alarm or a clearer one by then.
+    """
+
+    time: float
+    since: float
+    sensor: str
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What a monitor saw.
+
+    Attributes:
+        time: (W) end of each window [s].
+        sums: (W, 2 C + 1) CUSUM of each channel's misfit, of each channel's standing
+            still, of all together [nats].
+        threshold: an alarm is raised when a sum passes it [nats].
+        alarm: the first, or None.
+    """
+
+    time: Floats
+    sums: Floats
+    threshold: float
+    alarm: Alarm | None
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """How residuals were while the robot was whole.
+
+    Attributes:
+        mean: (QUARTERS, C) and
+        spread: (C) of the windows' residuals.
+        still: (QUARTERS, C) how often a channel stood still in a window.
+        common: mean and spread of the misfit of all channels in a window.
+        cycle: [s] of the gait.
+    """
+
+    mean: Floats
+    spread: Floats
+    still: Floats
+    common: tuple[float, float]
+    cycle: float
+
+
+def window_values(sensed: Floats, cycle: float, names: tuple[str, ...]) -> Floats:
+    """(W, C) mean of each channel in windows of a quarter cycle.
+
+    The last two of the (S, C) channels are a position [mm]; a window has the way
+    travelled in it instead, which no heading changes, and the change of position
+    cannot.
+    """
+    edges = _edges(len(sensed), cycle)
+    rows = [sensed[a:b].mean(axis=0) for a, b in zip(edges, edges[1:], strict=False)]
+    out = np.array(rows).reshape(len(rows), len(names))
+    place = sensed[np.maximum(edges - 1, 0), -2:]
+    way = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    out[:, -2], out[:, -1] = way[: len(out)], 0.0
+    return out
+
+
+def _edges(samples: int, cycle: float) -> np.ndarray:
+    """Where windows begin and end, in samples; a cycle need not be whole samples."""
+    count = int(np.floor(samples * SAMPLE / cycle * QUARTERS))
+    return np.round(np.arange(count + 1) * cycle / QUARTERS / SAMPLE).astype(int)
+
+
+def baseline(
+    sensed: Floats, predicted: Floats, cycle: float, channels: Channels
+) -> Baseline:
+    """How residuals are while the robot is whole.
+
+    Args:
+        sensed: (S, C), and
+        predicted: (S, C) channels of a walk of several cycles.
+        cycle: [s].
+        channels: of the robot.
+    """
+    gap = _gaps(sensed, predicted, cycle, channels)[_skipped(cycle) :]
+    full = len(gap) // QUARTERS * QUARTERS
+    folded = gap[:full].reshape(-1, QUARTERS, gap.shape[1])
+    mean = folded.mean(axis=0)
+    freedom = max(1, (len(folded) - 1) * QUARTERS)
+    spread = np.sqrt(((folded - mean) ** 2).sum(axis=(0, 1)) / freedom)
+    least = np.array([_LEAST[_unit(n)] for n in channels.names])
+    # few cycles say little of the spread and of the mean
+    spread = _INFLATE * np.maximum(spread, least) * np.sqrt(1 + 1 / len(folded))
+    # each cycle against the others, as a new one will be against all
+    n = len(folded)
+    apart = (folded - mean) * (n / max(1, n - 1)) / spread
+    misfit = -_log_t(apart**2).sum(axis=2).ravel()
+    common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
+    calm = _still(sensed, cycle)[_skipped(cycle) :][:full].reshape(folded.shape)
+    still = (calm.sum(axis=0) + 0.5) / (n + 1)
+    return Baseline(mean, spread, still, common, cycle)
+
+
+def _still(sensed: Floats, cycle: float) -> np.ndarray:
+    """(W, C) whether a channel has one and the same value in a window."""
+    edges = _edges(len(sensed), cycle)
+    pairs = zip(edges, edges[1:], strict=False)
+    return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairs])
+
+
+def _skipped(cycle: float) -> int:
+    """Windows at the start that are not looked at, whole cycles: it gets going."""
+    return QUARTERS * int(np.ceil(_START / cycle))
+
+
+def _unit(channel: str) -> str:
+    """The kind of a channel's unit, a key of `_LEAST`."""
+    if channel.endswith("_touch"):
+        return "touch"
+    return "mm" if channel in ("clearance", "x", "y") else "deg"
+
+
+def _gaps(
+    sensed: Floats, predicted: Floats, cycle: float, channels: Channels
+) -> Floats:
+    """(W, C) sensed less predicted."""
+    names = channels.names
+    return window_values(sensed, cycle, names) - window_values(predicted, cycle, names)
+
+
+def threshold(cycle: float, channels: Channels) -> float:
+    """[nats] that keeps false alarms at the stated rate, all channels together."""
+    windows = 3600 / (cycle / QUARTERS)
+    return float(np.log(windows * (2 * len(channels.names) + 1) / FALSE_ALARMS))
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Poses at rest, one after the other.
+
+    Attributes:
+        felt: (W, C) channels without the place; NaN = not read.
+        predicted: (W, C).
+        scale: (C) by which a right prediction is off.
+    """
+
+    felt: Floats
+    predicted: Floats
+    scale: Floats
+
+
+def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
+    """Watch poses of which none was learned from: the alarm, its time in poses.
+
+    A pose falls to another rest or it does not, so one reading can be enough: each is
+    tested by itself, with Bonferroni's correction for all readings of the series.
+    """
+    from scipy.stats import t
+
+    z = np.abs(readings.felt - readings.predicted) / readings.scale
+    read = int((~np.isnan(z)).sum())
+    chance = read * 2 * t.sf(np.nan_to_num(z), _FREEDOM)
+    over = np.flatnonzero((chance < _FALSE_POSES).any(axis=1))
+    if not len(over):
+        return None
+    worst = int(np.argmin(chance[over[0]]))
+    sensor, p_value = channels.sensors[worst], float(chance[over[0], worst])
+    return Alarm(float(over[0]) + 1, float(over[0]), sensor, p_value)
+
+
+def watch(
+    sensed: Floats,
+    predicted: Floats,
+    known: Baseline,
+    channels: Channels,
+    after: float = 0.0,
+) -> Watch:
+    """Watch a walk that began at rest as the baseline's did.
+
+    Args:
+        sensed: (S, C), and
+        predicted: (S, C) channels.
+        known: from a walk of the same gait.
+        channels: of the robot.
+        after: [s] before which nothing is looked at, the walk's start in any case.
+    """
+    skip = max(_skipped(known.cycle), int(np.ceil(after / known.cycle)) * QUARTERS)
+    gap = _gaps(sensed, predicted, known.cycle, channels)[skip:]
+    phase = np.arange(len(gap)) % QUARTERS
+    z2 = ((gap - known.mean[phase]) / known.spread) ** 2
+    each = _log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2)
+    middle, width = known.common
+    common = np.minimum((-_log_t(z2).sum(axis=1) - middle) / width, _MOST)
+    calm = _still(sensed, known.cycle)[skip:]
+    dead = np.where(calm, -np.log(known.still[phase]), -np.inf)
+    sums = _cusum(np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2]))
+    end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
+    limit = threshold(known.cycle, channels)
+    step = known.cycle / QUARTERS
+    alarm = _alarm(end, sums, limit, channels, step, -_log_t(z2))
+    return Watch(end, sums, limit, alarm)
+
+
+def _cusum(ratio: Floats) -> Floats:
+    """(W, K) sums of log likelihood ratios (W, K), never below 0 (Page 1954)."""
+    sums, run = np.zeros_like(ratio), np.zeros(ratio.shape[1])
+    for k, step in enumerate(ratio):
+        run = np.maximum(0.0, run + step)
+        sums[k] = run
+    return sums
+
+
+def _log_t(z2: Floats) -> Floats:
+    """Log density of Student's t without its constant, of squared residuals."""
+    return -(_FREEDOM + 1) / 2 * np.log1p(z2 / _FREEDOM)
+
+
+def _alarm(
+    end: Floats,
+    sums: Floats,
+    limit: float,
+    channels: Channels,
+    step: float,
+    misfit: Floats,
+) -> Alarm | None:
+    """The first time any sum (W, K) passes the threshold.
+
+    Args:
+        end: (W) end of each window, which is `step` long.
+        sums: of the channels, and perhaps of all together.
+        limit: the threshold.
+        channels: of the robot.
+        step: see `end`.
+        misfit: (W, C) of each channel, to say which is worst.
+    """
+    over = np.flatnonzero((sums > limit).any(axis=1))
+    if not len(over):
+        return None
+    at = over[0]
+    highest = int(np.argmax(sums[at]))
+    zero = np.flatnonzero(sums[:at, highest] == 0)
+    first = int(zero[-1]) + 1 if len(zero) else 0
+    worst = int(np.argmax(misfit[first : at + 1].sum(axis=0)))
+    count = misfit.shape[1]
+    sensor = channels.sensors[highest % count if highest < 2 * count else worst]
+    chance = sums.shape[1] * (at + 1) * np.exp(-sums[at, highest])
+    begun = end[first] - step
+    return Alarm(float(end[at]), float(begun), sensor, float(min(1.0, chance)))

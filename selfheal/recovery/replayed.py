@@ -1,0 +1,107 @@
+"""Damage from recordings alone: readings at rest of a robot before and after in.
+
+For a robot that can only be asked for poses once recorded, as the one of 2006: belief
+goes from reading to reading, each compared with the reading when whole.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Floats, concatenate
+from ..body.damage import INTACT, Damage
+from ..engine.plant import damaged, rated
+from ..engine.statics import Statics
+from ..robot.base import Robot
+from ..selfmodel.loop import felt
+from .belief import Noise, choose, log_likelihood, posterior
+from .hypotheses import groups
+from .probes import DRIFT, EDGE, NUDGE, TILT
+
+_SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.5, 1.8)
+_NOTHING = 0.1  # prior that nothing happened; chosen
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What every scale of every part would have shown in every action.
+
+    Attributes:
+        damages: H.
+        predicted: (H, A, 2) tilts [deg]: the reading when whole, and the change that
+            the model predicts.
+        slope: (H, A, 2, P) their change with each joint's zero [deg/deg].
+        felt: (A, 2) tilts of the damaged robot [deg].
+    """
+
+    damages: tuple[Damage, ...]
+    predicted: Floats
+    slope: Floats
+    felt: Floats
+
+
+def tables(whole: Robot, broken: Robot) -> Tables:
+    """Read both robots' every action, and predict it for every damage.
+
+    Args:
+        whole: its `truth` is the model.
+        broken: offers the same actions.
+    """
+    assert whole.truth is not None
+    plant, parts = rated(whole.truth), whole.anatomy.parts
+    damages = (INTACT, *(Damage("part_scale", f"body:{part}", scale)
+                         for part in parts for scale in _SCALES))  # fmt: skip
+    bodies = concatenate(*(damaged(plant, d).body for d in damages))
+
+    def tilts(targets: Floats) -> Floats:
+        rows = np.repeat(np.arange(len(bodies)), len(targets))
+        rest = Statics().simulate(bodies[rows], np.tile(targets, (len(bodies), 1)))
+        return np.degrees(rest.tilt).reshape(len(bodies), len(targets), 2)
+
+    seen, turn = tilts(whole.actions), np.radians(NUDGE) * np.eye(len(parts))
+    slope = [tilts(whole.actions + t) - tilts(whole.actions - t) for t in turn]
+    slopes = np.stack(slope, axis=-1) / (2 * NUDGE)
+    before, after = (
+        np.array([felt(robot.act(a))[:2] for a in range(len(robot.actions))])
+        for robot in (whole, broken)
+    )
+    slopes = np.where(np.abs(slopes) > EDGE, 0.0, slopes)
+    return Tables(damages, seen - seen[:1] + before, slopes, after)
+
+
+def name_damage(
+    known: Tables, rng: np.random.Generator, *, chosen: bool = True
+) -> Iterator[tuple[int, Floats]]:
+    """Belief after one more action each, until every action was taken.
+
+    Args:
+        known: see `tables`.
+        rng: draws the first action, and all where they are not chosen.
+        chosen: whether actions are chosen.
+
+    Yields:
+        The action, and the probability (H) of each damage.
+    """
+    _, group = groups(known.damages)
+    share = (1 - _NOTHING) / (len(known.damages) - 1)
+    prior = np.log([_NOTHING, *[share] * (len(known.damages) - 1)])
+    weight, tried = prior, list[int]()
+    scale = np.full(2, TILT)
+    while len(tried) < len(known.felt):
+        left = np.setdiff1d(np.arange(len(known.felt)), tried)
+        if chosen and tried:
+            candidates = [known.predicted[:, a] for a in left]
+            pick, _ = choose(candidates, [scale] * len(left), weight, group, rng)
+            tried.append(int(left[pick]))
+        else:
+            tried.append(int(rng.choice(left)))
+        count = len(known.damages), 2 * len(tried)
+        fit = log_likelihood(
+            known.predicted[:, tried].reshape(count),
+            known.slope[:, tried].reshape(*count, -1),
+            known.felt[tried].ravel(),
+            Noise(np.tile(scale, len(tried)), DRIFT),
+        )
+        weight = prior + fit
+        yield tried[-1], posterior(weight)

@@ -1,0 +1,61 @@
+"""Senses: recordings of a walking robot in, arrays of its channels out."""
+
+import numpy as np
+
+from ..body.body import Anatomy, Floats
+from ..body.mjcf import BELLY_SENSOR
+from ..engine.walk import Channels, channels_of
+from ..errors import RecordingError
+from ..recording import Episode, Recording
+
+
+def felt_over_time(
+    recording: Recording, anatomy: Anatomy, episode: str | None = None
+) -> tuple[Floats, Floats]:
+    """Time (S) [s] and channels (S, C) of one episode, see `engine.walk.channels_of`.
+
+    A signal that the recording lacks is NaN.
+
+    Raises:
+        RecordingError: none of the signals is there.
+    """
+    name = episode or next(iter(recording.episodes))
+    e, channels = recording.episodes[name], channels_of(anatomy)
+    columns = [_column(e, channels, k) for k in range(len(channels.names))]
+    values = np.stack(columns, axis=1)
+    if np.isnan(values).all():
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: none of the signals "
+            f"{', '.join(dict.fromkeys(channels.sensors))} is in it"
+        )
+    return e.time, values
+
+
+def _column(episode: Episode, channels: Channels, k: int) -> Floats:
+    """(S) one channel."""
+    name, signal = channels.names[k], episode.signals.get(channels.sensors[k])
+    if signal is None:
+        return np.full(len(episode.time), np.nan)
+    v = signal.values
+    if name == "tilt left/right":
+        return -np.degrees(np.arcsin(np.clip(v[:, 1], -1, 1)))
+    if name == "tilt forward/back":
+        return np.degrees(np.arcsin(np.clip(v[:, 0], -1, 1)))
+    if name == "clearance":
+        # a dead sensor reads 0, not less
+        return 1000 * np.maximum(v - BELLY_SENSOR, 0)
+    if name in ("x", "y"):
+        return 1000 * v[:, "xy".index(name)]
+    return v if name.endswith("_touch") else np.degrees(v)
+
+
+def position(recording: Recording) -> Floats:
+    """(S, 3) of the torso [m]."""
+    (episode,) = recording.episodes.values()
+    return episode.signals["torso_position"].values
+
+
+def orientation(recording: Recording) -> Floats:
+    """(S, 4) of the torso, quaternion."""
+    (episode,) = recording.episodes.values()
+    return episode.signals["torso_orientation"].values

@@ -1,0 +1,73 @@
+"""A stroll: a self-modeling run and its robot in, a gait walked on it out."""
+
+from typing import Any
+
+import numpy as np
+
+from ..engine.plant import rated
+from ..gait.believed import believed
+from ..gait.pattern import SECONDS
+from ..gait.synthesis import Progress, forward, synthesize, walk
+from ..robot.base import Walker
+from ..selfmodel.run import Run
+from .senses import position
+
+_GRAVITY = 9.81  # [m/s^2]
+
+
+def stroll(
+    run: Run,
+    robot: Walker,
+    *,
+    name: str,
+    heading: float,
+    seed: int,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Synthesize a gait from what a run believes, and walk it on the robot.
+
+    Args:
+        run: of self-modeling.
+        robot: of that run.
+        name: of the gait's pattern.
+        heading: direction to walk [rad].
+        seed: of everything random.
+        progress: told what is done.
+
+    Returns:
+        What `selfheal gait --json` prints. Energy is the positive mechanical work of
+        the motors in the self-model [J], cost of transport that over m g d [1].
+    """
+    models, weights = believed(run)
+    plants = [rated(models[[k]]) for k in range(len(models))]
+    gait = synthesize(plants, weights=weights, name=name, heading=heading, seed=seed,
+                      progress=progress)  # fmt: skip
+    path = position(robot.move(gait.commands(run.anatomy.size)))
+    along, across = forward(path[-1], heading)
+    energy = float(walk(plants[:1], gait).energy[0])
+    a = run.anatomy
+    mass = a.torso_mass + float(np.sum(models.mass[0]) + np.sum(a.block_mass))
+    cost = energy / (mass * _GRAVITY * max(gait.predicted, 1e-3))
+    return {
+        "format": "selfheal-gait",
+        "version": 1,
+        "robot": robot.name,
+        "seed": seed,
+        "gait": gait.pattern,
+        "heading": round(float(np.degrees(heading)), 3),
+        "duration": SECONDS,
+        "walked": round(float(along), 4),
+        "across": round(float(across), 4),
+        "speed": round(float(along) / SECONDS, 5),
+        "predicted": {
+            "distance": round(gait.predicted, 4),
+            "low": round(gait.low, 4),
+            "high": round(gait.high, 4),
+            "energy": round(energy, 3),
+            "cost_of_transport": round(cost, 3),
+        },
+        "cycle": round(gait.cycle, 3),
+        "genes": [round(float(g), 5) for g in gait.genes],
+        "simulations": gait.simulations,
+        "failed": gait.failed,
+    }

@@ -1,0 +1,172 @@
+"""Watching a recording: a body and a recording in, when they stopped fitting out."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..body.body import Anatomy, Bodies, Floats
+from ..engine.plant import rated
+from ..engine.walk import PERIOD, SAMPLE, channels_of, sensed, simulate
+from ..errors import InputError, RecordingError
+from ..recording import Episode, Recording
+from .monitor import QUARTERS, Alarm, Readings, baseline, watch, watch_poses
+from .probes import REST, Probe, guess, kinds_of
+from .senses import felt_over_time
+
+_LEAST = 3  # cycles to learn from, at least
+_PRESENT = 0.5  # share of a signal's samples without which it is not looked at; chosen
+
+
+def watched(
+    body: Bodies,
+    recording: Recording,
+    *,
+    learn: float | None = None,
+    cycle: float | None = None,
+) -> list[dict[str, Any]]:
+    """When each episode of a recording stopped fitting a body.
+
+    An episode over time is learned from at its start, where the robot is taken for
+    whole, and watched after it. Episodes that hold one reading at rest each are
+    watched in their order, as one.
+
+    Args:
+        body: a batch of one.
+        recording: signals as `robot.base.Walker` names them.
+        learn: [s] at the start of each episode; None = a third of it.
+        cycle: [s] in which the commands repeat; None = found in them.
+
+    Returns:
+        For each: `id`, `alarm` (time, since, sensor, p_value or None), and how it was
+        watched.
+
+    Raises:
+        InputError: nothing that can be compared, or too short.
+    """
+    a = body.anatomy
+    moving = {k: e for k, e in recording.episodes.items() if not _at_rest(e)}
+    found = [_over_time(body, recording, k, learn, cycle) for k in moving]
+    resting = [k for k in recording.episodes if k not in moving]
+    if resting:
+        found.append(_poses(body, recording, resting, a))
+    return found
+
+
+def _at_rest(episode: Episode) -> bool:
+    """Whether an episode has readings at its last sample only."""
+    signals = episode.signals.values()
+    return all(np.isnan(s.values[:-1].astype(float)).all() for s in signals)
+
+
+def _commands(episode: Episode, anatomy: Anatomy, where: str) -> Floats:
+    """(T, P) [rad] the commands at every `PERIOD` from the episode's beginning.
+
+    Raises:
+        RecordingError: a servo of the body has no command.
+    """
+    columns = _servos(episode, anatomy, where)
+    rows = round((episode.time[-1] - _begin(episode)) / SAMPLE) * round(SAMPLE / PERIOD)
+    middle = _begin(episode) + (np.arange(rows) + 0.5) * PERIOD
+    row = np.searchsorted(episode.time, middle, side="right") - 1
+    return episode.ctrl[np.maximum(row, 0)][:, columns]
+
+
+def _begin(episode: Episode) -> float:
+    """When an episode begins [s]: one step before its first sample."""
+    return float(2 * episode.time[0] - episode.time[1])
+
+
+def _filled(grid: Floats, time: Floats, column: Floats) -> Floats:
+    """A channel on a grid of times; NaN where most samples of it are missing."""
+    known = np.isfinite(column)
+    if known.mean() < _PRESENT:
+        return np.full(len(grid), np.nan)
+    return np.interp(grid, time[known], column[known])
+
+
+def _servos(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
+    """(P) columns of the commands; refused where one is missing."""
+    servos = [f"{joint}_servo" for joint in anatomy.joints]
+    missing = sorted(set(servos) - set(episode.ctrl_names))
+    if missing:
+        raise RecordingError(f"{where}: ctrl lacks {', '.join(missing)}")
+    return [episode.ctrl_names.index(s) for s in servos]
+
+
+def _over_time(
+    body: Bodies,
+    recording: Recording,
+    name: str,
+    learn: float | None,
+    cycle: float | None,
+) -> dict[str, Any]:
+    """One episode over time."""
+    episode, where = recording.episodes[name], f"{recording.file}, episode {name!r}"
+    commands = _commands(episode, body.anatomy, where)
+    time, felt = felt_over_time(recording, body.anatomy, name)
+    begin = _begin(episode)
+    grid = np.arange(1, round((time[-1] - begin) / SAMPLE) + 1) * SAMPLE
+    now = np.stack([_filled(begin + grid, time, c) for c in felt.T], axis=1)
+    plants = [rated(body)]
+    predicted = sensed(simulate(plants, commands[None]), plants)[0]
+    blind = np.isnan(now).any(axis=0)
+    now[:, blind] = predicted[:, blind] = 0.0
+    period = cycle or _cycle(commands)
+    seconds = grid[-1] / 3 if learn is None else learn
+    rows = round(seconds / SAMPLE)
+    if seconds < (_LEAST + 2) * period or rows >= len(grid) - QUARTERS:
+        raise InputError(
+            f"{where}: {grid[-1]:.1f} s, of which {seconds:.1f} s to learn from; it "
+            f"takes {(_LEAST + 2) * period:.1f} s ({_LEAST + 2} cycles of "
+            f"{period:.1f} s) and more to watch"
+        )
+    channels = channels_of(body.anatomy)
+    known = baseline(now[:rows], predicted[:rows], period, channels)
+    seen = watch(now, predicted, known, channels, after=seconds)
+    return {"id": name, "alarm": _told(seen.alarm, begin), "learned": float(seconds),
+            "watched": float(grid[-1] - seconds), "cycle": float(period)}  # fmt: skip
+
+
+def _told(alarm: Alarm | None, begin: float = 0.0) -> dict[str, Any] | None:
+    """An alarm as a document, in the time of an episode that began then [s]."""
+    if alarm is None:
+        return None
+    late = {"time": alarm.time + begin, "since": alarm.since + begin}
+    return {**asdict(alarm), **late}
+
+
+def _cycle(commands: Floats) -> float:
+    """Seconds in which commands repeat best, of 0.5 s to 6 s; 1 s if they do not."""
+    lags = np.arange(round(0.5 / PERIOD), min(round(6 / PERIOD), len(commands) // 2))
+    late = commands[len(commands) // 10 :]  # the start is another
+    spread = late.std(axis=0).sum()
+    if not len(lags) or spread == 0:
+        return 1.0
+    gap = np.array([np.abs(late[k:] - late[:-k]).mean(axis=0).sum() for k in lags])
+    # the first lag that is nearly as good as the best: not a multiple of it
+    good = np.flatnonzero(gap < gap.min() + 0.1 * spread)
+    first = good[: 1 + int(np.argmax(np.diff([*good, 10**9]) > 1))]
+    best = int(first[np.argmin(gap[first])])
+    return float(lags[best] * PERIOD) if gap[best] < 0.3 * spread else 1.0
+
+
+def _poses(
+    body: Bodies, recording: Recording, names: list[str], anatomy: Anatomy
+) -> dict[str, Any]:
+    """Episodes of one reading at rest each."""
+    channels, plants = channels_of(anatomy), [rated(body)]
+    felt, expected = [], []
+    for name in names:
+        where = f"{recording.file}, episode {name!r}"
+        episode = recording.episodes[name]
+        felt.append(felt_over_time(recording, anatomy, name)[1][-1, :-2])
+        target = episode.ctrl[-1, _servos(episode, anatomy, where)]
+        guessed = guess(plants, Probe("", target[None], target))[0]
+        expected.append(guessed[anatomy.size :])
+    scale = np.array([REST[k] for k in kinds_of(channels.names)[:-2]])
+    readings = Readings(np.array(felt), np.array(expected), scale)
+    alarm = watch_poses(readings, channels)
+    at = None if alarm is None else names[round(alarm.time) - 1]
+    return {"id": f"{names[0]} to {names[-1]}", "alarm": _told(alarm), "episode": at,
+            "watched": len(names)}  # fmt: skip

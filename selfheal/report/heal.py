@@ -1,0 +1,259 @@
+"""The page of a heal: what happened, how it was found, and how the robot walks now."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..body.body import Bodies, Floats
+from ..engine.plant import damaged, rated
+from ..engine.walk import SAMPLE
+from ..gait.pattern import SECONDS
+from ..gait.synthesis import forward
+from ..recovery.phases import damage_of
+from ..recovery.record import HealRun, gait_of
+from .draw import NEUTRAL, draw, from_behind, window
+from .motion import Lane, animation
+from .page import Html, Section, page, paragraph, table
+from .picture import BLUE, GREEN, INK, MUTED, ORANGE, WIDTH, figure, style
+
+_COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
+_ROWS = round(SECONDS / SAMPLE)
+
+
+def heal_page(run: HealRun, models: Bodies) -> str:
+    """The page of a finished heal.
+
+    Args:
+        run: with its result.
+        models: the self-models (K) that it started from, best first.
+    """
+    found = run.phases["verdict"]["believed"]
+    before = models[[0]]
+    after = damaged(rated(before), damage_of(found[0])).body
+    with style():
+        sections = [
+            _walks(run, before, after),
+            _bodies(run, before, after),
+            _alarm(run),
+            _hypotheses(run),
+            _gaits(run),
+        ]
+    return page(f"Healing of {run.result['robot']}", sections, lead=_lead(run))
+
+
+def _lead(run: HealRun) -> str:
+    """All of it in two sentences."""
+    distance, alarm = run.result["distance"], run.result["alarm"]
+    best = run.phases["verdict"]["believed"][0]
+    happened = ", ".join(str(d) for d in run.settings.damage)
+    if alarm is None:
+        return f"What happened ({happened}) did not change the walk: no alarm."
+    asked = run.result["actions"]
+    return (
+        f"What happened: {happened}. The robot noticed {_late(run)}, and after {asked} "
+        f"action{'s' * (asked != 1)} said: {damage_of(best)} "
+        f"({100 * best['probability']:.0f} % sure). It walked "
+        f"{distance['intact']:.2f} m whole, {distance['damaged']:.2f} m broken with "
+        f"its old gait, and {distance['healed']:.2f} m with a new one."
+    )
+
+
+def _late(run: HealRun) -> str:
+    """How long after the damage the alarm came."""
+    late = run.phases["alarm"]["alarm"]["time"] - run.settings.onset
+    if late < 0:
+        return "something before anything had happened (a false alarm)"
+    cycles = late / gait_of(run.phases["gait"]).cycle
+    return f"it after {late:.1f} s ({cycles:.1f} cycles of the gait)"
+
+
+def _lanes(run: HealRun, before: Bodies, after: Bodies) -> list[Lane]:
+    """The three walks."""
+    whole, walked = run.phases["whole"], run.phases["walked"]
+    keys = ("position", "orientation", "angles")
+    lanes = [Lane("whole", BLUE, before, *(whole[k][:_ROWS] for k in keys))]
+    for name, title, color in (
+        ("damaged", "broken, with the old gait", ORANGE),
+        ("healed", "broken, with the new gait", GREEN),
+    ):
+        lanes.append(Lane(title, color, after, *(walked[f"{name}_{k}"] for k in keys)))
+    return lanes
+
+
+def _walks(run: HealRun, before: Bodies, after: Bodies) -> Section:
+    """Distances, paths, the animation."""
+    lanes, heading = _lanes(run, before, after), run.settings.heading
+    d, p = run.result["distance"], run.result["predicted"]
+    rows = [
+        ("whole", _meters(d["intact"]), _meters(p["intact"])),
+        ("broken, with the old gait", _meters(d["damaged"]), ""),
+        ("broken, with the new gait", _meters(d["healed"]), _meters(p["healed"])),
+        ("broken, a gait made knowing the damage", _meters(d["best_known"]), ""),
+    ]
+    head = ("walk of 10 s", "walked [m]", "predicted [m]")
+    caption = (
+        "The three walks as a camera saw the torso and the joints felt themselves, "
+        "drawn on the body that the robot believes in; twice as fast as they were."
+    )
+    moving = animation(lanes, heading, caption, sample=SAMPLE)
+    return Section("Walks", (table(head, rows, "lrr"), moving, _paths(lanes, heading)))
+
+
+def _meters(value: float | None) -> str:
+    """A distance in words."""
+    return "unknown" if value is None else f"{value:.2f}"
+
+
+def _paths(lanes: list[Lane], heading: float) -> Html:
+    """The ways from above."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, 3.2))
+    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
+    for lane in lanes:
+        along, across = forward(lane.position, heading)
+        ax.plot(along, across, color=lane.color, lw=1.6, label=lane.title)
+        ax.plot(along[-1], across[-1], "o", color=lane.color, ms=5)
+    ax.plot(0, 0, "o", color=INK, ms=4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel("along the heading [m]")
+    ax.set_ylabel("to the left [m]")
+    ax.legend()
+    ax.grid(True)
+    return figure(
+        fig, "Ways of the torso from above, 10 s each; they begin at the dot."
+    )
+
+
+def _bodies(run: HealRun, before: Bodies, after: Bodies) -> Section:
+    """The body before and after."""
+    from matplotlib.figure import Figure
+
+    camera = from_behind(before)
+    half = window(before, camera)
+    fig = Figure(figsize=(WIDTH, WIDTH * half[1] / (2 * half[0])))
+    ax = fig.add_axes((0, 0, 1, 1))
+    ax.set_axis_off()
+    ax.set_xlim(-2 * half[0], 2 * half[0])
+    ax.set_ylim(-half[1], half[1])
+    plain = [NEUTRAL] * before.anatomy.size
+    draw(ax, before, camera=camera, colors=plain, at=(-half[0], 0.0))
+    draw(ax, after, camera=camera, colors=_marked(run, after), at=(half[0], 0.0))
+    for x, title in ((-1.95 * half[0], "before"), (0.05 * half[0], "after")):
+        ax.text(x, 0.92 * half[1], title, color=INK, fontsize=10)
+    caption = "The body that the robot believes in; what the damage touches is orange."
+    best = run.phases["verdict"]["believed"][0]
+    words = paragraph(f"It believes: {damage_of(best)}, "
+                      f"{100 * best['probability']:.0f} % sure.")  # fmt: skip
+    return Section("Body before and after", (words, figure(fig, caption)))
+
+
+def _marked(run: HealRun, body: Bodies) -> list[str]:
+    """A color for each part: orange where the damage is."""
+    name = damage_of(run.phases["verdict"]["believed"][0]).name
+    a = body.anatomy
+    hit = [name in (part, joint, f"{joint}_servo", f"{joint}_position", f"{part}_touch")
+           for part, joint in zip(a.parts, a.joints, strict=True)]  # fmt: skip
+    return [ORANGE if h else NEUTRAL for h in hit]
+
+
+def _alarm(run: HealRun) -> Section:
+    """The monitor's sums over time."""
+    from matplotlib.figure import Figure
+
+    phase = run.phases["alarm"]
+    time, sums, limit = phase["time"], phase["sums"], phase["threshold"]
+    fig = Figure(figsize=(WIDTH, 3.0))
+    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
+    ax.plot(time, sums[:, :-1], color=MUTED, lw=0.7, alpha=0.6)
+    ax.plot(time, sums[:, -1], color=BLUE, lw=1.6, label="all channels together")
+    ax.plot([], [], color=MUTED, lw=0.7, label="each channel")
+    ax.axhline(limit, color=INK, lw=0.9, ls=(0, (4, 3)), label="alarm")
+    if time[0] <= run.settings.onset <= time[-1]:
+        ax.axvline(run.settings.onset, color=ORANGE, lw=1.2, label="it broke")
+    alarm = phase["alarm"]
+    if alarm:
+        ax.axvline(alarm["time"], color=GREEN, lw=1.2, label="it noticed")
+    ax.set_ylim(0, 3 * limit)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("misfit [nats]")
+    ax.legend(loc="upper left")
+    words = "No sum passed the threshold." if not alarm else (
+        f"Alarm at {alarm['time']:.1f} s, by {alarm['sensor']}; a whole robot would "
+        f"raise one as clear by then with a chance of {alarm['p_value']:.1g}."
+    )  # fmt: skip
+    caption = (
+        "How badly sensing fits what is predicted, summed up over time (CUSUM). The "
+        "threshold keeps false alarms at one an hour of walking. What comes after the "
+        "alarm is drawn, but was not waited for."
+    )
+    return Section("When it noticed", (paragraph(words), figure(fig, caption)))
+
+
+def _hypotheses(run: HealRun) -> Section:
+    """Which action ruled out what."""
+    asked = run.asked
+    if not asked:
+        return Section("What it took the damage for", ("It asked for nothing.",))
+    rows = []
+    for k, phase in enumerate(asked, 1):
+        believed = [_spoken(b) for b in phase["believed"][:3]]
+        rows.append((str(k), phase["why"], ", ".join(believed)))
+    head = ("", "action", "believed after it")
+    final = [(str(damage_of(b)), f"{100 * b['probability']:.1f} %")
+             for b in run.phases["verdict"]["believed"]]  # fmt: skip
+    end = table(("in the end", "sure"), final, "lr")
+    asking = table(head, rows, "rll")
+    return Section("What it took the damage for", (asking, _beliefs(asked), end))
+
+
+def _spoken(believed: Mapping[str, Any]) -> str:
+    """A hypothesis with its probability."""
+    return f"{damage_of(believed)} {100 * believed['probability']:.0f} %"
+
+
+def _beliefs(asked: list[Mapping[str, Any]]) -> Html:
+    """Probability of the hypotheses that were ever likely, after each action."""
+    from matplotlib.figure import Figure
+
+    after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in asked]
+    keys = dict.fromkeys(key for a in after for key in a)
+    top = sorted(keys, key=lambda key: -max(_chance(a, key) for a in after))
+    fig = Figure(figsize=(WIDTH, 2.8))
+    ax = fig.add_axes((0.07, 0.17, 0.6, 0.78))
+    steps = np.arange(1, len(after) + 1)
+    for key, color in zip(top[: len(_COLORS)], _COLORS, strict=False):
+        chances: Floats = np.array([_chance(a, key) for a in after])
+        said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
+        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=said)
+    ax.set_xticks(steps)
+    ax.set_ylim(-0.03, 1.03)
+    ax.set_xlabel("actions")
+    ax.set_ylabel("probability")
+    ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
+    return figure(
+        fig, "How likely each kind and place of damage was after each action."
+    )
+
+
+def _chance(after: Mapping[tuple[str, str], Any], key: tuple[str, str]) -> float:
+    """Probability of a hypothesis; one that is not listed has next to none."""
+    return float(after[key]["probability"]) if key in after else 0.0
+
+
+def _gaits(run: HealRun) -> Section:
+    """The gaits in numbers."""
+    rows = []
+    for name, title in (("gait", "whole"), ("healed", "healed")):
+        gait = gait_of(run.phases[name])
+        spread = f"{gait.low:.2f} to {gait.high:.2f}"
+        seconds = f"{run.phases[name]['seconds']:.0f}"
+        rows.append((title, gait.pattern, f"{gait.cycle:.2f}", f"{gait.predicted:.2f}",
+                     spread, f"{gait.simulations:,}", f"{gait.failed:,}",
+                     seconds))  # fmt: skip
+    head = ("gait", "pattern", "cycle [s]", "predicted [m]", "80 % of robots",
+            "simulations", "failed", "time [s]")  # fmt: skip
+    kept = "The old gait was kept: it is as good as a new one."
+    body = [kept] if run.phases["healed"]["kept"] else []
+    return Section("Gaits", (table(head, rows, "llrrrrrr"), *body))

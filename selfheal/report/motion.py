@@ -1,0 +1,182 @@
+"""A walk as a drawn animation: where a body was over time in, a GIF on the page out."""
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..body.body import Bodies, Floats
+from .page import Html, text
+from .picture import INK, LINE, MUTED, WIDTH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_DEPTH = 0.3  # of what lies across, seen from the side and above; chosen
+_DPI = 72
+_TORSO = "#98a2ad"
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One walk to draw.
+
+    Attributes:
+        title: above it.
+        color: of the legs.
+        body: a batch of one.
+        position: (S, 3) of the torso [m].
+        orientation: (S, 4) quaternion.
+        angles: (S, P) of the joints [rad].
+    """
+
+    title: str
+    color: str
+    body: Bodies
+    position: Floats
+    orientation: Floats
+    angles: Floats
+
+
+def _matrix(quat: Floats) -> Floats:
+    """(3, 3) of a unit quaternion w x y z."""
+    w, x, y, z = quat
+    return np.array(
+        [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
+    )  # fmt: skip
+
+
+def _about(axis: Floats, angle: float) -> Floats:
+    """(3, 3) turn about a unit axis."""
+    return _matrix(np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)]))
+
+
+def skeleton(
+    body: Bodies, position: Floats, orientation: Floats, angles: Floats
+) -> Floats:
+    """Where a posed body's parts are.
+
+    Args:
+        body: a batch of one.
+        position: (3) of the torso [m].
+        orientation: (4) of the torso, quaternion.
+        angles: (P) of the joints [rad].
+
+    Returns:
+        (P, 2, 3) joint and tip of each part [m], world frame.
+    """
+    turns, spots = [_matrix(orientation)], [np.asarray(position, float)]
+    ends = []
+    for i in range(body.anatomy.size):
+        up = int(body.parent[0, i])
+        heading = _about(np.array([0.0, 0, 1]), float(body.heading[0, i]))
+        own = turns[up] @ heading @ _about(body.axis[0, i], float(angles[i]))
+        joint = spots[up] + turns[up] @ body.anchor[0, i]
+        turns.append(own)
+        spots.append(joint)
+        ends.append([joint, joint + own[:, 0] * body.length[0, i]])
+    return np.array(ends)
+
+
+def _seen(points: Floats, heading: float) -> Floats:
+    """(..., 2) world points seen from the right of the way, a little above."""
+    c, s = np.cos(heading), np.sin(heading)
+    along = c * points[..., 0] + s * points[..., 1]
+    across = c * points[..., 1] - s * points[..., 0]
+    return np.stack([along, points[..., 2] + _DEPTH * across], axis=-1)
+
+
+def animation(
+    lanes: Sequence[Lane], heading: float, caption: str, *, sample: float
+) -> Html:
+    """Walks below each other, drawn every fifth of a second at double speed.
+
+    Args:
+        lanes: what to draw.
+        heading: direction that is drawn to the right [rad].
+        caption: below; also what a screen reader says.
+        sample: seconds between the rows of a lane.
+    """
+    frames = _frames(lanes, heading, max(1, round(0.2 / sample)))
+    buffer = io.BytesIO()
+    first, *others = frames
+    first.save(buffer, "GIF", save_all=True, append_images=others, duration=100,
+               loop=0, optimize=True)  # fmt: skip
+    coded = base64.b64encode(buffer.getvalue()).decode("ascii")
+    picture = f'<img alt="{text(caption)}" src="data:image/gif;base64,{coded}">'
+    return Html(f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>")
+
+
+def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
+    """The pictures, with few colors so that they stay small."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    ways = [_seen(lane.position * [1, 1, 0], heading) for lane in lanes]
+    low, bottom = np.min([way.min(axis=0) for way in ways], axis=0) - [0.3, 0.18]
+    high, top = np.max([way.max(axis=0) for way in ways], axis=0) + [0.3, 0.32]
+    high = max(high, low + 1.2)
+    size = WIDTH, WIDTH * (top - bottom) / (high - low) * len(lanes)
+    fig = Figure(figsize=size, dpi=_DPI, facecolor="white")
+    canvas, frames = FigureCanvasAgg(fig), []
+    axes = fig.subplots(len(lanes), 1, squeeze=False)[:, 0]
+    fig.subplots_adjust(0, 0, 1, 1, hspace=0)
+    for k in range(0, min(len(lane.position) for lane in lanes), every):
+        for ax, lane in zip(axes, lanes, strict=True):
+            ax.clear()
+            ax.set_xlim(low, high)
+            ax.set_ylim(bottom, top)
+            ax.set_axis_off()
+            _draw(ax, lane, k, heading, (low, high, top))
+        canvas.draw()
+        image = Image.frombytes("RGBA", canvas.get_width_height(),
+                                bytes(canvas.buffer_rgba()))  # fmt: skip
+        frames.append(image.convert("RGB").quantize(32))
+    return frames
+
+
+def _draw(
+    ax: "Axes", lane: Lane, k: int, heading: float, ends: tuple[float, float, float]
+) -> None:
+    """One walk at one time, in a window from left to right, its top last."""
+    ax.plot(ends[:2], (0, 0), color=LINE, lw=1, zorder=0)
+    for mark in np.arange(0, ends[1], 0.5):
+        ax.plot((mark, mark), (-0.02, 0.0), color=MUTED, lw=0.8, zorder=0)
+        ax.text(mark, -0.03, f"{mark:.1f} m", color=MUTED, fontsize=7, ha="center",
+                va="top")  # fmt: skip
+    ax.text(ends[0] + 0.02, ends[2] - 0.05, lane.title, color=INK, fontsize=10)
+    path = _seen(lane.position[: k + 1] * [1, 1, 0], heading)
+    ax.plot(path[:, 0], path[:, 1], color=lane.color, lw=0.8, alpha=0.5, zorder=1)
+    _legs(ax, lane, k, heading)
+
+
+def _legs(ax: "Axes", lane: Lane, k: int, heading: float) -> None:
+    """The torso and the parts, far ones first."""
+    from matplotlib.patches import Polygon
+    from scipy.spatial import ConvexHull
+
+    place, turn = lane.position[k], lane.orientation[k]
+    parts = skeleton(lane.body, place, turn, lane.angles[k])
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = place + (signs * lane.body.anatomy.torso_half) @ _matrix(turn).T
+    flat = _seen(corners, heading)
+    hull = flat[ConvexHull(flat).vertices]
+    away = parts[..., 1].mean(axis=1) * np.cos(heading)
+    away = away - parts[..., 0].mean(axis=1) * np.sin(heading)
+    middle = place[1] * np.cos(heading) - place[0] * np.sin(heading)
+    ax.add_patch(Polygon(hull, facecolor=_TORSO, edgecolor=MUTED, lw=0.6, zorder=3))
+    for hip in parts[lane.body.parent[0] == 0, 0]:
+        beam = _seen(np.array([place, hip]), heading)
+        ax.plot(beam[:, 0], beam[:, 1], color=_TORSO, lw=3, zorder=2)
+    for i in np.argsort(-away, kind="stable"):
+        seen = _seen(parts[i], heading)
+        thick = 6 * min(1.0, float(lane.body.thickness[0, i]) + 0.2)
+        ax.plot(seen[:, 0], seen[:, 1], color=lane.color, lw=thick,
+                solid_capstyle="round", alpha=0.55 if away[i] > middle else 1.0,
+                zorder=2 if away[i] > middle else 4)  # fmt: skip

@@ -1,0 +1,126 @@
+"""How a hidden robot walks: commands in, a noisy recording out; physics of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..body.body import Bodies, Floats
+from ..body.damage import Damage
+from ..body.mjcf import BELLY_SENSOR, Physics
+from ..engine.plant import Plant, damaged, rated
+from ..engine.readings import TOUCH_HEIGHT
+from ..engine.walk import PERIOD, SAMPLE, Walks, clearance, simulate
+from ..recording import Episode, Recording, Signal
+
+# Chosen. Rated limits are missed by up to 20 %; hobby servos answer a pulse of 20 ms
+# late by one to three, and have about a degree of play.
+_RATED, _DELAYS, _PLAY = 0.2, (0.02, 0.04, 0.06), np.radians((0.3, 1.5))
+_STIFF, _DRAG = (30.0, 60.0), (0.4, 0.9)
+_WOBBLE = np.radians(0.7)  # of every servo, other in each trial, drifting in a second
+_UP, _GAP, _ANGLE, _PLACE = 0.005, 0.0005, np.radians(0.3), 0.002  # sensor noise
+
+
+def hidden_plant(
+    physics: Physics, body: Bodies, offset: Floats, rng: np.random.Generator
+) -> Plant:
+    """The plant behind a simulated robot: off the rated one by up to a fifth."""
+    stated = rated(body)
+    off = rng.uniform(1 - _RATED, 1 + _RATED, 2)
+    ends = rng.uniform(1 - _RATED, 1 + _RATED, 2)
+    return replace(
+        stated,
+        physics=replace(
+            physics,
+            timestep=0.002,
+            kp=float(rng.uniform(*_STIFF)),
+            kv=float(rng.uniform(*_DRAG)),
+        ),
+        torque=stated.torque * off[0],
+        speed=stated.speed * off[1],
+        low=stated.low * ends[0],
+        high=stated.high * ends[1],
+        delay=float(rng.choice(_DELAYS)),
+        backlash=float(rng.uniform(*_PLAY)),
+        offset=offset,
+    )
+
+
+def move(
+    plant: Plant,
+    commands: Floats,
+    damage: tuple[Damage, ...],
+    onset: float,
+    rng: np.random.Generator,
+    name: str,
+) -> Recording:
+    """What `base.Walker.move` says; the damage sets in `onset` seconds into it."""
+    sent = commands + _wobble(commands.shape, rng)
+    after = damaged(plant, *damage)
+    every = round(SAMPLE / PERIOD)
+    switch = min(round(onset / SAMPLE) * every, len(commands))
+    pieces: list[tuple[Plant, Walks]] = []
+    start = None
+    for one, part in ((plant, sent[:switch]), (after, sent[switch:])):
+        if len(part):
+            walks = simulate([one], part[None], start)
+            start = (walks.state, walks.set_point)
+            pieces.append((one, walks))
+    signals = [_signals(one, walks[0], rng) for one, walks in pieces]
+    joined = {
+        key: replace(signal, values=np.concatenate([s[key].values for s in signals]))
+        for key, signal in signals[0].items()
+    }
+    count = len(commands) // every
+    servos = tuple(f"{j}_servo" for j in plant.body.anatomy.joints)
+    # a command stands at the sample from which it is held
+    after_sample = np.minimum(np.arange(1, count + 1) * every, len(commands) - 1)
+    episode = Episode(
+        SAMPLE * np.arange(1.0, count + 1), commands[after_sample], servos, joined
+    )
+    return Recording({"move": episode}, name, "simulated")
+
+
+def _wobble(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
+    """(T, P) [rad] what the servos add of their own, smooth over a second."""
+    knots = rng.normal(0, _WOBBLE, (round(shape[0] * PERIOD) + 2, shape[1]))
+    at = np.arange(shape[0]) * PERIOD
+    columns = [np.interp(at, np.arange(len(knots)), k) for k in knots.T]
+    return np.stack(columns, axis=1)
+
+
+def _signals(plant: Plant, walk: Walks, rng: np.random.Generator) -> dict[str, Signal]:
+    """The noisy signals of one piece (S) of a walk."""
+    anatomy = plant.body.anatomy
+    gap = clearance(walk, anatomy.torso_half[2])
+    values: dict[str, tuple[Floats, str, str, str]] = {
+        "vertical": (_unit(_noisy(walk.up, _UP, rng)), "sensor", "vertical", "1"),
+        "clearance": (
+            np.maximum(_noisy(gap, _GAP, rng), 0) + BELLY_SENSOR,
+            "sensor", "clearance", "m",
+        ),
+    }  # fmt: skip
+    for joint, angle in zip(anatomy.joints, walk.angles.T, strict=True):
+        noisy = _noisy(angle, _ANGLE, rng)
+        values[f"{joint}_position"] = (noisy, "joint_position", joint, "rad")
+    for foot, tip in zip(anatomy.feet, walk.tips.T, strict=True):
+        part = anatomy.parts[foot - 1]
+        touch = (tip < TOUCH_HEIGHT).astype(float)
+        values[f"{part}_touch"] = (touch, "sensor", f"{part}_touch", "1")
+    for sensor in plant.dead:
+        dead, *rest = values[sensor]
+        values[sensor] = (0 * dead, *rest)  # type: ignore[assignment]
+    seen = _noisy(walk.position, _PLACE, rng)
+    values["torso_position"] = (seen, "body_position", "torso", "m")
+    turn = walk.orientation
+    values["torso_orientation"] = (turn, "body_orientation", "torso", "quaternion")
+    return {key: Signal(*value) for key, value in values.items()}
+
+
+def _noisy(values: Floats, size: float, rng: np.random.Generator) -> Floats:
+    """Values with noise of a standard deviation."""
+    return values + rng.normal(0, size, values.shape)
+
+
+def _unit(vectors: Floats) -> Floats:
+    """Vectors of length one."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -1,0 +1,300 @@
+"""The whole loop: what is found, what is printed, and going on after a kill."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.body.damage import parse
+from selfheal.body.genome import from_tree
+from selfheal.body.mjcf import to_xml
+from selfheal.cli import app
+from selfheal.errors import InputError, RunFileError
+from selfheal.gait import synthesis
+from selfheal.gait.believed import believed
+from selfheal.gait.synthesis import Gait
+from selfheal.recording import read, write
+from selfheal.recovery.heal import heal
+from selfheal.recovery.phases import robots_of
+from selfheal.recovery.record import HealSettings, load, save
+from selfheal.recovery.watched import watched
+from selfheal.report.heal import heal_page
+from selfheal.robot.actions import published
+from selfheal.robot.base import open_robot, walker
+from selfheal.selfmodel.loop import felt
+from selfheal.selfmodel.run import Cycle, Run, Settings
+from selfheal.selfmodel.run import save as save_run
+
+BODY = published()
+SEED = 7
+# a gait that `selfheal gait` found
+GENES = np.array(
+    [
+        -1.791,
+        -1.191,
+        -1.888,
+        -1.475,
+        -0.121,
+        -1.526,
+        0.175,
+        -0.645,
+        0.810,
+        0.060,
+        0.956,
+        -0.209,
+        0.488,
+        0.332,
+        0.038,
+        -0.095,
+        -1.332,
+        1.390,
+        0.477,
+        -1.344,
+        -0.198,
+        1.971,
+        -1.161,
+        -0.901,
+        2.712,
+    ]
+)
+PLACEMENT = np.array([0.125, 0.375, 0.625, 0.875, *4 * [0.375]])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short():
+    """Searches that take a second, from a gait that walks."""
+    real = synthesis._random
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(synthesis, "_RUNGS", ((1, 2, 2.0),))
+        patch.setattr(synthesis, "_RANDOM", 2)
+        patch.setattr(synthesis, "_random", lambda search: 0 * real(search) + GENES)
+        patch.setattr(synthesis, "_STEP", 0.02)
+        patch.setattr(synthesis, "_AGAIN_STEP", 0.02)
+        yield
+
+
+def _robot():
+    return walker(open_robot("starfish", seed=SEED))
+
+
+def _heal(said, run=None):
+    damage = parse(said, BODY.anatomy)
+    settings = HealSettings("run.h5", damage, 12.0, seed=1)
+    robots = robots_of(_robot(), settings)
+    return list(heal(robots, BODY, np.ones(1), settings, run=run))
+
+
+@pytest.fixture(scope="module")
+def steps(short):
+    """A heal of a short leg, phase by phase."""
+    return _heal("right_lower:0.1")
+
+
+def test_a_short_leg_is_noticed_and_found(steps):
+    result = steps[-1].result
+    best = result["hypotheses"][0]
+    assert 12.0 <= result["alarm"]["time"] <= 16.0
+    assert (best["kind"], best["target"]) == ("part_scale", "body:right_lower")
+    assert best["value"] == pytest.approx(0.1, abs=0.1)
+    assert best["probability"] > 0.9
+    assert result["actions"] <= 8
+    assert result["distance"]["damaged"] < 0.5 * result["distance"]["intact"]
+
+
+def test_the_result_is_what_the_contract_says(steps):
+    result = json.loads(json.dumps(steps[-1].result, allow_nan=False))
+    assert list(result) == [
+        *("format", "version", "robot", "seed", "damage", "alarm", "hypotheses"),
+        *("actions", "distance", "predicted", "seconds", "run"),
+    ]
+    assert list(result["alarm"]) == ["time", "sensor", "p_value"]
+    assert list(result["damage"][0]) == ["kind", "target", "value"]
+    kept = ["kind", "target", "value", "probability"]
+    assert all(list(h) == kept for h in result["hypotheses"])
+    chances = [h["probability"] for h in result["hypotheses"]]
+    assert chances == sorted(chances, reverse=True)
+    assert list(result["distance"]) == ["intact", "damaged", "healed", "best_known"]
+    assert list(result["predicted"]) == ["intact", "healed"]
+
+
+def _told(run):
+    """All of a heal but how long it took, as text."""
+    told = [*run.phases.items(), ("result", run.result)]
+    whole = [(name, {**what, "seconds": 0}) for name, what in told]
+    return json.dumps(whole, default=np.ndarray.tolist, sort_keys=True)
+
+
+def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
+    save(steps[3], tmp_path / "heal.h5")  # after the first action
+    kept = load(tmp_path / "heal.h5")
+    assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01"]
+    assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
+
+
+def test_a_finished_heal_is_not_done_again(steps, tmp_path):
+    save(steps[-1], tmp_path / "heal.h5")
+    kept = load(tmp_path / "heal.h5")
+    again = _heal("right_lower:0.1", kept)
+    assert len(again) == 1 and again[0].result == steps[-1].result
+
+
+def test_the_page_tells_it_and_asks_for_nothing(steps):
+    page = heal_page(steps[-1], BODY)
+    assert "right lower x" in page and "image/gif" in page
+    assert "<script" not in page and "http" not in page.replace(
+        "http-equiv", ""
+    ).replace("http://www.w3.org", "")
+
+
+@pytest.fixture
+def still(monkeypatch):
+    """Pages without their animation, which takes seconds."""
+    monkeypatch.setattr("selfheal.report.heal.animation", lambda *a, **k: "")
+
+
+def test_the_page_of_a_heal_that_nothing_called_for(steps, still):
+    run = steps[-1]
+    kept = {k: v for k, v in run.phases.items() if not k.startswith("ask")}
+    kept["alarm"] = {**kept["alarm"], "alarm": None}
+    nothing = {"kind": "none", "target": "world", "value": 0.0, "azimuth": 0.0}
+    kept["verdict"] = {"believed": [{**nothing, "probability": 1.0}]}
+    quiet = replace(run, phases=kept, result={**run.result, "alarm": None})
+    assert "no alarm" in heal_page(quiet, BODY)
+
+
+def test_a_file_that_is_no_heal_is_refused(tmp_path):
+    (tmp_path / "x.h5").write_text("nothing")
+    for name in ("x.h5", "y.h5"):
+        with pytest.raises(RunFileError, match=name):
+            load(tmp_path / name)
+
+
+def _identified(tmp_path, placement=PLACEMENT):
+    """The file of a run that ended with the right body, or one hung a bit askew."""
+    robot = _robot()
+    genomes = from_tree(BODY.anatomy, BODY.parent, placement)
+    cycles = tuple(
+        Cycle(a, "", felt(robot.act(a)), genomes, np.zeros((1, 36, 3)), np.zeros(1),
+              np.ones(8), 0.0, 0.0, 0, 0.0)
+        for a in (0, 9, 20, 30)
+    )  # fmt: skip
+    settings, done = Settings("starfish", seed=SEED), {"format": "selfheal-identify"}
+    run = Run(settings, BODY.anatomy, robot.actions, cycles, BODY, result=done)
+    path = tmp_path / "run.h5"
+    save_run(run, path)
+    return path, run
+
+
+def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):
+    askew = PLACEMENT + 0.02
+    bodies, weights = believed(_identified(tmp_path, askew)[1])
+    assert bodies.anchor[0] == pytest.approx(BODY.anchor[0], abs=1e-6)
+    assert weights.sum() == pytest.approx(1)
+
+
+def _run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
+    path, _ = _identified(tmp_path)
+    dead, out = "left_hip_position", tmp_path / "h"
+    made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")
+    assert made.exit_code == 0, made.output
+    result = json.loads(made.stdout)
+    assert result["run"] == str(path)
+    assert result["hypotheses"][0]["target"] == f"sensor:{dead}"
+    assert result["predicted"]["healed"] == result["predicted"]["intact"]
+    assert (out / "report.html").is_file()
+    again = _run("heal", "--resume", out / "heal.h5", "--json")
+    assert json.loads(again.stdout) == result
+
+
+def test_gait_on_the_command_line(tmp_path):
+    path, _ = _identified(tmp_path)
+    made = _run("gait", path, "--heading", 90, "--json")
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)
+    assert told["heading"] == 90
+    assert told["predicted"]["energy"] > 0
+    assert np.hypot(told["walked"], told["across"]) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("heal",), "--resume HEAL.h5"),
+        (("heal", "{run}"), "--damage"),
+        (("heal", "{run}", "--damage", "loss:tail"), "left_upper"),
+        (("heal", "{run}", "--damage", "loss:left_upper", "--gait", "trot"), "waves"),
+        (("heal", "--resume", "{run}"), "not a heal's file"),
+        (("heal", "--resume", "{run}", "--seed", "2"), "leave out --seed"),
+        (("gait", "{run}", "--seed", "-1"), "negative"),
+        (("gait", "{run}", "--heading", "nan"), "heading"),
+        (("gait", "nothere.h5"), "no such run file"),
+        (("watch", "nothere.xml", "{run}"), "no such file"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words, said, tmp_path):
+    path, _ = _identified(tmp_path)
+    made = _run(*(word.format(run=path) for word in words))
+    assert made.exit_code == 2
+    assert said in made.stderr and "Traceback" not in made.stderr
+
+
+def test_a_robot_that_only_answers_cannot_walk(shared_recordings):
+    robot = open_robot(
+        "starfish-2006", recordings=shared_recordings / "starfish_2006" / "intact.h5"
+    )
+    with pytest.raises(InputError, match="cannot walk"):
+        walker(robot)
+
+
+@pytest.fixture(scope="module")
+def walks():
+    """Recordings of 40 s: whole, and breaking after 25 s."""
+    gait = Gait("waves", GENES, 0.0, 0.0, 0.0, 0.0, 0, 0)
+    robot, commands = _robot(), gait.commands(8, 40.0)
+    breaking = robot.struck(parse("left_lower:0.4", BODY.anatomy), 25.0)
+    return robot.move(commands), breaking.move(commands)
+
+
+def test_watch_says_when_a_recording_stopped_fitting(walks):
+    whole, broken = (watched(BODY, walk)[0] for walk in walks)
+    assert whole["alarm"] is None
+    assert whole["cycle"] == pytest.approx(1.4, abs=0.02)
+    assert broken["alarm"]["time"] == pytest.approx(26.5, abs=1.5)
+
+
+def test_watch_bears_missing_samples_and_a_clock_that_starts_late(walks):
+    (episode,) = walks[1].episodes.values()
+    signals = dict(episode.signals)
+    del signals["clearance"]
+    gaps = signals["vertical"].values.copy()
+    gaps[3::7] = np.nan
+    signals["vertical"] = replace(signals["vertical"], values=gaps)
+    late = replace(episode, time=episode.time + 1000, signals=signals)
+    found = watched(BODY, replace(walks[1], episodes={"late": late}))[0]
+    assert found["alarm"]["time"] == pytest.approx(1026.5, abs=1.5)
+
+
+def test_watch_on_the_command_line(walks, tmp_path):
+    (tmp_path / "body.xml").write_text(to_xml(BODY))
+    write(walks[1], tmp_path / "walk.h5")
+    made = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--json")
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)["episodes"][0]["alarm"]["p_value"] < 0.01
+    short = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--learn", 3)
+    assert short.exit_code == 2 and "to learn from" in short.stderr
+
+
+def test_watch_tells_the_damaged_robot_of_2006_from_the_whole_one(shared_recordings):
+    folder = shared_recordings / "starfish_2006"
+    whole, broken = (
+        watched(BODY, read(folder / name))[0] for name in ("intact.h5", "damaged.h5")
+    )
+    assert whole["alarm"] is None
+    assert broken["episode"] == "down_1_3"
+    assert broken["alarm"]["sensor"] == "vertical"

@@ -1,0 +1,77 @@
+"""The monitor: silent while nothing changes, soon loud when something does."""
+
+import numpy as np
+import pytest
+
+from selfheal.engine.walk import SAMPLE, channels_of
+from selfheal.recovery.monitor import Readings, baseline, threshold, watch, watch_poses
+from selfheal.robot.actions import published
+
+CHANNELS = channels_of(published().anatomy)
+CYCLE, COUNT = 1.2, len(CHANNELS.names)
+
+
+def _walk(seconds, seed):
+    """Channels of a made-up walk: a wave each, noise, and a place that moves on."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(1, round(seconds / SAMPLE) + 1) * SAMPLE
+    phase = 2 * np.pi * time[:, None] / CYCLE + np.arange(COUNT)
+    out = 10 * np.sin(phase) + rng.normal(0, 1, (len(time), COUNT))
+    touch = [k for k, name in enumerate(CHANNELS.names) if name.endswith("_touch")]
+    out[:, touch] = out[:, touch] > 0
+    out[:, -2:] = np.cumsum(rng.normal(5, 1, (len(time), 2)), axis=0)
+    return out
+
+
+MODEL = 0.9 * _walk(60, 0)  # a prediction that is a little off
+KNOWN = baseline(_walk(30, 1), MODEL[:600], CYCLE, CHANNELS)
+
+
+def _watch(felt):
+    return watch(felt, MODEL[: len(felt)], KNOWN, CHANNELS)
+
+
+def test_no_alarm_in_walks_like_those_learned_from():
+    assert not any(_watch(_walk(60, seed)).alarm for seed in range(2, 22))
+
+
+@pytest.mark.parametrize("channel", ["tilt left/right", "left_hip_position", "x"])
+def test_a_change_is_noticed_in_two_cycles_and_named(channel):
+    felt, onset = _walk(60, 30), 24.0
+    rows = slice(round(onset / SAMPLE), None)
+    k = CHANNELS.names.index(channel)
+    if channel == "x":
+        felt[rows, -2:] = felt[rows.start, -2:]  # it does not get on any more
+    else:
+        felt[rows, k] += 15
+    alarm = _watch(felt).alarm
+    assert alarm is not None
+    assert onset <= alarm.time <= onset + 2 * CYCLE + 0.1
+    assert alarm.since == pytest.approx(onset, abs=CYCLE)
+    assert alarm.sensor == CHANNELS.sensors[k]
+    assert alarm.p_value < 0.01
+
+
+def test_a_dead_sensor_is_noticed():
+    felt = _walk(60, 31)
+    k = CHANNELS.names.index("clearance")
+    felt[:, k] += 60
+    known = baseline(felt[:600], MODEL[:600], CYCLE, CHANNELS)
+    felt[800:, k] = 0.0
+    alarm = watch(felt, MODEL, known, CHANNELS).alarm
+    assert alarm is not None and alarm.sensor == "clearance"
+
+
+def test_the_threshold_is_higher_where_there_is_more_to_go_wrong():
+    assert threshold(0.6, CHANNELS) > threshold(1.2, CHANNELS)
+
+
+def test_poses_are_judged_each_by_itself():
+    felt = np.random.default_rng(5).normal(size=(36, COUNT - 2))
+    felt[:, 5] = np.nan
+    readings = Readings(felt, np.zeros_like(felt), np.ones(COUNT - 2))
+    assert watch_poses(readings, CHANNELS) is None
+    felt[20, 1] = 40.0
+    alarm = watch_poses(readings, CHANNELS)
+    assert alarm is not None
+    assert (alarm.time, alarm.sensor) == (21.0, "vertical")
