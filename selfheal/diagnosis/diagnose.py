@@ -68,9 +68,9 @@ def diagnose(
         rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
     say("fitting everything once more", 0.0)
-    naming = likeliest(case, [polished(case, n) for n in namings])
+    namings = [polished(case, n) for n in namings]
     say("testing what was found on the held-out episodes", 0.0)
-    naming, refuted = upheld(case, naming)
+    naming, refuted = likeliest(case, [upheld(case, n) for n in namings])
     say("looking for what has no name", 0.0)
     structure = structure_of(case, naming)
     naming, verdict = judged(naming, structure)

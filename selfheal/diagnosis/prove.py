@@ -29,6 +29,8 @@ HELPS, TRIFLE = 0.01, 0.003
 UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in those held
 # out, relative to the error there: less cannot refute it; chosen
 
+Upheld = tuple[Naming, tuple[str, ...]]  # a hypothesis, and labels of what was refuted
+
 
 def polished(case: Case, naming: Naming) -> Naming:
     """The same names, fitted to more pieces, to longer ones if those can be told."""
@@ -56,17 +58,17 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     )  # fmt: skip
 
 
-def likeliest(case: Case, namings: Sequence[Naming]) -> Naming:
-    """Of hypotheses the first, unless held-out episodes clearly speak for another."""
-    lead = namings[0]
+def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:
+    """Of several the first, unless held-out episodes clearly speak for another."""
+    lead, _ = hypotheses[0]
     sigma = for_score(lead.problem, lead.final.fit).sigma
     held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
-    errors = [_error(held, n.final.fit) for n in namings]
+    errors = [_error(held, naming.final.fit) for naming, _ in hypotheses]
     best = int(np.argmin(errors))
-    return namings[best] if errors[best] < CLEARLY * errors[0] else lead
+    return hypotheses[best if errors[best] < CLEARLY * errors[0] else 0]
 
 
-def upheld(case: Case, naming: Naming) -> tuple[Naming, tuple[str, ...]]:
+def upheld(case: Case, naming: Naming) -> Upheld:
     """Only the names that help in the held-out episodes, and labels of the others.
 
     A name that makes far less difference there than where it was fitted, as that of a
