@@ -96,25 +96,6 @@ def test_what_is_held_out_lies_within_what_is_fitted(fastest):
     assert list(held.episodes) == [str(third)]
 
 
-def test_poses_that_are_held_out_differ_in_every_joint():
-    """Six joints, one or two of them down in each pose, read once."""
-    pairs = [(j, k) for j in range(6) for k in range(j, 6)]
-    episodes = {}
-    for pair in pairs:
-        angles = np.where(np.isin(np.arange(6), pair), -0.5, 0.5)
-        read = np.vstack([np.full((100, 6), np.nan), angles])
-        signals = {
-            f"s{j}": Signal(read[:, j], "joint_position", f"j{j}", "rad")
-            for j in range(6)
-        }
-        time = np.linspace(0, 1, 101)
-        episodes[f"{pair}"] = Episode(time, np.zeros((101, 0)), (), signals)
-    for part in split(Recording(episodes)):
-        for j in range(6):
-            last = [e.signals[f"s{j}"].values[-1] for e in part.episodes.values()]
-            assert set(last) == {-0.5, 0.5}
-
-
 def test_episodes_without_a_common_reading_can_be_parted():
     recording = _recording("a", "b", "c")
     episodes = dict(recording.episodes)

@@ -73,9 +73,7 @@ def _spanned(episodes: Sequence[Episode], count: int) -> set[int]:
 
     A fit that never saw the fastest motion is asked to extrapolate by one that did. Of
     the episodes that the rest span about equally well, those that reach furthest are
-    held out: they ask most of a fit. Of poses, which reach nowhere, those that are
-    least like the ones held out already: a signal that hardly differs between them
-    would be scored by next to nothing.
+    held out: they ask most of a fit.
     """
     reach = [_reach(e) for e in episodes]
     columns = sorted(set().union(*reach))
@@ -87,31 +85,18 @@ def _spanned(episodes: Sequence[Episode], count: int) -> set[int]:
     low, high = edges[..., 0], edges[..., 1]
     left = list(range(len(episodes)))
 
-    def key(i: int) -> tuple[float, float, float, bool, int]:
+    def key(i: int) -> tuple[float, float, bool, int]:
         rest = [j for j in left if j != i]
         lowest = np.fmin.reduce(low[:, rest], axis=1)
         highest = np.fmax.reduce(high[:, rest], axis=1)
         beyond = np.nan_to_num(np.fmax(high[:, i] - highest, lowest - low[:, i]))
         width = np.nansum(high[:, i] - low[:, i])
         beyond = round(float(np.max(beyond, initial=0.0)), 1)
-        held = [j for j in range(len(episodes)) if j not in left]
-        more = _range(low, high, [*held, i]) - _range(low, high, held)
-        new = -round(float(more), 1), i % 3 < 2, i  # else each third one
-        return beyond, -round(float(width), 1), *new
+        return beyond, -round(float(width), 1), i % 3 < 2, i  # else each third one
 
     for _ in range(count):
         left.remove(min(left, key=key))
     return set(range(len(episodes))) - set(left)
-
-
-def _range(low: Floats, high: Floats, chosen: list[int]) -> float:
-    """From lowest to highest over some episodes, summed over columns."""
-    if not chosen:
-        return 0.0
-    top, bottom = (
-        f.reduce(x[:, chosen], axis=1) for f, x in ((np.fmax, high), (np.fmin, low))
-    )
-    return float(np.nansum(top - bottom))
 
 
 def _reach(episode: Episode) -> dict[tuple[str, int], tuple[float, float]]:
