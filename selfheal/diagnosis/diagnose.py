@@ -17,6 +17,7 @@ from .prove import (
     bare,
     judged,
     likeliest,
+    outlasting,
     polished,
     removed_share,
     structure_of,
@@ -77,13 +78,15 @@ def diagnose(
     proof = Proof.of(case, naming)
     patched, refit = proof.numbers["patched"], proof.numbers["refit"]
     worse = not patched <= min(WORSE * refit, np.finfo(float).max)
-    removed = removed_share(proof.numbers)
+    single = proof.pieces.is_single
+    removed = outlasting(case, naming) if single else removed_share(proof.numbers)
     if naming.named and (worse or (removed is not None and removed < LITTLE)):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in naming.named))
         naming, verdict = judged(bare(naming), structure)
         verdict = "unlisted" if worse else verdict
         proof = Proof.of(case, naming)
-    if proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:
+    # of single readings nothing tells the noise
+    if not single and proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
     return answer_of(case, naming, verdict, proof, structure, refuted, begun)
