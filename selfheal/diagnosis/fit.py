@@ -16,6 +16,7 @@ from .world import World
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
+ABOUT = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)  # times a value, where to look for better ones
 LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
@@ -254,19 +255,15 @@ def step(
     return np.clip(move, a, b) * scale
 
 
-def jacobian(
-    problem: Problem, terms, values: Floats, at: Floats, columns=None
-) -> Floats:
-    """Differences (R, k) of the residuals by some parameters, all by default."""
+def jacobian(problem: Problem, terms, values: Floats, at: Floats) -> Floats:
+    """Differences (R, P) of the residuals by each parameter."""
     low, high, scale = bounds(terms)
-    columns = np.arange(len(values)) if columns is None else columns
-    if not len(columns):
+    if not len(values):
         return np.zeros((len(at), 0))
-    points = np.tile(values, (len(columns), 1))
-    nudge = NUDGE * scale[columns]
-    nudge = np.where(values[columns] + nudge > high[columns], -nudge, nudge)
-    points[np.arange(len(columns)), columns] += nudge
-    return ((problem.residuals(terms, points) - at) / nudge[:, None]).T
+    moves = NUDGE * scale
+    moves = np.where(values + moves > high, -moves, moves)
+    points = values + np.diag(moves)
+    return ((problem.residuals(terms, points) - at) / moves[:, None]).T
 
 
 def fit(
@@ -319,6 +316,25 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         if before - costs[best] < gain * before:
             break
     return x, r, jac
+
+
+def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
+    """The values (P), or better ones farther off.
+
+    Where impacts make the cost rough a search ends in the nearest of many minima, and
+    one window, in which a body falls on another side, may outweigh all others: so each
+    counts by the logarithm of its cost, as if each had a noise of its own.
+    """
+    low, high, _ = bounds(terms)
+    least = problem.by_window(np.ones(len(problem.window_of)))
+    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
+    for i in np.flatnonzero(~np.array(stated, bool)):
+        points = np.tile(values, (1 + len(ABOUT), 1))
+        points[1:, i] = np.clip(values[i] * np.array(ABOUT), low[i], high[i])
+        told = problem.residuals(terms, points) ** 2
+        costs = [np.log(least + problem.by_window(r)).sum() for r in told]
+        values = points[int(np.argmin(costs))]
+    return values
 
 
 def _secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:

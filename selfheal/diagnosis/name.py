@@ -22,7 +22,16 @@ from .evidence import (
     reweighed,
     scored,
 )
-from .fit import Base, Fit, Problem, fit, is_told, try_term, whitened
+from .fit import (
+    Base,
+    Fit,
+    Problem,
+    fit,
+    is_told,
+    looked_about,
+    try_term,
+    whitened,
+)
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
@@ -104,9 +113,8 @@ def name_effects(
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
     start = replace(search)
     search.forward()
-    if (
-        search.is_done or problem.windows.is_single
-    ):  # poses do not show what most robots have
+    # poses do not show what most robots have
+    if search.is_done or problem.windows.is_single:
         return [search.ended()]
     # what the first search set aside for a name, the second one tries in its place
     other = replace(start, claims=dict(search.claims), first=search.first)
@@ -295,7 +303,8 @@ def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, S
     """The problem with weights by what a fit leaves, and the fit there."""
     new = reweighed(problem, found)
     near = problem.carried(new, found.jacobian)
-    return new, scored(new, found.terms, found.values, rounds=rounds, known=near)
+    start = looked_about(new, found.terms, found.values)
+    return new, scored(new, found.terms, start, rounds=rounds, known=near)
 
 
 def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:

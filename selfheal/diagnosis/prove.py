@@ -10,7 +10,17 @@ from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, above, better, for_score, noise_of
-from .fit import Base, Fit, Problem, fit, is_told, start_errors, try_term, whitened
+from .fit import (
+    Base,
+    Fit,
+    Problem,
+    fit,
+    is_told,
+    looked_about,
+    start_errors,
+    try_term,
+    whitened,
+)
 from .free_form import FreeForm
 from .name import Named, Naming, without
 from .plant import parts
@@ -51,7 +61,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     alone = fit(problem, stated.terms, stated.values, rounds=6)
     final = alone
     if naming.named:
-        final = fit(problem, found.terms, found.values, rounds=6)
+        start = looked_about(problem, found.terms, found.values)
+        final = fit(problem, found.terms, start, rounds=6)
     return replace(
         naming, problem=problem, stated=Scored.of(problem, alone),
         final=Scored.of(problem, final),
