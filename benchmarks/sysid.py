@@ -22,7 +22,8 @@ from mujoco import sysid
 
 from selfheal.diagnosis import score
 from selfheal.diagnosis.case import WINDOW, Case, pieces_of, prepare
-from selfheal.diagnosis.fit import Problem, fit, whitened
+from selfheal.diagnosis.fit import fit
+from selfheal.diagnosis.problem import Problem, whitened
 from selfheal.diagnosis.prove import LONG
 from selfheal.diagnosis.score import replayed
 from selfheal.diagnosis.stated import MASS, REST, stated_terms

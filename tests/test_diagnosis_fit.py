@@ -23,22 +23,19 @@ from selfheal.diagnosis.evidence import (
     refitted,
 )
 from selfheal.diagnosis.fit import (
-    FAR,
     Base,
     Fit,
-    Problem,
     bounds,
     fit,
-    is_told,
     jacobian,
-    start_errors,
+    looked_about,
     step,
     try_term,
-    whitened,
 )
 from selfheal.diagnosis.name import Named, Naming
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
+from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
 from selfheal.diagnosis.prove import in_its_place, likeliest
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
@@ -240,6 +237,32 @@ def test_what_data_do_not_answer_has_no_bound_on_its_error(arm):
     idle = replace(found, jacobian=np.hstack([found.jacobian, 0 * found.jacobian]),
                    terms=(term, term), values=np.zeros(2))  # fmt: skip
     assert np.isfinite(uncertainty(problem, idle)).tolist() == [True, False]
+
+
+def _rough(count: int, outlier: float = 0.0):
+    """A problem of one parameter: a valley at 1.0 with ripples, in each window."""
+
+    def residuals(terms, points):
+        far = points[:, :1] - 1.0
+        ripples = 0.1 * np.sin(60.0 * far)
+        told = np.tile(10 * np.hypot(far, 0.1) * (1 + ripples), (1, count))
+        told[:, 0] += outlier * np.abs(points[:, 0] - 0.49)
+        return told
+
+    return SimpleNamespace(
+        residuals=residuals, window_of=np.arange(count), by_window=lambda r: r
+    )
+
+
+@pytest.mark.parametrize("outlier", [0.0, 1000.0])
+def test_a_better_value_farther_off_is_seen_by_most_windows(outlier):
+    free = Parameter("x", "1", 0.0, 0.0, 5.0, 1.0)
+    term = Term(Effect(), ("world",), ({},), (free,), ())
+    problem = _rough(9, outlier)
+    (near,) = looked_about(problem, (term,), np.array([0.7]))
+    assert abs(near - 1.0) < 0.05
+    (stays,) = looked_about(problem, (term,), np.array([1.0]))
+    assert stays == 1.0
 
 
 def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):

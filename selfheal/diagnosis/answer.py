@@ -13,9 +13,10 @@ from ..recording.data import Floats
 from . import document as doc
 from . import locate, score
 from .case import Case
-from .fit import Fit, Problem
+from .fit import Fit
 from .name import Naming
 from .patch import difference, patched
+from .problem import Problem
 from .prove import Proof, Structure, removed_share
 from .result import Candidate, Diagnosis, Located, SignalFit, Trace
 from .scene import Channel

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..errors import RecordingError, UnknownNameError
 from ..recording import Recording, split
-from .fit import Problem, whitened
 from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
 from .prepare import scene_of, world_of
+from .problem import Problem, whitened
 from .scene import Scene, by_column
 from .state import estimate
 from .stated import stated_terms

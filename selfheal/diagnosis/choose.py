@@ -18,7 +18,8 @@ from .evidence import (
     scored,
     stability,
 )
-from .fit import Fit, Problem
+from .fit import Fit
+from .problem import Problem
 from .screen import Progress
 from .terms import Term
 

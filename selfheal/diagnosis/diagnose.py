@@ -10,8 +10,8 @@ from ..recording import Recording
 from .answer import answer_of
 from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
 from .effects import catalogue
-from .fit import Problem
 from .name import name_effects
+from .problem import Problem
 from .prove import (
     Proof,
     bare,

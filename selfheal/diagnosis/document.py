@@ -8,9 +8,10 @@ import numpy as np
 
 from ..recording.data import Floats
 from .evidence import blocks_of
-from .fit import Fit, Problem, believed
+from .fit import Fit, believed
 from .name import Naming
 from .plant import parts
+from .problem import Problem
 from .terms import Term
 from .textual import native
 

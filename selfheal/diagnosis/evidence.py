@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Base, Fit, Problem, bounds, fit, step, try_term, whitened
+from .fit import Base, Fit, bounds, fit, step, try_term
+from .problem import Problem, whitened
 from .scene import by_column
 from .terms import Term
 
@@ -147,17 +148,17 @@ def refitted(
     for s in sorted(found, key=lambda s: (len(s.last.parameters), s.error)):
         best = EQUAL * min((t.error for t in tried), default=np.inf)
         held = np.zeros(count)
-        for k in worst if s.error < best else ():
+        if s.error >= best:
+            continue
+        for k in worst:
             seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
             new = try_term(base.take(seen), begin[s.last.key])
-            held[unseen] = problem.take(unseen).by_window(
-                problem.take(unseen).at(new.terms, new.values) ** 2
-            )
+            rest = problem.take(unseen)
+            held[unseen] = rest.by_window(rest.at(new.terms, new.values) ** 2)
             if held.sum() > best:
                 break
         else:
-            if s.error < best:
-                tried.append(Scored(s.fit, held))
+            tried.append(Scored(s.fit, held))
     return tried
 
 
@@ -287,16 +288,15 @@ def noise_of(problem: Problem) -> float:
     return float((count * (noise / problem.sigma) ** 2).sum())
 
 
-def for_score(problem: Problem, found: Fit) -> Problem:
-    """The same, but where something stays unexplained for the signals that are scored.
+def for_score(problem: Problem, found: Fit) -> Floats:
+    """Sigma (C), larger where something stays unexplained for what is not scored.
 
     A fit is a compromise there.
     """
     if above(problem, found.residuals) <= LEFT:
-        return problem
+        return problem.sigma
     scored = by_column(problem.world.signals, "scored")
-    sigma = np.where(scored, problem.sigma, UNSCORED * problem.sigma)
-    return whitened(replace(problem, sigma=sigma, whiten=()), found.terms, found.values)
+    return np.where(scored, problem.sigma, UNSCORED * problem.sigma)
 
 
 def reweighed(problem: Problem, found: Fit) -> Problem:

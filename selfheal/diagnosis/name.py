@@ -22,16 +22,8 @@ from .evidence import (
     reweighed,
     scored,
 )
-from .fit import (
-    Base,
-    Fit,
-    Problem,
-    fit,
-    is_told,
-    looked_about,
-    try_term,
-    whitened,
-)
+from .fit import Base, Fit, fit, looked_about, try_term
+from .problem import Problem, is_told, whitened
 from .scene import Scene
 from .screen import STEPS, Progress, fewer, screened, some_of
 from .terms import Term
@@ -280,7 +272,9 @@ class _Search:
 
     def beats(self, other: "_Search") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
-        problem = for_score(self.problem, self.now.fit)
+        sigma = for_score(self.problem, self.now.fit)
+        problem = replace(self.problem, sigma=sigma, whiten=())
+        problem = whitened(problem, self.now.fit.terms, self.now.fit.values)
         mine, theirs = (
             scored(problem, s.now.fit.terms, s.now.fit.values, rounds=2)
             for s in (self, other)

@@ -10,20 +10,11 @@ from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, above, better, for_score, noise_of
-from .fit import (
-    Base,
-    Fit,
-    Problem,
-    fit,
-    is_told,
-    looked_about,
-    start_errors,
-    try_term,
-    whitened,
-)
+from .fit import Base, Fit, fit, looked_about, try_term
 from .free_form import FreeForm
 from .name import Named, Naming, without
 from .plant import parts
+from .problem import Problem, is_told, start_errors, whitened
 from .screen import fewer
 from .terms import Term
 from .windows import Windows
@@ -45,7 +36,7 @@ Upheld = tuple[Naming, tuple[str, ...]]  # a hypothesis, and labels of what was 
 def polished(case: Case, naming: Naming) -> Naming:
     """The same names, fitted to more pieces, to longer ones if those can be told."""
     found = naming.final.fit
-    sigma = for_score(naming.problem, found).sigma
+    sigma = for_score(naming.problem, found)
     rng = np.random.default_rng(2)
     short, long = (
         fewer(Problem(case.world, pieces_of(case.world, seconds), sigma), POLISHED, rng)
@@ -72,7 +63,7 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
 def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:
     """Of several the first, unless held-out episodes clearly speak for another."""
     lead, _ = hypotheses[0]
-    sigma = for_score(lead.problem, lead.final.fit).sigma
+    sigma = for_score(lead.problem, lead.final.fit)
     held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
     errors = [_error(held, naming.final.fit) for naming, _ in hypotheses]
     best = int(np.argmin(errors))

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Base, Fit, Problem, try_term
+from .fit import Base, Fit, try_term
+from .problem import Problem
 from .terms import Term
 
 # candidates are tried on more and more steps of simulation, for more and more rounds,

@@ -224,13 +224,16 @@ class MountShift(AtBody):
     separate_by = "move the part while its parent is held"
 
     def parameters(self, scene, body):
-        reach = max(body.offset, body.size)
+        reach = self._reach(body)
         return tuple(Parameter(x, "m", 0.0, -reach, reach, 0.05 * reach) for x in "xyz")
 
     def starts(self, scene, body):
         # also a fifth of the way: which foot bears it may change between
-        far = 0.2 * max(body.offset, body.size) * np.eye(3)
+        far = 0.2 * self._reach(body) * np.eye(3)
         return tuple(map(tuple, np.vstack([np.zeros(3), far, -far]).tolist()))
+
+    def _reach(self, body):
+        return max(body.offset, body.size)
 
     def fits(self, scene, body):
         return not body.free and body.parent != 0

@@ -1,7 +1,5 @@
 """What a sensor makes of the truth: round to step (gain x true(t - delay) + bias)."""
 
-from dataclasses import replace
-
 from ..terms import Effect, Parameter, Term
 
 
@@ -10,13 +8,13 @@ class OfSensor(Effect):
 
     group = "measurement"
 
-    def parameter(self, signal) -> Parameter:
+    def parameter(self, scene, signal) -> Parameter:
         """Its number at a signal; `signal` is a `scene.Channel`."""
         raise NotImplementedError
 
-    def starts(self, signal) -> tuple[tuple[float, ...], ...]:
+    def starts(self, scene, signal) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
-        p = self.parameter(signal)
+        p = self.parameter(scene, signal)
         return ((p.absent + 0.3 * p.scale,),)
 
     def fits(self, signal) -> bool:
@@ -30,8 +28,8 @@ class OfSensor(Effect):
                 self,
                 (f"sensor:{signal.name}",),
                 ({"signal": signal.name, "kind": signal.kind},),
-                (self.parameter(signal),),
-                self.starts(signal),
+                (self.parameter(scene, signal),),
+                self.starts(scene, signal),
             )
             for signal in scene.signals
             if self.fits(signal)
@@ -58,7 +56,7 @@ class SensorBias(OfSensor):
     source = "JCGM 200:2012 (VIM), instrumental bias"
     separate_by = "bring the joint to a mechanical stop of known angle"
 
-    def parameter(self, signal):
+    def parameter(self, scene, signal):
         return Parameter(
             "bias", signal.unit, 0.0, -signal.reach, signal.reach, 0.1 * signal.spread
         )
@@ -72,7 +70,7 @@ class SensorGain(OfSensor):
     source = "JCGM 200:2012 (VIM), sensitivity"
     separate_by = "bring the joint to two known angles"
 
-    def parameter(self, signal):
+    def parameter(self, scene, signal):
         return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05)
 
 
@@ -87,17 +85,10 @@ class SensorDelay(OfSensor):
     separate_by = "let the joint swing with the motor off"
     regime = "fast"
 
-    def parameter(self, signal):
-        return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01)
+    def parameter(self, scene, signal):
+        return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, least=scene.vague)
 
-    def terms(self, scene):
-        """At every signal."""
-        return [
-            replace(t, parameters=(replace(t.parameters[0], least=scene.vague),))
-            for t in super().terms(scene)
-        ]
-
-    def starts(self, signal):
+    def starts(self, scene, signal):
         return ((0.005,), (0.03,))
 
     def fits(self, signal):
@@ -116,9 +107,9 @@ class Quantization(OfSensor):
     def fits(self, signal):
         return signal.width == 1 and signal.lattice > 0
 
-    def parameter(self, signal):
+    def parameter(self, scene, signal):
         step = signal.lattice
         return Parameter("step", signal.unit, 0.0, 0.0, 2 * step, 0.1 * step)
 
-    def starts(self, signal):
+    def starts(self, scene, signal):
         return ((signal.lattice,),)
