@@ -301,6 +301,8 @@ def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
     assert best.values[0] == pytest.approx(0.1, rel=0.2)
     alone = replace(refuted, equivalent=())
     assert in_its_place(seen, held, alone, less) == ([], less)
+    with_it = fit(seen, (dry,), np.array([0.1]))  # it has a name already
+    assert in_its_place(seen, held, refuted, with_it) == ([], with_it)
 
 
 @pytest.mark.parametrize("name", ["arm", "box"])

@@ -15,7 +15,9 @@ NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver no
 ABOUT = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)  # times a value, where to look for better ones
 LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
-NEAR = 0.02  # of the cost; a step that gains less stays in the neighborhood; chosen
+# a step stays in the neighborhood that gains less than this share of the cost, or after
+# which the Jacobian was wrong by less than this share of what is left; chosen
+NEAR, WRONG = 0.02, 0.01
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 
 
@@ -151,12 +153,13 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         if costs[best] >= before:
             break
         move, change = tries[best] - x, told[best] - r
-        x, r = tries[best], told[best]
-        if before - costs[best] < NEAR * before:
+        x, r, gained = tries[best], told[best], before - float(costs[best])
+        wrong = change - jac @ move
+        if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = _secant(jac, move, change, scale)
         else:
             jac, known = jacobian(problem, terms, x, r), None
-        if before - costs[best] < gain * before:
+        if gained < gain * before:
             break
     return x, r, jac
 
@@ -282,7 +285,7 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
     best = int(np.argmin([c for c, _ in settled]))
     x, r, (cost, move) = points[best], told[best], settled[best]
     jac = differences(x, r) if len(x) and rounds else np.zeros((len(r), len(x)))
-    for _ in range(rounds if len(x) else 0):
+    for i in range(rounds if len(x) else 0):
         tries = x + np.array([
             _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING
         ])  # fmt: skip
@@ -292,10 +295,12 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
         before = cost
         if settled[best][0] >= before * (1 - 1e-6):
             break
+        moved, change = tries[best] - x, told[best] - r
         x, r, (cost, move) = tries[best], told[best], settled[best]
-        jac = differences(x, r)
-        if before - cost < 2e-3 * before:
+        if i + 1 == rounds or before - cost < 2e-3 * before:
+            jac = _secant(jac, moved, change, scale)
             break
+        jac = differences(x, r)
     return x, r, jac, move
 
 

@@ -190,7 +190,7 @@ class _Search:
         """The candidate that earns a name beside those named, if one does."""
         taken = {t.key for t in self.named} | tabu
         open_to = [
-            t for t in self.candidates if t.key not in taken and _fresh(t, self.named)
+            t for t in self.candidates if t.key not in taken and is_new(t, self.named)
         ]
         all_of_it = Base.of(self.problem, self.now.fit)
         bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
@@ -321,7 +321,7 @@ def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
     return found
 
 
-def _fresh(term: Term, kept: Sequence[Term]) -> bool:
+def is_new(term: Term, kept: Sequence[Term]) -> bool:
     """Whether a term says something new beside those kept."""
     return not any(
         term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
@@ -336,7 +336,7 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     not tell, the usual effect with the least to choose is the one.
     """
     kept, _ = now.fit.but(term)
-    others = [t for t in others if _fresh(t, kept)]
+    others = [t for t in others if is_new(t, kept)]
     if not others:
         return now
     base = Base.of(problem, without(problem, now.fit, term))

@@ -12,7 +12,7 @@ from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, above, better, for_score, noise_of
 from .fit import Base, Fit, fit, looked_about, try_term
 from .free_form import FreeForm
-from .name import Named, Naming, without
+from .name import Named, Naming, is_new, without
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
 from .screen import fewer
@@ -118,6 +118,8 @@ def in_its_place(
     """Of what was equivalent to a name, what helps the most if anything does."""
     instead, best, least = [], less, (1 - HELPS) * _error(held, less)
     for term in refuted.equivalent:
+        if not is_new(term, less.terms):
+            continue
         tried = try_term(Base.of(problem, less), term)
         found = fit(problem, tried.terms, tried.values, rounds=6)
         if (error := _error(held, found)) < least:
