@@ -418,12 +418,13 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
         tried = try_term(base, boom)
         assert np.isfinite(tried.cost) and np.isfinite(tried.jacobian).all()
         told: list[str] = []
-        fits, count = screened(
+        fits, count, again = screened(
             [base] * 3, [boom, dry], lambda what, share: told.append(what)
         )
     assert fits[0].terms[-1].label == dry.label
     assert fits[0].cost < 0.5 * base.fit.cost
     assert 1 <= count <= 2 and len(told) == 6
+    assert [t.label for t in again] == [dry.label, boom.label]
 
 
 # what is held out

@@ -25,7 +25,7 @@ from .evidence import (
 from .fit import Base, Fit, fit, looked_about, try_term
 from .problem import Problem, is_told, whitened
 from .scene import Scene
-from .screen import STEPS, Progress, fewer, screened, some_of
+from .screen import MANY, STEPS, Progress, fewer, screened, some_of
 from .terms import Term
 
 MOST = 6  # effects at once
@@ -109,7 +109,10 @@ def name_effects(
     if search.is_done or problem.windows.is_single:
         return [search.ended()]
     # what the first search set aside for a name, the second one tries in its place
-    other = replace(start, claims=dict(search.claims), first=search.first)
+    likely = [t for t in candidates if t in search.candidates or t.effect.is_usual(t)]
+    other = replace(
+        start, claims=dict(search.claims), first=search.first, candidates=likely
+    )
     longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
     if not other.with_all_usual(longer):
         return [search.ended()]
@@ -194,8 +197,11 @@ class _Search:
         ]
         all_of_it = Base.of(self.problem, self.now.fit)
         bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
-        fits, independent = screened(bases, open_to, self.progress)
+        fits, independent, again = screened(bases, open_to, self.progress)
         part = bases[-1]
+        if len(open_to) > MANY:
+            kept = [t for t in self.candidates if t not in open_to]
+            self.candidates = [*again, *kept]
         if not self.first:
             self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
         finals = finalists(part.problem, fits, self.progress)
@@ -343,7 +349,8 @@ def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored
     tried = [try_term(base, other) for other in others]
     tried.sort(key=lambda f: held_out(problem, f).sum())
     for found in tried[:2]:
-        full = scored(problem, found.terms, found.values, rounds=6)
+        near = found.jacobian
+        full = scored(problem, found.terms, found.values, rounds=6, known=near)
         if full.error < BETTER * now.error or (
             _plainer(full.last, term) and as_good(problem, full, now)
         ):

@@ -13,6 +13,7 @@ from .terms import Term
 # candidates are tried on more and more steps of simulation, for more and more rounds,
 # and ever fewer of them; chosen for a minute a joint
 STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
+MANY = 100  # at most, tried again once something has a name; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -46,11 +47,12 @@ def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
 
 def screened(
     bases: Sequence[Base], candidates: Sequence[Term], progress: Progress
-) -> tuple[list[Fit], float]:
+) -> tuple[list[Fit], float, list[Term]]:
     """Candidates' fits, the best first, in the last of the bases.
 
     And how many independent candidates there were, by how alike their answers to the
-    residuals are (participation ratio of their correlations; Galwey 2009).
+    residuals are (participation ratio of their correlations; Galwey 2009); and those
+    worth another try beside a name.
 
     Args:
         bases: the same fit in more and more windows; fewer and fewer candidates are
@@ -60,6 +62,7 @@ def screened(
     """
     fits: list[Fit] = []
     answers: list[Floats] = []
+    again: list[Term] = []
     for base, rounds, keep in zip(bases, ROUNDS, KEEP, strict=True):
         fits = []
         for i, term in enumerate(candidates):
@@ -70,12 +73,13 @@ def screened(
         # few readings do not hold a large term back: each number costs (BIC)
         price = readings ** (1 / readings) if readings else 1.0
         fits.sort(key=lambda f: f.cost * price ** len(f.terms[-1].parameters))
+        again = again or [f.terms[-1] for f in fits[:MANY]]
         fits = fits[:keep]
         old = len(base.fit.values)
         candidates = [
             replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
         ]
-    return fits, _independent(np.array(answers))
+    return fits, _independent(np.array(answers)), again
 
 
 def _independent(answers: Floats) -> float:
