@@ -31,6 +31,7 @@ from .terms import Term
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
+CHEAPEST = 3  # of several names, that are tried without; chosen
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
 
@@ -223,7 +224,8 @@ class _Search:
         gone: list[Term] = []
         while len(self.named) > 1:
             tries = []
-            for term in self.named:
+            prices = _prices(Base.of(self.problem, self.now.fit), self.stated)
+            for term in sorted(self.named, key=lambda t: prices[t])[:CHEAPEST]:
                 less = Scored.of(
                     self.problem, without(self.problem, self.now.fit, term)
                 )
@@ -307,22 +309,28 @@ def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, S
     return new, scored(new, found.terms, start, rounds=rounds, known=near)
 
 
+def _prices(base: Base, stated: int) -> dict[Term, float]:
+    """What each effect's absence would make of the cost, of 1, if all were linear."""
+    found = base.fit
+    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
+    prices = {}
+    for i, term in enumerate(found.terms[stated:], stated):
+        own = np.arange(ends[i], ends[i + 1])
+        absent = np.array([p.absent for p in term.parameters])
+        back = found.jacobian[:, own] @ (absent - found.values[own])
+        left, _ = base.settle(found.residuals + back, hold=own)
+        prices[term] = left / found.cost
+    return prices
+
+
 def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
     """Without the effects that cost next to nothing to take away, a half at a time."""
     while len(found.terms) > stated:
-        base = Base.of(problem, found)
-        ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
-        costs = []
-        for i, term in enumerate(found.terms[stated:], stated):
-            own = np.arange(ends[i], ends[i + 1])
-            absent = np.array([p.absent for p in term.parameters])
-            back = found.jacobian[:, own] @ (absent - found.values[own])
-            costs.append(base.settle(found.residuals + back, hold=own)[0] / found.cost)
-        order = np.argsort(costs)
-        idle = [i for i in order if costs[i] < 1 + WORTH][: max(1, len(order) // 2)]
-        if not idle:
+        prices = _prices(Base.of(problem, found), stated)
+        order = sorted(prices, key=lambda t: prices[t])[: max(1, len(prices) // 2)]
+        gone = [t for t in order if prices[t] < 1 + WORTH]
+        if not gone:
             break
-        gone = [found.terms[stated + i] for i in idle]
         found = fit(problem, *found.but(*gone), rounds=2, known=found.near(*gone))
     return found
 
