@@ -20,6 +20,7 @@ from selfheal.diagnosis.evidence import (
     effective,
     folds_of,
     held_out,
+    most,
     refitted,
 )
 from selfheal.diagnosis.fit import (
@@ -609,6 +610,15 @@ def test_of_single_readings_a_large_one_counts_and_small_ones_do_not_outvote_it(
     assert not as_good(problem, now, Scored(more, tips))
     # one that predicts as well with fewer numbers is the likelier
     assert economy(problem, now) > economy(problem, Scored(more, now.held))
+
+
+def test_errors_of_most_single_readings_are_their_noise(arm):
+    problem, rng = _poses(arm, 400), np.random.default_rng(0)
+    r = rng.normal(size=problem.windows.readings.shape)
+    noise = most(problem, r.ravel())
+    assert noise == pytest.approx(np.isfinite(problem.windows.readings).sum(), rel=0.3)
+    r[::20] = 100.0
+    assert most(problem, r.ravel()) == pytest.approx(noise, rel=0.3)
 
 
 def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordings):

@@ -284,6 +284,17 @@ def above(problem: Problem, residuals: Floats) -> float:
     return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
 
 
+def most(problem: Problem, residuals: Floats) -> float:
+    """Squared residuals that errors of the size of most of these (R) would leave.
+
+    Of single readings nothing else tells the noise. By the median (Huber 1981, 5.2).
+    """
+    known = np.isfinite(problem.windows.readings)
+    columns = zip(residuals.reshape(known.shape).T, known.T, strict=True)
+    of_each = [np.abs(r[there]) for r, there in columns if there.any()]
+    return float(sum(len(r) * (1.4826 * np.median(r)) ** 2 for r in of_each))
+
+
 def noise_of(problem: Problem) -> float:
     """Squared residuals that the readings' noise alone would leave."""
     noise = np.concatenate([

@@ -9,7 +9,7 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
-from .evidence import ABOVE, Scored, above, better, for_score, noise_of
+from .evidence import ABOVE, Scored, better, for_score, most, noise_of
 from .fit import Base, Fit, fit, looked_about, try_term
 from .free_form import FreeForm
 from .name import Named, Naming, is_new, without
@@ -182,11 +182,13 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         new = Scored.of(problem, try_term(base, term, rounds=2))
         p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
-    before = _error(problem, naming.stated.fit)
-    room = before - noise_of(problem)
+    before, left = _error(problem, naming.stated.fit), base.fit.cost
+    noise = noise_of(problem)
+    if naming.named and problem.windows.is_single:
+        noise = max(noise, most(problem, base.fit.residuals))
     return Structure(
-        p, share, above(problem, base.fit.residuals),
-        float((before - base.fit.cost) / max(room, 1e-12)),
+        p, share, float(np.sqrt(left / max(noise, 1e-12))),
+        float((before - left) / max(before - noise, 1e-12)),
     )  # fmt: skip
 
 
