@@ -3,13 +3,13 @@
 import math
 import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._progress import Live
 from ._runs import clear, fresh_folder, refuse_settings
 
 if TYPE_CHECKING:
@@ -48,14 +48,14 @@ def gait(
     _check(heading, seed)
     found, robot = _identified(run)
     start = time.perf_counter()
-    with _progress(quiet=as_json) as show:
+    with Live("reading", quiet=as_json) as live:
         told = stroll(
             found,
             robot,
             name=gait,
             heading=math.radians(heading),
             seed=seed,
-            progress=lambda what, share: show("gait", what, share),
+            progress=partial(_tell, live, "gait"),
         )
     told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
@@ -242,12 +242,15 @@ def _go(run: "HealRun", path: Path, as_json: bool) -> None:
     found, robot = _identified(Path(run.settings.run))
     models, weights = believed(found)
     robots = robots_of(robot, run.settings)
-    with _progress(quiet=as_json) as show:
-        steps = phases(robots, models, weights, run.settings, run=run, progress=show)
+    with Live("reading", quiet=as_json) as live:
+        steps = phases(robots, models, weights, run.settings, run=run,
+                       progress=partial(_tell, live))  # fmt: skip
         for step in steps:
             run = step
             save(run, path)
-            show.phase(run)
+            if not run.result:
+                name, phase = list(run.phases.items())[-1]
+                live.say(f"{live.seconds:6.1f} s  {_line(name, phase)}")
     page = path.with_name("report.html")
     write_page(heal_page(run, models), page)
     if as_json:
@@ -258,38 +261,9 @@ def _go(run: "HealRun", path: Path, as_json: bool) -> None:
         _print_result(run, [path, page])
 
 
-class _Show:
-    """Live progress on standard error: a bar, and a line for each phase."""
-
-    def __init__(self, quiet: bool) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self.console = Console(stderr=True, quiet=quiet)
-        self.start = time.perf_counter()
-        self.bar = Progress(
-            BarColumn(),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}", markup=False),
-            console=self.console,
-            transient=True,
-            disable=quiet or not self.console.is_terminal,
-        )
-        self.task = self.bar.add_task("reading", total=1.0)
-
-    def __call__(self, phase: str, what: str, share: float) -> None:
-        """Show what is being done and how much of that is done."""
-        said = _PHASES.get(phase, phase)
-        self.bar.update(self.task, description=f"{said}: {what}", completed=share)
-
-    def phase(self, run: "HealRun") -> None:
-        """A line for the last phase."""
-        if run.result:
-            return
-        name, phase = list(run.phases.items())[-1]
-        spent = time.perf_counter() - self.start
-        self.console.print(f"{spent:6.1f} s  {_line(name, phase)}", highlight=False,
-                           markup=False, soft_wrap=True)  # fmt: skip
+def _tell(live: Live, phase: str, what: str, share: float) -> None:
+    """Show what a phase does and how much of that is done."""
+    live.show(f"{_PHASES.get(phase, phase)}: {what}", share)
 
 
 def _line(name: str, phase: Any) -> str:
@@ -319,17 +293,6 @@ def _hypothesis(believed: dict[str, Any]) -> str:
     from selfheal.recovery.phases import damage_of
 
     return f"{damage_of(believed)} ({100 * believed['probability']:.0f} %)"
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[_Show]:
-    """Progress while something goes on."""
-    show = _Show(quiet)
-    if show.bar.disable:
-        yield show
-        return
-    with show.bar:
-        yield show
 
 
 def _print_result(run: "HealRun", files: list[Path]) -> None:
