@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats, Ints
+from .student import FREEDOM, log_t
 
-_FREEDOM = 4.0  # of Student's t; chosen
 _ROUNDS = 6  # of the drift's fit
 _DRAWS = 48  # outcomes imagined of each candidate action; chosen
 
@@ -28,11 +28,6 @@ class Noise:
 
     scale: Floats
     drift: float
-
-
-def _log_t(z: Floats) -> Floats:
-    """Log density of Student's t without its constant; NaN counts nothing."""
-    return -(_FREEDOM + 1) / 2 * np.log1p(np.nan_to_num(z) ** 2 / _FREEDOM)
 
 
 def log_likelihood(
@@ -59,12 +54,12 @@ def log_likelihood(
     precision = np.broadcast_to(eye, (len(y), drifts, drifts))
     for _ in range(_ROUNDS):
         rest = y - np.einsum("hmd,hd->hm", x, move)
-        weight = (_FREEDOM + 1) / (_FREEDOM + rest**2)
+        weight = (FREEDOM + 1) / (FREEDOM + rest**2)
         weighted = (x * weight[..., None]).swapaxes(1, 2)
         precision = weighted @ x + eye
         move = np.linalg.solve(precision, weighted @ y[..., None])[..., 0]
     rest = y - np.einsum("hmd,hd->hm", x, move)
-    total = _log_t(rest).sum(axis=1) - (move**2).sum(axis=1) / 2
+    total = log_t(rest).sum(axis=1) - (move**2).sum(axis=1) / 2
     total -= np.linalg.slogdet(precision)[1] / 2
     return np.where(failed, -np.inf, total)
 
@@ -111,8 +106,8 @@ def choose(
     expected = np.empty(len(tables))
     for k, (table, scale) in enumerate(zip(tables, scales, strict=True)):
         z = table / scale
-        outcome = z[truth] + rng.standard_t(_FREEDOM, size=(_DRAWS, len(scale)))
-        weight = log_weight + _log_t(outcome[:, None] - z[None]).sum(axis=2)
+        outcome = z[truth] + rng.standard_t(FREEDOM, size=(_DRAWS, len(scale)))
+        weight = log_weight + log_t(outcome[:, None] - z[None]).sum(axis=2)
         weight = np.exp(weight - weight.max(axis=1, keepdims=True))
         share = weight @ members
         expected[k] = entropy(share / share.sum(axis=1, keepdims=True)).mean()

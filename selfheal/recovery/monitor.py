@@ -16,12 +16,12 @@ import numpy as np
 
 from ..body.body import Floats
 from ..engine.walk import SAMPLE, Channels
+from .student import FREEDOM, log_t
 
 QUARTERS = 4  # windows a cycle
 FALSE_ALARMS = 1.0  # an hour, stated; chosen
 _FALSE_POSES = 0.05  # chance of a false alarm in a series of poses; chosen
 _WIDE = 6.0  # of the alternative; chosen
-_FREEDOM = 4.0  # of Student's t: heavier tails than any sensor's; chosen
 _SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
 # Chosen on development seeds, for no false alarm in 0.9 hours: seconds in which a walk
 # from rest becomes regular; how much wider the spread is taken than it was seen, for
@@ -130,7 +130,7 @@ def baseline(
     # each cycle against the others, as a new one will be against all
     n = len(folded)
     apart = (folded - mean) * (n / max(1, n - 1)) / spread
-    misfit = -_log_t(apart**2).sum(axis=2).ravel()
+    misfit = -log_t(apart).sum(axis=2).ravel()
     common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
     calm = _still(sensed, cycle)[_skipped(cycle) :][:full].reshape(folded.shape)
     still = (calm.sum(axis=0) + 0.5) / (n + 1)
@@ -195,7 +195,7 @@ def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
 
     z = np.abs(readings.felt - readings.predicted) / readings.scale
     read = int((~np.isnan(z)).sum())
-    chance = read * 2 * t.sf(np.nan_to_num(z), _FREEDOM)
+    chance = read * 2 * t.sf(np.nan_to_num(z), FREEDOM)
     over = np.flatnonzero((chance < _FALSE_POSES).any(axis=1))
     if not len(over):
         return None
@@ -223,17 +223,17 @@ def watch(
     skip = max(_skipped(known.cycle), int(np.ceil(after / known.cycle)) * QUARTERS)
     gap = _gaps(sensed, predicted, known.cycle, channels)[skip:]
     phase = np.arange(len(gap)) % QUARTERS
-    z2 = ((gap - known.mean[phase]) / known.spread) ** 2
-    each = _log_t(z2 / _WIDE**2) - np.log(_WIDE) - _log_t(z2)
+    z = (gap - known.mean[phase]) / known.spread
+    each = log_t(z / _WIDE) - np.log(_WIDE) - log_t(z)
     middle, width = known.common
-    common = np.minimum((-_log_t(z2).sum(axis=1) - middle) / width, _MOST)
+    common = np.minimum((-log_t(z).sum(axis=1) - middle) / width, _MOST)
     calm = _still(sensed, known.cycle)[skip:]
     dead = np.where(calm, -np.log(known.still[phase]), -np.inf)
     sums = _cusum(np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2]))
     end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
     limit = threshold(known.cycle, channels)
     step = known.cycle / QUARTERS
-    alarm = _alarm(end, sums, limit, channels, step, -_log_t(z2))
+    alarm = _alarm(end, sums, limit, channels, step, -log_t(z))
     return Watch(end, sums, limit, alarm)
 
 
@@ -244,11 +244,6 @@ def _cusum(ratio: Floats) -> Floats:
         run = np.maximum(0.0, run + step)
         sums[k] = run
     return sums
-
-
-def _log_t(z2: Floats) -> Floats:
-    """Log density of Student's t without its constant, of squared residuals."""
-    return -(_FREEDOM + 1) / 2 * np.log1p(z2 / _FREEDOM)
 
 
 def _alarm(
