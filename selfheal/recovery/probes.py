@@ -155,11 +155,10 @@ def guess(plants: Sequence[Plant], probe: Probe) -> Floats:
     names = channels_of(plants[0].body.anatomy)
     targets = np.tile(probe.target, (len(plants), 1))
     three, touch = _at_rest(plants, targets)
-    slope = np.degrees(np.stack([p.slope for p in plants]))
-    tilt, azimuth = slope[:, 0], np.radians(slope[:, 1])
+    tilt, azimuth = np.stack([p.slope for p in plants]).T
     # a level torso on a slope: its tilt is the slope's
-    three[:, 0] += tilt * np.sin(azimuth)
-    three[:, 1] -= tilt * np.cos(azimuth)
+    three[:, 0] += np.degrees(tilt) * np.sin(azimuth)
+    three[:, 1] -= np.degrees(tilt) * np.cos(azimuth)
     jam = np.stack([p.jam for p in plants])
     angles = np.where(np.isnan(jam), targets, jam)
     speed = np.stack([p.speed for p in plants])
