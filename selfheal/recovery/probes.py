@@ -123,18 +123,6 @@ def _sources(probe: Probe, channels: Channels) -> list[str]:
     return [*(s for kind, s in kinds if kind == "angle"), *sensors[:-2]]
 
 
-def walk_bias(plant: Plant, probe: Probe, felt: Floats) -> Floats:
-    """(M) by which a walk of the whole robot, channels (S, C), is off its prediction.
-
-    What makes this robot walk otherwise than its self-model is there before a damage
-    and after it.
-    """
-    names = channels_of(plant.body.anatomy).names
-    samples = round(len(probe.commands) * PERIOD / SAMPLE)
-    whole = values(probe, felt[:samples], names)
-    return whole - predict([plant], probe, np.zeros(len(whole)))[0]
-
-
 def plants_of(plant: Plant, damages: Sequence[Damage]) -> list[Plant]:
     """The plant after each of several damages."""
     return [damaged(plant, damage) for damage in damages]
