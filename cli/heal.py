@@ -293,9 +293,10 @@ def _print_result(run: "HealRun", files: list[Path]) -> None:
 
     console, result = Console(), run.result
     table = Table("happened", "sure")
-    for believed in run.phases["verdict"]["believed"][:3]:
-        words = _hypothesis(believed).rpartition(" (")
-        table.add_row(words[0], words[2].rstrip(")"))
+    for k, believed in enumerate(run.phases["verdict"]["believed"]):
+        if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
+            words = _hypothesis(believed).rpartition(" (")
+            table.add_row(words[0], words[2].rstrip(")"))
     console.print(table)
     names = {"intact": "whole", "damaged": "broken, old gait", "healed": "broken, new",
              "best_known": "made knowing the damage"}  # fmt: skip
