@@ -15,6 +15,7 @@ from selfheal.errors import InputError, RunFileError
 from selfheal.gait.believed import believed
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import read, write
+from selfheal.recovery import phases
 from selfheal.recovery.heal import heal
 from selfheal.recovery.phases import robots_of
 from selfheal.recovery.record import HealSettings, load, save
@@ -83,6 +84,21 @@ def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
     kept = load(tmp_path / "heal.h5")
     assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01"]
     assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
+
+
+@pytest.mark.parametrize("new_is_good", [True, False])
+def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
+    monkeypatch, new_is_good
+):
+    good, idle = (
+        Gait("waves", genes, 0.0, 9.0, 9.0, 9.0, 0, 0) for genes in (GENES, 0 * GENES)
+    )
+    new, old = (good, idle) if new_is_good else (idle, good)
+    monkeypatch.setattr(phases, "synthesize", lambda *a, **k: new)
+    settings = HealSettings("", parse("friction:0.8", BODY.anatomy), 12.0)
+    robots = robots_of(robot(), settings)
+    work = phases.Phases(robots, BODY, np.ones(1), settings, lambda *told: None)
+    assert work._better("healed", work.plants, [1.0], old).genes is good.genes
 
 
 def test_a_finished_heal_is_not_done_again(steps, tmp_path):

@@ -220,18 +220,31 @@ class Phases:
             for plant, weight in zip(self.plants, self.weights, strict=True):
                 plants.append(damaged(plant, damage_of(b)))
                 weights.append(b["probability"] * weight)
-        gait = self._best("healed", plants, weights, old)
+        gait = self._better("healed", plants, weights, old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": gait_document(gait), "kept": kept}
 
-    def _best(
+    def _better(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> Gait:
-        """The better of a new gait and the old one."""
+        """The better of a new gait and the old one, as the broken robot walks them."""
+        new, again = self._rivals(name, plants, weights, old)
+        if new.predicted <= again.predicted:
+            return again
+        way = []
+        for trial, gait in ((150, new), (151, old)):
+            self.progress(name, "trying it against the old one", 1.0)
+            path = position(self._move(self.robots.broken, gait, SECONDS, trial))
+            way.append(self._distance(path))
+        return new if way[0] >= way[1] else again
+
+    def _rivals(
+        self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
+    ) -> tuple[Gait, Gait]:
+        """A new gait and the old one, each with what is predicted of it."""
         seed = self.settings.seed + 1
         new = self._synthesize(name, plants, weights, seed, old)
-        again = judge(plants, old, weights=weights, seed=seed)
-        return new if new.predicted > again.predicted else again
+        return new, judge(plants, old, weights=weights, seed=seed)
 
     def _walked(self, done: Mapping[str, Phase]) -> Phase:
         """The old and the new gait on the broken robot."""
@@ -251,7 +264,8 @@ class Phases:
         if robot.truth is None:
             return {"distance": None}
         plant = damaged(rated(robot.truth), *self.settings.damage)
-        gait = self._best("known", [plant], [1.0], old)
+        rivals = self._rivals("known", [plant], [1.0], old)
+        gait = max(rivals, key=lambda gait: gait.predicted)
         path = position(self._move(robot, gait, SECONDS, 202))
         return {"gait": gait_document(gait), "distance": self._distance(path)}
 
