@@ -99,7 +99,7 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     costly = [b for b in broken if b["cost"] > 0.2]
     missed = [b for b in costly if b["delay"] is None and not b["early"]]
     hours = sum(r["seconds"] for r in alarms.values()) / 3600
-    false = sum(r["false"] for r in alarms.values())
+    false, fallen = (sum(r[k] for r in alarms.values()) for k in ("false", "fallen"))
     told = [r for r in bodies if not _whole(r)]
     left = [r for r in worlds.values() if _whole(r)]
     errors = [r["length_error"] for r in bodies]
@@ -126,7 +126,8 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
         ("the same, 10th percentile", ">= 0.7", _quantiles(healed, 0.1)),
         ("missed damages that cost more than 20 %", "0 of 30",
          f"{len(missed)} of {len(costly)}"),
-        ("false alarms", "<= 1 an hour", f"{false} in {hours:.2f} hours"),
+        ("false alarms", "<= 1 an hour",
+         f"{false} in {hours:.2f} hours, {fallen} of a whole robot that fell"),
         ("delay of the alarm, median", "<= 2 cycles",
          f"{_quantiles(_late(broken), 0.5)} cycles of {len(_late(broken))}"),
         ("environment told from body", ">= 85 %",

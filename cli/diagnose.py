@@ -3,12 +3,13 @@
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from ._progress import Live
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.result import Diagnosis
@@ -62,11 +63,11 @@ def diagnose(
     memory = out.with_name(f".{out.name}.unfinished")
     if not resume:
         shutil.rmtree(memory, ignore_errors=True)
-    with _progress(quiet=as_json) as show:
+    with Live("reading", quiet=as_json) as live:
         if resume and not memory.exists():
-            show.console.print(f"nothing of {out} is unfinished: from the beginning")
+            live.say(f"nothing of {out} is unfinished: from the beginning")
         found = find(model, recordings, held_out=held_out or (), seed=seed,
-                     memory=memory, progress=show)  # fmt: skip
+                     memory=memory, progress=_Stages(live))  # fmt: skip
     found.save(out, force=force)
     shutil.rmtree(memory, ignore_errors=True)
     if as_json:
@@ -78,46 +79,19 @@ def diagnose(
         _print_diagnosis(found, out)
 
 
-class _Show:
-    """Live progress on standard error: a bar, and a line for each stage."""
+class _Stages:
+    """Progress of a diagnosis: a line for each stage."""
 
-    def __init__(self, quiet: bool) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self.console = Console(stderr=True, quiet=quiet)
-        self.start, self.stage = time.perf_counter(), ""
-        self.bar = Progress(
-            BarColumn(),
-            TimeElapsedColumn(),
-            TextColumn("{task.description}", markup=False),
-            console=self.console,
-            transient=True,
-            disable=quiet or not self.console.is_terminal,
-        )
-        self.task = self.bar.add_task("reading", total=1.0)
+    def __init__(self, live: Live) -> None:
+        self.live, self.stage = live, ""
 
     def __call__(self, what: str, share: float) -> None:
         """Show what is being done and how much of that is done."""
-        self.bar.update(self.task, description=what, completed=share)
+        self.live.show(what, share)
         stage = what.partition(" ")[0]  # "trying this", "trying that": one stage
         if stage != self.stage:
-            self.stage = stage
-            seconds, said = time.perf_counter() - self.start, _STAGES.get(stage, what)
-            self.console.print(
-                f"{seconds:6.1f} s  {said}", highlight=False, markup=False
-            )
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[_Show]:
-    """Progress while a diagnosis goes on."""
-    show = _Show(quiet)
-    if show.bar.disable:
-        yield show
-        return
-    with show.bar:
-        yield show
+            self.stage, said = stage, _STAGES.get(stage, what)
+            self.live.say(f"{self.live.seconds:6.1f} s  {said}")
 
 
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:

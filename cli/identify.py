@@ -3,12 +3,12 @@
 import os
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._progress import Live
 from ._runs import clear, fresh_folder, refuse_settings
 
 if TYPE_CHECKING:
@@ -125,7 +125,8 @@ def _go(run: "Run", path: Path, as_json: bool) -> None:
     start, before = time.perf_counter(), run.cycles[-1].seconds if run.cycles else 0.0
     robot, settings = _robot(run.settings), run.settings
     check_same(run, robot)  # here too, before there is a progress bar
-    with _progress(settings, quiet=as_json) as show:
+    with Live("starting", quiet=as_json) as live:
+        show = _Turns(live, settings.budget)
         for step in turns(robot, settings, run=run, progress=show):
             run = step
             if "seconds" in run.result:  # it was finished before
@@ -167,64 +168,40 @@ def _write_page(run: "Run", path: Path) -> Path:
     return path
 
 
-class _Show:
-    """Live progress on standard error: a bar, and a line for each cycle."""
+class _Turns:
+    """Progress of a run: its simulations, and a line for each cycle."""
 
-    def __init__(self, settings: "Settings", quiet: bool) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self.console = Console(stderr=True, quiet=quiet)
-        self.settings, self.start = settings, time.perf_counter()
-        self.base: int | None = None
-        self.bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[speed]}"),
-            TimeElapsedColumn(),
-            console=self.console,
-            transient=True,
-        )
-        self.task = self.bar.add_task("starting", total=settings.budget, speed="")
+    def __init__(self, live: Live, budget: int) -> None:
+        self.live, self.budget, self.cycles = live, budget, 0
+        self.begun: tuple[int, float] | None = None  # simulations, seconds
 
     def __call__(self, count: int) -> None:
         """Show the number of simulations so far."""
-        if self.base is None:
-            self.base, self.start = count, time.perf_counter()
-        rate = (count - self.base) / max(time.perf_counter() - self.start, 1e-3)
-        left = (self.settings.budget - count) / rate if rate > 0 else 0
-        self.bar.update(
-            self.task,
-            completed=count,
-            speed=f"{count:,} simulations, {rate:,.0f}/s, {max(left, 0):.0f} s left",
+        self.begun = self.begun or (count, self.live.seconds)
+        done, seconds = count - self.begun[0], self.live.seconds - self.begun[1]
+        rate = done / max(seconds, 1e-3)
+        left = max((self.budget - count) / rate, 0) if rate > 0 else 0
+        self.live.show(
+            f"cycle {self.cycles + 1}: {count:,} simulations, {rate:,.0f}/s, "
+            f"{left:.0f} s left",
+            count / self.budget,
         )
 
     def turn(self, run: "Run") -> None:
         """A line for the last cycle."""
+        from rich.text import Text
+
         from selfheal.robot.actions import spoken
 
-        cycle = run.cycles[-1]
+        cycle, self.cycles = run.cycles[-1], len(run.cycles)
         if run.result:
             return
         action = spoken(run.anatomy, run.actions[cycle.action])
-        self.bar.update(self.task, description=f"cycle {len(run.cycles)}")
-        self.console.print(
-            f"[bold]{len(run.cycles):>2}[/] {action}: {cycle.why}. "
-            f"Best error {cycle.tilt_error:.2f} deg, "
-            f"disagreement {cycle.disagreement:.1f} deg",
-            highlight=False,
+        told = (
+            f" {action}: {cycle.why}. Best error {cycle.tilt_error:.2f} deg, "
+            f"disagreement {cycle.disagreement:.1f} deg"
         )
-
-
-@contextmanager
-def _progress(settings: "Settings", quiet: bool) -> Iterator[_Show]:
-    """Progress while a run goes on."""
-    show = _Show(settings, quiet)
-    if quiet:
-        yield show
-        return
-    with show.bar:
-        yield show
+        self.live.say(Text.assemble((f"{self.cycles:>2}", "bold"), told))
 
 
 def _print_result(run: "Run", files: list[Path]) -> None:
@@ -250,7 +227,7 @@ def _print_result(run: "Run", files: list[Path]) -> None:
         table.add_row(*row)
     console.print(table)
     for line in _summary(run):
-        console.print(line, highlight=False)
+        console.print(line, highlight=False, soft_wrap=True)
     for file in files:
         console.print(os.fspath(file), highlight=False, soft_wrap=True)
 

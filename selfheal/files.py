@@ -1,12 +1,13 @@
-"""Files that are whole or absent: takes paths, gives safe places to write."""
+"""Files that are whole or absent: paths in; safe places to write, open runs out."""
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
-from .errors import InputError, SelfhealError
+from .errors import InputError, RunFileError, SelfhealError
 
 
 def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
@@ -82,6 +83,57 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise SelfhealError(f"cannot write {path}: {error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def open_run(
+    path: str | os.PathLike[str], what: str, *, form: str, version: int
+) -> Iterator[Any]:
+    """Open a run's HDF5 file and check that it is what its reader takes.
+
+    Args:
+        path: of the file.
+        what: such a file in words, "run file" say.
+        form: its attribute `format`.
+        version: its attribute `version`.
+
+    Yields:
+        The open file. What goes wrong with it, or lacks in it, until it is closed is a
+        `RunFileError`.
+
+    Raises:
+        RunFileError: missing, held by another process, truncated, of another format or
+            version, or damaged.
+    """
+    import h5py
+
+    path = Path(path)
+    if not path.is_file():
+        raise RunFileError(f"{path}: no such run file")
+    try:
+        with h5py.File(path, "r") as file:
+            _check_run(path, file.attrs, what, form, version)
+            yield file
+    except BlockingIOError as error:
+        raise RunFileError(f"{path}: another process holds it open") from error
+    except PermissionError as error:
+        raise RunFileError(f"{path}: it may not be read") from error
+    except OSError as error:
+        message = f"{path}: truncated, or not an HDF5 file: {error}"
+        raise RunFileError(message) from error
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise RunFileError(f"{path}: a damaged {what}: {error}") from error
+
+
+def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> None:
+    """Refuse a file of another format or version."""
+    found = attrs.get("format")
+    if found != form:
+        raise RunFileError(f"{path}: format {found!r}, not a {what} ({form!r})")
+    if (found := attrs["version"]) != version:
+        raise RunFileError(
+            f"{path}: {what} version {found}; this program reads version {version}"
+        )
 
 
 def _temporary(path: Path) -> Path:

@@ -15,6 +15,7 @@ from ..gait.synthesis import Gait, forward, judge, synthesize
 from ..recording import Recording
 from ..robot.base import Walker
 from .hypotheses import catalogue
+from .likely import likely
 from .monitor import baseline, watch
 from .probes import probes
 from .record import HealRun, HealSettings, Phase, gait_document, gait_of
@@ -176,8 +177,10 @@ class Phases:
             gait = gait_of(run.phases["gait"])
             actions = probes(gait, self.anatomy.joints)
             guesses = catalogue(self.anatomy, run.phases["alarm"]["angles"])
-            whole = run.phases["whole"]["felt"]
-            self.doubt = Doubt(self.plants[0], actions, guesses, whole)
+            walk, whole = actions[-1], run.phases["whole"]["felt"]
+            rng = np.random.default_rng([self.settings.seed, 21])
+            known = likely(self.plants[0], walk, whole, rng)
+            self.doubt = Doubt(self.plants[0], actions, guesses, known)
             for told in run.asked:
                 self.doubt.recall(Told(told["probe"], told["why"], told["values"]))
         return self.doubt
@@ -217,18 +220,31 @@ class Phases:
             for plant, weight in zip(self.plants, self.weights, strict=True):
                 plants.append(damaged(plant, damage_of(b)))
                 weights.append(b["probability"] * weight)
-        gait = self._best("healed", plants, weights, old)
+        gait = self._better("healed", plants, weights, old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": gait_document(gait), "kept": kept}
 
-    def _best(
+    def _better(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> Gait:
-        """The better of a new gait and the old one."""
+        """The better of a new gait and the old one, as the broken robot walks them."""
+        new, again = self._rivals(name, plants, weights, old)
+        if new.predicted <= again.predicted:
+            return again
+        way = []
+        for trial, gait in ((150, new), (151, old)):
+            self.progress(name, "trying it against the old one", 1.0)
+            path = position(self._move(self.robots.broken, gait, SECONDS, trial))
+            way.append(self._distance(path))
+        return new if way[0] >= way[1] else again
+
+    def _rivals(
+        self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
+    ) -> tuple[Gait, Gait]:
+        """A new gait and the old one, each with what is predicted of it."""
         seed = self.settings.seed + 1
         new = self._synthesize(name, plants, weights, seed, old)
-        again = judge(plants, old, weights=weights, seed=seed)
-        return new if new.predicted > again.predicted else again
+        return new, judge(plants, old, weights=weights, seed=seed)
 
     def _walked(self, done: Mapping[str, Phase]) -> Phase:
         """The old and the new gait on the broken robot."""
@@ -248,7 +264,8 @@ class Phases:
         if robot.truth is None:
             return {"distance": None}
         plant = damaged(rated(robot.truth), *self.settings.damage)
-        gait = self._best("known", [plant], [1.0], old)
+        rivals = self._rivals("known", [plant], [1.0], old)
+        gait = max(rivals, key=lambda gait: gait.predicted)
         path = position(self._move(robot, gait, SECONDS, 202))
         return {"gait": gait_document(gait), "distance": self._distance(path)}
 

@@ -8,14 +8,12 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..body.damage import Damage
-from ..errors import RunFileError
-from ..files import atomic_path
+from ..files import atomic_path, open_run
 from ..gait.synthesis import Gait
 
 FORMAT, VERSION = "selfheal-heal-run", 1
@@ -116,29 +114,15 @@ def load(path: str | os.PathLike[str]) -> HealRun:
     """Read a heal.
 
     Raises:
-        RunFileError: missing, truncated, no heal's file, or of another version.
+        RunFileError: missing, held by another process, truncated, no heal's file, or of
+            another version.
     """
-    import h5py
-
-    path = Path(path)
-    if not path.is_file():
-        raise RunFileError(f"{path}: no such run file")
-    try:
-        with h5py.File(path, "r") as file:
-            return _read(path, file)
-    except (OSError, KeyError, ValueError, TypeError) as error:
-        raise RunFileError(f"{path}: damaged, or no heal's file: {error}") from error
+    with open_run(path, "heal's file", form=FORMAT, version=VERSION) as file:
+        return _read(file)
 
 
-def _read(path: Path, file: Any) -> HealRun:
+def _read(file: Any) -> HealRun:
     """The heal in an open file."""
-    found = file.attrs.get("format")
-    if found != FORMAT:
-        raise RunFileError(f"{path}: format {found!r}, not a heal's file ({FORMAT!r})")
-    if (version := file.attrs["version"]) != VERSION:
-        raise RunFileError(
-            f"{path}: heal's file version {version}; this program reads {VERSION}"
-        )
     settings = json.loads(file.attrs["settings"])
     settings["damage"] = tuple(Damage(**d) for d in settings["damage"])
     phases = {}

@@ -17,7 +17,7 @@ import numpy as np
 from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
 from ..errors import RunFileError
-from ..files import atomic_path
+from ..files import atomic_path, open_run
 
 FORMAT, VERSION = "selfheal-run", 2
 
@@ -180,34 +180,12 @@ def load(path: str | os.PathLike[str]) -> Run:
         RunFileError: missing, held by another process, truncated, no run file, or of
             another version.
     """
-    import h5py
-
-    path = Path(path)
-    if not path.is_file():
-        raise RunFileError(f"{path}: no such run file")
-    try:
-        with h5py.File(path, "r") as file:
-            return _read(path, file)
-    except BlockingIOError as error:
-        raise RunFileError(f"{path}: another process holds it open") from error
-    except PermissionError as error:
-        raise RunFileError(f"{path}: it may not be read") from error
-    except OSError as error:
-        message = f"{path}: truncated, or not an HDF5 file: {error}"
-        raise RunFileError(message) from error
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
-        raise RunFileError(f"{path}: a damaged run file: {error}") from error
+    with open_run(path, "run file", form=FORMAT, version=VERSION) as file:
+        return _read(file)
 
 
-def _read(path: Path, file: Any) -> Run:
+def _read(file: Any) -> Run:
     """The run in an open file."""
-    found = file.attrs.get("format")
-    if found != FORMAT:
-        raise RunFileError(f"{path}: format {found!r}, not a run file ({FORMAT!r})")
-    if (version := file.attrs["version"]) != VERSION:
-        raise RunFileError(
-            f"{path}: run file version {version}; this program reads version {VERSION}"
-        )
     anatomy = _get(file["anatomy"], Anatomy)
     cycles = tuple(
         _get(group, Cycle, genomes=_get(group["genomes"], Genomes))
