@@ -121,7 +121,7 @@ def _strike(plants: Plants, row: int, damage: Damage) -> None:
                 for d in range(len(robot.motors))]  # fmt: skip
         plants.motor[row, lost] = 0.0
         # an angle sensor is lost with its joint; a touch sensor touches nothing
-        for d in np.flatnonzero(lost):
+        for d in np.flatnonzero(lost).tolist():
             angle = f"{robot.joint_of(d).name}_position"
             if angle in robot.sensors:
                 plants.sense[row, robot.sensors.index(angle)] = 0.0

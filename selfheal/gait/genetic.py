@@ -14,7 +14,8 @@ import numpy as np
 from ..body.body import Floats
 
 POPULATION, GENERATIONS, KEPT = 100, 30, 50
-_TOURNAMENT, _MUTATION, _PAIRS = 3, 0.01, 12
+MUTATION = 0.01  # chance of each value
+_TOURNAMENT, _PAIRS = 3, 12
 
 Score = Callable[[Floats], Floats]
 
@@ -60,7 +61,11 @@ def begin(
 
 
 def evolve(
-    pool: Pool, score: Score, rng: np.random.Generator, generations: int
+    pool: Pool,
+    score: Score,
+    rng: np.random.Generator,
+    generations: int,
+    mutation: float = MUTATION,
 ) -> Iterator[Pool]:
     """The population after each of so many more generations.
 
@@ -70,7 +75,7 @@ def evolve(
     known = {g.tobytes(): s for g, s in zip(pool.genomes, pool.scores, strict=True)}
     for _ in range(generations):
         kept = Pool(pool.genomes[:KEPT], pool.scores[:KEPT], pool.best, pool.asked)
-        new = children(kept.genomes, rng)
+        new = children(kept.genomes, rng, mutation)
         fresh = np.array([g for g in new if g.tobytes() not in known]).reshape(
             -1, new.shape[1]
         )
@@ -82,14 +87,14 @@ def evolve(
         yield pool
 
 
-def children(kept: Floats, rng: np.random.Generator) -> Floats:
-    """(POPULATION - KEPT, D) new genomes of those that were kept (KEPT, D), best first."""
+def children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
+    """(POPULATION - KEPT, D) new genomes of those kept (KEPT, D), best ones first."""
     count = POPULATION - KEPT
     # best first: the winner of a tournament is its lowest row
     winners = rng.integers(0, len(kept), (count, _TOURNAMENT)).min(axis=1)
     new = kept[winners]
-    struck = rng.random(new.shape) < _MUTATION
-    new = np.where(struck, draw(*new.shape, rng), new)
+    struck = rng.random(new.shape) < mutation
+    new = np.where(struck, draw(count, new.shape[1], rng), new)
     pairs = rng.permutation(count)[: 2 * _PAIRS].reshape(_PAIRS, 2)
     cuts = rng.integers(1, new.shape[1], _PAIRS)
     for (a, b), cut in zip(pairs, cuts, strict=True):

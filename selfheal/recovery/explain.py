@@ -25,9 +25,11 @@ Progress = Callable[[float], None]
 
 MOST = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
+_WIDE, _FEWER = 24, 0.7  # single ones whose values move, and how fast they get fewer
 _BEGINNING = 300  # steps on which hypotheses are compared while they grow; chosen
+_GLANCE, _SCREENED = 100, 200  # steps after which so many of a size are left; chosen
 _FINAL = 24  # hypotheses that are compared on whole series; chosen
-_TRIES = 3  # values of one hypothesis that are moved; chosen
+_TRIES = 2  # values of one hypothesis that are moved; chosen
 _ROUNDS = 10  # of smaller steps in values; chosen
 _SMALLER = 0.65  # a round's steps : those of the one before; chosen
 _WINDS = (3.0, 6.0, 10.0)  # [m/s], a breeze to a strong wind; chosen
@@ -52,10 +54,12 @@ class Belief:
     Attributes:
         hypotheses: H, the most likely first; () is "nothing".
         probability: (H).
+        scale: (T) of a sensor's residual at each time, see `spread`.
     """
 
     hypotheses: tuple[Hypothesis, ...]
     probability: Floats
+    scale: Floats
 
 
 @dataclass(frozen=True)
@@ -66,11 +70,13 @@ class _Seen:
         robot: as it was built.
         trials: so far.
         scale: (T) of a sensor's residual at each time.
+        before: (T, S) what the robot sensed in the first trial's place when whole.
     """
 
     robot: Legged
     trials: Sequence[Trial]
     scale: Floats
+    before: Floats
 
     def weigh(self, hypotheses: Sequence[Hypothesis], steps: int) -> Floats:
         """(H) log likelihood and prior [nats], by the first steps of each trial."""
@@ -78,9 +84,11 @@ class _Seen:
         total = np.array([-_EACH * len(h) for h in hypotheses])
         rows = steps // EVERY
         worth = 1 / (1 + np.arange(rows) * EVERY * 0.01 / _FADE)
-        for trial in self.trials:
+        for k, trial in enumerate(self.trials):
             weights = np.tile(trial.weights, (len(hypotheses), 1))
             drives = drive(plants, weights, steps)
+            if k == 0 and () in hypotheses:  # a whole robot does what it did
+                drives.sensed[hypotheses.index(())] = self.before[:rows]
             gap = (drives.sensed - trial.sensed[:rows]) / self.scale[:rows, None]
             fit = log_t(gap).sum(axis=2) @ worth / _ALIKE
             total += np.where(drives.failed, -np.inf, fit)
@@ -96,22 +104,30 @@ def spread(whole: Floats, predicted: Floats) -> Floats:
     """
     square = ((whole - predicted) ** 2).mean(axis=1)
     so_far = np.cumsum(square) / np.arange(1, len(square) + 1)
-    return np.maximum(np.sqrt(so_far), _LEAST)
+    return np.fmax(np.sqrt(so_far), _LEAST)  # a run that failed says nothing
 
 
 def explain(
-    robot: Legged, trials: Sequence[Trial], scale: Floats, progress: Progress
+    robot: Legged,
+    trials: Sequence[Trial],
+    before: Floats,
+    known: Sequence[Hypothesis],
+    progress: Progress,
 ) -> Belief:
     """How likely each damage is after trials.
 
     Args:
         robot: as it was built.
         trials: at least one.
-        scale: see `spread`.
+        before: (T, S) what the robot sensed under the first trial's controller when it
+            was whole.
+        known: what was believed before the last trial; if one of them still explains
+            all, there is nothing to look for.
         progress: told what share is done.
     """
-    seen = _Seen(robot, trials, scale)
-    weights: dict[Hypothesis, float] = {}
+    model = drive(damaged(robot, [()]), trials[0].weights[None])
+    seen = _Seen(robot, trials, spread(before, model.sensed[0]), before)
+    weights = _weighed(seen, list(dict.fromkeys([(), *known])))
     for size, grown in enumerate(_grow(seen, weights)):
         progress((size + 1) / (MOST + 2))
         if not grown:
@@ -121,23 +137,41 @@ def explain(
     chance = posterior(total)
     order = np.argsort(-chance, kind="stable")
     progress(1.0)
-    return Belief(tuple(best[k] for k in order), chance[order])
+    return Belief(tuple(best[k] for k in order), chance[order], seen.scale)
 
 
 def _grow(seen: _Seen, weights: dict[Hypothesis, float]) -> Iterator[bool]:
     """Add larger hypotheses to what is weighed, size by size; whether it helped."""
     beam: list[Hypothesis] = [()]
-    weights.update(_weighed(seen, beam))
-    for _ in range(MOST):
-        before = max(weights.values())
-        if before > -_EACH:  # all is explained: one more could not earn its place
+    coarse = singles(seen.robot)
+    fine = [d for c in coarse for d in _finely(c)]
+    for width in (_WIDE, *[_BEAM] * (MOST - 1)):
+        catalogue = fine if width == _WIDE else coarse
+        if _is_explained(weights):
             return
-        news = {essential(seen.robot, (*h, d)): None
-                for h in beam for d in singles(seen.robot) if _differs(h, d)}  # fmt: skip
-        level = _weighed(seen, [h for h in news if h not in weights])
-        beam = _refined(seen, level)
+        before = max(weights.values())
+        grown = (essential(seen.robot, (*h, d)) for h in beam for d in catalogue
+                 if _differs(h, d))  # fmt: skip
+        new = [h for h in dict.fromkeys(grown) if h not in weights]
+        level = _weighed(seen, _screened(seen, new))
+        if not _is_explained(level):
+            level |= _moved(seen, _varied(level, width, _TRIES))
+        beam = _varied(level, _BEAM, 1)
         weights.update(level)
         yield max(level.values()) > before
+
+
+def _is_explained(weights: dict[Hypothesis, float]) -> bool:
+    """Whether one more damage could not earn its place."""
+    best = max(weights, key=lambda h: weights[h])
+    return weights[best] > -_EACH * (len(best) + 1)
+
+
+def _screened(seen: _Seen, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that explain the first second of the trials best."""
+    weight = seen.weigh(hypotheses, _GLANCE)
+    order = np.argsort(-weight, kind="stable")[:_SCREENED]
+    return [hypotheses[k] for k in order]
 
 
 def _weighed(seen: _Seen, hypotheses: Sequence[Hypothesis]) -> dict[Hypothesis, float]:
@@ -146,33 +180,37 @@ def _weighed(seen: _Seen, hypotheses: Sequence[Hypothesis]) -> dict[Hypothesis, 
     return dict(zip(hypotheses, weight.tolist(), strict=True))
 
 
-def _refined(seen: _Seen, level: dict[Hypothesis, float]) -> list[Hypothesis]:
-    """The beam of a level, its values moved to where they explain most."""
-    top = _varied(level, _TRIES)
-    for k, part in enumerate(_SMALLER ** np.arange(_ROUNDS)):
-        near = dict.fromkeys(n for h in top for n in _near(h, part))
+def _moved(seen: _Seen, top: list[Hypothesis]) -> dict[Hypothesis, float]:
+    """Hypotheses whose values stand where they explain most, weighed."""
+    groups = len({_kinds(h) for h in top})
+    for part in _SMALLER ** np.arange(_ROUNDS):
+        near = list(dict.fromkeys(n for h in top for n in _near(h, part)))
         if not near:
-            break
-        steps = _BEGINNING * (k + 1) // _ROUNDS
-        moved = dict(zip(near, seen.weigh(list(near), steps).tolist(), strict=True))
-        top = _varied(moved, _TRIES)
-        # what no step can move stays in the beam by the level's own weights
-    level.update(_weighed(seen, [h for h in top if h not in level]))
-    return _varied(level, 1)
+            return {}
+        top = _varied(_weighed(seen, near), groups, _TRIES)
+        groups = max(_BEAM, round(groups * _FEWER))
+    return _weighed(seen, top)
 
 
-def _varied(weights: dict[Hypothesis, float], tries: int) -> list[Hypothesis]:
+def _varied(
+    weights: dict[Hypothesis, float], count: int, tries: int
+) -> list[Hypothesis]:
     """The best few, of those that differ in values alone at most so many.
 
     A change of the world alone always stays: coarse values of it explain little.
     """
     kept: dict[tuple[tuple[str, str], ...], list[Hypothesis]] = {}
     for h in sorted(weights, key=lambda h: -weights[h]):
-        alike = tuple((d.kind, d.target) for d in h)
-        if alike in kept or len(kept) < _BEAM or [t for _, t in alike] == ["world"]:
+        alike = _kinds(h)
+        if alike in kept or len(kept) < count or [t for _, t in alike] == ["world"]:
             kept.setdefault(alike, [])
             kept[alike] += [h] * (len(kept[alike]) < tries)
     return [h for several in kept.values() for h in several]
+
+
+def _kinds(hypothesis: Hypothesis) -> tuple[tuple[str, str], ...]:
+    """A hypothesis without its values."""
+    return tuple((d.kind, d.target) for d in hypothesis)
 
 
 def _near(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
@@ -191,8 +229,22 @@ def _near(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
 
 def _differs(hypothesis: Hypothesis, damage: Damage) -> bool:
     """Whether a damage is none that a hypothesis has already, with any value."""
-    there = {(d.kind, d.target) for d in hypothesis}
-    return (damage.kind, damage.target) not in there
+    return (damage.kind, damage.target) not in _kinds(hypothesis)
+
+
+def _finely(damage: Damage) -> Iterator[Damage]:
+    """A damage with the values about its own, half-way to its neighbors' and nearer.
+
+    Alone a damage is simulated often enough to be found by trying: where contacts
+    decide, a value that is a little wrong explains hardly more than one far off.
+    """
+    if damage.kind not in _STEPS:
+        yield damage
+        return
+    steps = _STEPS[damage.kind] * np.array((-1.0, -0.5, 0.0, 0.5, 1.0))
+    turns = np.array((0.0, _TURN)) * (damage.kind in ("slope", "wind"))
+    for step, turn in product(steps.tolist(), dict.fromkeys(turns.tolist())):
+        yield replace(damage, value=damage.value + step, azimuth=damage.azimuth + turn)
 
 
 def singles(robot: Legged) -> list[Damage]:

@@ -112,7 +112,7 @@ def write_phases(file: Any, phases: Mapping[str, Phase]) -> None:
 
 def read_phases(file: Any) -> dict[str, Phase]:
     """The phases that `write_phases` put there, in order."""
-    phases = {}
+    phases: dict[str, Phase] = {}
     for name, group in sorted(file.get("phases", {}).items()):
         told = json.loads(group["told"][()])
         arrays = {k: v[()] for k, v in group.items() if k != "told"}
@@ -140,4 +140,5 @@ def _read(file: Any) -> HealRun:
     """The heal in an open file."""
     settings = json.loads(file.attrs["settings"])
     settings["damage"] = tuple(Damage(**d) for d in settings["damage"])
-    return HealRun(HealSettings(**settings), read_phases(file), json.loads(file.attrs["result"]))
+    result = json.loads(file.attrs["result"])
+    return HealRun(HealSettings(**settings), read_phases(file), result)

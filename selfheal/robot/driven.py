@@ -9,13 +9,12 @@ from ..engine.reflex import Drives
 
 
 class Driven(Protocol):
-    """A robot that runs under neural controllers.
+    """A robot that runs under neural controllers."""
 
-    Attributes:
-        legged: its body as it was built.
-    """
-
-    legged: Legged
+    @property
+    def legged(self) -> Legged:
+        """Its body as it was built."""
+        ...
 
     def trials(self, weights: Floats) -> Drives:
         """Run from rest under controllers (N, synapses), one after the other.

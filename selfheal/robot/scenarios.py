@@ -36,7 +36,8 @@ def scenario(number: int, robot: Legged, seed: int) -> tuple[Damage, ...]:
         InputError: there is no such scenario.
     """
     if number not in SCENARIOS:
-        raise InputError(f"scenarios are 1 to {len(SCENARIOS)}, or all (1 to 10); not {number}")
+        said = f"scenarios are 1 to {len(SCENARIOS)}, or all (1 to 10); not {number}"
+        raise InputError(said)
     rng = np.random.default_rng([seed, number, 40])
     legs = [part.removesuffix("_lower") for part in robot.parts if "_lower" in part]
     one, two, three = (str(leg) for leg in rng.permutation(legs)[:3])

@@ -1,4 +1,4 @@
-"""A simulated legged robot: its damage, and how it differs from the model, are hidden."""
+"""A simulated legged robot: what broke, and how it differs from its model, hidden."""
 
 from dataclasses import dataclass, replace
 
