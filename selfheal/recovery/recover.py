@@ -146,8 +146,10 @@ class _Phases:
         phase = list(run.phases.values())[-1]
         believed = list(zip(hypotheses_of(phase), phase["probability"], strict=True))
         if self.settings.method == "ours":
-            searched = [p["pool"] for p in run.phases.values() if "pool" in p]
-            seeds = np.unique(np.concatenate([p[:_SEEDS] for p in searched]), axis=0)
+            searched = [p["pool"][:_SEEDS] for p in run.phases.values() if "pool" in p]
+            # every other search starts afresh: what crowds one basin leaves others out
+            afresh = len(searched) % 2 == 0
+            seeds = None if afresh else np.unique(np.concatenate(searched), axis=0)
             score = self._ways(_likely(believed))
             pool = self._search(name, score, rng, seeds, mutation=_MUTATION)
             pick, why = self._separating(pool, believed, phase["scale"], rng)
