@@ -99,7 +99,7 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     costly = [b for b in broken if b["cost"] > 0.2]
     missed = [b for b in costly if b["delay"] is None and not b["early"]]
     hours = sum(r["seconds"] for r in alarms.values()) / 3600
-    false = sum(r["false"] for r in alarms.values())
+    false, fallen = (sum(r[k] for r in alarms.values()) for k in ("false", "fallen"))
     told = [r for r in bodies if not _whole(r)]
     left = [r for r in worlds.values() if _whole(r)]
     errors = [r["length_error"] for r in bodies]

@@ -21,7 +21,7 @@ from _heal_page import write
 
 from selfheal.body.body import length_error
 from selfheal.engine.plant import damaged, rated
-from selfheal.engine.walk import channels_of, sensed
+from selfheal.engine.walk import channels_of, into_frame, sensed
 from selfheal.gait.believed import believed
 from selfheal.gait.pattern import pattern
 from selfheal.gait.synthesis import Gait, forward, synthesize, walk
@@ -31,7 +31,7 @@ from selfheal.recovery.monitor import baseline, watch
 from selfheal.recovery.phases import LEARNED, WATCHED, damage_of, robots_of
 from selfheal.recovery.record import HealRun, HealSettings, gait_of
 from selfheal.recovery.replayed import Tables, name_damage, tables
-from selfheal.recovery.senses import felt_over_time, position
+from selfheal.recovery.senses import felt_over_time, orientation, position
 from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw
 from selfheal.robot.actions import published
 from selfheal.robot.base import open_robot, walker
@@ -205,24 +205,28 @@ def _watched(k: int) -> dict[str, Any]:
     felt = felt_over_time(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
     known = baseline(felt, predicted[: len(felt)], gait.cycle, channels)
 
-    def seen(robot: Any, trial: int) -> Any:
+    def seen(robot: Any, trial: int) -> tuple[Any, bool]:
+        """The alarm, and whether the robot ended on its back."""
         move = robot.move(gait.commands(8, WATCHED), trial=trial)
-        return watch(felt_over_time(move, anatomy)[1], predicted, known, channels)
+        felt = felt_over_time(move, anatomy)[1]
+        fallen = bool(into_frame(orientation(move)[-1], np.array([0.0, 0, 1]))[2] < 0)
+        return watch(felt, predicted, known, channels).alarm, fallen
 
-    alarmed = [seen(hidden, trial).alarm for trial in range(1, 9)]
+    whole = [seen(hidden, trial) for trial in range(1, 9)]
     broken = []
     for trial, kinds in enumerate((BODY_KINDS, WORLD_KINDS), 20):
         damage = draw(anatomy, rng, (kinds[k % len(kinds)],))
         onset = float(rng.uniform(8, 20))
-        alarm = seen(hidden.struck((damage,), onset), trial).alarm
+        alarm, _ = seen(hidden.struck((damage,), onset), trial)
         early = alarm is not None and alarm.time < onset
         late = None if early or alarm is None else (alarm.time - onset) / gait.cycle
         ends = [position(robot.move(gait.commands(8), trial=30))[-1, 0]
                 for robot in (hidden, hidden.struck((damage,)))]  # fmt: skip
         broken.append({"damage": damage.document, "early": early, "delay": late,
                        "cost": float(1 - ends[1] / ends[0])})  # fmt: skip
-    times = [WATCHED if a is None else a.time for a in alarmed]
-    return {"false": sum(a is not None for a in alarmed), "broken": broken,
+    times = [alarm.time if alarm else WATCHED for alarm, _ in whole]
+    return {"false": sum(alarm is not None for alarm, _ in whole),
+            "fallen": sum(fell for alarm, fell in whole if alarm), "broken": broken,
             "seconds": float(sum(times) - 6.0 * len(times))}  # fmt: skip
 
 

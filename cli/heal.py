@@ -13,7 +13,7 @@ from ._progress import Live
 from ._runs import clear, fresh_folder, refuse_settings
 
 if TYPE_CHECKING:
-    from selfheal.recovery.record import HealRun, HealSettings
+    from selfheal.recovery.record import HealRun
     from selfheal.robot.base import Walker
     from selfheal.selfmodel.run import Run
 
@@ -41,11 +41,9 @@ def gait(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
-    from selfheal.gait.pattern import pattern
     from selfheal.recovery.stroll import stroll
 
-    pattern(gait)
-    _check(heading, seed)
+    _check(gait, heading, seed)
     found, robot = _identified(run)
     start = time.perf_counter()
     with Live("reading", quiet=as_json) as live:
@@ -104,8 +102,12 @@ def heal(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
+    import numpy as np
+
     from selfheal.errors import InputError
-    from selfheal.recovery.record import HealRun, load, save
+    from selfheal.files import check_writable_folder
+    from selfheal.recovery.record import HealRun, HealSettings, load, save
+    from selfheal.robot.accidents import accident
     from selfheal.selfmodel.run import held
 
     if (run is None) == (resume is None):
@@ -113,22 +115,25 @@ def heal(
     if resume is not None:
         refuse_settings(context)
         with held(resume):
-            _go(load(resume), resume, as_json)
+            begun = load(resume)
+            _go(begun, _identified(Path(begun.settings.run)), resume, as_json)
         return
     assert run is not None
     if damage is None:
         raise InputError("say what happens to the robot: --damage right_lower:0.1, say")
-    settings = _settings(run, damage, heading, gait, seed)
-    name = f"heal-{_identified(run)[1].name.replace(':', '-')}-{seed}"
-    from selfheal.files import check_writable_folder
-
+    _check(gait, heading, seed)
+    known = _identified(run)
+    what = accident(damage, known[0].anatomy)
+    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
+    settings = HealSettings(str(run), what, onset, gait, math.radians(heading), seed)
+    name = f"heal-{known[1].name.replace(':', '-')}-{seed}"
     folder = fresh_folder(name, force) if out is None else check_writable_folder(out)
     path = folder / "heal.h5"
     with held(path):
         clear(path, force, ("report.html",))
         begun = HealRun(settings)
         save(begun, path)
-        _go(begun, path, as_json)
+        _go(begun, known, path, as_json)
 
 
 def watch(
@@ -186,32 +191,16 @@ def _watched(episode: dict[str, Any]) -> str:
     )
 
 
-def _check(heading: float, seed: int) -> None:
-    """Refuse numbers that make no sense."""
+def _check(gait: str, heading: float, seed: int) -> None:
+    """Refuse a gait that is not known and numbers that make no sense."""
     from selfheal.errors import InputError
+    from selfheal.gait.pattern import pattern
 
+    pattern(gait)
     if not -360 <= heading <= 360:
         raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
     if seed < 0:
         raise InputError(f"the seed must not be negative; not {seed}")
-
-
-def _settings(
-    run: Path, damage: str, heading: float, gait: str, seed: int
-) -> "HealSettings":
-    """What a heal is asked to do, checked."""
-    import numpy as np
-
-    from selfheal.gait.pattern import pattern
-    from selfheal.recovery.record import HealSettings
-    from selfheal.robot.accidents import accident
-
-    pattern(gait)
-    _check(heading, seed)
-    anatomy = _identified(run)[0].anatomy
-    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
-    return HealSettings(str(run), accident(damage, anatomy), onset, gait,
-                        math.radians(heading), seed)  # fmt: skip
 
 
 def _identified(path: Path) -> tuple["Run", "Walker"]:
@@ -230,7 +219,9 @@ def _identified(path: Path) -> tuple["Run", "Walker"]:
     return run, walker(open_robot(s.robot, seed=s.seed, recordings=recordings))
 
 
-def _go(run: "HealRun", path: Path, as_json: bool) -> None:
+def _go(
+    run: "HealRun", known: tuple["Run", "Walker"], path: Path, as_json: bool
+) -> None:
     """Phase by phase to the end, saved after each; then the page."""
     from selfheal.gait.believed import believed
     from selfheal.recovery.heal import heal as phases
@@ -239,7 +230,7 @@ def _go(run: "HealRun", path: Path, as_json: bool) -> None:
     from selfheal.report.heal import heal_page
     from selfheal.report.page import write_page
 
-    found, robot = _identified(Path(run.settings.run))
+    found, robot = known
     models, weights = believed(found)
     robots = robots_of(robot, run.settings)
     with Live("reading", quiet=as_json) as live:
@@ -302,9 +293,10 @@ def _print_result(run: "HealRun", files: list[Path]) -> None:
 
     console, result = Console(), run.result
     table = Table("happened", "sure")
-    for believed in run.phases["verdict"]["believed"][:3]:
-        words = _hypothesis(believed).rpartition(" (")
-        table.add_row(words[0], words[2].rstrip(")"))
+    for k, believed in enumerate(run.phases["verdict"]["believed"]):
+        if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
+            words = _hypothesis(believed).rpartition(" (")
+            table.add_row(words[0], words[2].rstrip(")"))
     console.print(table)
     names = {"intact": "whole", "damaged": "broken, old gait", "healed": "broken, new",
              "best_known": "made knowing the damage"}  # fmt: skip

@@ -227,7 +227,7 @@ def _print_result(run: "Run", files: list[Path]) -> None:
         table.add_row(*row)
     console.print(table)
     for line in _summary(run):
-        console.print(line, highlight=False)
+        console.print(line, highlight=False, soft_wrap=True)
     for file in files:
         console.print(os.fspath(file), highlight=False, soft_wrap=True)
 

@@ -7,8 +7,11 @@ import pytest
 
 from selfheal.body.damage import INTACT, Damage
 from selfheal.recovery.belief import (
+    Candidate,
     Noise,
+    blurred,
     choose,
+    explained,
     log_likelihood,
     of_groups,
     posterior,
@@ -52,6 +55,35 @@ def test_a_reading_that_is_missing_counts_nothing():
     assert belief[0] > belief[1]
 
 
+def test_what_any_robot_that_it_may_be_shows_is_explained():
+    # of the first hypothesis the second robot shows it, of the second one none does
+    table = np.array([[[40.0, 0.0], [7.0, 7.0]], [[40.0, 0.0], [0.0, 40.0]]])
+    felt = explained(Candidate(table, np.ones(2)), np.array([7.0, 7.0]))
+    assert felt[0] == pytest.approx(-np.log(2), abs=1e-3)
+    assert felt[1] < felt[0] - 5
+
+
+def test_a_robot_that_could_not_be_simulated_explains_nothing():
+    table = np.array([[[np.nan], [1.0]], [[np.nan], [np.nan]]])
+    alone = explained(Candidate(table[:1, 1:], np.ones(1)), np.ones(1))
+    both = explained(Candidate(table, np.ones(1)), np.ones(1))
+    assert both == pytest.approx([alone[0] - np.log(2), -np.inf])
+
+
+def test_one_value_written_down_many_times_is_worth_one():
+    once = np.array([[[0.0]], [[4.0]]])
+    many = Candidate(np.repeat(once, 8, axis=2), np.ones(8), worth=1 / 8)
+    felt = np.array([1.0])
+    assert explained(many, np.repeat(felt, 8)) == pytest.approx(
+        explained(Candidate(once, np.ones(1)), felt)
+    )
+
+
+def test_an_unknown_drift_blurs_what_moves_with_it_alone():
+    slope = np.array([[0.0, 0.0], [3.0, 4.0]])
+    assert blurred(np.ones(2), slope, 2.0) == pytest.approx([1.0, np.sqrt(101)])
+
+
 def test_the_action_that_tells_groups_apart_is_chosen():
     group = np.array([0, 0, 1, 1])
     same, values, apart = (
@@ -60,8 +92,8 @@ def test_the_action_that_tells_groups_apart_is_chosen():
         [[0.0], [0], [9], [9]],
     )
     rng = np.random.default_rng(0)
-    best, left = choose([same, np.array(values), np.array(apart)], [np.ones(1)] * 3,
-                        np.zeros(4), group, rng)  # fmt: skip
+    shown = [Candidate(np.array(t)[:, None], np.ones(1)) for t in (same, values, apart)]
+    best, left = choose(shown, np.zeros(4), group, rng)
     assert best == 2
     assert left < 0.3
 

@@ -41,7 +41,19 @@ def test_a_name_that_is_not_there_is_refused_with_those_that_are(said, listed):
 
 
 @pytest.mark.parametrize(
-    "said", ["", "right_lower", "right_lower:9", "right_lower:x", "slope:", "random:x"]
+    "said",
+    [
+        *(
+            "",
+            ",",
+            "right_lower",
+            "right_lower:9",
+            "right_lower:x",
+            "right_lower:.1:.2",
+        ),
+        *("jam:left_hip:nan", "weak:left_hip:.5:.5", "loss:left_upper:3", "slope:"),
+        *("random:x", "random:1,dead:clearance", "loss:left_upper, loss:left_upper"),
+    ],
 )
 def test_what_makes_no_sense_is_refused(said):
     with pytest.raises(InputError):

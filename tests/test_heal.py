@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toys_heal import BODY, GENES, PLACEMENT, identified, robot, shorten
 from typer.testing import CliRunner
 
 from selfheal.body.damage import parse
-from selfheal.body.genome import from_tree
 from selfheal.body.mjcf import to_xml
 from selfheal.cli import app
 from selfheal.errors import InputError, RunFileError
-from selfheal.gait import synthesis
 from selfheal.gait.believed import believed
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import read, write
@@ -21,68 +20,21 @@ from selfheal.recovery.phases import robots_of
 from selfheal.recovery.record import HealSettings, load, save
 from selfheal.recovery.watched import watched
 from selfheal.report.heal import heal_page
-from selfheal.robot.actions import published
 from selfheal.robot.base import open_robot, walker
-from selfheal.selfmodel.loop import felt
-from selfheal.selfmodel.run import Cycle, Run, Settings
-from selfheal.selfmodel.run import save as save_run
-
-BODY = published()
-SEED = 7
-# a gait that `selfheal gait` found
-GENES = np.array(
-    [
-        -1.791,
-        -1.191,
-        -1.888,
-        -1.475,
-        -0.121,
-        -1.526,
-        0.175,
-        -0.645,
-        0.810,
-        0.060,
-        0.956,
-        -0.209,
-        0.488,
-        0.332,
-        0.038,
-        -0.095,
-        -1.332,
-        1.390,
-        0.477,
-        -1.344,
-        -0.198,
-        1.971,
-        -1.161,
-        -0.901,
-        2.712,
-    ]
-)
-PLACEMENT = np.array([0.125, 0.375, 0.625, 0.875, *4 * [0.375]])
 
 
 @pytest.fixture(scope="module", autouse=True)
 def short():
     """Searches that take a second, from a gait that walks."""
-    real = synthesis._random
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(synthesis, "_RUNGS", ((1, 2, 2.0),))
-        patch.setattr(synthesis, "_RANDOM", 2)
-        patch.setattr(synthesis, "_random", lambda search: 0 * real(search) + GENES)
-        patch.setattr(synthesis, "_STEP", 0.02)
-        patch.setattr(synthesis, "_AGAIN_STEP", 0.02)
+        shorten(patch.setattr)
         yield
-
-
-def _robot():
-    return walker(open_robot("starfish", seed=SEED))
 
 
 def _heal(said, run=None):
     damage = parse(said, BODY.anatomy)
     settings = HealSettings("run.h5", damage, 12.0, seed=1)
-    robots = robots_of(_robot(), settings)
+    robots = robots_of(robot(), settings)
     return list(heal(robots, BODY, np.ones(1), settings, run=run))
 
 
@@ -171,25 +123,9 @@ def test_a_file_that_is_no_heal_is_refused(tmp_path):
             load(tmp_path / name)
 
 
-def _identified(tmp_path, placement=PLACEMENT):
-    """The file of a run that ended with the right body, or one hung a bit askew."""
-    robot = _robot()
-    genomes = from_tree(BODY.anatomy, BODY.parent, placement)
-    cycles = tuple(
-        Cycle(a, "", felt(robot.act(a)), genomes, np.zeros((1, 36, 3)), np.zeros(1),
-              np.ones(8), 0.0, 0.0, 0, 0.0)
-        for a in (0, 9, 20, 30)
-    )  # fmt: skip
-    settings, done = Settings("starfish", seed=SEED), {"format": "selfheal-identify"}
-    run = Run(settings, BODY.anatomy, robot.actions, cycles, BODY, result=done)
-    path = tmp_path / "run.h5"
-    save_run(run, path)
-    return path, run
-
-
 def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):
     askew = PLACEMENT + 0.02
-    bodies, weights = believed(_identified(tmp_path, askew)[1])
+    bodies, weights = believed(identified(tmp_path, askew)[1])
     assert bodies.anchor[0] == pytest.approx(BODY.anchor[0], abs=1e-6)
     assert weights.sum() == pytest.approx(1)
 
@@ -199,7 +135,7 @@ def _run(*words):
 
 
 def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
-    path, _ = _identified(tmp_path)
+    path, _ = identified(tmp_path)
     dead, out = "left_hip_position", tmp_path / "h"
     made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")
     assert made.exit_code == 0, made.output
@@ -213,7 +149,7 @@ def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still
 
 
 def test_gait_on_the_command_line(tmp_path):
-    path, _ = _identified(tmp_path)
+    path, _ = identified(tmp_path)
     made = _run("gait", path, "--heading", 90, "--json")
     assert made.exit_code == 0, made.output
     told = json.loads(made.stdout)
@@ -238,27 +174,27 @@ def test_gait_on_the_command_line(tmp_path):
     ],
 )
 def test_what_makes_no_sense_is_refused(words, said, tmp_path):
-    path, _ = _identified(tmp_path)
+    path, _ = identified(tmp_path)
     made = _run(*(word.format(run=path) for word in words))
     assert made.exit_code == 2
     assert said in made.stderr and "Traceback" not in made.stderr
 
 
 def test_a_robot_that_only_answers_cannot_walk(shared_recordings):
-    robot = open_robot(
+    replayed = open_robot(
         "starfish-2006", recordings=shared_recordings / "starfish_2006" / "intact.h5"
     )
     with pytest.raises(InputError, match="cannot walk"):
-        walker(robot)
+        walker(replayed)
 
 
 @pytest.fixture(scope="module")
 def walks():
     """Recordings of 40 s: whole, and breaking after 25 s."""
     gait = Gait("waves", GENES, 0.0, 0.0, 0.0, 0.0, 0, 0)
-    robot, commands = _robot(), gait.commands(8, 40.0)
-    breaking = robot.struck(parse("left_lower:0.4", BODY.anatomy), 25.0)
-    return robot.move(commands), breaking.move(commands)
+    hidden, commands = robot(), gait.commands(8, 40.0)
+    breaking = hidden.struck(parse("left_lower:0.4", BODY.anatomy), 25.0)
+    return hidden.move(commands), breaking.move(commands)
 
 
 def test_watch_says_when_a_recording_stopped_fitting(walks):

@@ -20,13 +20,14 @@ KINDS = {
     "ground_friction": ("world", "sliding friction of the ground [1]"),
     "wind": ("world", "speed of a steady wind [m/s]"),
 }
+# a user's word: the kind, and how many things may follow it
 _WORDS = {
-    "loss": "limb_loss",
-    "jam": "joint_jam",
-    "weak": "weak_motor",
-    "dead": "sensor_dead",
-    "slope": "slope",
-    "friction": "ground_friction",
+    "loss": ("limb_loss", 1),
+    "jam": ("joint_jam", 2),
+    "weak": ("weak_motor", 2),
+    "dead": ("sensor_dead", 1),
+    "slope": ("slope", 2),
+    "friction": ("ground_friction", 1),
 }
 _USAGE = (
     "PART:SCALE, loss:PART, jam:JOINT[:DEGREES], weak:ACTUATOR:FACTOR, dead:SENSOR, "
@@ -104,18 +105,24 @@ def parse(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     words = [word.strip() for word in text.split(",") if word.strip()]
     if not words:
         raise InputError(f"no damage given; say {_USAGE}")
-    return tuple(_one(word, anatomy) for word in words)
+    found = tuple(_one(word, anatomy) for word in words)
+    for k, word in enumerate(words):
+        same = [(d.kind, d.target) == (found[k].kind, found[k].target) for d in found]
+        if sum(same) > 1:
+            raise InputError(f"damage {word!r}: the same is said twice")
+    return found
 
 
 def _one(word: str, anatomy: Anatomy) -> Damage:
     """The damage of one word."""
-    kind, *rest = word.split(":")
-    if kind not in _WORDS:
-        if len(rest) != 1:
-            raise InputError(f"damage {word!r} is not understood; say {_USAGE}")
-        target = _target("body", kind, anatomy.parts)
-        return Damage("part_scale", target, _number(word, rest[0], 0.05, 2.0))
-    kind, rest = _WORDS[kind], rest or [""]
+    first, *rest = word.split(":")
+    kind, most = _WORDS.get(first, ("part_scale", 1))
+    if len(rest) > most or (kind == "part_scale" and not rest):
+        raise InputError(f"damage {word!r} is not understood; say {_USAGE}")
+    rest = rest or [""]
+    if kind == "part_scale":
+        target = _target("body", first, anatomy.parts)
+        return Damage(kind, target, _number(word, rest[0], 0.05, 2.0))
     if kind == "limb_loss":
         return Damage(kind, _target("body", rest[0], anatomy.parts))
     if kind == "sensor_dead":
@@ -140,7 +147,7 @@ def _target(what: str, name: str, valid: tuple[str, ...]) -> str:
     if what == "actuator" and f"{name}_servo" in valid:
         name = f"{name}_servo"
     if name not in valid:
-        raise UnknownNameError(what, name, valid)
+        raise UnknownNameError("part" if what == "body" else what, name, valid)
     return f"{what}:{name}"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from .body import Anatomy, Bodies, Floats
 
-_GRAVITY = 9.81  # [m/s^2]
+GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
 
 
@@ -189,7 +189,7 @@ def to_walker(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
     spec = to_spec(body, 0, physics)
     tilt, azimuth = slope
     downhill = np.sin(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
-    spec.option.gravity = _GRAVITY * np.array([*downhill, -np.cos(tilt)])
+    spec.option.gravity = GRAVITY * np.array([*downhill, -np.cos(tilt)])
     for servo, limit in zip(spec.actuators, torque, strict=True):
         servo.forcelimited, servo.forcerange = True, [-limit, limit]
     for sensor in list(spec.sensors):

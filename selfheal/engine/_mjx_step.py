@@ -5,13 +5,13 @@ import functools
 import io
 from typing import Any, NamedTuple
 
+from ..body.mjcf import GRAVITY
 from ._jax import prepare_jax
 
 CONTACTS = 8  # lowest spheres that may push; chosen: 12 and 24 agree no better
 NEWTON = 2  # solver iterations a step; chosen: 20 agree no better
 LINE_SEARCH = 4  # line search iterations in each; chosen: 20 agree no better
 FRICTION = 1.0  # [1] as mjcf.Physics
-GRAVITY = 9.81  # [m/s^2] MuJoCo's default
 
 
 class State(NamedTuple):

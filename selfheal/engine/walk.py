@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..body.body import Anatomy, Floats
+from ..body.damage import sensors_of
 from ._jax import cores
 from .plant import Plant, set_points
 from .readings import TOUCH_HEIGHT
@@ -200,12 +201,10 @@ class Channels:
 
 def channels_of(anatomy: Anatomy) -> Channels:
     """Two tilts, clearance, joint angles, touches, position."""
-    angles = [f"{joint}_position" for joint in anatomy.joints]
-    touch = [f"{anatomy.parts[f - 1]}_touch" for f in anatomy.feet]
-    names = ["tilt left/right", "tilt forward/back", "clearance", *angles, *touch]
-    sensors = ["vertical", "vertical", "clearance", *angles, *touch]
-    both = ["torso_position", "torso_position"]
-    return Channels((*names, "x", "y"), (*sensors, *both))
+    vertical, *others = sensors_of(anatomy)
+    names = ("tilt left/right", "tilt forward/back", *others, "x", "y")
+    place = ["torso_position", "torso_position"]
+    return Channels(names, (vertical, vertical, *others, *place))
 
 
 def sensed(walks: Walks, plants: Sequence[Plant]) -> Floats:

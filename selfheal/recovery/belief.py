@@ -2,7 +2,8 @@
 
 A residual is Student's t about a drift: every joint's zero may have moved a little, the
 same in every action. So a drift in many readings does not outvote a few large changes,
-and one odd reading does not outvote all others.
+and one odd reading does not outvote all others. Values that change together count as
+the few independent ones that they are worth.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from ..body.body import Floats, Ints
 from .student import FREEDOM, log_t
 
 _ROUNDS = 6  # of the drift's fit
-_DRAWS = 48  # outcomes imagined of each candidate action; chosen
+_DRAWS = 96  # outcomes imagined of each candidate action; chosen
 
 
 @dataclass(frozen=True)
@@ -81,9 +82,47 @@ def entropy(probability: Floats) -> Floats:
     return -(p * np.log(p)).sum(axis=-1)
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """What an action would show.
+
+    Attributes:
+        table: (H, K, M) values by each hypothesis and each of K robots that it may be;
+            NaN where the simulation failed.
+        scale: (M) of their residuals.
+        worth: share of the values that tell something of their own.
+    """
+
+    table: Floats
+    scale: Floats
+    worth: float = 1.0
+
+
+def explained(candidate: Candidate, felt: Floats) -> Floats:
+    """(..., H) log likelihood of values felt (..., M), by whichever robot it may be.
+
+    -inf where no robot could be simulated.
+    """
+    z = (felt[..., None, None, :] - candidate.table) / candidate.scale
+    failed = (np.isnan(z) & ~np.isnan(felt[..., None, None, :])).any(axis=-1)
+    fit = np.where(failed, -np.inf, candidate.worth * log_t(z).sum(axis=-1))
+    with np.errstate(divide="ignore"):
+        return np.logaddexp.reduce(fit, axis=-1) - np.log(fit.shape[-1])
+
+
+def blurred(scale: Floats, slope: Floats, drift: float) -> Floats:
+    """(M) scale of residuals where the drift is not known yet.
+
+    Args:
+        scale: (M) without it.
+        slope: (M, D) see `log_likelihood`.
+        drift: see `Noise`.
+    """
+    return np.sqrt(scale**2 + drift**2 * (np.nan_to_num(slope) ** 2).sum(axis=-1))
+
+
 def choose(
-    tables: Sequence[Floats],
-    scales: Sequence[Floats],
+    candidates: Sequence[Candidate],
     log_weight: Floats,
     group: Ints,
     rng: np.random.Generator,
@@ -91,9 +130,7 @@ def choose(
     """The action after which the damage can be expected to be known best.
 
     Args:
-        tables: (H, M) values that each hypothesis predicts, for each candidate action;
-            NaN counts nothing.
-        scales: (M) of their residuals, for each candidate action.
+        candidates: actions.
         log_weight: (H) belief so far.
         group: (H) hypotheses of one group need not be told apart.
         rng: draws the outcomes that are imagined.
@@ -103,11 +140,11 @@ def choose(
     """
     truth = rng.choice(len(group), size=_DRAWS, p=posterior(log_weight))
     members = np.eye(group.max() + 1)[group]
-    expected = np.empty(len(tables))
-    for k, (table, scale) in enumerate(zip(tables, scales, strict=True)):
-        z = table / scale
-        outcome = z[truth] + rng.standard_t(FREEDOM, size=(_DRAWS, len(scale)))
-        weight = log_weight + log_t(outcome[:, None] - z[None]).sum(axis=2)
+    expected = np.empty(len(candidates))
+    for k, c in enumerate(candidates):
+        robot = rng.integers(c.table.shape[1], size=_DRAWS)
+        noise = rng.standard_t(FREEDOM, size=(_DRAWS, len(c.scale)))
+        weight = log_weight + explained(c, c.table[truth, robot] + c.scale * noise)
         weight = np.exp(weight - weight.max(axis=1, keepdims=True))
         share = weight @ members
         expected[k] = entropy(share / share.sum(axis=1, keepdims=True)).mean()

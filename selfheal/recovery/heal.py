@@ -53,7 +53,8 @@ def _result(run: HealRun, robot: str) -> dict[str, Any]:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
-    keys = ("time", "sensor", "p_value")
+    told = alarm and {"time": round(alarm["time"], 3), "sensor": alarm["sensor"],
+                      "p_value": alarm["p_value"]}  # fmt: skip
     shown = [{k: v for k, v in b.items() if k != "azimuth"}
              for b in p["verdict"]["believed"]]  # fmt: skip
     known = p["known"]["distance"]
@@ -66,7 +67,7 @@ def _result(run: HealRun, robot: str) -> dict[str, Any]:
         "robot": robot,
         "seed": settings.seed,
         "damage": [d.document for d in settings.damage],
-        "alarm": {k: alarm[k] for k in keys} if alarm else None,
+        "alarm": told,
         "hypotheses": shown,
         "actions": len(run.asked),
         "distance": rounded,

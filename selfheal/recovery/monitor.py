@@ -73,7 +73,8 @@ class Baseline:
     Attributes:
         mean: (QUARTERS, C) and
         spread: (C) of the windows' residuals.
-        still: (QUARTERS, C) how often a channel stood still in a window.
+        still: (QUARTERS, C) cycles in which a channel stood still in this quarter, of
+        cycles: so many.
         common: mean and spread of the misfit of all channels in a window.
         cycle: [s] of the gait.
     """
@@ -81,6 +82,7 @@ class Baseline:
     mean: Floats
     spread: Floats
     still: Floats
+    cycles: int
     common: tuple[float, float]
     cycle: float
 
@@ -133,8 +135,7 @@ def baseline(
     misfit = -log_t(apart).sum(axis=2).ravel()
     common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
     calm = _still(sensed, cycle)[_skipped(cycle) :][:full].reshape(folded.shape)
-    still = (calm.sum(axis=0) + 0.5) / (n + 1)
-    return Baseline(mean, spread, still, common, cycle)
+    return Baseline(mean, spread, calm.sum(axis=0), n, common, cycle)
 
 
 def _still(sensed: Floats, cycle: float) -> np.ndarray:
@@ -142,6 +143,34 @@ def _still(sensed: Floats, cycle: float) -> np.ndarray:
     edges = _edges(len(sensed), cycle)
     pairs = zip(edges, edges[1:], strict=False)
     return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairs])
+
+
+def _unmoved(still: np.ndarray, known: Baseline) -> Floats:
+    """(W, C) [nats] how unlikely it is that a channel of a whole robot stands still.
+
+    Of a channel that changes in every window, as a noisy one does, each window counts.
+    Of another only the quarter of each cycle in which it changes most often does: a
+    foot that does not lift once is still in several quarters. The learned windows are
+    few, so those in which it stood still just before count as learned too (the
+    predictive of Jeffreys' prior): the second is less of a surprise than the first.
+
+    Args:
+        still: (W, C) of windows that begin at a cycle's first quarter.
+        known: how it was.
+
+    Returns:
+        0 where a window does not count, -inf where a channel does not stand still.
+    """
+    noisy, quarter = known.still.max(axis=0) == 0, known.still.argmin(axis=0)
+    before = known.still.min(axis=0)
+    of = known.cycles * np.where(noisy, QUARTERS, 1)
+    out, lately = np.where(still, 0.0, -np.inf), np.zeros(still.shape[1])
+    for k, now in enumerate(still):
+        counts = now & (noisy | (quarter == k % QUARTERS))
+        rare = np.log((of + lately + 1) / (before + lately + 0.5))
+        out[k, counts] = rare[counts]
+        lately = np.where(now, lately + counts, 0.0)
+    return out
 
 
 def _skipped(cycle: float) -> int:
@@ -227,8 +256,7 @@ def watch(
     each = log_t(z / _WIDE) - np.log(_WIDE) - log_t(z)
     middle, width = known.common
     common = np.minimum((-log_t(z).sum(axis=1) - middle) / width, _MOST)
-    calm = _still(sensed, known.cycle)[skip:]
-    dead = np.where(calm, -np.log(known.still[phase]), -np.inf)
+    dead = _unmoved(_still(sensed, known.cycle)[skip:], known)
     sums = _cusum(np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2]))
     end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
     limit = threshold(known.cycle, channels)

@@ -15,6 +15,7 @@ from ..gait.synthesis import Gait, forward, judge, synthesize
 from ..recording import Recording
 from ..robot.base import Walker
 from .hypotheses import catalogue
+from .likely import likely
 from .monitor import baseline, watch
 from .probes import probes
 from .record import HealRun, HealSettings, Phase, gait_document, gait_of
@@ -176,8 +177,10 @@ class Phases:
             gait = gait_of(run.phases["gait"])
             actions = probes(gait, self.anatomy.joints)
             guesses = catalogue(self.anatomy, run.phases["alarm"]["angles"])
-            whole = run.phases["whole"]["felt"]
-            self.doubt = Doubt(self.plants[0], actions, guesses, whole)
+            walk, whole = actions[-1], run.phases["whole"]["felt"]
+            rng = np.random.default_rng([self.settings.seed, 21])
+            known = likely(self.plants[0], walk, whole, rng)
+            self.doubt = Doubt(self.plants[0], actions, guesses, known)
             for told in run.asked:
                 self.doubt.recall(Told(told["probe"], told["why"], told["values"]))
         return self.doubt

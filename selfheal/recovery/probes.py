@@ -123,18 +123,6 @@ def _sources(probe: Probe, channels: Channels) -> list[str]:
     return [*(s for kind, s in kinds if kind == "angle"), *sensors[:-2]]
 
 
-def walk_bias(plant: Plant, probe: Probe, felt: Floats) -> Floats:
-    """(M) by which a walk of the whole robot, channels (S, C), is off its prediction.
-
-    What makes this robot walk otherwise than its self-model is there before a damage
-    and after it.
-    """
-    names = channels_of(plant.body.anatomy).names
-    samples = round(len(probe.commands) * PERIOD / SAMPLE)
-    whole = values(probe, felt[:samples], names)
-    return whole - predict([plant], probe, np.zeros(len(whole)))[0]
-
-
 def plants_of(plant: Plant, damages: Sequence[Damage]) -> list[Plant]:
     """The plant after each of several damages."""
     return [damaged(plant, damage) for damage in damages]
@@ -155,11 +143,10 @@ def guess(plants: Sequence[Plant], probe: Probe) -> Floats:
     names = channels_of(plants[0].body.anatomy)
     targets = np.tile(probe.target, (len(plants), 1))
     three, touch = _at_rest(plants, targets)
-    slope = np.degrees(np.stack([p.slope for p in plants]))
-    tilt, azimuth = slope[:, 0], np.radians(slope[:, 1])
+    tilt, azimuth = np.stack([p.slope for p in plants]).T
     # a level torso on a slope: its tilt is the slope's
-    three[:, 0] += tilt * np.sin(azimuth)
-    three[:, 1] -= tilt * np.cos(azimuth)
+    three[:, 0] += np.degrees(tilt) * np.sin(azimuth)
+    three[:, 1] -= np.degrees(tilt) * np.cos(azimuth)
     jam = np.stack([p.jam for p in plants])
     angles = np.where(np.isnan(jam), targets, jam)
     speed = np.stack([p.speed for p in plants])

@@ -12,8 +12,19 @@ from ..body.body import Floats, Ints
 from ..body.damage import Damage
 from ..engine.plant import Plant
 from ..engine.walk import channels_of
-from .belief import Noise, choose, entropy, log_likelihood, of_groups, posterior
+from .belief import (
+    Candidate,
+    Noise,
+    blurred,
+    choose,
+    entropy,
+    explained,
+    log_likelihood,
+    of_groups,
+    posterior,
+)
 from .hypotheses import finer, groups, log_prior
+from .likely import Likely, predict_walk
 from .probes import (
     DRIFT,
     Probe,
@@ -23,7 +34,6 @@ from .probes import (
     scale_of,
     slopes,
     values,
-    walk_bias,
 )
 
 SURE = 0.95  # of one kind and target: enough to act on; chosen
@@ -57,14 +67,14 @@ class Doubt:
         plant: the robot as it was.
         probes: actions it may take.
         damages: H hypotheses.
-        whole: (S, C) channels of a walk while the robot was whole.
+        likely: robots that walk as it did while it was whole.
         told: actions so far.
     """
 
     plant: Plant
     probes: list[Probe]
     damages: list[Damage]
-    whole: Floats
+    likely: Likely
     told: list[Told] = field(default_factory=list)
     _plants: list[Plant] = field(default_factory=list)
     _tables: dict[int, Floats] = field(default_factory=dict)
@@ -75,23 +85,38 @@ class Doubt:
         """Lay out the hypotheses' plants."""
         self._plants = plants_of(self.plant, self.damages)
         self._names = channels_of(self.plant.body.anatomy).names
-        walk = next(p for p in self.probes if p.target is None)
-        self._bias = walk_bias(self.plant, walk, self.whole)
+        self._blurs = [
+            blurred(scale_of(p, self._names), slopes([self.plant], p)[0], DRIFT)
+            for p in self.probes
+        ]
 
     def log_weight(self) -> Floats:
         """(H) belief, from the prior and all that was felt."""
-        prior = log_prior(self.damages)
-        if not self.told:
-            return prior
-        tried = [t.probe for t in self.told]
+        weight = log_prior(self.damages)
+        poses = [t for t in self.told if not self._is_walk(t.probe)]
+        for told in self.told:
+            if self._is_walk(told.probe):
+                shown = self._candidate(told.probe, self._tables)
+                weight = weight + explained(shown, told.felt)
+        if not poses:
+            return weight
+        tried = [t.probe for t in poses]
         scale = [scale_of(self.probes[k], self._names) for k in tried]
-        fit = log_likelihood(
-            np.concatenate([self._tables[k] for k in tried], axis=1),
+        return weight + log_likelihood(
+            np.concatenate([self._tables[k][:, 0] for k in tried], axis=1),
             np.concatenate([self._slopes[k] for k in tried], axis=1),
-            np.concatenate([t.felt for t in self.told]),
+            np.concatenate([t.felt for t in poses]),
             Noise(np.concatenate(scale), DRIFT),
         )
-        return prior + fit
+
+    def _is_walk(self, probe: int) -> bool:
+        """Whether a probe is a walk."""
+        return self.probes[probe].target is None
+
+    def _candidate(self, probe: int, tables: dict[int, Floats]) -> Candidate:
+        """What a probe would show."""
+        worth = self.likely.worth if self._is_walk(probe) else 1.0
+        return Candidate(tables[probe], self._blurs[probe], worth)
 
     def choose(self, rng: np.random.Generator) -> tuple[int, float] | None:
         """The next probe's index, and the entropy expected after it [nats].
@@ -104,9 +129,8 @@ class Doubt:
         for k in left:
             self._extend(self._guesses, k, self._quick)
         weight, group = self.log_weight(), self._open()
-        scales = [scale_of(self.probes[k], self._names) for k in left]
-        tables = [self._guesses[k] for k in left]
-        best, expected = choose(tables, scales, weight, group, rng)
+        candidates = [self._candidate(k, self._guesses) for k in left]
+        best, expected = choose(candidates, weight, group, rng)
         now = entropy(of_groups(posterior(weight), group))
         if len(self.told) > _FEWEST and now - expected < _WORTH:
             return None
@@ -125,28 +149,30 @@ class Doubt:
         kind = self.verdict()[0][0].kind
         return kind == "part_scale" and len(self.told) < _SIZED
 
-    def _quick(self, plants: list[Plant], probe: Probe) -> Floats:
-        """(H, M) what plants are guessed to show."""
+    def _quick(self, first: int, probe: Probe) -> Floats:
+        """(H - first, K, M) what hypotheses from `first` on are guessed to show."""
         if probe.target is not None:
-            return guess(plants, probe)
-        return self._exact(plants, probe)
+            return guess(self._plants[first:], probe)[:, None]
+        return self._exact(first, probe)
 
-    def _exact(self, plants: list[Plant], probe: Probe) -> Floats:
-        """(H, M) what plants show."""
-        bias = self._bias if probe.target is None else np.zeros(1)
-        return predict(plants, probe, bias)
+    def _exact(self, first: int, probe: Probe) -> Floats:
+        """(H - first, K, M) what hypotheses from `first` on show; of a pose K is 1."""
+        if probe.target is None:
+            return predict_walk(self.likely, self.damages[first:], probe)
+        return predict(self._plants[first:], probe, np.zeros(1))[:, None]
+
+    def _slope(self, first: int, probe: Probe) -> Floats:
+        """(H - first, M, P + 1) see `slopes`."""
+        return slopes(self._plants[first:], probe)
 
     def _extend(
-        self,
-        tables: dict[int, Floats],
-        k: int,
-        how: Callable[[list[Plant], Probe], Floats],
+        self, tables: dict[int, Floats], k: int, how: Callable[[int, Probe], Floats]
     ) -> None:
         """Complete a table of a probe for hypotheses that are new."""
         old = tables.get(k)
         known = 0 if old is None else len(old)
         if known < len(self._plants):
-            new = how(self._plants[known:], self.probes[k])
+            new = how(known, self.probes[k])
             tables[k] = new if old is None else np.concatenate([old, new])
 
     def observe(self, probe: int, why: str, sensed: Floats) -> None:
@@ -160,7 +186,7 @@ class Doubt:
         if self.probes[told.probe].target is None and told.probe in self._guesses:
             self._tables[told.probe] = self._guesses[told.probe]  # exact as it is
         self._extend(self._tables, told.probe, self._exact)
-        self._extend(self._slopes, told.probe, slopes)
+        self._extend(self._slopes, told.probe, self._slope)
         self._refine(3)
 
     def polish(self) -> None:
@@ -176,7 +202,7 @@ class Doubt:
         self._plants += plants_of(self.plant, new)
         for told in self.told:
             self._extend(self._tables, told.probe, self._exact)
-            self._extend(self._slopes, told.probe, slopes)
+            self._extend(self._slopes, told.probe, self._slope)
         return bool(new)
 
     def verdict(self) -> list[tuple[Damage, float]]:

@@ -15,7 +15,7 @@ from ..engine.plant import damaged, rated
 from ..engine.statics import Statics
 from ..robot.base import Robot
 from ..selfmodel.loop import felt
-from .belief import Noise, choose, log_likelihood, posterior
+from .belief import Candidate, Noise, blurred, choose, log_likelihood, posterior
 from .hypotheses import groups
 from .probes import DRIFT, EDGE, NUDGE, TILT
 
@@ -91,8 +91,10 @@ def name_damage(
     while len(tried) < len(known.felt):
         left = np.setdiff1d(np.arange(len(known.felt)), tried)
         if chosen and tried:
-            candidates = [known.predicted[:, a] for a in left]
-            pick, _ = choose(candidates, [scale] * len(left), weight, group, rng)
+            blur = [blurred(scale, known.slope[0, a], DRIFT) for a in left]
+            candidates = [Candidate(known.predicted[:, None, a], b)
+                          for a, b in zip(left, blur, strict=True)]  # fmt: skip
+            pick, _ = choose(candidates, weight, group, rng)
             tried.append(int(left[pick]))
         else:
             tried.append(int(rng.choice(left)))

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.mjcf import GRAVITY
 from ..engine.plant import rated
 from ..gait.believed import believed
 from ..gait.pattern import SECONDS
@@ -11,8 +12,6 @@ from ..gait.synthesis import Progress, forward, synthesize, walk
 from ..robot.base import Walker
 from ..selfmodel.run import Run
 from .senses import position
-
-_GRAVITY = 9.81  # [m/s^2]
 
 
 def stroll(
@@ -47,7 +46,7 @@ def stroll(
     energy = float(walk(plants[:1], gait).energy[0])
     a = run.anatomy
     mass = a.torso_mass + float(np.sum(models.mass[0]) + np.sum(a.block_mass))
-    cost = energy / (mass * _GRAVITY * max(gait.predicted, 1e-3))
+    cost = energy / (mass * GRAVITY * max(gait.predicted, 1e-3))
     return {
         "format": "selfheal-gait",
         "version": 1,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import Bodies, Floats, concatenate
 from ..engine.plant import damaged, rated
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
@@ -19,6 +19,7 @@ from .picture import BLUE, GREEN, INK, MUTED, ORANGE, WIDTH, figure, style
 
 _COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 _ROWS = round(SECONDS / SAMPLE)
+_SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
 
 def heal_page(run: HealRun, models: Bodies) -> str:
@@ -130,8 +131,9 @@ def _bodies(run: HealRun, before: Bodies, after: Bodies) -> Section:
     """The body before and after."""
     from matplotlib.figure import Figure
 
-    camera = from_behind(before)
-    half = window(before, camera)
+    both = concatenate(before, after)
+    camera = from_behind(both)
+    half = window(both, camera)
     fig = Figure(figsize=(WIDTH, WIDTH * half[1] / (2 * half[0])))
     ax = fig.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
@@ -165,7 +167,7 @@ def _alarm(run: HealRun) -> Section:
     phase = run.phases["alarm"]
     time, sums, limit = phase["time"], phase["sums"], phase["threshold"]
     fig = Figure(figsize=(WIDTH, 3.0))
-    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
+    ax = fig.add_axes((0.07, 0.16, 0.68, 0.78))
     ax.plot(time, sums[:, :-1], color=MUTED, lw=0.7, alpha=0.6)
     ax.plot(time, sums[:, -1], color=BLUE, lw=1.6, label="all channels together")
     ax.plot([], [], color=MUTED, lw=0.7, label="each channel")
@@ -178,7 +180,7 @@ def _alarm(run: HealRun) -> Section:
     ax.set_ylim(0, 3 * limit)
     ax.set_xlabel("time [s]")
     ax.set_ylabel("misfit [nats]")
-    ax.legend(loc="upper left")
+    ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     words = "No sum passed the threshold." if not alarm else (
         f"Alarm at {alarm['time']:.1f} s, by {alarm['sensor']}; a whole robot would "
         f"raise one as clear by then with a chance of {alarm['p_value']:.1g}."
@@ -198,19 +200,24 @@ def _hypotheses(run: HealRun) -> Section:
         return Section("What it took the damage for", ("It asked for nothing.",))
     rows = []
     for k, phase in enumerate(asked, 1):
-        believed = [_spoken(b) for b in phase["believed"][:3]]
+        believed = [_spoken(b) for b in phase["believed"] if b["probability"] >= _SAID]
         rows.append((str(k), phase["why"], ", ".join(believed)))
     head = ("", "action", "believed after it")
-    final = [(str(damage_of(b)), f"{100 * b['probability']:.1f} %")
+    final = [(str(damage_of(b)), _percent(b["probability"]))
              for b in run.phases["verdict"]["believed"]]  # fmt: skip
     end = table(("in the end", "sure"), final, "lr")
     asking = table(head, rows, "rll")
     return Section("What it took the damage for", (asking, _beliefs(asked), end))
 
 
+def _percent(share: float) -> str:
+    """A probability in words; one that is next to none is not said to be none."""
+    return "< 0.1 %" if share < 0.001 else f"{100 * share:.1f} %"
+
+
 def _spoken(believed: Mapping[str, Any]) -> str:
     """A hypothesis with its probability."""
-    return f"{damage_of(believed)} {100 * believed['probability']:.0f} %"
+    return f"{damage_of(believed)} ({100 * believed['probability']:.0f} %)"
 
 
 def _beliefs(asked: list[Mapping[str, Any]]) -> Html:

@@ -43,17 +43,9 @@ class Lane:
 
 def _matrix(quat: Floats) -> Floats:
     """(3, 3) of a unit quaternion w x y z."""
-    w, x, y, z = quat
-    return np.array(
-        [[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]]
-    )  # fmt: skip
+    from scipy.spatial.transform import Rotation
 
-
-def _about(axis: Floats, angle: float) -> Floats:
-    """(3, 3) turn about a unit axis."""
-    return _matrix(np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis)]))
+    return Rotation.from_quat(quat, scalar_first=True).as_matrix()
 
 
 def skeleton(
@@ -70,16 +62,18 @@ def skeleton(
     Returns:
         (P, 2, 3) joint and tip of each part [m], world frame.
     """
+    from scipy.spatial.transform import Rotation
+
+    heading = Rotation.from_rotvec(body.heading[0][:, None] * [0.0, 0, 1])
+    bend = Rotation.from_rotvec(body.axis[0] * np.asarray(angles)[:, None])
+    own = (heading * bend).as_matrix()
     turns, spots = [_matrix(orientation)], [np.asarray(position, float)]
     ends = []
     for i in range(body.anatomy.size):
         up = int(body.parent[0, i])
-        heading = _about(np.array([0.0, 0, 1]), float(body.heading[0, i]))
-        own = turns[up] @ heading @ _about(body.axis[0, i], float(angles[i]))
-        joint = spots[up] + turns[up] @ body.anchor[0, i]
-        turns.append(own)
-        spots.append(joint)
-        ends.append([joint, joint + own[:, 0] * body.length[0, i]])
+        turns.append(turns[up] @ own[i])
+        spots.append(spots[up] + turns[up] @ body.anchor[0, i])
+        ends.append([spots[-1], spots[-1] + turns[-1][:, 0] * body.length[0, i]])
     return np.array(ends)
 
 

@@ -23,7 +23,9 @@ def accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     if kind != "random":
         return parse(text, anatomy)
     if not seed.isdecimal():
-        raise InputError(f"random damage takes a seed, as random:7; not {text!r}")
+        raise InputError(
+            f"random damage takes a seed and stands alone, as random:7; not {text!r}"
+        )
     rng = np.random.default_rng([int(seed), 6])
     return (draw(anatomy, rng, BODY_KINDS + WORLD_KINDS),)
 

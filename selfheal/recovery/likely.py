@@ -1,0 +1,78 @@
+"""Likely robots: a walk of the whole robot in, robots that walk as it did out.
+
+How a broken robot walks, and whether it tips, depends on friction, delay, play and
+strength that nobody measured. So a walk is predicted for several robots that walk as
+the whole one did, and may have been any of them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Floats
+from ..body.damage import Damage
+from ..engine.plant import Plant, damaged
+from ..engine.walk import PERIOD, SAMPLE, channels_of
+from ..gait.synthesis import unlike
+from .probes import Probe, predict, scale_of, values
+from .student import log_t
+
+_DRAWN, _KEPT = 64, 3  # robots that are tried and kept; chosen
+
+
+@dataclass(frozen=True)
+class Likely:
+    """Robots that it may be.
+
+    Attributes:
+        plants: K.
+        bias: (K, M) by which a walk of the whole robot is off their predictions.
+        worth: share of a walk's M values that tell something of their own.
+    """
+
+    plants: tuple[Plant, ...]
+    bias: Floats
+    worth: float
+
+
+def likely(
+    plant: Plant, probe: Probe, felt: Floats, rng: np.random.Generator
+) -> Likely:
+    """Robots that walk as the whole one did.
+
+    Args:
+        plant: what it is believed to be.
+        probe: a walk.
+        felt: (S, C) channels of the whole robot, walking so for as long or longer.
+        rng: draws what else it may be.
+    """
+    names = channels_of(plant.body.anatomy).names
+    plants = [plant, *(unlike(plant, rng) for _ in range(_DRAWN))]
+    scale = scale_of(probe, names)
+    whole = values(probe, felt[: round(len(probe.commands) * PERIOD / SAMPLE)], names)
+    told = predict(plants, probe, np.zeros(len(scale)))
+    failed = np.isnan(told).any(axis=1)
+    fit = np.where(failed, -np.inf, log_t((told - whole) / scale).sum(axis=1))
+    best = np.argsort(-fit, kind="stable")[:_KEPT]
+    bias = whole - told[best]
+    return Likely(tuple(plants[k] for k in best), bias, _worth(told[~failed] / scale))
+
+
+def _worth(told: Floats) -> float:
+    """How many independent values (N, M) are worth, as a share of M.
+
+    The participation ratio of their correlations: whether a robot tips, say, changes
+    all of its values at once.
+    """
+    varies = told[:, told.std(axis=0) > 0]
+    together = np.corrcoef(varies, rowvar=False)
+    return float(varies.shape[1] / np.sum(together**2))
+
+
+def predict_walk(known: Likely, damages: list[Damage], probe: Probe) -> Floats:
+    """(H, K, M) values of a walk of every likely robot after every damage."""
+    return np.stack(
+        [predict([damaged(plant, d) for d in damages], probe, bias)
+         for plant, bias in zip(known.plants, known.bias, strict=True)],
+        axis=1,
+    )  # fmt: skip

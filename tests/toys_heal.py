@@ -1,0 +1,79 @@
+"""A hidden robot, a run that found its body, and searches that take a second."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from selfheal.body.genome import from_tree
+from selfheal.gait import synthesis
+from selfheal.recovery import likely
+from selfheal.robot.actions import published
+from selfheal.robot.base import Walker, open_robot, walker
+from selfheal.selfmodel.loop import felt
+from selfheal.selfmodel.run import Cycle, Run, Settings, save
+
+BODY = published()
+SEED = 7
+# a gait that `selfheal gait` found
+GENES = np.array(
+    [
+        -1.791,
+        -1.191,
+        -1.888,
+        -1.475,
+        -0.121,
+        -1.526,
+        0.175,
+        -0.645,
+        0.810,
+        0.060,
+        0.956,
+        -0.209,
+        0.488,
+        0.332,
+        0.038,
+        -0.095,
+        -1.332,
+        1.390,
+        0.477,
+        -1.344,
+        -0.198,
+        1.971,
+        -1.161,
+        -0.901,
+        2.712,
+    ]
+)
+PLACEMENT = np.array([0.125, 0.375, 0.625, 0.875, *4 * [0.375]])
+
+
+def shorten(patch: Callable[[object, str, object], None]) -> None:
+    """Make searches short, from a gait that walks, by `setattr` or one that undoes."""
+    real = synthesis._random
+    patch(synthesis, "_RUNGS", ((1, 2, 2.0),))
+    patch(synthesis, "_RANDOM", 2)
+    patch(synthesis, "_random", lambda search: 0 * real(search) + GENES)
+    patch(synthesis, "_STEP", 0.02)
+    patch(synthesis, "_AGAIN_STEP", 0.02)
+    patch(likely, "_KEPT", 1)
+
+
+def robot() -> Walker:
+    """The hidden robot."""
+    return walker(open_robot("starfish", seed=SEED))
+
+
+def identified(folder: Path, placement: np.ndarray = PLACEMENT) -> tuple[Path, Run]:
+    """The file of a run that ended with the right body, or one hung a bit askew."""
+    hidden = robot()
+    genomes = from_tree(BODY.anatomy, BODY.parent, placement)
+    cycles = tuple(
+        Cycle(a, "", felt(hidden.act(a)), genomes, np.zeros((1, 36, 3)), np.zeros(1),
+              np.ones(8), 0.0, 0.0, 0, 0.0)
+        for a in (0, 9, 20, 30)
+    )  # fmt: skip
+    settings, done = Settings("starfish", seed=SEED), {"format": "selfheal-identify"}
+    run = Run(settings, BODY.anatomy, hidden.actions, cycles, BODY, result=done)
+    save(run, folder / "run.h5")
+    return folder / "run.h5", run
