@@ -19,7 +19,7 @@ from selfheal.gait import genetic
 from selfheal.gait.genetic import KEPT, POPULATION, begin, draw, evolve
 from selfheal.recovery import explain as ours
 from selfheal.recovery.estimate import Trial, decode, explained
-from selfheal.recovery.explain import explain
+from selfheal.recovery.explain import Belief, explain
 from selfheal.recovery.recover import named, recover
 from selfheal.recovery.recover_run import METHODS, RecoverSettings, load, save
 from selfheal.report.recover import recover_page
@@ -382,3 +382,17 @@ def test_a_file_of_something_else_is_refused(tmp_path):
 
 def test_samples_are_whole_steps():
     assert reflex.STEPS % EVERY == 0
+
+
+def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):
+    doubt = [(DEAF,), (JAM,)]
+
+    def torn(robot, trials, before, known, progress):
+        return Belief(tuple(doubt), np.array([0.5, 0.5]), np.full(200, 0.05))
+
+    monkeypatch.setattr("selfheal.recovery.recover.explain", torn)
+    run = _steps(_settings(trials=1))[-1]
+    assert run.phases["explore-1"]["why"] == "separates 2 hypotheses"
+    drives = drive(damaged(QUADRUPED, doubt),
+                   np.tile(run.phases["explore-1"]["weights"], (2, 1)))  # fmt: skip
+    assert np.abs(drives.sensed[0] - drives.sensed[1]).max() > 0.1

@@ -18,7 +18,7 @@ from ..body.legged import essential
 from ..engine.reflex import Drives, damaged, drive
 from ..gait.genetic import KEPT, MUTATION, Pool, Score, begin, evolve
 from ..robot.driven import Driven
-from .belief import choose
+from .belief import Candidate, choose
 from .estimate import GENES, VALUES, Hypothesis, decode, explained
 from .explain import explain
 from .record import Phase
@@ -37,7 +37,7 @@ _SUITED = 3  # hypotheses that a controller has to suit; chosen
 # A trial that separates hypotheses is one of so many controllers, of which none is
 # predicted to lose more than this share of the best one's way; chosen
 _CANDIDATES, _WORTH, _DOUBTS = 12, 0.7, 8
-_THIN = 10  # samples of a series for one that is compared in choosing; chosen
+_THIN = 10  # samples of a series for one that is compared in choosing: half a second
 
 Progress = Callable[[str, str, float], None]
 
@@ -229,11 +229,11 @@ class _Phases:
         said = [h for _ in good for h, _ in doubts]
         drives = self._drive(said, np.repeat(pool.genomes[good], len(doubts), axis=0))
         thin = drives.sensed[:, ::_THIN]
-        tables = thin.reshape(len(good), len(doubts), -1)
+        tables = thin.reshape(len(good), len(doubts), 1, -1)
         spreads = np.repeat(scale[::_THIN], thin.shape[2])
         weight = np.log(np.maximum([p for _, p in doubts], 1e-300))
-        pick, _ = choose(list(tables), [spreads] * len(good), weight,
-                         np.arange(len(doubts)), rng)  # fmt: skip
+        actions = [Candidate(table, spreads) for table in tables]
+        pick, _ = choose(actions, weight, np.arange(len(doubts)), rng)
         return int(good[pick]), f"separates {len(doubts)} hypotheses"
 
 
