@@ -104,7 +104,7 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
 def _cells(records: Records, title: str, words: str) -> Section:
     """A row a run."""
     rows = []
-    for r in records.values():
+    for r in sorted(records.values(), key=_order):
         d = r["distance"]
         walked = ", ".join("failed" if w is None else f"{w:.2f}" for w in r["walked"])
         named = {True: "yes", False: "no", None: ""}[r["named"]]
@@ -113,6 +113,11 @@ def _cells(records: Records, title: str, words: str) -> Section:
                      f"{d['damaged'] or 0:.2f}", walked, f"{_ratio(r):.2f}",
                      f"{r['cpu_seconds']:.0f}"))  # fmt: skip
     return Section(title, words if rows else "Not run.", _HEAD, rows)
+
+
+def _order(record: Mapping[str, Any]) -> tuple[bool, int, int]:
+    """Where a run stands in a table."""
+    return record["robot"] == "hexapod", record["scenario"], record["seed"]
 
 
 def _words(damages: Sequence[Mapping[str, Any]]) -> str:
@@ -187,7 +192,7 @@ def _speed(records: Records) -> Section:
         each = [f"{1 / r[k]['cpu']:.0f}" for k in ("plain", "batch", "search")]
         rows.append((r["robot"], r["cores"], *each))
     head = ("robot", "cores", "plain MuJoCo, network in numpy", "one batch of 100",
-            "a search of 10 generations")  # fmt: skip
+            "a whole search")  # fmt: skip
     words = (
         "Evaluations of 1,000 steps in a second of CPU, each way in turn. A search "
         "counts what the algorithm asks for: copies have been scored already."

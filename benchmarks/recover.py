@@ -20,7 +20,14 @@ from _recover_reference import plain_way
 
 from selfheal.body.legged import LEGGED, legged
 from selfheal.engine.reflex import drive, whole
-from selfheal.gait.genetic import begin, draw, evolve
+from selfheal.gait.genetic import (
+    GENERATIONS,
+    KEPT,
+    POPULATION,
+    begin,
+    draw,
+    evolve,
+)
 from selfheal.recovery.recover import named, recover
 from selfheal.recovery.recover_run import RecoverSettings
 from selfheal.robot.scenarios import SCENARIOS, TABLE, scenario
@@ -118,10 +125,11 @@ def _speed(name: str, seed: int) -> dict[str, Any]:
             return drive(whole(robot, len(asked)), asked).way
 
         pool = begin(robot.synapses, score, rng)
-        *_, pool = evolve(pool, score, rng, 9)
+        *_, pool = evolve(pool, score, rng, GENERATIONS - 1)
         spent["asked"] = pool.asked
 
-    timed("search", 100 + 9 * 50, search)
+    new = POPULATION - KEPT
+    timed("search", POPULATION + (GENERATIONS - 1) * new, search)
     return spent
 
 
