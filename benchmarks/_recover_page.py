@@ -143,6 +143,7 @@ def _needs(known: Mapping[str, Records]) -> list[str]:
     found = []
     for ours, control in _pairs(known):
         goal = min(ours["distance"]["healed"], control["distance"]["healed"])
+        goal -= 1e-3  # records are rounded
         mine = 1 + int(np.argmax([(w or -np.inf) >= goal for w in ours["walked"]]))
         turn = int(np.argmax(np.array(control["best"]) >= goal))
         # the 50 that were kept are run first, then 50 in each generation
