@@ -6,7 +6,8 @@ import os
 import platform
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
 from importlib.metadata import version
@@ -18,7 +19,9 @@ from scipy.stats import binomtest
 from selfheal.files import atomic_path
 
 ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
 INTACT = ROOT.parent / "shared" / "recordings" / "starfish_2006" / "intact.h5"
+Plays = Iterable[tuple[str, Callable[[], dict[str, Any]]]]
 _LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
 
 
@@ -49,6 +52,30 @@ def parser(text: str) -> argparse.ArgumentParser:
         help="results go to ROOT/benchmarks/results and ROOT/docs/results",
     )
     return made
+
+
+def records(benchmark: str, suite: str) -> dict[str, dict[str, Any]]:
+    """What is known of a suite of a benchmark: key -> what came of it."""
+    file = RESULTS / f"{benchmark}-{suite}.jsonl"
+    if not file.is_file():
+        return {}
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    return {line.pop("key"): line for line in lines}
+
+
+def complete(benchmark: str, suite: str, plays: Plays) -> None:
+    """Play what is not known yet of a suite, writing each down as it ends."""
+    done = records(benchmark, suite)
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    for key, play in plays:
+        if key in done:
+            continue
+        start, cpu = time.perf_counter(), time.process_time()
+        record = {"key": key, **play(), "cpu_seconds": time.process_time() - cpu}
+        with (RESULTS / f"{benchmark}-{suite}.jsonl").open("a") as out:
+            out.write(json.dumps(record) + "\n")
+        spent = time.perf_counter() - start
+        print(f"{suite} {key}: {spent:.1f} s", file=sys.stderr)
 
 
 def cores() -> int:

@@ -8,8 +8,6 @@ what is there already; `page` makes docs/results/heal.md of them. Seeds are 5000
 development used seeds below 5000.
 """
 
-import json
-import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -18,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import INTACT, ROOT, parser
+from _common import INTACT, complete, parser, records
 from _heal_page import write
 
 from selfheal.body.body import length_error
@@ -42,7 +40,6 @@ from selfheal.robot.replay import replay
 FIRST = 5000
 ROBOTS = 2  # hidden robots of `heals`, each identified once
 REMARKS = Path(__file__).with_name("_heal_remarks.md")
-RESULTS = ROOT / "benchmarks" / "results"
 
 
 def real(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
@@ -248,15 +245,6 @@ SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 30),
           "worlds": (worlds, 20)}  # fmt: skip
 
 
-def records(suite: str) -> dict[str, dict[str, Any]]:
-    """What is known of a suite."""
-    file = RESULTS / f"heal-{suite}.jsonl"
-    if not file.is_file():
-        return {}
-    lines = [json.loads(line) for line in file.read_text().splitlines()]
-    return {line.pop("key"): line for line in lines}
-
-
 def main() -> None:
     """Play a suite, or make the page."""
     options = parser(__doc__ or "")
@@ -265,26 +253,11 @@ def main() -> None:
     chosen = options.parse_args()
     for name in chosen.suites:
         if name == "page":
-            known = {suite: records(suite) for suite in SUITES}
+            known = {suite: records("heal", suite) for suite in SUITES}
             write(chosen.root, known, REMARKS.read_text())
         else:
-            _complete(name, chosen.count)
-
-
-def _complete(name: str, wanted: int) -> None:
-    """Play what is not known yet of a suite, writing each down as it ends."""
-    suite, count = SUITES[name]
-    done = records(name)
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    for key, play in suite(wanted or count):
-        if key in done:
-            continue
-        start, cpu = time.perf_counter(), time.process_time()
-        record = {"key": key, **play(), "cpu_seconds": time.process_time() - cpu}
-        with (RESULTS / f"heal-{name}.jsonl").open("a") as out:
-            out.write(json.dumps(record) + "\n")
-        spent = time.perf_counter() - start
-        print(f"{name} {key}: {spent:.1f} s", file=sys.stderr)
+            suite, count = SUITES[name]
+            complete("heal", name, suite(chosen.count or count))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import typer
 
 from selfheal import __version__
 
-from . import diagnose, heal, identify, recording
+from . import diagnose, heal, identify, recording, recover
 from ._errors import Group
 
 # rich_markup_mode: rich's help pages would double the time to the first line
@@ -24,6 +24,7 @@ app.command()(identify.robots)
 app.command()(heal.gait)
 app.command()(heal.heal)
 app.command()(heal.watch)
+app.command()(recover.recover)
 app.command()(diagnose.diagnose)
 app.command()(diagnose.replay)
 app.command()(diagnose.effects)

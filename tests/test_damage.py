@@ -19,7 +19,8 @@ def test_every_kind_can_be_said():
         "dead:clearance, slope:8:90, friction:0.2"
     )
     kinds = [damage.kind for damage in parse(said, ANATOMY)]
-    assert sorted(kinds) == sorted(set(KINDS) - {"none"})
+    legged = {"weak_sensor", "neuron_dead", "wind"}  # struck by `robot.scenarios`
+    assert sorted(kinds) == sorted(set(KINDS) - {"none"} - legged)
 
 
 def test_an_actuator_may_be_named_by_its_joint():

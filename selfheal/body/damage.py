@@ -14,8 +14,11 @@ KINDS = {
     "joint_jam": ("joint", "a joint stands still at this angle [rad]"),
     "weak_motor": ("actuator", "factor on a motor's torque and speed [1]"),
     "sensor_dead": ("sensor", "a sensor reads this for ever; value 0"),
+    "weak_sensor": ("sensor", "factor on what a sensor reads [1]"),
+    "neuron_dead": ("neuron", "a hidden neuron gives this for ever; value 0"),
     "slope": ("world", "the ground tilts by this angle [rad]"),
     "ground_friction": ("world", "sliding friction of the ground [1]"),
+    "wind": ("world", "speed of a steady wind [m/s]"),
 }
 # a user's word: the kind, and how many things may follow it
 _WORDS = {
@@ -38,9 +41,10 @@ class Damage:
 
     Attributes:
         kind: a name of `KINDS`.
-        target: "body:NAME", "joint:NAME", "actuator:NAME", "sensor:NAME" or "world".
+        target: "body:NAME", "joint:NAME", "actuator:NAME", "sensor:NAME",
+            "neuron:NUMBER" or "world".
         value: what `KINDS` says.
-        azimuth: of a slope, downhill direction from +x toward +y [rad].
+        azimuth: downhill of a slope, or where a wind blows to, from +x toward +y [rad].
     """
 
     kind: str
@@ -69,8 +73,11 @@ class Damage:
             "joint_jam": f"{name} jammed at {math.degrees(value):.0f} deg",
             "weak_motor": f"{name} at {value:.2f} of its strength",
             "sensor_dead": f"sensor {name} dead",
+            "weak_sensor": f"sensor {name} at {value:.2f}",
+            "neuron_dead": f"hidden neuron {name} dead",
             "slope": f"slope of {math.degrees(value):.0f} deg",
             "ground_friction": f"ground friction {value:.2f}",
+            "wind": f"wind of {value:.0f} m/s",
         }[self.kind]
 
 

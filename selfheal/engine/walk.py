@@ -19,7 +19,7 @@ PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulati
 SAMPLE = 0.05  # [s] between readings; chosen
 _EVERY = round(SAMPLE / PERIOD)
 _CHUNK = 64  # simulations in memory at once; chosen
-_FASTEST = 50.0  # [rad/s or m/s] what moves faster has diverged; chosen
+FASTEST = 50.0  # [rad/s or m/s] what moves faster has diverged; chosen
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _compiled(plant: Plant):
 
     from ..body.mjcf import to_walker
 
-    mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
+    ignore_warnings()
     jammed = ~np.isnan(plant.jam)
     torque = np.where(jammed, 100.0, plant.torque)  # a jam gives way to nothing
     model = to_walker(plant.body, plant.physics, torque, plant.slope).compile()
@@ -93,8 +93,15 @@ def _compiled(plant: Plant):
     return model
 
 
+def ignore_warnings() -> None:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT here; what diverged shows as NaN."""
+    import mujoco
+
+    mujoco.set_mju_user_warning(_ignore)
+
+
 def _ignore(message: str) -> None:
-    """MuJoCo's warnings: a diverged simulation shows as NaN and is counted."""
+    """What is done with a warning of MuJoCo's."""
 
 
 def _start(model, count: int) -> tuple[Floats, Floats]:
@@ -134,7 +141,7 @@ def _walks(plants, model, states, sensors, points, steps) -> Walks:
     names = plants[0].body.anatomy.joints
     at = np.array([model.joint(name).qposadr[0] for name in names])
     failed = ~np.isfinite(seen).all(axis=(1, 2)) | (
-        np.nan_to_num(np.abs(v), nan=np.inf).max(axis=(1, 2)) > _FASTEST
+        np.nan_to_num(np.abs(v), nan=np.inf).max(axis=(1, 2)) > FASTEST
     )
     # work between samples, from the servo's law
     fine = states[:, steps - 1 :: steps]

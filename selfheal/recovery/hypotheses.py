@@ -10,8 +10,8 @@ from ..body.damage import INTACT, Damage, sensors_of
 
 _SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5)  # paper A: 0.1 to 2
 _JAMS = np.radians(np.arange(-60, 61, 20.0))
-_STRENGTHS = (0.15, 0.3, 0.45, 0.6, 0.75)
-_SLOPES, _AZIMUTHS = np.radians((5.0, 10.0, 15.0)), np.radians(np.arange(0, 360, 45.0))
+STRENGTHS = (0.15, 0.3, 0.45, 0.6, 0.75)
+_SLOPES, AZIMUTHS = np.radians((5.0, 10.0, 15.0)), np.radians(np.arange(0, 360, 45.0))
 _FRICTIONS = (0.05, 0.1, 0.2, 0.3)
 # Prior of each kind, spread evenly over its targets; chosen: an alarm is seldom false,
 # and nothing else is likelier than another.
@@ -43,12 +43,17 @@ def catalogue(anatomy: Anatomy, angles: Floats) -> list[Damage]:
         *(Damage("part_scale", part, s) for part in parts for s in _SCALES),
         *(Damage("limb_loss", part) for part in parts),
         *(Damage("joint_jam", joint, angle) for joint, angle in joints),
-        *(Damage("weak_motor", servo, s) for servo in servos for s in _STRENGTHS),
+        *(Damage("weak_motor", servo, s) for servo in servos for s in STRENGTHS),
         *(Damage("sensor_dead", f"sensor:{name}") for name in sensors_of(anatomy)),
-        *(Damage("slope", "world", float(s), float(a)) for s in _SLOPES
-          for a in _AZIMUTHS),
-        *(Damage("ground_friction", "world", f) for f in _FRICTIONS),
+        *grounds(),
     ]  # fmt: skip
+
+
+def grounds() -> list[Damage]:
+    """What the ground may have become, coarsely."""
+    slopes = [Damage("slope", "world", float(s), float(a)) for s in _SLOPES
+              for a in AZIMUTHS]  # fmt: skip
+    return [*slopes, *(Damage("ground_friction", "world", f) for f in _FRICTIONS)]
 
 
 def groups(damages: Sequence[Damage]) -> tuple[list[tuple[str, str]], Ints]:

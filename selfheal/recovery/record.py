@@ -94,15 +94,30 @@ def save(run: HealRun, path: str | os.PathLike[str]) -> None:
         file.attrs.update(format=FORMAT, version=VERSION)
         file.attrs["settings"] = json.dumps(asdict(run.settings))
         file.attrs["result"] = json.dumps(dict(run.result))
-        for k, (name, phase) in enumerate(run.phases.items()):
-            group = file.create_group(f"phases/{k:03d} {name}")
-            plain = {}
-            for key, value in phase.items():
-                if isinstance(value, np.ndarray):
-                    group[key] = value
-                else:
-                    plain[key] = value
-            group["told"] = json.dumps(plain, default=_plain)
+        write_phases(file, run.phases)
+
+
+def write_phases(file: Any, phases: Mapping[str, Phase]) -> None:
+    """Put phases into an open run file: arrays as datasets, all else as JSON."""
+    for k, (name, phase) in enumerate(phases.items()):
+        group = file.create_group(f"phases/{k:03d} {name}")
+        plain = {}
+        for key, value in phase.items():
+            if isinstance(value, np.ndarray):
+                group[key] = value
+            else:
+                plain[key] = value
+        group["told"] = json.dumps(plain, default=_plain)
+
+
+def read_phases(file: Any) -> dict[str, Phase]:
+    """The phases that `write_phases` put there, in order."""
+    phases: dict[str, Phase] = {}
+    for name, group in sorted(file.get("phases", {}).items()):
+        told = json.loads(group["told"][()])
+        arrays = {k: v[()] for k, v in group.items() if k != "told"}
+        phases[name.partition(" ")[2]] = {**told, **arrays}
+    return phases
 
 
 def _plain(value: Any) -> Any:
@@ -125,9 +140,5 @@ def _read(file: Any) -> HealRun:
     """The heal in an open file."""
     settings = json.loads(file.attrs["settings"])
     settings["damage"] = tuple(Damage(**d) for d in settings["damage"])
-    phases = {}
-    for name, group in sorted(file.get("phases", {}).items()):
-        told = json.loads(group["told"][()])
-        arrays = {k: v[()] for k, v in group.items() if k != "told"}
-        phases[name.partition(" ")[2]] = {**told, **arrays}
-    return HealRun(HealSettings(**settings), phases, json.loads(file.attrs["result"]))
+    result = json.loads(file.attrs["result"])
+    return HealRun(HealSettings(**settings), read_phases(file), result)

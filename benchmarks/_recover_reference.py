@@ -1,0 +1,29 @@
+"""The outside reference of `recover.py`: plain MuJoCo and a network, step by step."""
+
+import mujoco
+import numpy as np
+
+from selfheal.body.body import Floats
+from selfheal.body.legged import HIDDEN, Legged
+
+
+def plain_way(robot: Legged, weights: Floats, steps: int = 1000) -> float:
+    """Forward displacement [m] of a whole robot under a controller (synapses)."""
+    model = robot.model
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    feet, inputs = robot.feet, len(robot.sensors) + robot.bias
+    inner = weights[: inputs * HIDDEN].reshape(inputs, HIDDEN)
+    outer = weights[inputs * HIDDEN :].reshape(HIDDEN, -1)
+    sensed = np.ones(inputs)
+    begin = 0.0
+    for step in range(steps):
+        felt = data.sensordata
+        sensed[:feet] = np.where(felt[:feet] > 0, 1.0, -1.0)
+        sensed[feet : 2 * feet] = np.clip(felt[feet:] / robot.reach, -1, 1)
+        hidden = np.where(sensed @ inner > 0, 1.0, -1.0)
+        data.ctrl[:] = robot.reach * np.clip(hidden @ outer, -1, 1)
+        mujoco.mj_step(model, data)
+        if step == 0:
+            begin = data.qpos[0]
+    return float(data.qpos[0] - begin)

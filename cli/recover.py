@@ -1,0 +1,253 @@
+"""`selfheal recover`: a legged robot and a scenario in; recovery, files, a page out."""
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ._progress import Live
+from ._runs import clear, fresh_folder, refuse_settings
+
+if TYPE_CHECKING:
+    from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
+
+_NAME = "recover.h5"
+
+
+def recover(
+    context: typer.Context,
+    robot: Annotated[
+        str | None, typer.Option(help="quadruped or hexapod.", metavar="NAME")
+    ] = None,
+    scenario: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBER|all",
+            help="What breaks: 1 to 10 as in 2004, all of these; 11 a weak motor, 12 a "
+            "weak sensor, 13 a slope, 14 slippery ground, 15 wind.",
+        ),
+    ] = "all",
+    method: Annotated[
+        str, typer.Option(help="ours, as-described or hardware-only.")
+    ] = "ours",
+    reach: Annotated[
+        float, typer.Option("--range", help="Of the joints, +-30 or +-45 degrees.")
+    ] = 30.0,
+    apart: Annotated[
+        bool,
+        typer.Option("--apart", help="Count a hexapod's hip as two joints, not one."),
+    ] = False,
+    gap: Annotated[
+        float,
+        typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Where files go; runs/recover-ROBOT-SEED."),
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RECOVER.h5", help="Go on with a run or a folder of runs."
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Start over where a run is already.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Break a walking robot that knows its body, find what broke, walk again."""
+    from selfheal.errors import InputError
+    from selfheal.files import check_writable_folder
+
+    if (robot is None) == (resume is None):
+        raise InputError("give either --robot quadruped|hexapod or --resume RECOVER.h5")
+    if resume is not None:
+        refuse_settings(context)
+        _go_on(_runs_in(resume), as_json)
+        return
+    assert robot is not None
+    asked = [_settings(robot, n, method, reach, apart, gap, seed)
+             for n in _numbers(scenario)]  # fmt: skip
+    name = f"recover-{robot}-{seed}"
+    folder = fresh_folder(name, force) if out is None else check_writable_folder(out)
+    _go_on(_begun(folder, asked, force), as_json)
+
+
+def _numbers(scenario: str) -> Sequence[int]:
+    """The scenarios that a user's word means; whether they exist is not its concern."""
+    from selfheal.errors import InputError
+    from selfheal.robot.scenarios import TABLE
+
+    if scenario == "all":
+        return TABLE
+    if not scenario.isdecimal():
+        raise InputError(f"the scenario is a number or 'all', not {scenario!r}")
+    return [int(scenario)]
+
+
+def _settings(
+    robot: str,
+    number: int,
+    method: str,
+    reach: float,
+    apart: bool,
+    gap: float,
+    seed: int,
+) -> "RecoverSettings":
+    """What a recovery is asked to do, checked."""
+    from selfheal.body.legged import legged
+    from selfheal.errors import InputError, UnknownNameError
+    from selfheal.recovery.recover_run import METHODS, RecoverSettings
+    from selfheal.robot.scenarios import scenario
+
+    if method not in METHODS:
+        raise UnknownNameError("method", method, METHODS)
+    if not 0 <= gap <= 0.5:
+        raise InputError(f"the gap must be 0 to 0.5; not {gap}")
+    if seed < 0:
+        raise InputError(f"the seed must not be negative; not {seed}")
+    damage = scenario(number, legged(robot, reach, apart), seed)
+    return RecoverSettings(robot, number, damage, method, seed, reach, apart, gap)
+
+
+def _begun(folder: Path, asked: list["RecoverSettings"], force: bool) -> list[Path]:
+    """A run file for each, in folders of their own where there are several."""
+    from selfheal.recovery.recover_run import RecoverRun, save
+    from selfheal.selfmodel.run import held
+
+    paths = []
+    for settings in asked:
+        home = folder / f"scenario-{settings.scenario:02d}" if asked[1:] else folder
+        home.mkdir(exist_ok=True)
+        path = home / _NAME
+        with held(path):
+            clear(path, force, ("report.html",))
+            save(RecoverRun(settings), path)
+        paths.append(path)
+    return paths
+
+
+def _runs_in(place: Path) -> list[Path]:
+    """The run files of a folder, or the one that was named."""
+    from selfheal.errors import RunFileError
+
+    if not place.is_dir():
+        return [place]
+    found = sorted(place.rglob(_NAME))
+    if not found:
+        raise RunFileError(f"{place}: no {_NAME} in this folder")
+    return found
+
+
+def _go_on(paths: list[Path], as_json: bool) -> None:
+    """Each run to its end, and what came of them; several processes may share them."""
+    from selfheal.errors import RunFileError
+    from selfheal.selfmodel.run import held
+
+    done = []
+    with Live("reading", quiet=as_json) as live:
+        for path in paths:
+            with ExitStack() as stack:
+                try:
+                    stack.enter_context(held(path))
+                except RunFileError as error:
+                    if not paths[1:]:
+                        raise
+                    live.say(f"left out: {error}")
+                    continue
+                done.append((path, _finish(path, live)))
+    if as_json:
+        from ._print import print_json
+
+        results = [{**run.result, "run": os.fspath(path)} for path, run in done]
+        batch = {"format": "selfheal-recover-batch", "version": 1, "runs": results}
+        print_json(batch if paths[1:] else results[0])
+        return
+    _print_results([run for _, run in done])
+    for path, _ in done:
+        typer.echo(os.fspath(path))
+        typer.echo(os.fspath(path.with_name("report.html")))
+
+
+def _finish(path: Path, live: Live) -> "RecoverRun":
+    """A run phase by phase to its end, saved after each; then its page."""
+    from selfheal.recovery.recover import recover as phases
+    from selfheal.recovery.recover_run import load, save
+    from selfheal.report.page import write_page
+    from selfheal.report.recover import recover_page
+    from selfheal.robot.scenarios import SCENARIOS
+    from selfheal.robot.simulated_legs import SimulatedLegs
+
+    run = load(path)
+    s = run.settings
+    robot = SimulatedLegs(s.legged, s.seed, s.gap)
+    if not run.result:
+        live.say(f"{s.robot}, scenario {s.scenario}: {SCENARIOS[s.scenario]}")
+
+    def show(phase: str, what: str, share: float) -> None:
+        live.show(f"scenario {s.scenario}, {phase}: {what}", share)
+
+    finished = bool(run.result)
+    for step in phases(robot, s, run=run, progress=show):
+        run = step
+        if not finished:
+            save(run, path)
+        if not run.result:
+            live.say(f"{live.seconds:6.1f} s  {_line(run)}")
+    page = path.with_name("report.html")
+    if not finished or not page.exists():
+        write_page(recover_page(run), page)
+    return run
+
+
+def _line(run: "RecoverRun") -> str:
+    """What came of the last phase, in a line."""
+    from selfheal.recovery.recover_run import hypotheses_of
+
+    name, phase = list(run.phases.items())[-1]
+    kind, _, turn = name.partition("-")
+    if kind == "estimate":
+        said = _words(hypotheses_of(phase)[0])
+        return f"{turn}: believes {said} ({100 * phase['probability'][0]:.0f} %)"
+    if kind == "explore":
+        return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
+    told = {"original": "whole, the first controller", "failure": "broken, the same",
+            "trial": f"{turn}: tried on the robot",
+            "hardware": "evolved on the robot"}[kind]  # fmt: skip
+    return f"{told}: {phase['way']:.2f} m"
+
+
+def _words(hypothesis: Sequence[Any]) -> str:
+    """A hypothesis in words."""
+    return " and ".join(map(str, hypothesis)) or "nothing broke"
+
+
+def _print_results(runs: Sequence["RecoverRun"]) -> None:
+    """A row a run."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from selfheal.recovery.recover import named
+
+    head = ("", "whole [m]", "broken", "recovered", "named", "trials")
+    # a batch is of one robot and one method
+    said = {f"{run.settings.robot}, {run.settings.method}": None for run in runs}
+    table = Table(*head, title="; ".join(said), title_justify="left")
+    words = {True: "yes", False: "no", None: ""}
+    for run in runs:
+        d = run.result["distance"]
+        ways = [_number(d[key]) for key in ("intact", "damaged", "healed")]
+        spent = str(run.result["actions"])
+        name = f"scenario {run.settings.scenario}"
+        table.add_row(name, *ways, words[named(run)], spent)
+    Console().print(table)
+
+
+def _number(value: float | None) -> str:
+    """A number of two decimals, or none."""
+    return "" if value is None else f"{value:.2f}"

@@ -1,0 +1,1 @@
+"""The quadruped of 2004 as MJCF; sources in README.md."""

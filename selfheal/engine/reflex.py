@@ -1,0 +1,212 @@
+"""Reflexes: damaged robots and neural controllers in, what they do and sense out.
+
+All of a call is one `mujoco.batch.Batch` of one compiled model. What is broken is data
+of each simulation: a part that is gone has next to no mass, touches nothing and is
+driven by nothing; a joint that is jammed has an armature that nothing can turn; a
+sensor's factor stands between it and the network. Between two steps all networks are
+evaluated at once. MJX was measured instead: docs/how-recover-works.md.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ..body.body import Floats
+from ..body.damage import Damage
+from ..body.legged import HIDDEN, Legged
+from ._jax import cores
+from .network import networks
+from .walk import FASTEST, ignore_warnings
+
+STEPS = 1000  # of one evaluation (overview.txt 4.3)
+EVERY = 5  # steps that a sample of the series is the mean of; chosen: 50 ms
+_GONE = 1e-3  # share of its mass that a lost part keeps: MuJoCo needs some; chosen
+_JAM = 1e5  # [kg m^2] armature of a jammed joint; chosen: 6 N m turn it by 0.2 degrees
+_AIR = 1.2  # [kg/m^3] where wind blows
+
+
+@dataclass(frozen=True)
+class Plants:
+    """N ways that a robot and its world may be; all that damage changes.
+
+    Attributes:
+        robot: that all are of.
+        there: (N, B) whether each body of the model is there.
+        free: (N, D) whether each joint turns.
+        motor: (N, D) factor on each motor's torque.
+        sense: (N, S) factor on each sensor.
+        alive: (N, HIDDEN) 0 where a hidden neuron is dead.
+        gravity: (N, 3) [m/s^2].
+        friction: (N) of the ground [1].
+        wind: (N, 3) [m/s].
+        mass: (N) factor on all masses.
+    """
+
+    robot: Legged
+    there: np.ndarray
+    free: np.ndarray
+    motor: Floats
+    sense: Floats
+    alive: Floats
+    gravity: Floats
+    friction: Floats
+    wind: Floats
+    mass: Floats
+
+    def __len__(self) -> int:
+        return len(self.friction)
+
+    def __getitem__(self, rows) -> "Plants":
+        """These rows."""
+        kept = {f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]}
+        return replace(self, **kept)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What N robots did in `STEPS` steps.
+
+    Attributes:
+        way: (N) forward displacement d(1000) - d(1) [m]; -inf where it failed.
+        sensed: (N, T, S) what each sensor gave the network, means over `EVERY` steps,
+            in [-1, 1].
+        path: (N, T, 3) of the torso [m], at the ends of the same times.
+        failed: (N) whether the simulation diverged; its series are NaN.
+    """
+
+    way: Floats
+    sensed: Floats
+    path: Floats
+    failed: np.ndarray
+
+    def __getitem__(self, rows) -> "Drives":
+        """These rows."""
+        return Drives(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+
+def whole(robot: Legged, count: int) -> Plants:
+    """A robot in which nothing is broken, so many times."""
+    motors, model = len(robot.motors), robot.model
+    return Plants(
+        robot=robot,
+        there=np.ones((count, model.nbody), bool),
+        free=np.ones((count, motors), bool),
+        motor=np.ones((count, motors)),
+        sense=np.ones((count, len(robot.sensors))),
+        alive=np.ones((count, HIDDEN)),
+        gravity=np.tile(model.opt.gravity, (count, 1)),
+        friction=np.full(count, float(model.geom_friction[0, 0])),
+        wind=np.zeros((count, 3)),
+        mass=np.ones(count),
+    )
+
+
+def damaged(robot: Legged, damages: Sequence[Sequence[Damage]]) -> Plants:
+    """Robots after their damages, one for each element."""
+    plants = whole(robot, len(damages))
+    for row, several in enumerate(damages):
+        for damage in several:
+            _strike(plants, row, damage)
+    return plants
+
+
+def _strike(plants: Plants, row: int, damage: Damage) -> None:
+    """Write one damage into a row."""
+    robot, name, value = plants.robot, damage.name, damage.value
+    if damage.kind == "limb_loss":
+        gone = robot.below(name)
+        plants.there[row, gone] = False
+        lost = [int(robot.joint_of(d).bodyid[0]) in gone
+                for d in range(len(robot.motors))]  # fmt: skip
+        plants.motor[row, lost] = 0.0
+        # an angle sensor is lost with its joint; a touch sensor touches nothing
+        for d in np.flatnonzero(lost).tolist():
+            angle = f"{robot.joint_of(d).name}_position"
+            if angle in robot.sensors:
+                plants.sense[row, robot.sensors.index(angle)] = 0.0
+    elif damage.kind == "joint_jam":
+        (place,) = (p for p in robot.places if p.name == name)
+        plants.free[row, list(place.dofs)] = False
+    elif damage.kind == "weak_motor":
+        plants.motor[row, robot.motors.index(name)] *= value
+    elif damage.kind in ("sensor_dead", "weak_sensor"):
+        plants.sense[row, robot.sensors.index(name)] *= value
+    elif damage.kind == "neuron_dead":
+        plants.alive[row, int(name)] = 0.0
+    elif damage.kind == "ground_friction":
+        plants.friction[row] = value
+    elif damage.kind in ("slope", "wind"):
+        toward = np.array([np.cos(damage.azimuth), np.sin(damage.azimuth)])
+        if damage.kind == "wind":
+            plants.wind[row, :2] = value * toward
+        else:
+            size = np.linalg.norm(robot.model.opt.gravity)
+            side = np.sin(value) * toward
+            plants.gravity[row] = size * np.array([*side, -np.cos(value)])
+
+
+def drive(plants: Plants, weights: Floats, steps: int = STEPS) -> Drives:
+    """Let robots run under their controllers.
+
+    Args:
+        plants: N.
+        weights: (N, synapses).
+        steps: of 10 ms.
+    """
+    batch = _batch(plants)
+    net = networks(plants.robot, weights, plants.alive)
+    pressed, ctrl = batch.bind("sensordata"), batch.bind("ctrl")
+    place = batch.bind("qpos")[:, :3]
+    feet, count = plants.robot.feet, len(plants)
+    samples = steps // EVERY
+    sensed = np.zeros((count, samples, pressed.shape[1]))
+    path = np.empty((count, samples, 3))
+    now = np.empty((count, pressed.shape[1]))
+    begin = np.empty(count)
+    with np.errstate(all="ignore"):
+        for step in range(steps):
+            now[:, :feet] = np.where(pressed[:, :feet] > 0, 1.0, -1.0)
+            now[:, feet:] = np.clip(pressed[:, feet:] / plants.robot.reach, -1, 1)
+            now *= plants.sense
+            ctrl[:] = net.targets(now)
+            batch.step()
+            if step == 0:
+                begin = place[:, 0].copy()
+            sample = step // EVERY
+            sensed[:, sample] += now / EVERY
+            path[:, sample] = place
+    way = place[:, 0] - begin
+    failed = ~np.isfinite(path).all(axis=(1, 2)) | ~np.isfinite(way)
+    failed |= ~(np.abs(batch.bind("qvel")) < FASTEST).all(axis=1)
+    sensed[failed] = path[failed] = np.nan
+    return Drives(np.where(failed, -np.inf, way), sensed, path, failed)
+
+
+def _batch(plants: Plants):
+    """The simulations, at rest at their start."""
+    from mujoco.batch import Batch
+
+    ignore_warnings()
+    robot = plants.robot
+    model = robot.model
+    batch = Batch(model, len(plants), min(cores(), len(plants)))
+    here = np.where(plants.there, 1.0, _GONE) * plants.mass[:, None]
+    batch.expand("body_mass")[:] = model.body_mass * here
+    batch.expand("body_inertia")[:] = model.body_inertia * here[..., None]
+    touches = plants.there[:, model.geom_bodyid]
+    batch.expand("geom_contype")[:] = model.geom_contype * touches
+    batch.expand("geom_friction")[..., 0] = plants.friction[:, None]
+    dofs = [int(robot.joint_of(d).dofadr[0]) for d in range(len(robot.motors))]
+    armature = batch.expand("dof_armature")
+    armature[:, dofs] = np.where(plants.free, model.dof_armature[dofs], _JAM)
+    batch.expand("actuator_gainprm")[..., 0] *= plants.motor
+    batch.expand("actuator_biasprm")[..., 1:3] *= plants.motor[..., None]
+    batch.expand("actuator_forcerange")[:] *= plants.motor[..., None]
+    batch.expand("opt.gravity")[:] = plants.gravity
+    batch.expand("opt.wind")[:] = plants.wind
+    blows = (plants.wind != 0).any(axis=1)
+    batch.expand("opt.density")[:] = np.where(blows, _AIR, 0.0)
+    batch.set_const()
+    batch.reset()
+    return batch

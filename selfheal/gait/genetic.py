@@ -1,0 +1,111 @@
+"""The evolutionary algorithm of 2004: a score in, strings of numbers that reach it out.
+
+Population 100, 30 generations, the best 50 kept; 50 new ones by tournaments of three,
+each value replaced with a chance of 1 %, then one-point crossover of 12 pairs; values
+have two decimals and lie in [-1, 1] (overview.txt 4.3). Both searches use it: one for
+controllers, one for hypotheses of damage.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..body.body import Floats
+
+POPULATION, GENERATIONS, KEPT = 100, 30, 50
+MUTATION = 0.01  # chance of each value
+_TOURNAMENT, _PAIRS = 3, 12
+
+Score = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Pool:
+    """A population after a generation.
+
+    Attributes:
+        genomes: (N, D) best first.
+        scores: (N) larger is better, -inf where it failed.
+        best: (G) score of the best one after each generation so far.
+        asked: evaluations that the algorithm has asked for, in all.
+    """
+
+    genomes: Floats
+    scores: Floats
+    best: Floats = field(default_factory=lambda: np.empty(0))
+    asked: int = 0
+
+
+def draw(count: int, size: int, rng: np.random.Generator) -> Floats:
+    """(count, size) random values of two decimals."""
+    # + 0: of the two zeros only one, for genomes are compared byte by byte
+    return np.round(rng.uniform(-1, 1, (count, size)), 2) + 0.0
+
+
+def begin(
+    size: int, score: Score, rng: np.random.Generator, seeds: Floats | None = None
+) -> Pool:
+    """A random population, and in it what earlier searches found.
+
+    Args:
+        size: values in a genome.
+        score: of genomes (N, size), (N).
+        rng: draws them.
+        seeds: (S, size) at most as many as the population.
+    """
+    genomes = draw(POPULATION, size, rng)
+    if seeds is not None:
+        genomes[: len(seeds)] = seeds
+    return _ranked(Pool(genomes[:0], np.empty(0)), genomes, score(genomes))
+
+
+def evolve(
+    pool: Pool,
+    score: Score,
+    rng: np.random.Generator,
+    generations: int,
+    mutation: float = MUTATION,
+) -> Iterator[Pool]:
+    """The population after each of so many more generations.
+
+    A child that is the copy of one that has been scored is not scored again: the
+    simulation has no chance in it.
+    """
+    known = {g.tobytes(): s for g, s in zip(pool.genomes, pool.scores, strict=True)}
+    for _ in range(generations):
+        kept = Pool(pool.genomes[:KEPT], pool.scores[:KEPT], pool.best, pool.asked)
+        new = children(kept.genomes, rng, mutation)
+        fresh = np.array([g for g in new if g.tobytes() not in known]).reshape(
+            -1, new.shape[1]
+        )
+        fresh = np.unique(fresh, axis=0)
+        if len(fresh):
+            keys = (g.tobytes() for g in fresh)
+            known |= dict(zip(keys, score(fresh), strict=True))
+        pool = _ranked(kept, new, np.array([known[g.tobytes()] for g in new]))
+        yield pool
+
+
+def children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
+    """(POPULATION - KEPT, D) new genomes of those kept (KEPT, D), best ones first."""
+    count = POPULATION - KEPT
+    # best first: the winner of a tournament is its lowest row
+    winners = rng.integers(0, len(kept), (count, _TOURNAMENT)).min(axis=1)
+    new = kept[winners]
+    struck = rng.random(new.shape) < mutation
+    new = np.where(struck, draw(count, new.shape[1], rng), new)
+    pairs = rng.permutation(count)[: 2 * _PAIRS].reshape(_PAIRS, 2)
+    cuts = rng.integers(1, new.shape[1], _PAIRS)
+    for (a, b), cut in zip(pairs, cuts, strict=True):
+        new[[a, b], cut:] = new[[b, a], cut:]
+    return new
+
+
+def _ranked(kept: Pool, new: Floats, scores: Floats) -> Pool:
+    """Old and new ones in order; a failure never comes before what has a score."""
+    genomes = np.concatenate([kept.genomes.reshape(-1, new.shape[1]), new])
+    worth = np.nan_to_num(np.concatenate([kept.scores, scores]), nan=-np.inf)
+    order = np.argsort(-worth, kind="stable")
+    best = np.append(kept.best, worth[order[0]])
+    return Pool(genomes[order], worth[order], best, kept.asked + len(new))

@@ -1,0 +1,79 @@
+"""The estimation search of 2004: trials in, the damage that explains their ways out.
+
+A genome has four genes of four values: dormant or active, the kind of damage, where,
+and a fourth that is not used (overview.txt 4.3). Only the forward displacement of each
+trial counts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.body import Floats
+from ..body.damage import Damage
+from ..body.legged import Legged, essential
+from ..engine.reflex import damaged, drive
+from ..gait.genetic import Score
+
+GENES, VALUES = 4, 4
+_KINDS = 3
+
+Hypothesis = tuple[Damage, ...]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a robot answered to a controller.
+
+    Attributes:
+        weights: (synapses) of the controller.
+        way: forward displacement [m]; -inf where there was none to measure.
+        sensed: (T, S) sensor values over time; see `engine.reflex.Drives`.
+    """
+
+    weights: Floats
+    way: float
+    sensed: Floats
+
+
+def decode(genomes: Floats, robot: Legged) -> list[Hypothesis]:
+    """The damage that each genome (N, GENES * VALUES) says."""
+    genes = (genomes.reshape(-1, GENES, VALUES) + 1) / 2  # each value in [0, 1]
+    return [essential(robot, [_damage(g, robot) for g in row if round(g[0]) == 1])
+            for row in genes]  # fmt: skip
+
+
+def _damage(gene: Floats, robot: Legged) -> Damage:
+    """The damage of an active gene (VALUES), its values scaled to [0, 1]."""
+    kind = round(2 * gene[1])
+    names = robot.sensors if kind == 2 else robot.places
+    at = min(int(gene[2] * len(names)), len(names) - 1)
+    if kind == 2:
+        return Damage("sensor_dead", f"sensor:{robot.sensors[at]}")
+    place = robot.places[at]
+    if kind == 1:
+        return Damage("joint_jam", f"joint:{place.name}")
+    return Damage("limb_loss", f"body:{place.part}")
+
+
+def explained(robot: Legged, trials: Sequence[Trial]) -> Score:
+    """How well genomes explain the trials: minus the summed error of the ways [m].
+
+    Genomes that say the same damage are simulated once.
+    """
+    known: dict[Hypothesis, float] = {}
+
+    def score(genomes: Floats) -> Floats:
+        said = decode(genomes, robot)
+        new = [h for h in dict.fromkeys(said) if h not in known]
+        if new:
+            plants = damaged(robot, new)
+            error = np.zeros(len(new))
+            for trial in trials:
+                drives = drive(plants, np.tile(trial.weights, (len(new), 1)))
+                error += np.abs(drives.way - trial.way)
+            known.update(zip(new, -error, strict=True))
+        return np.array([known[h] for h in said])
+
+    return score

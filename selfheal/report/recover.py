@@ -1,0 +1,182 @@
+"""The page of a recovery: fitness over generations, what was believed, the gaits."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..body.damage import Damage
+from ..engine.reflex import EVERY
+from ..recovery.recover_run import METHODS, RecoverRun, hypotheses_of
+from .page import Html, Section, page, paragraph, table
+from .picture import BLUE, GREEN, INK, LINE, MUTED, ORANGE, WIDTH, figure, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
+_SHOWN = 5  # hypotheses of each estimation; chosen
+_PERIOD = 0.01 * EVERY  # [s] between samples
+
+
+def recover_page(run: RecoverRun) -> str:
+    """The page of a finished recovery."""
+    with style():
+        sections = [_fitness(run), _walks(run), _feet(run)]
+        if any("estimate" in name for name in run.phases):
+            sections.insert(1, _beliefs(run))
+    s = run.settings
+    title = f"Recovery of the {s.robot}, scenario {s.scenario}"
+    return page(title, sections, lead=_lead(run))
+
+
+def _words(damages: tuple[Damage, ...]) -> str:
+    """Damages in words."""
+    return " and ".join(map(str, damages)) or "nothing broke"
+
+
+def _lead(run: RecoverRun) -> str:
+    """All of it in a few sentences."""
+    s, spent, d = run.settings, run.result["actions"], run.result["distance"]
+    believed = ""
+    if s.method != "hardware-only":
+        last = hypotheses_of(run.phases[f"estimate-{spent}"])[0]
+        believed = f" In the end it believes: {_words(last)}."
+    return (
+        f"What happened: {_words(s.damage)}. Method: {s.method} ({METHODS[s.method]}). "
+        f"The robot went {_meters(d['intact'])} whole, {_meters(d['damaged'])} broken "
+        f"with its first controller, and {_meters(d['healed'])} after {spent:,} trials."
+        f"{believed}"
+    )
+
+
+def _meters(way: float | None) -> str:
+    """A distance in words."""
+    return "nowhere that could be measured" if way is None else f"{way:.2f} m"
+
+
+def _gaits(run: RecoverRun) -> Iterator[tuple[str, Any]]:
+    """Title and phase of each run of the robot."""
+    titles = {"original": "whole", "failure": "broken, the same controller",
+              "hardware": "broken, evolved on it"}  # fmt: skip
+    for name, phase in run.phases.items():
+        if "path" in phase:
+            kind, _, turn = name.partition("-")
+            yield titles.get(kind, f"trial {turn}"), phase
+
+
+def _fitness(run: RecoverRun) -> Section:
+    """Best fitness over the generations of all controller searches, and the trials."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, 3.2))
+    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
+    at, broke = 0, 0
+    for name, phase in run.phases.items():
+        if "pool" in phase:
+            best = phase["best"]
+            color = {"original": BLUE, "hardware": ORANGE}.get(name, GREEN)
+            ax.plot(at + np.arange(1, len(best) + 1), best, color=color, lw=1.5)
+            at += len(best)
+        if name == "original":
+            broke = at
+        if "way" in phase:
+            ax.plot(at + 0.5, phase["way"], "o", color=INK, ms=5)
+    ax.axvline(broke + 0.5, color=MUTED, lw=0.9, ls=(0, (4, 3)))
+    for color, label in ((BLUE, "simulated, whole"), (GREEN, "simulated, as believed"),
+                         (ORANGE, "on the broken robot")):  # fmt: skip
+        ax.plot([], [], color=color, label=label)
+    ax.plot([], [], "o", color=INK, ms=5, label="the robot itself")
+    ax.set_xlabel("generation")
+    ax.set_ylabel("forward displacement [m]")
+    ax.legend()
+    ax.grid(True)
+    caption = (
+        "The best controller of each generation; dots are runs of the robot itself. It "
+        "broke at the dashed line, where its first controller was run twice: whole and "
+        "broken."
+    )
+    rows = [(title, f"{phase['way']:.2f}") for title, phase in _gaits(run)]
+    head = ("run of the robot, 1,000 steps", "forward [m]")
+    return Section("Fitness over the generations",
+                   (figure(fig, caption), table(head, rows, "lr")))  # fmt: skip
+
+
+def _beliefs(run: RecoverRun) -> Section:
+    """What was believed after each estimation."""
+    rows = []
+    for name, phase in run.phases.items():
+        if not name.startswith("estimate"):
+            continue
+        turn = name.partition("-")[2]
+        believed = zip(hypotheses_of(phase), phase["probability"], strict=True)
+        for k, (hypothesis, chance) in enumerate(list(believed)[:_SHOWN]):
+            sure = f"{100 * chance:.1f} %" if len(phase["probability"]) > 1 else ""
+            rows.append((turn if k == 0 else "", _words(hypothesis), sure))
+        tried = run.phases[f"explore-{turn}"]["why"]
+        rows.append(("", f"tried then: {tried}", ""))
+    true = paragraph("What is true: ", _words(run.settings.damage), ".")
+    return Section(
+        "What it took the damage for",
+        (true, table(("before trial", "believed", "sure"), rows, "llr")),
+    )
+
+
+def _walks(run: RecoverRun) -> Section:
+    """The ways of the torso from above."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, 3.8))
+    ax = fig.add_axes((0.07, 0.14, 0.9, 0.82))
+    for (title, phase), color in zip(_gaits(run), _COLORS, strict=False):
+        x, y = phase["path"][:, 0], phase["path"][:, 1]
+        ax.plot(x, y, color=color, lw=1.4, label=title)
+        ax.plot(x[-1], y[-1], "o", color=color, ms=5)
+    ax.plot(0, 0, "o", color=INK, ms=4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel("forward [m]")
+    ax.set_ylabel("to the left [m]")
+    ax.legend()
+    ax.grid(True)
+    caption = "Ways of the torso from above, 10 s each; they begin at the black dot."
+    return Section("Ways", (figure(fig, caption),))
+
+
+def _feet(run: RecoverRun) -> Section:
+    """When each lower leg says that it touches the ground."""
+    shown = list(_gaits(run))
+    shown = shown[:2] + shown[2:][-1:]  # whole, broken, and what came of it
+    return Section("Footfalls", (_footfalls(run, shown),))
+
+
+def _footfalls(run: RecoverRun, shown: list[tuple[str, Any]]) -> Html:
+    """One diagram below the other."""
+    from matplotlib.figure import Figure
+
+    robot = run.settings.legged
+    names = [s.removesuffix("_lower_touch").replace("_", " ")
+             for s in robot.sensors[: robot.feet]]  # fmt: skip
+    fig = Figure(figsize=(WIDTH, 0.6 + len(shown) * 0.24 * (len(names) + 2)))
+    axes = fig.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
+    fig.subplots_adjust(0.12, 0.5 / fig.get_figheight(), 0.98, 0.95, hspace=0.35)
+    for ax, (title, phase) in zip(axes, shown, strict=True):
+        _stripes(ax, phase["sensed"][:, : robot.feet], names)
+        ax.set_title(title, loc="left", color=INK)
+    axes[-1].set_xlabel("time [s]")
+    caption = (
+        "Dark where a lower leg's touch sensor says that it touches the ground; a dead "
+        "sensor says nothing (the thin line), a lost leg touches nothing."
+    )
+    return figure(fig, caption)
+
+
+def _stripes(ax: "Axes", touch: Any, names: list[str]) -> None:
+    """A row a foot; touch (T, F) in [-1, 1]."""
+    for row, series in enumerate(touch.T):
+        ax.axhline(row, color=LINE, lw=0.8, zorder=0)
+        down = np.flatnonzero(series > 0.0)
+        pieces = [(k * _PERIOD, _PERIOD) for k in down]
+        ax.broken_barh(pieces, (row - 0.35, 0.7), color=INK, lw=0)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.set_xlim(0, len(touch) * _PERIOD)

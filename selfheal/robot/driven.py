@@ -1,0 +1,30 @@
+"""What a legged robot is to whoever recovers it: controllers in, what it felt out."""
+
+from typing import Protocol
+
+from ..body.body import Floats
+from ..body.damage import Damage
+from ..body.legged import Legged
+from ..engine.reflex import Drives
+
+
+class Driven(Protocol):
+    """A robot that runs under neural controllers."""
+
+    @property
+    def legged(self) -> Legged:
+        """Its body as it was built."""
+        ...
+
+    def trials(self, weights: Floats) -> Drives:
+        """Run from rest under controllers (N, synapses), one after the other.
+
+        Returns:
+            What it sensed and how far it came; the path is for reports, nobody who
+            recovers the robot may look at it.
+        """
+        ...
+
+    def struck(self, damage: tuple[Damage, ...]) -> "Driven":
+        """This robot after a damage."""
+        ...

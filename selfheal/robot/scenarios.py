@@ -1,0 +1,92 @@
+"""Scenarios: a number of Table 4 and a seed in, what breaks in a legged robot out."""
+
+import numpy as np
+
+from ..body.damage import Damage
+from ..body.legged import HIDDEN, Legged
+from ..errors import InputError
+
+# 1 to 10: overview.txt, Table 4. What follows is what it proposes for later (4.3, 4.5):
+# damage by degrees, and a world that changes.
+TABLE = range(1, 11)
+SCENARIOS = {
+    1: "a lower leg breaks off",
+    2: "a whole leg breaks off",
+    3: "a touch sensor fails",
+    4: "a whole leg breaks off, and a touch sensor of an intact leg fails",
+    5: "an angle sensor fails",
+    6: "an upper-leg joint jams",
+    7: "a whole leg breaks off, and an upper-leg joint of an intact leg jams",
+    8: "a whole leg breaks off, an upper-leg joint of an intact leg jams, and an angle "
+    "sensor of another intact leg fails",
+    9: "nothing breaks",
+    10: "a hidden neuron fails",
+    11: "a motor keeps 40 % of its strength",
+    12: "a sensor keeps 80 % of what it reads",
+    13: "the ground tilts",
+    14: "the ground is slippery",
+    15: "a steady wind blows",
+}
+
+
+def scenario(number: int, robot: Legged, seed: int) -> tuple[Damage, ...]:
+    """The damages of a scenario; which legs they strike is drawn.
+
+    Raises:
+        InputError: there is no such scenario.
+    """
+    if number not in SCENARIOS:
+        said = f"scenarios are 1 to {len(SCENARIOS)}, or all (1 to 10); not {number}"
+        raise InputError(said)
+    rng = np.random.default_rng([seed, number, 40])
+    legs = [part.removesuffix("_lower") for part in robot.parts if "_lower" in part]
+    one, two, three = (str(leg) for leg in rng.permutation(legs)[:3])
+    leg = Damage("limb_loss", f"body:{one}_upper")
+    if number == 1:
+        return (Damage("limb_loss", f"body:{one}_lower"),)
+    if number == 3:
+        return (_touch(one),)
+    if number == 5:
+        return (_angle(robot, one),)
+    if number == 6:
+        return (_hip(robot, one, rng),)
+    if number == 10:
+        return (Damage("neuron_dead", f"neuron:{rng.integers(HIDDEN)}"),)
+    if number > 10:
+        return (_beyond(number, robot, rng),)
+    return {
+        2: (leg,),
+        4: (leg, _touch(two)),
+        7: (leg, _hip(robot, two, rng)),
+        8: (leg, _hip(robot, two, rng), _angle(robot, three)),
+        9: (),
+    }[number]
+
+
+def _beyond(number: int, robot: Legged, rng: np.random.Generator) -> Damage:
+    """What the overview proposes for later; sizes chosen."""
+    azimuth = float(rng.uniform(0, 2 * np.pi))
+    return {
+        11: Damage("weak_motor", f"actuator:{rng.choice(robot.motors)}", 0.4),
+        12: Damage("weak_sensor", f"sensor:{rng.choice(robot.sensors)}", 0.8),
+        13: Damage("slope", value=float(np.radians(6.0)), azimuth=azimuth),
+        14: Damage("ground_friction", value=0.25),
+        15: Damage("wind", value=8.0, azimuth=azimuth),
+    }[number]
+
+
+def _touch(leg: str) -> Damage:
+    """The death of a leg's touch sensor."""
+    return Damage("sensor_dead", f"sensor:{leg}_lower_touch")
+
+
+def _angle(robot: Legged, leg: str) -> Damage:
+    """The death of a leg's angle sensor."""
+    (name,) = (s for s in robot.sensors if s.startswith(leg) and "_position" in s)
+    return Damage("sensor_dead", f"sensor:{name}")
+
+
+def _hip(robot: Legged, leg: str, rng: np.random.Generator) -> Damage:
+    """The jam of a leg's hip, or of one degree of freedom of it."""
+    hips = [p.name for p in robot.places if p.part == f"{leg}_upper"]
+    return Damage("joint_jam", f"joint:{rng.choice(hips)}")

@@ -1,0 +1,48 @@
+"""A simulated legged robot: what broke, and how it differs from its model, hidden."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..body.body import Floats
+from ..body.damage import Damage
+from ..body.legged import Legged
+from ..engine.reflex import Drives, Plants, damaged, drive
+
+
+@dataclass(frozen=True)
+class SimulatedLegs:
+    """The "physical" robot of 2004, which was a simulation too.
+
+    Attributes:
+        legged: the body as it was built.
+        seed: of what differs.
+        gap: share by which friction, masses and motors may be off the model; 0 as in
+            2004, where robot and model were one simulator.
+        damage: what happened to it.
+    """
+
+    legged: Legged
+    seed: int
+    gap: float = 0.0
+    damage: tuple[Damage, ...] = ()
+
+    def trials(self, weights: Floats) -> Drives:
+        """Run under controllers (N, synapses); see `driven.Driven`."""
+        return drive(self._hidden(len(weights)), weights)
+
+    def struck(self, damage: tuple[Damage, ...]) -> "SimulatedLegs":
+        """This robot after a damage."""
+        return replace(self, damage=damage)
+
+    def _hidden(self, count: int) -> Plants:
+        """The plant behind the robot, so many times."""
+        plants = damaged(self.legged, [self.damage] * count)
+        rng = np.random.default_rng([self.seed, 41])
+        off = rng.uniform(1 - self.gap, 1 + self.gap, 2 + len(self.legged.motors))
+        return replace(
+            plants,
+            friction=plants.friction * off[0],
+            mass=plants.mass * off[1],
+            motor=plants.motor * off[2:],
+        )

@@ -1,0 +1,398 @@
+"""Recovering legged robots: the laws of both searches, the loop, and the command."""
+
+import json
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.body.damage import Damage
+from selfheal.body.legged import LEGGED, essential, legged
+from selfheal.cli import app
+from selfheal.engine import reflex
+from selfheal.engine.reflex import EVERY, damaged, drive, whole
+from selfheal.errors import InputError, RunFileError, UnknownNameError
+from selfheal.gait import genetic
+from selfheal.gait.genetic import KEPT, POPULATION, begin, draw, evolve
+from selfheal.recovery import explain as ours
+from selfheal.recovery.estimate import Trial, decode, explained
+from selfheal.recovery.explain import Belief, explain
+from selfheal.recovery.recover import named, recover
+from selfheal.recovery.recover_run import METHODS, RecoverSettings, load, save
+from selfheal.report.recover import recover_page
+from selfheal.robot.scenarios import SCENARIOS, scenario
+from selfheal.robot.simulated_legs import SimulatedLegs
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+QUADRUPED = legged("quadruped")
+FLAT = np.full(200, 0.05)
+LOST = Damage("limb_loss", "body:left_front_upper")
+LOWER = Damage("limb_loss", "body:left_front_lower")
+JAM = Damage("joint_jam", "joint:right_back_hip")
+DEAF = Damage("sensor_dead", "sensor:left_back_lower_touch")
+
+
+def _weights(count, robot=QUADRUPED, seed=0):
+    return draw(count, robot.synapses, np.random.default_rng(seed))
+
+
+@pytest.fixture(scope="module")
+def walker():
+    """Weights with which the whole quadruped goes farthest of a few."""
+    weights = _weights(60)
+    return weights[np.argmax(drive(whole(QUADRUPED, 60), weights).way)]
+
+
+@pytest.mark.parametrize(
+    ("name", "synapses", "motors", "feet", "places"),
+    [("quadruped", 68, 8, 4, 8), ("hexapod", 120, 18, 6, 12)],
+)
+def test_robots_have_the_counts_of_the_overview(name, synapses, motors, feet, places):
+    robot = legged(name)
+    assert robot.synapses == synapses
+    assert (len(robot.motors), robot.feet) == (motors, feet)
+    assert len(robot.sensors) == 2 * feet
+    assert len(robot.places) == places
+    assert len(legged(name, apart=True).places) == motors
+
+
+def test_what_there_is_not_is_refused():
+    with pytest.raises(UnknownNameError, match="hexapod, quadruped"):
+        legged("tripod")
+    with pytest.raises(InputError, match="30 or 45"):
+        legged("quadruped", 60)
+    with pytest.raises(InputError, match="1 to 15"):
+        scenario(16, QUADRUPED, 0)
+
+
+def test_a_batch_does_what_plain_mujoco_and_a_plain_network_do(walker):
+    """The reference that speed is measured against, once as a parity test."""
+    from _recover_reference import plain_way
+
+    steps = 200
+    ours = drive(whole(QUADRUPED, 3), np.tile(walker, (3, 1)), steps)
+    assert ours.way == pytest.approx(plain_way(QUADRUPED, walker, steps), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", LEGGED)
+def test_what_is_nothing_changes_nothing(name):
+    robot = legged(name)
+    weights = _weights(2, robot)
+    kinds = [
+        Damage("weak_motor", f"actuator:{robot.motors[0]}", 1.0),
+        Damage("weak_sensor", f"sensor:{robot.sensors[0]}", 1.0),
+        Damage("slope", value=0.0),
+        Damage("wind", value=0.0),
+        Damage("ground_friction", value=1.0),
+    ]
+    before = drive(whole(robot, 2), weights, 100)
+    after = drive(damaged(robot, [kinds] * 2), weights, 100)
+    np.testing.assert_array_equal(before.path, after.path)
+    assert not before.failed.any()
+
+
+def test_damage_does_what_it_says(walker):
+    said = [(), (LOST,), (JAM,), (DEAF,), (Damage("neuron_dead", "neuron:0"),),
+            (Damage("wind", value=10.0),)]  # fmt: skip
+    drives = drive(damaged(QUADRUPED, said), np.tile(walker, (len(said), 1)))
+    touch, hip = (
+        QUADRUPED.sensors.index(s)
+        for s in ("left_front_lower_touch", "right_back_hip_position")
+    )
+    assert (drives.sensed[1, :, touch] == -1).all()  # nothing there to touch with
+    assert np.abs(drives.sensed[2, :, hip]).max() < 0.02
+    dead = QUADRUPED.sensors.index("left_back_lower_touch")
+    assert (drives.sensed[3, :, dead] == 0).all()
+    assert drives.way[5] > drives.way[0]
+    assert len(np.unique(np.round(drives.way, 6))) == len(said)
+
+
+def test_a_run_that_fails_never_wins(walker, monkeypatch):
+    monkeypatch.setattr(reflex, "FASTEST", 1e-6)  # whatever moves has diverged
+    drives = drive(whole(QUADRUPED, 2), np.tile(walker, (2, 1)), 50)
+    assert drives.failed.all() and (drives.way == -np.inf).all()
+    assert np.isnan(drives.sensed).all()
+    monkeypatch.undo()
+    pool = begin(3, lambda g: np.where(g[:, 0] > 0, np.nan, g[:, 0]),
+                 np.random.default_rng(0))  # fmt: skip
+    assert pool.genomes[0, 0] <= 0 and np.isfinite(pool.scores[0])
+
+
+def _square(genomes):
+    return -(genomes**2).sum(axis=1)
+
+
+def test_the_search_of_2004_is_as_described():
+    rng, asked = np.random.default_rng(1), []
+
+    def score(genomes):
+        asked.append(len(genomes))
+        return _square(genomes)
+
+    pool = begin(68, score, rng)
+    assert len(pool.genomes) == POPULATION == asked[0]
+    steps = evolve(pool, score, rng, 29)
+    for pool in steps:
+        assert (np.diff(pool.best) >= 0).all()
+    assert pool.asked == 1550 and sum(asked) < 1550  # copies are not run again
+    assert len(pool.best) == 30
+    np.testing.assert_array_equal(pool.genomes, np.round(pool.genomes, 2))
+    assert np.abs(pool.genomes).max() <= 1
+    assert (np.diff(pool.scores) <= 0).all()
+
+
+def test_earlier_results_seed_the_next_search():
+    seeds = np.zeros((2, 5))
+    pool = begin(5, _square, np.random.default_rng(0), seeds)
+    assert (pool.genomes[:2] == 0).all() and pool.scores[0] == 0
+
+
+def test_children_are_copies_with_point_mutations_and_crossovers():
+    rng = np.random.default_rng(0)
+    kept = draw(KEPT, 200, rng)
+    new = genetic.children(kept, rng, 0.01)
+    same = (new[:, None] == kept).mean(axis=2).max(axis=1)
+    assert new.shape == (POPULATION - KEPT, 200)
+    assert 0.97 < np.median(same) < 1
+    assert (same < 0.97).sum() <= 24  # those that were crossed
+
+
+def test_genomes_say_damage_as_the_overview_describes():
+    off, on = -1.0, 1.0
+    genome = np.array([[on, -1, -1, 0, on, 0, 1, 0, on, 1, -1, 0, off, 0, 0, 0]])
+    (said,) = decode(genome, QUADRUPED)
+    assert said == (
+        Damage("joint_jam", "joint:right_back_knee"),
+        Damage("limb_loss", "body:left_front_upper"),
+        Damage("sensor_dead", "sensor:left_front_lower_touch"),
+    )
+    assert decode(np.full((1, 16), off), QUADRUPED) == [()]
+
+
+def test_what_a_loss_says_is_not_said_twice():
+    knee = Damage("joint_jam", "joint:left_front_knee")
+    angle = Damage("sensor_dead", "sensor:left_front_hip_position")
+    said = essential(QUADRUPED, [LOWER, knee, LOST, JAM, angle, JAM])
+    assert said == (JAM, LOST)
+    one, two = damaged(QUADRUPED, [said, (LOST, JAM, angle)])[[0]], None
+    two = damaged(QUADRUPED, [(LOST, LOWER, JAM, angle)])
+    for f in fields(one)[1:3]:
+        np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))
+
+
+def test_the_true_damage_explains_its_displacement(walker):
+    robot = SimulatedLegs(QUADRUPED, 0).struck((LOST,))
+    drives = robot.trials(walker[None])
+    trial = Trial(walker, float(drives.way[0]), drives.sensed[0])
+    genome = np.full((2, 16), -1.0)
+    genome[0, :3] = [1, -1, -1]
+    right, wrong = explained(QUADRUPED, [trial])(genome)
+    assert right == pytest.approx(0) and wrong < -0.01
+
+
+def _quiet(share):
+    pass
+
+
+def _before(weights):
+    return SimulatedLegs(QUADRUPED, 0).trials(weights[None]).sensed[0]
+
+
+def _trial(damage, weights, gap=0.0):
+    drives = SimulatedLegs(QUADRUPED, 0, gap).struck(damage).trials(weights[None])
+    return Trial(weights, float(drives.way[0]), drives.sensed[0])
+
+
+MOTOR = Damage("weak_motor", "actuator:right_front_hip_servo", 0.4)
+KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value=0.6),
+         Damage("slope", value=0.1), Damage("ground_friction", value=0.2)]  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", [(), (DEAF,), (MOTOR,), (LOST, JAM, DEAF)])
+def test_sensor_series_tell_what_broke(damage, walker, monkeypatch):
+    monkeypatch.setattr(ours, "singles", lambda robot: KNOWN)
+    belief = explain(QUADRUPED, [_trial(damage, walker)], _before(walker), (), _quiet)
+    best = {(d.kind, d.target) for d in belief.hypotheses[0]}
+    assert best == {(d.kind, d.target) for d in damage}
+    assert belief.probability[0] == belief.probability.max()
+    assert belief.probability.sum() == pytest.approx(1)
+
+
+def test_nothing_broke_where_robot_and_model_differ(walker):
+    robot = SimulatedLegs(QUADRUPED, 3, gap=0.1)
+    before = robot.trials(walker[None]).sensed[0]
+    trial = Trial(walker, 0.0, before)
+    belief = explain(QUADRUPED, [trial], before, (), _quiet)
+    assert belief.hypotheses[0] == ()
+    assert belief.scale[-1] > FLAT[-1]
+
+
+@pytest.mark.parametrize("number", SCENARIOS)
+@pytest.mark.parametrize("name", LEGGED)
+def test_scenarios_strike_what_is_there(name, number):
+    robot = legged(name)
+    for seed in range(4):
+        damage = scenario(number, robot, seed)
+        assert damage == scenario(number, robot, seed)
+        assert essential(robot, damage) == tuple(
+            sorted(damage, key=lambda d: (d.kind, d.target))
+        )
+        assert len(damage) == {4: 2, 7: 2, 8: 3, 9: 0}.get(number, 1)
+        damaged(robot, [damage])
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Searches of a second."""
+    monkeypatch.setattr(genetic, "POPULATION", 12)
+    monkeypatch.setattr(genetic, "KEPT", 6)
+    monkeypatch.setattr(genetic, "_PAIRS", 2)
+    monkeypatch.setattr("selfheal.recovery.recover.KEPT", 4)
+    monkeypatch.setattr("selfheal.recovery.recover.HARDWARE", 2)
+    monkeypatch.setattr(ours, "singles", lambda robot: [LOST, LOWER, JAM, DEAF])
+
+
+def _settings(method="ours", number=1, **more):
+    damage = (LOWER,) if number == 1 else scenario(number, QUADRUPED, 0)
+    return RecoverSettings("quadruped", number, damage, method, seed=2,
+                           generations=2, **more)  # fmt: skip
+
+
+def _steps(settings, run=None):
+    robot = SimulatedLegs(settings.legged, settings.seed, settings.gap)
+    return list(recover(robot, settings, run=run))
+
+
+def _told(run):
+    phases = {k: {**p, "seconds": 0} for k, p in run.phases.items()}
+    told = [phases, {**run.result, "seconds": 0}]
+    return json.dumps(told, default=np.ndarray.tolist, sort_keys=True)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_recovery_that_was_killed_goes_on_to_the_same_end(method, short, tmp_path):
+    settings = _settings(method, trials=2)
+    steps = _steps(settings)
+    save(steps[1], tmp_path / "recover.h5")
+    kept = load(tmp_path / "recover.h5")
+    assert _told(_steps(settings, kept)[-1]) == _told(steps[-1])
+    assert len(_steps(settings, steps[-1])) == 1
+    page = recover_page(steps[-1])
+    assert "Footfalls" in page and "left front lower lost" in page
+    assert "<script" not in page
+
+
+def test_the_result_has_what_scripts_need(short):
+    run = _steps(_settings(trials=1))[-1]
+    result = json.loads(json.dumps(run.result, allow_nan=False))
+    assert list(result) == [
+        *("format", "version", "robot", "seed", "scenario", "method", "damage"),
+        *("alarm", "hypotheses", "actions", "trials", "distance", "predicted"),
+        "seconds",
+    ]
+    assert named(run) is True
+    assert list(result["hypotheses"][0]) == ["kind", "target", "value", "probability"]
+    assert len(result["trials"]) == result["actions"] == 1
+    assert list(result["distance"]) == ["intact", "damaged", "healed", "best_known"]
+
+
+def test_the_belief_never_depends_on_what_is_said_to_be_true(short):
+    """The hidden truth stands in the settings, for the report; nobody decides by it."""
+    settings = _settings(trials=1)
+    robot = SimulatedLegs(settings.legged, 2)
+    lied = replace(settings, damage=(DEAF,))
+
+    class Other:
+        legged = robot.legged
+
+        def trials(self, weights):
+            return robot.trials(weights)
+
+        def struck(self, damage):
+            return robot.struck((LOWER,))
+
+    *_, one = recover(robot, settings)
+    *_, two = recover(Other(), lied)
+    assert one.phases["estimate-1"]["believed"] == two.phases["estimate-1"]["believed"]
+    np.testing.assert_array_equal(
+        one.phases["explore-1"]["weights"], two.phases["explore-1"]["weights"]
+    )
+
+
+def _run(*words):
+    return CliRunner().invoke(app, ["recover", *(str(word) for word in words)])
+
+
+def test_on_the_command_line_a_batch_goes_on(short, tmp_path, monkeypatch):
+    monkeypatch.setattr("selfheal.robot.scenarios.TABLE", (1, 9))
+    monkeypatch.setattr(RecoverSettings, "__init__", _short_settings)
+    made = _run("--robot", "quadruped", "--out", tmp_path, "--json",
+                "--method", "as-described")  # fmt: skip
+    assert made.exit_code == 0, made.output
+    batch = json.loads(made.stdout)
+    assert [r["scenario"] for r in batch["runs"]] == [1, 9]
+    assert (tmp_path / "scenario-09" / "report.html").is_file()
+    again = _run("--resume", tmp_path, "--json")
+    assert json.loads(again.stdout) == batch
+    taken = _run("--robot", "quadruped", "--out", tmp_path)
+    assert taken.exit_code == 2 and "--force" in taken.stderr
+    shown = _run("--resume", tmp_path)
+    assert "quadruped, as-described" in shown.stdout
+    assert "scenario 9" in shown.stdout
+
+
+_INIT = RecoverSettings.__init__
+
+
+def _short_settings(self, *args, **more):
+    _INIT(self, *args, **{**more, "generations": 2, "trials": 1})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "--resume RECOVER.h5"),
+        (("--robot", "tripod"), "hexapod, quadruped"),
+        (("--robot", "quadruped", "--scenario", "16"), "1 to 15"),
+        (("--robot", "quadruped", "--scenario", "some"), "'all'"),
+        (("--robot", "quadruped", "--method", "luck"), "as-described"),
+        (("--robot", "quadruped", "--range", "60"), "30 or 45"),
+        (("--robot", "quadruped", "--gap", "2"), "gap"),
+        (("--robot", "quadruped", "--seed", "-1"), "negative"),
+        (("--resume", "{tmp}/nothing.h5"), "no such run file"),
+        (("--resume", "{tmp}"), "no recover.h5"),
+        (("--resume", "{tmp}/nothing.h5", "--seed", "1"), "leave out --seed"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = _run(*(word.format(tmp=tmp_path) for word in words))
+    assert made.exit_code == 2
+    assert said in made.stderr and "Traceback" not in made.stderr
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    (tmp_path / "x.h5").write_text("nothing")
+    with pytest.raises(RunFileError, match=r"x\.h5"):
+        load(tmp_path / "x.h5")
+
+
+def test_samples_are_whole_steps():
+    assert reflex.STEPS % EVERY == 0
+
+
+def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):
+    doubt = [(DEAF,), (JAM,)]
+
+    def torn(robot, trials, before, known, progress):
+        return Belief(tuple(doubt), np.array([0.5, 0.5]), np.full(200, 0.05))
+
+    monkeypatch.setattr("selfheal.recovery.recover.explain", torn)
+    run = _steps(_settings(trials=1))[-1]
+    assert run.phases["explore-1"]["why"] == "separates 2 hypotheses"
+    drives = drive(damaged(QUADRUPED, doubt),
+                   np.tile(run.phases["explore-1"]["weights"], (2, 1)))  # fmt: skip
+    assert np.abs(drives.sensed[0] - drives.sensed[1]).max() > 0.1
