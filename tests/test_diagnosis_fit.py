@@ -503,6 +503,19 @@ def test_what_explains_one_episode_only_does_not_carry_over(arm):
     assert not carries_over(*_added(problem, found, same, 3 * own))
 
 
+def test_an_effect_that_one_episode_alone_shows_may_carry_over(arm):
+    """As a torque's limit that is reached in one: from the others it cannot be told."""
+    rng = np.random.default_rng(1)
+    problem, found, _ = _linear(arm, rng)
+    log = problem.windows.log[problem.window_of]
+    column = rng.normal(size=len(log)) * np.array([1.0, 1e3, 1.0])[log]
+    lacking, old, new = _added(problem, found, column, 3 * column)
+    worse = new.jacobian.copy()
+    worse[log == 1, -1] *= -0.5  # from the others the wrong way
+    lacking = replace(lacking, jac=worse)
+    assert carries_over(lacking, old, new)
+
+
 def _added(problem: Linear, found: Fit, column, missing) -> tuple[Linear, Fit, Fit]:
     """A fit that lacks something, and that with a column for it, at its best."""
     old = replace(found, residuals=found.residuals + missing)

@@ -123,13 +123,19 @@ def carries_over(problem: Problem, old: Fit, new: Fit) -> bool:
     """Whether `new` predicts whole episodes from the others better than `old`.
 
     Pieces next to each other share what is peculiar to an episode; that also holds a
-    name that explains nothing else. Two episodes are too few to ask.
+    name that explains nothing else. Each episode counts by the logarithm of its error:
+    of one that alone shows an effect's size the others cannot tell it. Two episodes
+    are too few to ask.
     """
     log = problem.windows.log[problem.window_of]
     if len(np.unique(log)) < EPISODES:
         return True
-    before, after = (held_out(problem, f, log).sum() for f in (old, new))
-    return bool(after < before)
+    of = problem.windows.log
+    before, after = (np.bincount(of, held_out(problem, f, log)) for f in (old, new))
+    if problem.windows.is_single:
+        return bool(after.sum() < before.sum())
+    there = before > 0
+    return bool(np.log(after[there] / before[there]).sum() < 0)
 
 
 def refitted(
