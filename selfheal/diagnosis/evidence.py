@@ -86,7 +86,7 @@ def held_out(problem: Problem, found: Fit, of: np.ndarray | None = None) -> Floa
 
     These by one Gauss-Newton step from the fit of all; with them folds of whole windows
     are simulated, for where something touches a small step changes much. Parts of a
-    window answer linearly.
+    window answer linearly, and so do single readings, which `refitted` looks at.
 
     Args:
         problem: that was fitted.
@@ -104,7 +104,8 @@ def held_out(problem: Problem, found: Fit, of: np.ndarray | None = None) -> Floa
         a = jac[rows]
         move = step(h - a.T @ a, g - a.T @ r[rows], low - x, high - x, scale)
         own = np.unique(problem.window_of[rows])
-        if np.isin(problem.window_of, own).sum() == rows.sum():
+        whole = np.isin(problem.window_of, own).sum() == rows.sum()
+        if whole and not problem.windows.is_single:
             out[rows] = problem.take(own).at(found.terms, x + move) ** 2
         else:
             out[rows] = (r[rows] + a @ move) ** 2
