@@ -200,7 +200,7 @@ class _Search:
         bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
         fits, independent, again = screened(bases, open_to, self.progress)
         part = bases[-1]
-        if len(open_to) > MANY:
+        if len(open_to) > MANY and not part.problem.windows.is_single:
             kept = [t for t in self.candidates if t not in open_to]
             self.candidates = [*again, *kept]
         if not self.first:
@@ -305,7 +305,9 @@ def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, S
     """The problem with weights by what a fit leaves, and the fit there."""
     new = reweighed(problem, found)
     near = problem.carried(new, found.jacobian)
-    start = looked_about(new, found.terms, found.values)
+    start = found.values
+    if not new.windows.is_single:
+        start = looked_about(new, found.terms, start)
     return new, scored(new, found.terms, start, rounds=rounds, known=near)
 
 
