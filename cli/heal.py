@@ -106,7 +106,8 @@ def heal(
 
     from selfheal.errors import InputError
     from selfheal.files import check_writable_folder
-    from selfheal.recovery.record import HealRun, HealSettings, load, save
+    from selfheal.recovery.phased import load, save
+    from selfheal.recovery.record import HealRun, HealSettings
     from selfheal.robot.accidents import accident
     from selfheal.selfmodel.run import held
 
@@ -115,7 +116,7 @@ def heal(
     if resume is not None:
         refuse_settings(context)
         with held(resume):
-            begun = load(resume)
+            begun = load(resume, HealRun)
             _go(begun, _identified(Path(begun.settings.run)), resume, as_json)
         return
     assert run is not None
@@ -225,8 +226,8 @@ def _go(
     """Phase by phase to the end, saved after each; then the page."""
     from selfheal.gait.believed import believed
     from selfheal.recovery.heal import heal as phases
+    from selfheal.recovery.phased import save
     from selfheal.recovery.phases import robots_of
-    from selfheal.recovery.record import save
     from selfheal.report.heal import heal_page
     from selfheal.report.page import write_page
 

@@ -117,7 +117,8 @@ def _settings(
 
 def _begun(folder: Path, asked: list["RecoverSettings"], force: bool) -> list[Path]:
     """A run file for each, in folders of their own where there are several."""
-    from selfheal.recovery.recover_run import RecoverRun, save
+    from selfheal.recovery.phased import save
+    from selfheal.recovery.recover_run import RecoverRun
     from selfheal.selfmodel.run import held
 
     paths = []
@@ -176,14 +177,15 @@ def _go_on(paths: list[Path], as_json: bool) -> None:
 
 def _finish(path: Path, live: Live) -> "RecoverRun":
     """A run phase by phase to its end, saved after each; then its page."""
+    from selfheal.recovery.phased import load, save
     from selfheal.recovery.recover import recover as phases
-    from selfheal.recovery.recover_run import load, save
+    from selfheal.recovery.recover_run import RecoverRun
     from selfheal.report.page import write_page
     from selfheal.report.recover import recover_page
     from selfheal.robot.scenarios import SCENARIOS
     from selfheal.robot.simulated_legs import SimulatedLegs
 
-    run = load(path)
+    run = load(path, RecoverRun)
     s = run.settings
     robot = SimulatedLegs(s.legged, s.seed, s.gap)
     if not run.result:

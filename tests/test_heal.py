@@ -17,8 +17,9 @@ from selfheal.gait.synthesis import Gait
 from selfheal.recording import read, write
 from selfheal.recovery import phases
 from selfheal.recovery.heal import heal
+from selfheal.recovery.phased import load, save
 from selfheal.recovery.phases import robots_of
-from selfheal.recovery.record import HealSettings, load, save
+from selfheal.recovery.record import HealRun, HealSettings
 from selfheal.recovery.watched import watched
 from selfheal.report.heal import heal_page
 from selfheal.robot.base import open_robot, walker
@@ -81,7 +82,7 @@ def _told(run):
 
 def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
     save(steps[3], tmp_path / "heal.h5")  # after the first action
-    kept = load(tmp_path / "heal.h5")
+    kept = load(tmp_path / "heal.h5", HealRun)
     assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01"]
     assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
 
@@ -103,7 +104,7 @@ def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
 
 def test_a_finished_heal_is_not_done_again(steps, tmp_path):
     save(steps[-1], tmp_path / "heal.h5")
-    kept = load(tmp_path / "heal.h5")
+    kept = load(tmp_path / "heal.h5", HealRun)
     again = _heal("right_lower:0.1", kept)
     assert len(again) == 1 and again[0].result == steps[-1].result
 
@@ -136,7 +137,7 @@ def test_a_file_that_is_no_heal_is_refused(tmp_path):
     (tmp_path / "x.h5").write_text("nothing")
     for name in ("x.h5", "y.h5"):
         with pytest.raises(RunFileError, match=name):
-            load(tmp_path / name)
+            load(tmp_path / name, HealRun)
 
 
 def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from toys_heal import identified
 
-from selfheal.recovery.record import load
+from selfheal.recovery.phased import load
+from selfheal.recovery.record import HealRun
 
 # `selfheal` with a small catalogue, killed at a moment that its first argument names:
 # when a phase has just been saved, or when its file is written and has no name yet
@@ -18,11 +19,11 @@ import os, signal, sys
 import numpy as np
 from toys_heal import shorten
 from selfheal.cli import app
-from selfheal.recovery import hypotheses, record
+from selfheal.recovery import hypotheses, phased
 from selfheal.report import heal as page
 
 moment, _, phase = sys.argv[1].partition(" ")
-save = record.save
+save = phased.save
 
 def die(*args):
     os.kill(os.getpid(), signal.SIGKILL)
@@ -36,7 +37,7 @@ def killed(run, path):
         die()
 
 shorten(setattr)
-record.save = killed
+phased.save = killed
 hypotheses._SCALES = (0.1, 0.5)
 hypotheses._JAMS, hypotheses._AZIMUTHS = np.zeros(1), np.zeros(1)
 hypotheses._STRENGTHS = hypotheses._FRICTIONS = (0.3,)
@@ -53,7 +54,7 @@ def _selfheal(moment, *words):
 
 def _told(path):
     """All that a heal's file says but how long it took."""
-    run = load(path)
+    run = load(path, HealRun)
     phases = [(name, {**what, "seconds": 0}) for name, what in run.phases.items()]
     result = {**run.result, "seconds": 0}
     return json.dumps([phases, result], default=np.ndarray.tolist)
@@ -74,7 +75,7 @@ def test_a_heal_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
     ):
         killed = _selfheal(moment, *words)
         assert killed.returncode == -signal.SIGKILL, killed.stderr
-        assert list(load(file).phases) == kept
+        assert list(load(file, HealRun).phases) == kept
         words = "heal", "--resume", file
     ended = _selfheal("never", *words, "--json")
     assert ended.returncode == 0, ended.stderr

@@ -20,8 +20,9 @@ from selfheal.gait.genetic import KEPT, POPULATION, begin, draw, evolve
 from selfheal.recovery import explain as ours
 from selfheal.recovery.estimate import Trial, decode, explained
 from selfheal.recovery.explain import Belief, explain
+from selfheal.recovery.phased import load, save
 from selfheal.recovery.recover import named, recover
-from selfheal.recovery.recover_run import METHODS, RecoverSettings, load, save
+from selfheal.recovery.recover_run import METHODS, RecoverRun, RecoverSettings
 from selfheal.report.recover import recover_page
 from selfheal.robot.scenarios import SCENARIOS, scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
@@ -277,7 +278,7 @@ def test_a_recovery_that_was_killed_goes_on_to_the_same_end(method, short, tmp_p
     settings = _settings(method, trials=2)
     steps = _steps(settings)
     save(steps[1], tmp_path / "recover.h5")
-    kept = load(tmp_path / "recover.h5")
+    kept = load(tmp_path / "recover.h5", RecoverRun)
     assert _told(_steps(settings, kept)[-1]) == _told(steps[-1])
     assert len(_steps(settings, steps[-1])) == 1
     page = recover_page(steps[-1])
@@ -377,7 +378,7 @@ def test_what_makes_no_sense_is_refused(words, said, tmp_path, monkeypatch):
 def test_a_file_of_something_else_is_refused(tmp_path):
     (tmp_path / "x.h5").write_text("nothing")
     with pytest.raises(RunFileError, match=r"x\.h5"):
-        load(tmp_path / "x.h5")
+        load(tmp_path / "x.h5", RecoverRun)
 
 
 def test_samples_are_whole_steps():

@@ -4,12 +4,12 @@ Phases: gait, whole (it walks), alarm (it breaks and notices), ask-N (an action 
 verdict, healed (a new gait), walked, known (for the report: with the truth known).
 """
 
-import time
 from collections.abc import Iterator
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ..body.body import Bodies, Floats
+from .phased import grown
 from .phases import Phases, Progress, Robots
 from .record import HealRun, HealSettings, gait_of
 
@@ -33,20 +33,9 @@ def heal(
         run: one to go on with, made by the same robots and settings; None = start.
         progress: told the phase, what is done, and how much of it.
     """
-    run = run or HealRun(settings)
-    if run.result:
-        yield run
-        return
     work = Phases(robots, models, weights, settings, progress)
-    while True:
-        start = time.perf_counter()
-        step = work.next(run)
-        if step is None:
-            break
-        name, phase = step
-        run = run.after(name, {**phase, "seconds": time.perf_counter() - start})
-        yield run
-    yield replace(run, result=_result(run, robots.whole.name))
+    ended = partial(_result, robot=robots.whole.name)
+    return grown(run or HealRun(settings), work.next, ended)
 
 
 def _result(run: HealRun, robot: str) -> dict[str, Any]:

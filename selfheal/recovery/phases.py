@@ -17,8 +17,9 @@ from ..robot.base import Walker
 from .hypotheses import catalogue
 from .likely import likely
 from .monitor import baseline, watch
+from .phased import Phase
 from .probes import probes
-from .record import HealRun, HealSettings, Phase, gait_document, gait_of
+from .record import HealRun, HealSettings, gait_document, gait_of
 from .reidentify import Doubt, Told
 from .senses import felt_over_time, orientation, position
 

@@ -5,9 +5,7 @@ three times estimate-K (what broke), explore-K (a controller for that), trial-K 
 on the robot); or, without a model, hardware (evolution on the robot).
 """
 
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,7 @@ from ..robot.driven import Driven
 from .belief import Candidate, choose
 from .estimate import GENES, VALUES, Hypothesis, decode, explained
 from .explain import explain
-from .record import Phase
+from .phased import Phase, grown
 from .recover_run import (
     RecoverRun,
     RecoverSettings,
@@ -57,17 +55,8 @@ def recover(
         run: one to go on with, made by the same robot and settings; None = start.
         progress: told the phase, what is done, and how much of it.
     """
-    run = run or RecoverRun(settings)
-    if run.result:
-        yield run
-        return
     work = _Phases(robot, settings, progress)
-    while name := _next(run):
-        start = time.perf_counter()
-        phase = work.do(name, run)
-        run = run.after(name, {**phase, "seconds": time.perf_counter() - start})
-        yield run
-    yield replace(run, result=_result(run))
+    return grown(run or RecoverRun(settings), work.next, _result)
 
 
 def _next(run: RecoverRun) -> str:
@@ -96,13 +85,16 @@ class _Phases:
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
 
-    def do(self, name: str, run: RecoverRun) -> Phase:
-        """What comes of a phase."""
+    def next(self, run: RecoverRun) -> tuple[str, Phase] | None:
+        """The name of the next phase and what came of it; None at the end."""
+        name = _next(run)
+        if not name:
+            return None
         kind = name.partition("-")[0]
         # where the phase stands is part of its seed, how it is reached is not
         numbers = [self.settings.seed, self.settings.scenario, len(run.phases), 42]
         rng = np.random.default_rng(numbers)
-        return getattr(self, f"_{kind}")(name, run, rng)
+        return name, getattr(self, f"_{kind}")(name, run, rng)
 
     def _original(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
@@ -118,7 +110,7 @@ class _Phases:
         """What may have broken."""
         if self.settings.method == "ours":
             return self._explain(name, run)
-        earlier = [p["genome"] for n, p in run.phases.items() if "estimate" in n]
+        earlier = [p["genome"] for p in run.estimates]
         score = explained(self.legged, run.trials)
         pool = self._search(name, score, rng, np.array(earlier) if earlier else None,
                             size=GENES * VALUES)  # fmt: skip
@@ -134,8 +126,7 @@ class _Phases:
         def told(share: float) -> None:
             self.progress(name, f"{len(run.trials)} trials", share)
 
-        known = [h for n, p in run.phases.items() if "estimate" in n
-                 for h in hypotheses_of(p)]  # fmt: skip
+        known = [h for p in run.estimates for h in hypotheses_of(p)]
         belief = explain(self.legged, run.trials, before, known, told)
         chance = belief.probability.tolist()
         return {"believed": hypotheses_document(belief.hypotheses),
@@ -287,7 +278,7 @@ def _result(run: RecoverRun) -> dict[str, Any]:
             "intact": _finite(p["original"]["best"][-1]),
             "healed": _finite(predicted[int(np.argmax(ways))]) if ways else None,
         },
-        "seconds": round(sum(phase["seconds"] for phase in p.values()), 1),
+        "seconds": round(run.seconds, 1),
     }  # fmt: skip
 
 
@@ -298,10 +289,10 @@ def _finite(value: float) -> float | None:
 
 def _marginals(run: RecoverRun) -> list[dict[str, Any]]:
     """Each damage of the best hypothesis, and how likely it is by itself."""
-    last = [phase for name, phase in run.phases.items() if "estimate" in name]
-    if not last:
+    if not run.estimates:
         return []
-    believed, chance = hypotheses_of(last[-1]), last[-1]["probability"]
+    last = run.estimates[-1]
+    believed, chance = hypotheses_of(last), last["probability"]
 
     def share(damage: Damage) -> float:
         said = [any((d.kind, d.target) == (damage.kind, damage.target) for d in h)
@@ -319,8 +310,7 @@ def named(run: RecoverRun) -> bool | None:
     None where nothing is believed, or no hypothesis could say what is true.
     """
     true = essential(run.settings.legged, run.settings.damage)
-    last = [phase for name, phase in run.phases.items() if "estimate" in name]
-    if not last or any(d.kind == "neuron_dead" for d in true):
+    if not run.estimates or any(d.kind == "neuron_dead" for d in true):
         return None
-    said = hypotheses_of(last[-1])[0]
+    said = hypotheses_of(run.estimates[-1])[0]
     return {(d.kind, d.target) for d in said} == {(d.kind, d.target) for d in true}

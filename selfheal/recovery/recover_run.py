@@ -1,22 +1,14 @@
-"""Recoveries on disk: all that a recovery went through, to look at or to go on with.
+"""Recoveries as records: what was asked, the phases so far, the hypotheses in them."""
 
-RECOVER.h5: attributes format="selfheal-recover-run", version=1, settings and result as
-JSON; a group phases/<name> each, as in a heal's file.
-"""
-
-import json
-import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import ClassVar
 
 from ..body.damage import Damage
 from ..body.legged import Legged, legged
-from ..files import atomic_path, open_run
 from .estimate import Hypothesis, Trial
-from .record import Phase, read_phases, write_phases
+from .phased import Phase, PhasedRun
 
-FORMAT, VERSION = "selfheal-recover-run", 1
 METHODS = {
     "ours": "sensor series, graded damage, the world; trials that separate hypotheses",
     "as-described": "the two searches of 2004, by displacement alone",
@@ -60,22 +52,20 @@ class RecoverSettings:
 
 
 @dataclass(frozen=True)
-class RecoverRun:
-    """A recovery, finished or not.
+class RecoverRun(PhasedRun):
+    """A recovery, finished or not."""
 
-    Attributes:
-        settings: what was asked.
-        phases: name -> what came of it, in order.
-        result: what `recover --json` prints, empty until the end.
-    """
+    WHAT: ClassVar[str] = "recovery's file"
+    FORMAT: ClassVar[str] = "selfheal-recover-run"
+    VERSION: ClassVar[int] = 1
+    SETTINGS: ClassVar[type] = RecoverSettings
 
     settings: RecoverSettings
-    phases: Mapping[str, Phase] = field(default_factory=dict)
-    result: Mapping[str, Any] = field(default_factory=dict)
 
-    def after(self, name: str, phase: Phase) -> "RecoverRun":
-        """This recovery and one more phase."""
-        return replace(self, phases={**self.phases, name: phase})
+    @property
+    def estimates(self) -> list[Phase]:
+        """What was believed after each trial, the last one last."""
+        return [p for name, p in self.phases.items() if name.startswith("estimate")]
 
     @property
     def trials(self) -> list[Trial]:
@@ -96,32 +86,3 @@ def hypotheses_document(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
 def hypotheses_of(phase: Phase) -> list[Hypothesis]:
     """The hypotheses that `hypotheses_document` kept in a phase."""
     return [tuple(Damage(**d) for d in h) for h in phase["believed"]]
-
-
-def save(run: RecoverRun, path: str | os.PathLike[str]) -> None:
-    """Write a recovery whole or not at all.
-
-    Raises:
-        InputError: nothing can be written there.
-    """
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
-        file.attrs.update(format=FORMAT, version=VERSION)
-        file.attrs["settings"] = json.dumps(asdict(run.settings))
-        file.attrs["result"] = json.dumps(dict(run.result))
-        write_phases(file, run.phases)
-
-
-def load(path: str | os.PathLike[str]) -> RecoverRun:
-    """Read a recovery.
-
-    Raises:
-        RunFileError: missing, held by another process, truncated, no recovery's file,
-            or of another version.
-    """
-    with open_run(path, "recovery's file", form=FORMAT, version=VERSION) as file:
-        settings = json.loads(file.attrs["settings"])
-        settings["damage"] = tuple(Damage(**d) for d in settings["damage"])
-        result = json.loads(file.attrs["result"])
-        return RecoverRun(RecoverSettings(**settings), read_phases(file), result)
