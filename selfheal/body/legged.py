@@ -95,7 +95,7 @@ class Legged:
             found[name] = Place(name, part, (*before, dof))
         return tuple(found.values())
 
-    @property
+    @cached_property
     def _joints(self) -> list[Any]:
         """The joint of each motor."""
         ids = self.model.actuator_trnid[:, 0]

@@ -1,6 +1,6 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -100,15 +100,16 @@ def step(
     return np.clip(move, a, b) * scale
 
 
-def jacobian(problem: Problem, terms, values: Floats, at: Floats) -> Floats:
-    """Differences (R, P) of the residuals by each parameter."""
-    low, high, scale = bounds(terms)
+def jacobian(
+    residuals: Callable[[Floats], Floats], values: Floats, at: Floats, high: Floats,
+    scale: Floats,
+) -> Floats:  # fmt: skip
+    """Differences (R, P) of residuals at values (P), where they are `at` (R)."""
     if not len(values):
         return np.zeros((len(at), 0))
     moves = NUDGE * scale
     moves = np.where(values + moves > high, -moves, moves)
-    points = values + np.diag(moves)
-    return ((problem.residuals(terms, points) - at) / moves[:, None]).T
+    return ((residuals(values + np.diag(moves)) - at) / moves[:, None]).T
 
 
 def fit(
@@ -136,19 +137,19 @@ def fit(
 def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answer:
     """Values, residuals and Jacobian of `fit`."""
     low, high, scale = bounds(terms)
-    weights = believed(terms)
+    weights, residuals = believed(terms), partial(problem.residuals, terms)
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.at(terms, x)
-    jac = jacobian(problem, terms, x, r) if known is None else known
+    jac = jacobian(residuals, x, r, high, scale) if known is None else known
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
-        told = problem.residuals(terms, tries)
+        told = residuals(tries)
         costs = (told**2).sum(axis=1) + (weights * (tries - 1) ** 2).sum(axis=1)
         best = int(costs.argmin())
         before = float(r @ r + weights @ (x - 1) ** 2)
         if costs[best] >= before and known is not None:
-            jac, known = jacobian(problem, terms, x, r), None
+            jac, known = jacobian(residuals, x, r, high, scale), None
             continue
         if costs[best] >= before:
             break
@@ -158,7 +159,7 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = _secant(jac, move, change, scale)
         else:
-            jac, known = jacobian(problem, terms, x, r), None
+            jac, known = jacobian(residuals, x, r, high, scale), None
         if gained < gain * before:
             break
     return x, r, jac
@@ -169,8 +170,11 @@ def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Flo
 
     Where impacts make the cost rough a search ends in the nearest of many minima, and
     one window, in which a body falls on another side, may outweigh all others: so each
-    counts by the logarithm of its cost, as if each had a noise of its own.
+    counts by the logarithm of its cost, as if each had a noise of its own. Single
+    readings are too few for that.
     """
+    if problem.windows.is_single:
+        return values
     low, high, _ = bounds(terms)
     least = problem.by_window(np.ones(len(problem.window_of)))
     stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
@@ -272,11 +276,6 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
         rows = np.hstack([np.tile(fixed, (len(points), 1)), points])
         return problem.residuals(terms, rows)
 
-    def differences(x: Floats, r: Floats) -> Floats:
-        nudge = NUDGE * scale
-        nudge = np.where(x + nudge > high, -nudge, nudge)
-        return ((residuals(x + np.diag(nudge)) - r) / nudge[:, None]).T
-
     points = np.array(term.starts, float).reshape(len(term.starts), -1)
     told = residuals(points)
     if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
@@ -284,8 +283,10 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
     settled = [base.settle(r) for r in told]
     best = int(np.argmin([c for c, _ in settled]))
     x, r, (cost, move) = points[best], told[best], settled[best]
-    jac = differences(x, r) if len(x) and rounds else np.zeros((len(r), len(x)))
-    for i in range(rounds if len(x) else 0):
+    jac = np.zeros((len(r), len(x)))
+    if rounds:
+        jac = jacobian(residuals, x, r, high, scale)
+    for _ in range(rounds if len(x) else 0):
         tries = x + np.array([
             _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING
         ])  # fmt: skip
@@ -297,10 +298,10 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
             break
         moved, change = tries[best] - x, told[best] - r
         x, r, (cost, move) = tries[best], told[best], settled[best]
-        if i + 1 == rounds or before - cost < 2e-3 * before:
+        if rounds == 1 or before - cost < 2e-3 * before:
             jac = _secant(jac, moved, change, scale)
             break
-        jac = differences(x, r)
+        jac = jacobian(residuals, x, r, high, scale)
     return x, r, jac, move
 
 

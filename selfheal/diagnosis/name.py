@@ -305,9 +305,7 @@ def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, S
     """The problem with weights by what a fit leaves, and the fit there."""
     new = reweighed(problem, found)
     near = problem.carried(new, found.jacobian)
-    start = found.values
-    if not new.windows.is_single:
-        start = looked_about(new, found.terms, start)
+    start = looked_about(new, found.terms, found.values)
     return new, scored(new, found.terms, start, rounds=rounds, known=near)
 
 
