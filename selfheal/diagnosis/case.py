@@ -63,7 +63,9 @@ def prepare(
     names = tuple(
         f"{Path(h.file).name}:{name}" for _, h in pairs for name in h.episodes
     )
-    return Case(workshop, world, held, scene_of(world), names)
+    scene = scene_of(world)
+    world, held = (replace(w, touches=scene.touches) for w in (world, held))
+    return Case(workshop, world, held, scene, names)
 
 
 def _parted(

@@ -1,6 +1,6 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -11,7 +11,9 @@ from .memory import Answer
 from .problem import FAR, Problem
 from .terms import Term
 
-NUDGE = 0.02  # of a parameter's scale, for differences; chosen: above solver noise
+# of a parameter's scale, for differences; chosen: above solver noise; where something
+# touches readings jump at whatever change, and a slope over a small one tells of that
+NUDGE, COARSE = 0.02, 0.3
 ABOUT = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)  # times a value, where to look for better ones
 LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
@@ -101,15 +103,22 @@ def step(
 
 
 def jacobian(
-    residuals: Callable[[Floats], Floats], values: Floats, at: Floats, high: Floats,
-    scale: Floats,
-) -> Floats:  # fmt: skip
-    """Differences (R, P) of residuals at values (P), where they are `at` (R)."""
-    if not len(values):
+    problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, last: int = 0
+) -> Floats:
+    """Differences of residuals at values (P), where they are `at` (R).
+
+    Returns:
+        (R, P), or (R, last) of the last ones alone.
+    """
+    low, high, scale = (x[-last:] for x in bounds(terms))
+    own = values[-last:]
+    if not len(own):
         return np.zeros((len(at), 0))
-    moves = NUDGE * scale
-    moves = np.where(values + moves > high, -moves, moves)
-    return ((residuals(values + np.diag(moves)) - at) / moves[:, None]).T
+    moves = (COARSE if problem.world.touches else NUDGE) * scale
+    moves = np.where(own + moves > high, np.maximum(-moves, low - own), moves)
+    points = np.tile(values, (len(own), 1))
+    points[:, -len(own) :] += np.diag(moves)
+    return ((problem.residuals(terms, points) - at) / moves[:, None]).T
 
 
 def fit(
@@ -137,19 +146,19 @@ def fit(
 def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answer:
     """Values, residuals and Jacobian of `fit`."""
     low, high, scale = bounds(terms)
-    weights, residuals = believed(terms), partial(problem.residuals, terms)
+    weights = believed(terms)
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.at(terms, x)
-    jac = jacobian(residuals, x, r, high, scale) if known is None else known
+    jac = jacobian(problem, terms, x, r) if known is None else known
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
-        told = residuals(tries)
+        told = problem.residuals(terms, tries)
         costs = (told**2).sum(axis=1) + (weights * (tries - 1) ** 2).sum(axis=1)
         best = int(costs.argmin())
         before = float(r @ r + weights @ (x - 1) ** 2)
         if costs[best] >= before and known is not None:
-            jac, known = jacobian(residuals, x, r, high, scale), None
+            jac, known = jacobian(problem, terms, x, r), None
             continue
         if costs[best] >= before:
             break
@@ -159,7 +168,7 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = _secant(jac, move, change, scale)
         else:
-            jac, known = jacobian(residuals, x, r, high, scale), None
+            jac, known = jacobian(problem, terms, x, r), None
         if gained < gain * before:
             break
     return x, r, jac
@@ -276,6 +285,9 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
         rows = np.hstack([np.tile(fixed, (len(points), 1)), points])
         return problem.residuals(terms, rows)
 
+    def slopes(x: Floats, r: Floats) -> Floats:
+        return jacobian(problem, terms, np.append(fixed, x), r, len(x))
+
     points = np.array(term.starts, float).reshape(len(term.starts), -1)
     told = residuals(points)
     if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
@@ -283,9 +295,7 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
     settled = [base.settle(r) for r in told]
     best = int(np.argmin([c for c, _ in settled]))
     x, r, (cost, move) = points[best], told[best], settled[best]
-    jac = np.zeros((len(r), len(x)))
-    if rounds:
-        jac = jacobian(residuals, x, r, high, scale)
+    jac = slopes(x, r) if rounds and len(x) else np.zeros((len(r), len(x)))
     for _ in range(rounds if len(x) else 0):
         tries = x + np.array([
             _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING
@@ -301,7 +311,7 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
         if rounds == 1 or before - cost < 2e-3 * before:
             jac = _secant(jac, moved, change, scale)
             break
-        jac = jacobian(residuals, x, r, high, scale)
+        jac = slopes(x, r)
     return x, r, jac, move
 
 

@@ -33,6 +33,7 @@ class World:
         signals: the channels compared.
         logs: episodes on a grid of `step` s.
         step: of the simulation [s].
+        touches: whether anything touches, as the given model moves.
         memory: keeps what is worked out of it.
         counted: (1) windows simulated so far.
     """
@@ -41,6 +42,7 @@ class World:
     signals: tuple[Channel, ...]
     logs: tuple[Log, ...]
     step: float
+    touches: bool = False
     memory: Memory = field(default_factory=Memory)
     counted: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
     _held: WeakKeyDictionary = field(default_factory=WeakKeyDictionary)
