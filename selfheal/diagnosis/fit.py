@@ -110,12 +110,12 @@ def jacobian(
     Returns:
         (R, P), or (R, last) of the last ones alone.
     """
-    low, high, scale = (x[-last:] for x in bounds(terms))
+    _, high, scale = (x[-last:] for x in bounds(terms))
     own = values[-last:]
     if not len(own):
         return np.zeros((len(at), 0))
     moves = (COARSE if problem.world.touches else NUDGE) * scale
-    moves = np.where(own + moves > high, np.maximum(-moves, low - own), moves)
+    moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
     points[:, -len(own) :] += np.diag(moves)
     return ((problem.residuals(terms, points) - at) / moves[:, None]).T
