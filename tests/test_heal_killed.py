@@ -41,7 +41,7 @@ phased.save = killed
 hypotheses._SCALES = (0.1, 0.5)
 hypotheses._JAMS, hypotheses._AZIMUTHS = np.zeros(1), np.zeros(1)
 hypotheses._STRENGTHS = hypotheses._FRICTIONS = (0.3,)
-page.animation = lambda *args, **more: ""
+page.film = lambda *args, **more: ""
 app(sys.argv[2:])
 """
 

@@ -13,7 +13,8 @@ from ..gait.synthesis import forward
 from ..recovery.phases import damage_of
 from ..recovery.record import HealRun, gait_of
 from .draw import NEUTRAL, draw, from_behind, window
-from .motion import Lane, animation
+from .film import film
+from .motion import Lane
 from .page import Html, Section, page, paragraph, table
 from .picture import BLUE, GREEN, INK, MUTED, ORANGE, WIDTH, figure, style
 
@@ -95,9 +96,9 @@ def _walks(run: HealRun, before: Bodies, after: Bodies) -> Section:
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
         "The three walks as a camera saw the torso and the joints felt themselves, "
-        "drawn on the body that the robot believes in; twice as fast as they were."
+        "shown on the body that the robot believes in; twice as fast as they were."
     )
-    moving = animation(lanes, heading, caption, sample=SAMPLE)
+    moving = film(lanes, heading, caption, sample=SAMPLE)
     return Section("Walks", (table(head, rows, "lrr"), moving, _paths(lanes, heading)))
 
 
