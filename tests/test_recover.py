@@ -381,8 +381,9 @@ def test_a_file_of_something_else_is_refused(tmp_path):
         load(tmp_path / "x.h5", RecoverRun)
 
 
-def test_samples_are_whole_steps():
+def test_samples_are_whole_steps_of_the_models():
     assert reflex.STEPS % EVERY == 0
+    assert {legged(name).model.opt.timestep for name in LEGGED} == {reflex.STEP}
 
 
 def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):

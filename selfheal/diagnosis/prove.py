@@ -63,6 +63,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
 def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:
     """Of several the first, unless held-out episodes clearly speak for another."""
     lead, _ = hypotheses[0]
+    if not hypotheses[1:]:
+        return hypotheses[0]
     sigma = for_score(lead.problem, lead.final.fit)
     held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
     errors = [_error(held, naming.final.fit) for naming, _ in hypotheses]

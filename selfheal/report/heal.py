@@ -16,9 +16,19 @@ from .draw import NEUTRAL, draw, from_behind, window
 from .film import film
 from .motion import Lane
 from .page import Html, Section, page, paragraph, table
-from .picture import BLUE, GREEN, INK, MUTED, ORANGE, WIDTH, figure, style
+from .picture import (
+    BLUE,
+    COLORS,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    WIDTH,
+    figure,
+    style,
+    ways,
+)
 
-_COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 _ROWS = round(SECONDS / SAMPLE)
 _SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
@@ -109,23 +119,9 @@ def _meters(value: float | None) -> str:
 
 def _paths(lanes: list[Lane], heading: float) -> Html:
     """The ways from above."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(WIDTH, 3.2))
-    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
-    for lane in lanes:
-        along, across = forward(lane.position, heading)
-        ax.plot(along, across, color=lane.color, lw=1.6, label=lane.title)
-        ax.plot(along[-1], across[-1], "o", color=lane.color, ms=5)
-    ax.plot(0, 0, "o", color=INK, ms=4)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel("along the heading [m]")
-    ax.set_ylabel("to the left [m]")
-    ax.legend()
-    ax.grid(True)
-    return figure(
-        fig, "Ways of the torso from above, 10 s each; they begin at the dot."
-    )
+    paths = [(a.title, a.color, *forward(a.position, heading)) for a in lanes]
+    caption = "Ways of the torso from above, 10 s each; they begin at the dot."
+    return ways(paths, "along the heading", caption)
 
 
 def _bodies(run: HealRun, before: Bodies, after: Bodies) -> Section:
@@ -231,7 +227,7 @@ def _beliefs(asked: list[Mapping[str, Any]]) -> Html:
     fig = Figure(figsize=(WIDTH, 2.8))
     ax = fig.add_axes((0.07, 0.17, 0.6, 0.78))
     steps = np.arange(1, len(after) + 1)
-    for key, color in zip(top[: len(_COLORS)], _COLORS, strict=False):
+    for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
         chances: Floats = np.array([_chance(a, key) for a in after])
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
         ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=said)
