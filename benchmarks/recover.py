@@ -100,7 +100,8 @@ def speed(seeds: int) -> Plays:
     """Evaluations a second against plain MuJoCo, in turns on the same machine."""
     for seed in range(FIRST, FIRST + seeds):
         for robot in LEGGED[::-1]:
-            yield f"{robot} {seed}", lambda r=robot, s=seed: _speed(r, s)
+            key = f"{robot} {seed} {cores()}"
+            yield key, lambda r=robot, s=seed: _speed(r, s)
 
 
 def _speed(name: str, seed: int) -> dict[str, Any]:
