@@ -9,14 +9,14 @@ import numpy as np
 
 from .motion import FRAME, Lane, animation, moving, until
 from .page import Html
-from .picture import INK, LINE
+from .picture import INK, PAPER
 from .render import SQUARE, rendered
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
 
 _QUALITY = 60  # of a WebP, of 100; chosen
-_LETTERS = 15  # [px]; chosen
+_LETTERS, _BAND = 15, 26  # [px] of titles, and what they stand on; chosen
 
 
 def film(lanes: Sequence[Lane], heading: float, caption: str, *, sample: float) -> Html:
@@ -43,13 +43,14 @@ def _webp(lanes: Sequence[Lane], shown: np.ndarray) -> bytes:
     from PIL import Image, ImageDraw
 
     font, frames = _font(), []
-    height = shown.shape[2]
+    count, _, height, width = shown.shape[:4]
     for strips in shown.swapaxes(0, 1):
-        image = Image.fromarray(np.concatenate(list(strips)))
+        image = Image.new("RGB", (width, count * (_BAND + height)), PAPER)
         draw = ImageDraw.Draw(image)
-        for k, lane in enumerate(lanes):
-            draw.line((0, k * height, image.width, k * height), fill=LINE)
-            draw.text((10, k * height + 8), lane.title, fill=INK, font=font)
+        for k, (lane, strip) in enumerate(zip(lanes, strips, strict=True)):
+            top = k * (_BAND + height)
+            draw.text((4, top + 4), lane.title, fill=INK, font=font)
+            image.paste(Image.fromarray(strip), (0, top + _BAND))
         frames.append(image)
     buffer = io.BytesIO()
     first, *others = frames
