@@ -7,7 +7,7 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from importlib.metadata import version
@@ -78,6 +78,37 @@ def complete(benchmark: str, suite: str, plays: Plays) -> None:
         print(f"{suite} {key}: {spent:.1f} s", file=sys.stderr)
 
 
+def main(
+    benchmark: str,
+    text: str,
+    suites: Mapping[str, tuple[Callable[[int], Plays], int]],
+    write: Callable[[Path, Mapping[str, dict[str, dict[str, Any]]], str], None],
+    *,
+    counted: str,
+) -> None:
+    """Play the suites that the command line names, or make the page of all.
+
+    Args:
+        benchmark: its name.
+        text: what `--help` says.
+        suites: name -> what gives its plays for a count, and the usual count.
+        write: makes the page, of where, all records, and remarks.
+        counted: the option that gives another count.
+    """
+    line = parser(text)
+    line.add_argument("suites", nargs="+", choices=[*suites, "page"])
+    line.add_argument(f"--{counted}", type=int, default=0, dest="count")
+    chosen = line.parse_args()
+    for name in chosen.suites:
+        if name == "page":
+            known = {suite: records(benchmark, suite) for suite in suites}
+            remarks = Path(__file__).with_name(f"_{benchmark}_remarks.md")
+            write(chosen.root, known, remarks.read_text())
+        else:
+            suite, usual = suites[name]
+            complete(benchmark, name, suite(chosen.count or usual))
+
+
 def cores() -> int:
     """The number of cores this process may run on."""
     return len(os.sched_getaffinity(0))
@@ -126,7 +157,7 @@ def page(title: str, sections: Sequence[Section], hardware: str) -> str:
     today = date.today().isoformat()
     parts = [f"# {title}", f"    {command()}", f"{today}, on {hardware}."]
     for s in sections:
-        parts += [f"## {s.title}", s.text]
+        parts += [f"## {s.title}", *filter(None, [s.text])]
         if s.rows:
             parts.append(table(s.header, s.rows))
     return "\n\n".join(parts) + "\n"

@@ -175,27 +175,37 @@ def _control(known: Mapping[str, Records]) -> Section:
     return Section("The control", words, head, rows)
 
 
+def _clock(record: Mapping[str, Any]) -> str:
+    """CPU seconds where one core was used, which others share; else wall seconds."""
+    return "cpu" if record["cores"] == 1 else "wall"
+
+
 def _faster(records: Records) -> str:
-    """Ratios of evaluations a second, of CPU seconds on one core."""
+    """Ratios of evaluations a second."""
     found = []
-    for robot in dict.fromkeys(r["robot"] for r in records.values()):
-        rows = [r for r in records.values() if r["robot"] == robot]
+    for key in dict.fromkeys((r["robot"], r["cores"]) for r in records.values()):
+        rows = [r for r in records.values() if (r["robot"], r["cores"]) == key]
         for what in ("batch", "search"):
-            ratio = np.median([r["plain"]["cpu"] / r[what]["cpu"] for r in rows])
-            found.append(f"{robot}, {what} {ratio:.1f} : 1")
-    return "; ".join(found) + " a core" if found else "not run"
+            ratio = np.median(
+                [r["plain"][_clock(r)] / r[what][_clock(r)] for r in rows]
+            )
+            count = f"{key[1]} core{'s' * (key[1] != 1)}"
+            found.append(f"{key[0]}, {count}, {what} {ratio:.1f} : 1")
+    return "; ".join(found) or "not run"
 
 
 def _speed(records: Records) -> Section:
     """Seconds of an evaluation."""
     rows = []
     for r in records.values():
-        each = [f"{1 / r[k]['cpu']:.0f}" for k in ("plain", "batch", "search")]
+        each = [f"{1 / r[k][_clock(r)]:.0f}" for k in ("plain", "batch", "search")]
         rows.append((r["robot"], r["cores"], *each))
     head = ("robot", "cores", "plain MuJoCo, network in numpy", "one batch of 100",
             "a whole search")  # fmt: skip
     words = (
-        "Evaluations of 1,000 steps in a second of CPU, each way in turn. A search "
-        "counts what the algorithm asks for: copies have been scored already."
+        "Evaluations of 1,000 steps in a second, each way in turn: of CPU time where "
+        "there was one core, which other work shared, of wall time where there were "
+        "more. Plain MuJoCo uses one. A search counts what the algorithm asks for: "
+        "copies have been scored already."
     )
     return Section("Speed", words, head, rows)

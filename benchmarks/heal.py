@@ -9,14 +9,12 @@ development used seeds below 5000.
 """
 
 import time
-from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import INTACT, complete, parser, records
+from _common import INTACT, Plays, main
 from _heal_page import write
 
 from selfheal.body.body import length_error
@@ -39,10 +37,9 @@ from selfheal.robot.replay import replay
 
 FIRST = 5000
 ROBOTS = 2  # hidden robots of `heals`, each identified once
-REMARKS = Path(__file__).with_name("_heal_remarks.md")
 
 
-def real(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+def real(count: int) -> Plays:
     """Naming the damage of the robot of 2006, chosen actions against random ones."""
     for seed in range(FIRST, FIRST + count):
         for chosen in (True, False):
@@ -70,7 +67,7 @@ def _readings() -> Tables:
     return tables(*robots)
 
 
-def gaits(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+def gaits(count: int) -> Plays:
     """Gaits of the true body's self-model, each walked on three hidden robots."""
     for seed in range(FIRST, FIRST + count):
         for name in ("waves", "poses") if seed < FIRST + count // 3 else ("waves",):
@@ -128,19 +125,19 @@ def _stock(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
 _STOCK: dict[int, Any] = {}
 
 
-def heals(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+def heals(count: int) -> Plays:
     """Whole heals of random body damages, each kind as often."""
     for k in range(count):
         yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=True)
 
 
-def verdicts(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+def verdicts(count: int) -> Plays:
     """More random body damages, alarm and verdict, no new gait."""
     for k in range(100, 100 + count):
         yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=False)
 
 
-def worlds(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+def worlds(count: int) -> Plays:
     """Slopes and slippery ground: alarm and verdict, no new gait."""
     for k in range(count):
         yield f"{FIRST + k}", lambda k=k: _heal(k, WORLD_KINDS, whole=False)
@@ -190,7 +187,7 @@ def _outcome(run, damage, onset, truth, models, robots) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def alarms(count: int) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
+def alarms(count: int) -> Plays:
     """Walks of hidden robots, whole and breaking, watched."""
     for k in range(count):
         yield f"{FIRST + k}", lambda k=k: _watched(k)
@@ -245,20 +242,5 @@ SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 30),
           "worlds": (worlds, 20)}  # fmt: skip
 
 
-def main() -> None:
-    """Play a suite, or make the page."""
-    options = parser(__doc__ or "")
-    options.add_argument("suites", nargs="+", choices=[*SUITES, "page"])
-    options.add_argument("--count", type=int, default=0)
-    chosen = options.parse_args()
-    for name in chosen.suites:
-        if name == "page":
-            known = {suite: records("heal", suite) for suite in SUITES}
-            write(chosen.root, known, REMARKS.read_text())
-        else:
-            suite, count = SUITES[name]
-            complete("heal", name, suite(chosen.count or count))
-
-
 if __name__ == "__main__":
-    main()
+    main("heal", __doc__ or "", SUITES, write, counted="count")

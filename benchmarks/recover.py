@@ -10,11 +10,10 @@ up; development used seeds below 5000.
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import Plays, complete, cores, parser, records
+from _common import Plays, cores, main
 from _recover_page import write
 from _recover_reference import plain_way
 
@@ -34,7 +33,6 @@ from selfheal.robot.scenarios import SCENARIOS, TABLE, scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
 
 FIRST = 5000
-REMARKS = Path(__file__).with_name("_recover_remarks.md")
 BEYOND = range(len(TABLE) + 1, len(SCENARIOS) + 1)
 
 
@@ -102,7 +100,8 @@ def speed(seeds: int) -> Plays:
     """Evaluations a second against plain MuJoCo, in turns on the same machine."""
     for seed in range(FIRST, FIRST + seeds):
         for robot in LEGGED[::-1]:
-            yield f"{robot} {seed}", lambda r=robot, s=seed: _speed(r, s)
+            key = f"{robot} {seed} {cores()}"
+            yield key, lambda r=robot, s=seed: _speed(r, s)
 
 
 def _speed(name: str, seed: int) -> dict[str, Any]:
@@ -138,20 +137,5 @@ SUITES = {"speed": (speed, 3), "ours": (ours, 3), "described": (described, 3),
           "gap": (gap, 3)}  # fmt: skip
 
 
-def main() -> None:
-    """Play a suite, or make the page."""
-    options = parser(__doc__ or "")
-    options.add_argument("suites", nargs="+", choices=[*SUITES, "page"])
-    options.add_argument("--seeds", type=int, default=0)
-    chosen = options.parse_args()
-    for name in chosen.suites:
-        if name == "page":
-            known = {suite: records("recover", suite) for suite in SUITES}
-            write(chosen.root, known, REMARKS.read_text())
-        else:
-            suite, count = SUITES[name]
-            complete("recover", name, suite(chosen.seeds or count))
-
-
 if __name__ == "__main__":
-    main()
+    main("recover", __doc__ or "", SUITES, write, counted="seeds")

@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -209,12 +209,13 @@ def _finish(path: Path, live: Live) -> "RecoverRun":
 
 def _line(run: "RecoverRun") -> str:
     """What came of the last phase, in a line."""
+    from selfheal.body.damage import spoken
     from selfheal.recovery.recover_run import hypotheses_of
 
     name, phase = list(run.phases.items())[-1]
     kind, _, turn = name.partition("-")
     if kind == "estimate":
-        said = _words(hypotheses_of(phase)[0])
+        said = spoken(hypotheses_of(phase)[0])
         return f"{turn}: believes {said} ({100 * phase['probability'][0]:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
@@ -222,11 +223,6 @@ def _line(run: "RecoverRun") -> str:
             "trial": f"{turn}: tried on the robot",
             "hardware": "evolved on the robot"}[kind]  # fmt: skip
     return f"{told}: {phase['way']:.2f} m"
-
-
-def _words(hypothesis: Sequence[Any]) -> str:
-    """A hypothesis in words."""
-    return " and ".join(map(str, hypothesis)) or "nothing broke"
 
 
 def _print_results(runs: Sequence["RecoverRun"]) -> None:

@@ -109,7 +109,8 @@ def test_a_finished_heal_is_not_done_again(steps, tmp_path):
     assert len(again) == 1 and again[0].result == steps[-1].result
 
 
-def test_the_page_tells_it_and_asks_for_nothing(steps):
+def test_the_page_tells_it_and_asks_for_nothing(steps, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
     page = heal_page(steps[-1], BODY)
     assert "right lower x" in page and "image/gif" in page
     assert "<script" not in page and "http" not in page.replace(
@@ -119,8 +120,8 @@ def test_the_page_tells_it_and_asks_for_nothing(steps):
 
 @pytest.fixture
 def still(monkeypatch):
-    """Pages without their animation, which takes seconds."""
-    monkeypatch.setattr("selfheal.report.heal.animation", lambda *a, **k: "")
+    """Pages without their moving picture, which takes seconds."""
+    monkeypatch.setattr("selfheal.report.heal.film", lambda *a, **k: "")
 
 
 def test_the_page_of_a_heal_that_nothing_called_for(steps, still):

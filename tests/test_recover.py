@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from toys_recover import DEAF, JAM, LOST, LOWER, shorten
 from typer.testing import CliRunner
 
 from selfheal.body.damage import Damage
@@ -30,10 +31,6 @@ from selfheal.robot.simulated_legs import SimulatedLegs
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 QUADRUPED = legged("quadruped")
 FLAT = np.full(200, 0.05)
-LOST = Damage("limb_loss", "body:left_front_upper")
-LOWER = Damage("limb_loss", "body:left_front_lower")
-JAM = Damage("joint_jam", "joint:right_back_hip")
-DEAF = Damage("sensor_dead", "sensor:left_back_lower_touch")
 
 
 def _weights(count, robot=QUADRUPED, seed=0):
@@ -248,12 +245,7 @@ def test_scenarios_strike_what_is_there(name, number):
 @pytest.fixture
 def short(monkeypatch):
     """Searches of a second."""
-    monkeypatch.setattr(genetic, "POPULATION", 12)
-    monkeypatch.setattr(genetic, "KEPT", 6)
-    monkeypatch.setattr(genetic, "_PAIRS", 2)
-    monkeypatch.setattr("selfheal.recovery.recover.KEPT", 4)
-    monkeypatch.setattr("selfheal.recovery.recover.HARDWARE", 2)
-    monkeypatch.setattr(ours, "singles", lambda robot: [LOST, LOWER, JAM, DEAF])
+    shorten(monkeypatch.setattr)
 
 
 def _settings(method="ours", number=1, **more):
@@ -381,8 +373,9 @@ def test_a_file_of_something_else_is_refused(tmp_path):
         load(tmp_path / "x.h5", RecoverRun)
 
 
-def test_samples_are_whole_steps():
+def test_samples_are_whole_steps_of_the_models():
     assert reflex.STEPS % EVERY == 0
+    assert {legged(name).model.opt.timestep for name in LEGGED} == {reflex.STEP}
 
 
 def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):

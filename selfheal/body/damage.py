@@ -1,6 +1,7 @@
 """Damage as data: what may happen to a robot or its world, in words and numbers."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..errors import InputError, UnknownNameError
@@ -82,6 +83,11 @@ class Damage:
 
 
 INTACT = Damage("none")
+
+
+def spoken(damages: Iterable[Damage]) -> str:
+    """Damages in words."""
+    return " and ".join(map(str, damages)) or "nothing broke"
 
 
 def sensors_of(anatomy: Anatomy) -> tuple[str, ...]:

@@ -20,7 +20,9 @@ from .network import networks
 from .walk import FASTEST, ignore_warnings
 
 STEPS = 1000  # of one evaluation (overview.txt 4.3)
-EVERY = 5  # steps that a sample of the series is the mean of; chosen: 50 ms
+STEP = 0.01  # [s] of one, as the models have it
+EVERY = 5  # steps that a sample of the series is the mean of; chosen
+SAMPLE = STEP * EVERY  # [s] from sample to sample
 _GONE = 1e-3  # share of its mass that a lost part keeps: MuJoCo needs some; chosen
 _JAM = 1e5  # [kg m^2] armature of a jammed joint; chosen: 6 N m turn it by 0.2 degrees
 _AIR = 1.2  # [kg/m^3] where wind blows

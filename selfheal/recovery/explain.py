@@ -15,7 +15,7 @@ import numpy as np
 from ..body.body import Floats
 from ..body.damage import Damage
 from ..body.legged import Legged, essential
-from ..engine.reflex import EVERY, STEPS, damaged, drive
+from ..engine.reflex import EVERY, SAMPLE, STEPS, damaged, drive
 from .belief import posterior
 from .estimate import Hypothesis, Trial
 from .hypotheses import AZIMUTHS, STRENGTHS, grounds
@@ -35,7 +35,7 @@ _SMALLER = 0.65  # a round's steps : those of the one before; chosen
 _WINDS = (3.0, 6.0, 10.0)  # [m/s], a breeze to a strong wind; chosen
 # Chosen: a sensor's value is not trusted more than this, and values within half a
 # second say the same.
-_LEAST, _ALIKE = 0.05, 0.5 / (0.01 * EVERY)
+_LEAST, _ALIKE = 0.05, 0.5 / SAMPLE
 _EACH = 6.0  # [nats] that each damage must explain more; chosen
 _FADE = 1.0  # [s] after which a sample counts half; chosen
 _TURN = np.pi / 8
@@ -83,7 +83,7 @@ class _Seen:
         plants = damaged(self.robot, hypotheses)
         total = np.array([-_EACH * len(h) for h in hypotheses])
         rows = steps // EVERY
-        worth = 1 / (1 + np.arange(rows) * EVERY * 0.01 / _FADE)
+        worth = 1 / (1 + np.arange(rows) * SAMPLE / _FADE)
         for k, trial in enumerate(self.trials):
             weights = np.tile(trial.weights, (len(hypotheses), 1))
             drives = drive(plants, weights, steps)

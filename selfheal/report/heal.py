@@ -13,11 +13,22 @@ from ..gait.synthesis import forward
 from ..recovery.phases import damage_of
 from ..recovery.record import HealRun, gait_of
 from .draw import NEUTRAL, draw, from_behind, window
-from .motion import Lane, animation
+from .film import film
+from .motion import Lane
 from .page import Html, Section, page, paragraph, table
-from .picture import BLUE, GREEN, INK, MUTED, ORANGE, WIDTH, figure, style
+from .picture import (
+    BLUE,
+    COLORS,
+    GREEN,
+    INK,
+    MUTED,
+    ORANGE,
+    WIDTH,
+    figure,
+    style,
+    ways,
+)
 
-_COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 _ROWS = round(SECONDS / SAMPLE)
 _SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
@@ -95,9 +106,9 @@ def _walks(run: HealRun, before: Bodies, after: Bodies) -> Section:
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
         "The three walks as a camera saw the torso and the joints felt themselves, "
-        "drawn on the body that the robot believes in; twice as fast as they were."
+        "shown on the body that the robot believes in; twice as fast as they were."
     )
-    moving = animation(lanes, heading, caption, sample=SAMPLE)
+    moving = film(lanes, heading, caption, sample=SAMPLE)
     return Section("Walks", (table(head, rows, "lrr"), moving, _paths(lanes, heading)))
 
 
@@ -108,23 +119,9 @@ def _meters(value: float | None) -> str:
 
 def _paths(lanes: list[Lane], heading: float) -> Html:
     """The ways from above."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(WIDTH, 3.2))
-    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
-    for lane in lanes:
-        along, across = forward(lane.position, heading)
-        ax.plot(along, across, color=lane.color, lw=1.6, label=lane.title)
-        ax.plot(along[-1], across[-1], "o", color=lane.color, ms=5)
-    ax.plot(0, 0, "o", color=INK, ms=4)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel("along the heading [m]")
-    ax.set_ylabel("to the left [m]")
-    ax.legend()
-    ax.grid(True)
-    return figure(
-        fig, "Ways of the torso from above, 10 s each; they begin at the dot."
-    )
+    paths = [(a.title, a.color, *forward(a.position, heading)) for a in lanes]
+    caption = "Ways of the torso from above, 10 s each; they begin at the dot."
+    return ways(paths, "along the heading", caption)
 
 
 def _bodies(run: HealRun, before: Bodies, after: Bodies) -> Section:
@@ -230,7 +227,7 @@ def _beliefs(asked: list[Mapping[str, Any]]) -> Html:
     fig = Figure(figsize=(WIDTH, 2.8))
     ax = fig.add_axes((0.07, 0.17, 0.6, 0.78))
     steps = np.arange(1, len(after) + 1)
-    for key, color in zip(top[: len(_COLORS)], _COLORS, strict=False):
+    for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
         chances: Floats = np.array([_chance(a, key) for a in after])
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
         ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=said)

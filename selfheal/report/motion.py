@@ -15,6 +15,7 @@ from .picture import INK, LINE, MUTED, WIDTH
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+FRAME = 0.2  # [s] of a walk from picture to picture, shown in half of it; chosen
 _DEPTH = 0.3  # of what lies across, seen from the side and above; chosen
 _DPI = 72
 _TORSO = "#98a2ad"
@@ -96,14 +97,24 @@ def animation(
         caption: below; also what a screen reader says.
         sample: seconds between the rows of a lane.
     """
-    frames = _frames(lanes, heading, max(1, round(0.2 / sample)))
+    frames = _frames(lanes, heading, max(1, round(FRAME / sample)))
     buffer = io.BytesIO()
     first, *others = frames
-    first.save(buffer, "GIF", save_all=True, append_images=others, duration=100,
-               loop=0, optimize=True)  # fmt: skip
-    coded = base64.b64encode(buffer.getvalue()).decode("ascii")
-    picture = f'<img alt="{text(caption)}" src="data:image/gif;base64,{coded}">'
-    return Html(f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>")
+    first.save(buffer, "GIF", save_all=True, append_images=others, loop=0,
+               duration=round(500 * FRAME), optimize=True)  # fmt: skip
+    return moving(buffer.getvalue(), "gif", caption)
+
+
+def moving(picture: bytes, kind: str, caption: str) -> Html:
+    """A moving picture of a kind ("gif" or "webp") with its caption, inline."""
+    coded = base64.b64encode(picture).decode("ascii")
+    shown = f'<img alt="{text(caption)}" src="data:image/{kind};base64,{coded}">'
+    return Html(f"<figure>{shown}<figcaption>{text(caption)}</figcaption></figure>")
+
+
+def until(lanes: Sequence[Lane]) -> int:
+    """How many rows all lanes have."""
+    return min(len(lane.position) for lane in lanes)
 
 
 def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
@@ -121,7 +132,7 @@ def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
     canvas, frames = FigureCanvasAgg(fig), []
     axes = fig.subplots(len(lanes), 1, squeeze=False)[:, 0]
     fig.subplots_adjust(0, 0, 1, 1, hspace=0)
-    for k in range(0, min(len(lane.position) for lane in lanes), every):
+    for k in range(0, until(lanes), every):
         for ax, lane in zip(axes, lanes, strict=True):
             ax.clear()
             ax.set_xlim(low, high)

@@ -4,10 +4,11 @@ import base64
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from ..body.body import Floats
 from .page import Html, text
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ _VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)",
 WIDTH = 10.4  # of every figure [in]; chosen
 # Okabe and Ito's palette, which color-blind readers can tell apart
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
+COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # in order
 _LARGEST_SVG = 1_500_000  # characters; beyond it a PNG is smaller; chosen
 _LONGEST_LABEL = 28  # characters; chosen
 _STYLE: Any = {  # names of rcParams are no plain str to matplotlib's stubs
@@ -94,6 +96,32 @@ def figure(fig: "Figure", caption: str) -> Html:
             "<svg ", f'<svg role="img" aria-label="{text(caption)}" ', 1
         )
     return Html(f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>")
+
+
+def ways(
+    paths: Iterable[tuple[str, str, Floats, Floats]], forward: str, caption: str
+) -> Html:
+    """Ways from above, from a dot to dots, a meter as long in both directions.
+
+    Args:
+        paths: title, color, and (S) to the right and (S) up [m] of each.
+        forward: what is to the right, in words; up is to its left.
+        caption: below.
+    """
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, 3.5))
+    ax = fig.add_axes((0.07, 0.15, 0.9, 0.8))
+    for title, color, x, y in paths:
+        ax.plot(x, y, color=color, lw=1.5, label=title)
+        ax.plot(x[-1], y[-1], "o", color=color, ms=5)
+    ax.plot(0, 0, "o", color=INK, ms=4)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel(f"{forward} [m]")
+    ax.set_ylabel("to the left [m]")
+    ax.legend()
+    ax.grid(True)
+    return figure(fig, caption)
 
 
 def _svg(fig: "Figure") -> str:

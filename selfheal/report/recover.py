@@ -5,18 +5,28 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.damage import Damage
-from ..engine.reflex import EVERY
+from ..body.damage import spoken
+from ..engine.reflex import SAMPLE
 from ..recovery.recover_run import METHODS, RecoverRun, hypotheses_of
 from .page import Html, Section, page, paragraph, table
-from .picture import BLUE, GREEN, INK, LINE, MUTED, ORANGE, WIDTH, figure, style
+from .picture import (
+    BLUE,
+    COLORS,
+    GREEN,
+    INK,
+    LINE,
+    MUTED,
+    ORANGE,
+    WIDTH,
+    figure,
+    style,
+    ways,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")
 _SHOWN = 5  # hypotheses of each estimation; chosen
-_PERIOD = 0.01 * EVERY  # [s] between samples
 
 
 def recover_page(run: RecoverRun) -> str:
@@ -30,20 +40,15 @@ def recover_page(run: RecoverRun) -> str:
     return page(title, sections, lead=_lead(run))
 
 
-def _words(damages: tuple[Damage, ...]) -> str:
-    """Damages in words."""
-    return " and ".join(map(str, damages)) or "nothing broke"
-
-
 def _lead(run: RecoverRun) -> str:
     """All of it in a few sentences."""
     s, spent, d = run.settings, run.result["actions"], run.result["distance"]
     believed = ""
     if s.method != "hardware-only":
         last = hypotheses_of(run.phases[f"estimate-{spent}"])[0]
-        believed = f" In the end it believes: {_words(last)}."
+        believed = f" In the end it believes: {spoken(last)}."
     return (
-        f"What happened: {_words(s.damage)}. Method: {s.method} ({METHODS[s.method]}). "
+        f"What happened: {spoken(s.damage)}. Method: {s.method} ({METHODS[s.method]}). "
         f"The robot went {_meters(d['intact'])} whole, {_meters(d['damaged'])} broken "
         f"with its first controller, and {_meters(d['healed'])} after {spent:,} trials."
         f"{believed}"
@@ -112,10 +117,10 @@ def _beliefs(run: RecoverRun) -> Section:
         believed = zip(hypotheses_of(phase), phase["probability"], strict=True)
         for k, (hypothesis, chance) in enumerate(list(believed)[:_SHOWN]):
             sure = f"{100 * chance:.1f} %" if len(phase["probability"]) > 1 else ""
-            rows.append((turn if k == 0 else "", _words(hypothesis), sure))
+            rows.append((turn if k == 0 else "", spoken(hypothesis), sure))
         tried = run.phases[f"explore-{turn}"]["why"]
         rows.append(("", f"tried then: {tried}", ""))
-    true = paragraph("What is true: ", _words(run.settings.damage), ".")
+    true = paragraph("What is true: ", spoken(run.settings.damage), ".")
     return Section(
         "What it took the damage for",
         (true, table(("before trial", "believed", "sure"), rows, "llr")),
@@ -124,22 +129,11 @@ def _beliefs(run: RecoverRun) -> Section:
 
 def _walks(run: RecoverRun) -> Section:
     """The ways of the torso from above."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(WIDTH, 3.8))
-    ax = fig.add_axes((0.07, 0.14, 0.9, 0.82))
-    for (title, phase), color in zip(_gaits(run), _COLORS, strict=False):
-        x, y = phase["path"][:, 0], phase["path"][:, 1]
-        ax.plot(x, y, color=color, lw=1.4, label=title)
-        ax.plot(x[-1], y[-1], "o", color=color, ms=5)
-    ax.plot(0, 0, "o", color=INK, ms=4)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel("forward [m]")
-    ax.set_ylabel("to the left [m]")
-    ax.legend()
-    ax.grid(True)
+    paths = [(title, color, *phase["path"].T[:2])
+             for (title, phase), color in zip(_gaits(run), COLORS, strict=False)
+             ]  # fmt: skip
     caption = "Ways of the torso from above, 10 s each; they begin at the black dot."
-    return Section("Ways", (figure(fig, caption),))
+    return Section("Ways", (ways(paths, "forward", caption),))
 
 
 def _feet(run: RecoverRun) -> Section:
@@ -175,8 +169,8 @@ def _stripes(ax: "Axes", touch: Any, names: list[str]) -> None:
     for row, series in enumerate(touch.T):
         ax.axhline(row, color=LINE, lw=0.8, zorder=0)
         down = np.flatnonzero(series > 0.0)
-        pieces = [(k * _PERIOD, _PERIOD) for k in down]
+        pieces = [(k * SAMPLE, SAMPLE) for k in down]
         ax.broken_barh(pieces, (row - 0.35, 0.7), color=INK, lw=0)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.5, -0.5)
-    ax.set_xlim(0, len(touch) * _PERIOD)
+    ax.set_xlim(0, len(touch) * SAMPLE)

@@ -1,0 +1,106 @@
+"""Moving pictures: rendered where there is OpenGL, drawn where there is none."""
+
+import base64
+import io
+import re
+import subprocess
+
+import numpy as np
+import pytest
+
+from selfheal.report import render
+from selfheal.report.film import film
+from selfheal.report.motion import Lane
+from selfheal.robot.actions import published
+
+BODY = published()
+ROWS = 13  # of 0.1 s: a picture of every other one
+
+
+def _lanes(heading):
+    """One that goes half a meter along a heading, one that stays."""
+    way = np.linspace(0, 0.5, ROWS)[:, None] * [np.cos(heading), np.sin(heading), 0]
+    level, still = np.tile([1.0, 0, 0, 0], (ROWS, 1)), np.zeros((ROWS, 8))
+    return [
+        Lane(title, color, BODY, position + [0, 0, 0.1], level, still)
+        for title, color, position in (
+            ("goes", "#0072b2", way),
+            ("stays", "#d55e00", 0 * way),
+        )
+    ]
+
+
+def _frames(page):
+    """What a browser would see of the page's one picture."""
+    from PIL import Image
+
+    (kind, coded), *others = re.findall(r"data:image/(\w+);base64,([^\"]+)", page)
+    assert not others
+    image = Image.open(io.BytesIO(base64.b64decode(coded)))
+    frames = []
+    for k in range(image.n_frames):
+        image.seek(k)
+        frames.append(np.asarray(image.convert("RGB"), float))
+    return kind, np.array(frames)
+
+
+def _moves(frames):
+    """Each picture shows something, and the next one something else."""
+    assert len(frames) == (ROWS + 1) // 2
+    assert frames.std(axis=(1, 2, 3)).min() > 5
+    return (np.abs(np.diff(frames, axis=0)).max(axis=(1, 2, 3)) > 50).all()
+
+
+@pytest.mark.parametrize("program", [None, "/bin/false", "/not/there"])
+def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
+    if program is None:
+        monkeypatch.setenv("MUJOCO_GL", "disable")
+    else:  # as where the driver ends the process, or none can be started
+        monkeypatch.setattr(render.sys, "executable", program)
+    kind, frames = _frames(film(_lanes(0.0), 0.0, "c & d", sample=0.1))
+    assert kind == "gif" and _moves(frames)
+
+
+def test_a_driver_that_does_not_answer_is_given_up(monkeypatch):
+    monkeypatch.setattr(render, "_LONGEST", 0.01)
+    assert render.rendered(_lanes(0.0), 0.0, [0]) is None
+
+
+def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
+    def blank(command, **more):
+        np.save(command[-1], np.zeros((2, 1, 4, 4, 3), np.uint8))
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(render.subprocess, "run", blank)
+    assert render.rendered(_lanes(0.0), 0.0, [0]) is None
+
+
+@pytest.fixture(scope="module")
+def opengl():
+    """What EGL or OSMesa renders here."""
+    shown = render.rendered(_lanes(0.0), 0.0, [0, ROWS - 1])
+    if shown is None:
+        pytest.skip("no EGL and no OSMesa here (libegl1 and libgl1-mesa-dri have one)")
+    return shown
+
+
+def test_with_opengl_the_walk_is_rendered(opengl):
+    page = film(_lanes(0.0), 0.0, "c & d", sample=0.1)
+    kind, frames = _frames(page)
+    assert kind == "webp" and _moves(frames)
+    assert "c &amp; d" in page and len(page) < 3_000_000
+
+
+def _column(picture, color):
+    """Where in the picture, from left to right, the pixels of a color stand."""
+    near = np.abs(picture.astype(float) - color).sum(axis=-1) < 150
+    return near.any(axis=0).nonzero()[0].mean()
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_the_way_along_the_heading_goes_to_the_right(opengl, heading):
+    shown = render.rendered(_lanes(heading), heading, [0, ROWS - 1])
+    (start, end), stays = shown[0], shown[1]
+    blue = np.array([0, 114, 178])
+    assert _column(end, blue) - _column(start, blue) > 0.2 * start.shape[1]
+    assert (stays[0] == stays[1]).all()

@@ -1,0 +1,56 @@
+"""`selfheal` in a process that is killed at a moment, and what its files then tell."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from selfheal.cli import app
+from selfheal.recovery import phased
+
+
+def main(moment: str, words: list[str]) -> None:
+    """Run `selfheal`, killed when a phase has been saved or while it is.
+
+    Args:
+        moment: "after PHASE", or "within PHASE": its file is written and has no name
+            yet; any other is never reached.
+        words: its arguments.
+    """
+    when, _, phase = moment.partition(" ")
+    save = phased.save
+
+    def die(*args):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def killed(run, path):
+        reached = phase in run.phases and not run.result
+        if reached and when == "within":
+            os.replace = die
+        save(run, path)
+        if reached:
+            die()
+
+    phased.save = killed
+    app(words)
+
+
+def selfheal(before: str, moment: str, *words: object) -> subprocess.CompletedProcess:
+    """`main` in a process of its own, and what it does before, as Python."""
+    code = f"import sys\nimport toys_killed\n{before}\n"
+    code += "toys_killed.main(sys.argv[1], sys.argv[2:])"
+    command = [sys.executable, "-c", code, moment, *map(str, words)]
+    here = Path(__file__).parent  # of this file and of other toys
+    return subprocess.run(command, capture_output=True, text=True, cwd=here)
+
+
+def told(path: Path, kind: type[phased.PhasedRun]) -> str:
+    """All that a run's file says but how long it took."""
+    run = phased.load(path, kind)
+    phases = [(name, {**what, "seconds": 0}) for name, what in run.phases.items()]
+    result = {**run.result, "seconds": 0}
+    return json.dumps([phases, result], default=np.ndarray.tolist)
