@@ -103,21 +103,20 @@ def step(
 
 
 def jacobian(
-    problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, last: int = 0
+    problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, first: int = 0
 ) -> Floats:
-    """Differences of residuals at values (P), where they are `at` (R).
+    """Differences (R, P - first) of residuals at values (P), where they are `at` (R).
 
-    Returns:
-        (R, P), or (R, last) of the last ones alone.
+    By all parameters, or without the first ones.
     """
-    _, high, scale = (x[-last:] for x in bounds(terms))
-    own = values[-last:]
+    _, high, scale = (x[first:] for x in bounds(terms))
+    own = values[first:]
     if not len(own):
         return np.zeros((len(at), 0))
     moves = (COARSE if problem.world.touches else NUDGE) * scale
     moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
-    points[:, -len(own) :] += np.diag(moves)
+    points[:, first:] += np.diag(moves)
     return ((problem.residuals(terms, points) - at) / moves[:, None]).T
 
 
@@ -286,7 +285,7 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
         return problem.residuals(terms, rows)
 
     def slopes(x: Floats, r: Floats) -> Floats:
-        return jacobian(problem, terms, np.append(fixed, x), r, len(x))
+        return jacobian(problem, terms, np.append(fixed, x), r, len(fixed))
 
     points = np.array(term.starts, float).reshape(len(term.starts), -1)
     told = residuals(points)
@@ -295,7 +294,7 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
     settled = [base.settle(r) for r in told]
     best = int(np.argmin([c for c, _ in settled]))
     x, r, (cost, move) = points[best], told[best], settled[best]
-    jac = slopes(x, r) if rounds and len(x) else np.zeros((len(r), len(x)))
+    jac = slopes(x, r) if rounds else np.zeros((len(r), len(x)))
     for _ in range(rounds if len(x) else 0):
         tries = x + np.array([
             _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING

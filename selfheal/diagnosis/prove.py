@@ -10,16 +10,18 @@ from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, better, for_score, most, noise_of
-from .fit import Base, Fit, fit, looked_about, try_term
+from .fit import Base, Fit, fit, jacobian, looked_about, try_term
 from .free_form import FreeForm
 from .name import Named, Naming, is_new, without
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
-from .screen import fewer
+from .screen import STEPS, fewer
 from .terms import Term
 from .windows import Windows
 
-POLISHED = 40000  # steps of simulation in the last fit, about; chosen: a minute at 1 ms
+# steps of simulation in the last fit, about, and in all differences of it; chosen: a
+# minute at 1 ms, and no more for a robot of which much is stated
+POLISHED, SLOPES = 40000, 1e6
 STEPPED = 15000  # of them in a fit to the model's own time step; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
@@ -38,8 +40,9 @@ def polished(case: Case, naming: Naming) -> Naming:
     found = naming.final.fit
     sigma = for_score(naming.problem, found)
     rng = np.random.default_rng(2)
+    steps = int(np.clip(SLOPES / max(len(found.values), 1), STEPS[-1], POLISHED))
     short, long = (
-        fewer(Problem(case.world, pieces_of(case.world, seconds), sigma), POLISHED, rng)
+        fewer(Problem(case.world, pieces_of(case.world, seconds), sigma), steps, rng)
         for seconds in (WINDOW, LONG)
     )
     problem = long if is_told(long, short, found.terms, found.values) else short
@@ -53,7 +56,10 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     final = alone
     if naming.named:
         start = looked_about(problem, found.terms, found.values)
-        final = fit(problem, found.terms, start, rounds=6)
+        at, first = problem.at(found.terms, start), len(alone.values)
+        own = jacobian(problem, found.terms, start, at, first)
+        near = np.hstack([alone.jacobian, own])
+        final = fit(problem, found.terms, start, rounds=6, known=near)
     return replace(
         naming, problem=problem, stated=Scored.of(problem, alone),
         final=Scored.of(problem, final),
