@@ -14,7 +14,8 @@ from .terms import Term
 # of a parameter's scale, for differences; chosen: above solver noise; where something
 # touches readings jump at whatever change, and a slope over a small one tells of that
 NUDGE, COARSE = 0.02, 0.3
-ABOUT = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)  # times a value, where to look for better ones
+# times a value, where to look for better ones: far and near
+ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
 LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 # a step stays in the neighborhood that gains less than this share of the cost, or after
@@ -173,8 +174,10 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
     return x, r, jac
 
 
-def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
-    """The values (P), or better ones farther off.
+def looked_about(
+    problem: Problem, terms: Sequence[Term], values: Floats, about=ABOUT
+) -> Floats:
+    """The values (P), or better ones at so many times one of them.
 
     Where impacts make the cost rough a search ends in the nearest of many minima, and
     one window, in which a body falls on another side, may outweigh all others: so each
@@ -187,8 +190,8 @@ def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Flo
     least = problem.by_window(np.ones(len(problem.window_of)))
     stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
     for i in np.flatnonzero(~np.array(stated, bool)):
-        points = np.tile(values, (1 + len(ABOUT), 1))
-        points[1:, i] = np.clip(values[i] * np.array(ABOUT), low[i], high[i])
+        points = np.tile(values, (1 + len(about), 1))
+        points[1:, i] = np.clip(values[i] * np.array(about), low[i], high[i])
         told = problem.residuals(terms, points) ** 2
         costs = [np.log(least + problem.by_window(r)).sum() for r in told]
         values = points[int(np.argmin(costs))]

@@ -10,7 +10,7 @@ from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, better, for_score, most, noise_of
-from .fit import Base, Fit, fit, jacobian, looked_about, try_term
+from .fit import CLOSE, Base, Fit, fit, jacobian, looked_about, try_term
 from .free_form import FreeForm
 from .name import Named, Naming, is_new, without
 from .plant import parts
@@ -60,6 +60,11 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
         own = jacobian(problem, found.terms, start, at, first)
         near = np.hstack([alone.jacobian, own])
         final = fit(problem, found.terms, start, rounds=6, known=near)
+        if problem.world.touches:  # the cost has many minima
+            start = looked_about(problem, found.terms, final.values, CLOSE)
+            if (start != final.values).any():
+                new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
+                final = min(final, new, key=lambda f: f.cost)
     return replace(
         naming, problem=problem, stated=Scored.of(problem, alone),
         final=Scored.of(problem, final),
