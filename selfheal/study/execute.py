@@ -1,0 +1,73 @@
+"""The work itself: tasks and workers in; records out, as they come, in chunks."""
+
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from ..errors import SelfhealError
+from .plan import Record, Study, Task
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+# Chosen: tasks that the scheduler knows of, for each worker and at least. A worker
+# always has its next one; the scheduler's memory does not grow with the study.
+_AHEAD, _LEAST = 4, 64
+
+
+def execute(
+    client: "Client", study: Study, tasks: Sequence[Task]
+) -> Iterator[list[Record]]:
+    """Do runs on a client's workers.
+
+    A run whose worker dies is done again elsewhere, `workers.DEATHS` times at most.
+
+    Args:
+        client: of the workers; they may come and go meanwhile.
+        study: whose runs they are.
+        tasks: to be done.
+
+    Yields:
+        Records of all runs that have ended since the last yield, each once.
+
+    Raises:
+        SelfhealError: the scheduler was lost.
+    """
+    from distributed import as_completed
+
+    from .worker import perform
+
+    session = uuid4().hex[:8]  # several studies may share a scheduler
+    left, running = iter(tasks), dict[str, Task]()
+    done = as_completed(with_results=True, raise_errors=False)
+
+    def more(count: int) -> None:
+        for task in islice(left, count):
+            name = f"selfheal-{session}-{task.key}"
+            running[name] = task
+            settings = dict(task.settings)
+            done.add(client.submit(perform, study.play, task.key, settings, key=name))
+
+    more(max(_LEAST, _AHEAD * len(client.nthreads())))
+    for batch in done.batches():
+        yield [_record(running.pop(f.key), f, result) for f, result in batch]
+        wanted = max(_LEAST, _AHEAD * len(client.nthreads()))
+        more(wanted - len(running))
+
+
+def _record(task: Task, future: "Future", result: Any) -> Record:
+    """The record of a run that has ended one way or another."""
+    if future.status == "finished":
+        return result
+    if future.status != "error":
+        raise SelfhealError("the scheduler was lost; go on with the study by --resume")
+    return {
+        "key": task.key,
+        "settings": dict(task.settings),
+        "outcome": None,
+        "error": f"{type(result[1]).__name__}: {result[1]}",
+        "seconds": 0.0,
+        "megabytes": 0,
+        "worker": "",
+    }
