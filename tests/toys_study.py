@@ -28,11 +28,14 @@ app(sys.argv[1:])
 def play(settings):
     """A number that hangs on the seed alone; some runs fail, some kill their worker."""
     seed = settings["seed"]
-    if mark := os.environ.get("TOY_KILL"):
-        # the first run of such a seed takes its worker with it
+    if (mark := os.environ.get("TOY_KILL")) and seed % 9 == 0:
+        # the first run of such a seed takes its worker with it, or its whole job
         file = Path(mark) / str(seed)
-        if seed % 6 == 0 and not file.exists():
+        if not file.exists():
             file.touch()
+            if job := os.environ.get("SLURM_JOB_ID"):
+                subprocess.run(["scancel", job], check=True)
+                signal.pause()
             os.kill(os.getpid(), signal.SIGKILL)
     if seed % 5 == 4 and not os.environ.get("TOY_WELL"):
         raise ValueError(f"seed {seed} is not well")

@@ -77,7 +77,7 @@ def proceed(
         if not tasks:
             yield Progress(len(before), total, failed, 0, 0)
             return
-        client = stack.enter_context(connected(place))
+        client = stack.enter_context(connected(place, path.with_name("jobs")))
         yield Progress(len(before), total, failed, 0, 0)
         client.wait_for_workers(1)
         journal = stack.enter_context(writing(path))

@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine._jax import cores
@@ -62,8 +63,12 @@ def check(place: Place) -> None:
 
 
 @contextmanager
-def connected(place: Place) -> Iterator["Client"]:
+def connected(place: Place, logs: Path) -> Iterator["Client"]:
     """A client of workers at a place, which are let go of in the end.
+
+    Args:
+        place: of the workers.
+        logs: folder for what jobs of a cluster say; made only for them.
 
     Raises:
         InputError: there is no scheduler at the address, or the cluster's tools or its
@@ -86,7 +91,7 @@ def connected(place: Place) -> Iterator["Client"]:
             client = stack.enter_context(_reached(place.scheduler))
             own: tuple[int, ...] = ()
         else:
-            made = _cluster(place) if place.cluster else _local(place)
+            made = _cluster(place, logs) if place.cluster else _local(place)
             client = stack.enter_context(Client(stack.enter_context(made)))
             own = () if place.cluster else tuple(sorted(os.sched_getaffinity(0)))
         client.register_plugin(Pinned(own))
@@ -108,7 +113,7 @@ def _local(place: Place) -> Any:
     )
 
 
-def _cluster(place: Place) -> Any:
+def _cluster(place: Place, logs: Path) -> Any:
     """Jobs of a batch system, one worker on one core each; lost ones are replaced."""
     try:
         import dask_jobqueue
@@ -118,8 +123,12 @@ def _cluster(place: Place) -> Any:
     import dask
 
     set_by_user = dask.config.get(f"jobqueue.{place.cluster}", {})
-    wanted = {"cores": 1, "processes": 1, "memory": _MEMORY}
-    more = {k: v for k, v in wanted.items() if set_by_user.get(k) is None}
+    wanted = {"cores": 1, "processes": 1, "memory": _MEMORY,
+              "log_directory": str(logs)}  # fmt: skip
+    more: dict[str, Any] = {
+        k: v for k, v in wanted.items() if set_by_user.get(k.replace("_", "-")) is None
+    }
+    more["scheduler_options"] = {"dashboard": False}
     try:
         made = getattr(dask_jobqueue, CLUSTERS[place.cluster])(**more)
         made.adapt(minimum_jobs=place.workers, maximum_jobs=place.workers)
