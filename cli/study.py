@@ -175,7 +175,7 @@ def show(file: Annotated[Path, _FILE], as_json: Annotated[bool, _JSON] = False) 
 def _show(path: Path, as_json: bool) -> None:
     """Tables, and the pages beside the file."""
     from selfheal.report.page import write_page
-    from selfheal.report.study import markdown, study_page
+    from selfheal.study.page import markdown, study_page
     from selfheal.study.store import load
 
     results = load(path)
@@ -219,7 +219,7 @@ def _print(results: "Results") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from selfheal.report.study import standing
+    from selfheal.study.page import standing
     from selfheal.study.plan import study_of
 
     console = Console()

@@ -8,6 +8,7 @@ import numpy as np
 from ..body.body import Anatomy, Bodies, Floats, centers_in_torso
 from ..body.damage import Damage
 from ..body.genome import build, random_genomes
+from ..engine.readings import Readings
 from ..errors import InputError
 from ..recording import Episode, Recording, Signal
 from .actions import actions_2006, published
@@ -29,6 +30,7 @@ class SimulatedRobot:
         seed: of its noise and of its hidden physics.
         damage: what happens to it when it moves.
         onset: seconds into each move when it happens; 0 = it has happened.
+        offers: (A, P) joint targets that it offers [rad]; None = those of 2006.
     """
 
     name: str
@@ -36,6 +38,7 @@ class SimulatedRobot:
     seed: int
     damage: tuple[Damage, ...] = ()
     onset: float = 0.0
+    offers: Floats | None = None
 
     @property
     def anatomy(self) -> Anatomy:
@@ -44,7 +47,9 @@ class SimulatedRobot:
 
     @property
     def actions(self) -> Floats:
-        """(A, P) one or two joints down, the others up [rad]."""
+        """(A, P) joint targets [rad]: one or two joints down, the others up."""
+        if self.offers is not None:
+            return self.offers
         return actions_2006(self.anatomy.size)
 
     def act(self, action: int) -> Recording:
@@ -62,7 +67,7 @@ class SimulatedRobot:
         clearance = rest.clearance[0] + rng.normal(0, _CLEARANCE_NOISE)
         clearance = max(np.round(clearance / _CLEARANCE_STEP) * _CLEARANCE_STEP, 0)
         episode = self._episode(
-            np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
+            np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest[0]
         )
         return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
 
@@ -105,7 +110,7 @@ class SimulatedRobot:
         target: Floats,
         tilt: Floats,
         clearance: float,
-        angles: Floats,
+        rest: Readings,
     ) -> Episode:
         """The recording's one episode: readings at rest at the last sample."""
         from ..body.mjcf import BELLY_SENSOR
@@ -119,9 +124,12 @@ class SimulatedRobot:
                 np.asarray(clearance + BELLY_SENSOR), "clearance", "sensor", "m"
             ),
         }
-        for joint, angle in zip(joints, angles, strict=True):
+        for joint, angle in zip(joints, rest.angles, strict=True):
             name = f"{joint}_position"
             signals[name] = _at_rest(np.asarray(angle), joint, "joint_position", "rad")
+        for foot, touch in zip(self.anatomy.feet, rest.touch, strict=True):
+            name = f"{self.anatomy.parts[foot - 1]}_touch"
+            signals[name] = _at_rest(np.asarray(touch), name, "sensor", "1")
         ctrl = np.array([0 * target, target, target])
         return Episode(time, ctrl, tuple(f"{j}_servo" for j in joints), signals)
 

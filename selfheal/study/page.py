@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..study.plan import Picture, Table, study_of
-from ..study.store import Results
-from .page import Section, page, paragraph, table
-from .picture import BLUE, INK, LINE, MUTED, WIDTH, figure, label, style
+from ..report.page import Section, page, paragraph, table
+from ..report.picture import BLUE, INK, LINE, MUTED, WIDTH, figure, label, style
+from .plan import Picture, Table, study_of
+from .store import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
