@@ -54,22 +54,35 @@ class SimulatedRobot:
 
     def act(self, action: int) -> Recording:
         """Move, hold, read the sensors at rest."""
-        from ..engine.mujoco import HOLD, RAMP, MuJoCo
+        from ..engine.mujoco import HOLD, RAMP
 
-        hidden = np.random.default_rng([self.seed, 0])
-        physics, body, offset = self._hidden(hidden)
         rng = np.random.default_rng([self.seed, 1, action])
-        target = self.actions[action]
-        reached = target + offset + rng.normal(0, _SERVO_NOISE, target.shape)
-        rest = MuJoCo(physics).simulate(body, reached[None])
+        target, rest = self.actions[action], self._rest(action, rng)
         tilt = rest.tilt[0] + rng.normal(0, _TILT_NOISE, 2)
         tilt = np.round(tilt / _TILT_STEP) * _TILT_STEP
         clearance = rest.clearance[0] + rng.normal(0, _CLEARANCE_NOISE)
         clearance = max(np.round(clearance / _CLEARANCE_STEP) * _CLEARANCE_STEP, 0)
         episode = self._episode(
-            np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest[0]
+            np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
         )
         return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
+
+    def touch(self, action: int) -> Floats:
+        """(F) 1 where a foot touches the floor in the pose that `act` reads, else 0.
+
+        Apart from the recording: a body's MJCF has no such sensor.
+        """
+        rng = np.random.default_rng([self.seed, 1, action])
+        return self._rest(action, rng).touch[0]
+
+    def _rest(self, action: int, rng: np.random.Generator) -> Readings:
+        """The true readings (1) at rest, servo errors drawn first from `rng`."""
+        from ..engine.mujoco import MuJoCo
+
+        physics, body, offset = self._hidden(np.random.default_rng([self.seed, 0]))
+        noise = rng.normal(0, _SERVO_NOISE, offset.shape)
+        reached = self.actions[action] + offset + noise
+        return MuJoCo(physics).simulate(body, reached[None])
 
     def move(self, commands: Floats, *, trial: int = 0) -> Recording:
         """Follow commands over time; see `base.Walker`."""
@@ -110,7 +123,7 @@ class SimulatedRobot:
         target: Floats,
         tilt: Floats,
         clearance: float,
-        rest: Readings,
+        angles: Floats,
     ) -> Episode:
         """The recording's one episode: readings at rest at the last sample."""
         from ..body.mjcf import BELLY_SENSOR
@@ -124,12 +137,9 @@ class SimulatedRobot:
                 np.asarray(clearance + BELLY_SENSOR), "clearance", "sensor", "m"
             ),
         }
-        for joint, angle in zip(joints, rest.angles, strict=True):
+        for joint, angle in zip(joints, angles, strict=True):
             name = f"{joint}_position"
             signals[name] = _at_rest(np.asarray(angle), joint, "joint_position", "rad")
-        for foot, touch in zip(self.anatomy.feet, rest.touch, strict=True):
-            name = f"{self.anatomy.parts[foot - 1]}_touch"
-            signals[name] = _at_rest(np.asarray(touch), name, "sensor", "1")
         ctrl = np.array([0 * target, target, target])
         return Episode(time, ctrl, tuple(f"{j}_servo" for j in joints), signals)
 

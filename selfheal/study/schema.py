@@ -58,16 +58,8 @@ def _hidden(count: int, seed: int) -> tuple[Floats, Floats]:
     """Poses and what a hidden robot sensed in them."""
     targets = _poses(count, np.random.default_rng([seed, 13]))
     robot = SimulatedRobot(HIDDEN, published(), seed, offers=targets)
-    readings = [robot.act(k) for k in range(count)]
-    return targets, np.array([_sensed(reading, robot) for reading in readings])
-
-
-def _sensed(reading: Any, robot: SimulatedRobot) -> Floats:
-    """(7) channels of a recording of one pose."""
-    (episode,) = reading.episodes.values()
-    feet = [robot.anatomy.parts[f - 1] for f in robot.anatomy.feet]
-    touch = [float(episode.signals[f"{foot}_touch"].values[-1]) for foot in feet]
-    return np.array([*felt(reading), *touch])
+    seen = [[*felt(robot.act(k)), *robot.touch(k)] for k in range(count)]
+    return targets, np.array(seen)
 
 
 def _real(folder: str, count: int, seed: int) -> tuple[Floats, Floats]:

@@ -23,6 +23,7 @@ CLUSTERS = {
 _MEMORY = (
     "2 GB"  # of a cluster's job, where its Dask configuration says nothing; chosen
 )
+_ANY_PORT = ":0"  # of Dask's own pages: several studies may run on a machine
 # Of one run: so many workers may die under it before it counts as failed. Chosen: many
 # die of other causes on a cluster, and a run that kills its worker must end some time.
 DEATHS = 10
@@ -108,7 +109,7 @@ def _local(place: Place) -> Any:
         n_workers=place.workers or cores(),
         threads_per_worker=1,
         host="127.0.0.1",
-        dashboard_address=None,
+        dashboard_address=_ANY_PORT,
         silence_logs=logging.CRITICAL,
     )
 
@@ -128,7 +129,7 @@ def _cluster(place: Place, logs: Path) -> Any:
     more: dict[str, Any] = {
         k: v for k, v in wanted.items() if set_by_user.get(k.replace("_", "-")) is None
     }
-    more["scheduler_options"] = {"dashboard": False}
+    more["scheduler_options"] = {"dashboard_address": _ANY_PORT}
     try:
         made = getattr(dask_jobqueue, CLUSTERS[place.cluster])(**more)
         made.adapt(minimum_jobs=place.workers, maximum_jobs=place.workers)
