@@ -18,6 +18,8 @@ from ..selfmodel.schema import (
     estimate,
     lengths_plan,
     matrix_plan,
+    refined,
+    refined_plan,
     sense,
 )
 from .plan import Asked, Outcome, Picture, Record, Study, Table, Task
@@ -27,7 +29,7 @@ from .trees import HIDDEN, REAL, WHERE, column
 # papers.md 1.3 and 2, C
 _TRUE = (0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469)
 _SWING, _HIPS = np.radians(30.0), 4
-_POSES = {"lengths": 4, "matrix": 9}
+_POSES = {"lengths": 4, "ours": 16, "matrix": 9}
 _FILE = "poses_schema.csv"
 _NEW = 100  # poses that models are asked for and were not fitted to; chosen
 _TOLD = 2.0  # [deg], by which such a pose is told apart; chosen
@@ -37,7 +39,8 @@ def _tasks(asked: Asked) -> list[Task]:
     places = [HIDDEN] if asked.recordings is None else [REAL, HIDDEN]
     if REAL in places and not (Path(str(asked.recordings)) / _FILE).is_file():
         raise InputError(f"--recordings {asked.recordings}: no {_FILE} there")
-    work = [("lengths", "+".join(names)) for names in SENSOR_SETS]
+    work = [(what, "+".join(names)) for what in ("lengths", "ours")
+            for names in SENSOR_SETS]  # fmt: skip
     work.append(("matrix", "+".join(SENSOR_SETS[-1])))
     return [
         Task(f"{robot} {what} {sensors} {seed}",
@@ -47,16 +50,17 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _poses(count: int, rng: np.random.Generator) -> Floats:
-    """(count, P) random hip angles, knees straight [rad]."""
+def _poses(count: int, rng: np.random.Generator, *, knees: bool = False) -> Floats:
+    """(count, P) random angles of the hips, or of the knees too [rad]."""
+    moved = len(_TRUE) if knees else _HIPS
     targets = np.zeros((count, len(_TRUE)))
-    targets[:, :_HIPS] = rng.uniform(-_SWING, _SWING, (count, _HIPS))
+    targets[:, :moved] = rng.uniform(-_SWING, _SWING, (count, moved))
     return targets
 
 
-def _hidden(count: int, seed: int) -> tuple[Floats, Floats]:
+def _hidden(count: int, seed: int, knees: bool) -> tuple[Floats, Floats]:
     """Poses and what a hidden robot sensed in them."""
-    targets = _poses(count, np.random.default_rng([seed, 13]))
+    targets = _poses(count, np.random.default_rng([seed, 13]), knees=knees)
     robot = SimulatedRobot(HIDDEN, published(), seed, offers=targets)
     seen = [[*felt(robot.act(k)), *robot.touch(k)] for k in range(count)]
     return targets, np.array(seen)
@@ -77,15 +81,18 @@ def _play(settings: Mapping[str, Any]) -> Outcome:
     if settings["robot"] == REAL:
         poses, seen = _real(settings["recordings"], count, seed)
     else:
-        poses, seen = _hidden(count, seed)
+        poses, seen = _hidden(count, seed, what == "ours")
     sensors = tuple(settings["sensors"].split("+"))
     truth = published()
     known = from_unit(truth.anatomy, np.array([_TRUE]))
-    plan = (lengths_plan(known, sensors) if what == "lengths"
-            else matrix_plan(truth, sensors))  # fmt: skip
     rng = np.random.default_rng([seed, 15])
-    steps = list(estimate(truth, poses, seen, plan, rng))
-    best, error, spent = steps[-1]
+    if what == "ours":
+        plan = refined_plan(known, sensors)
+        best, error, spent = refined(truth, poses, seen, plan, rng)
+    else:
+        plan = (lengths_plan(known, sensors) if what == "lengths"
+                else matrix_plan(truth, sensors))  # fmt: skip
+        *_, (best, error, spent) = estimate(truth, poses, seen, plan, rng)
     told = _lengths(best, truth) | {"fit": error, "evaluations": spent}
     if what == "matrix":
         told |= _tree(best, truth, seed)
@@ -125,26 +132,28 @@ def _chosen(records: Sequence[Record], **wanted: str) -> list[Record]:
             if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
 
 
-def _by_sensors(records: Sequence[Record], robot: str) -> dict[str, list[Record]]:
+def _by_sensors(
+    records: Sequence[Record], robot: str, what: str
+) -> dict[str, list[Record]]:
     """Sensor set -> its runs of lengths."""
     names = ["+".join(s) for s in SENSOR_SETS]
-    found = {n: _chosen(records, robot=robot, what="lengths", sensors=n) for n in names}
+    found = {n: _chosen(records, robot=robot, what=what, sensors=n) for n in names}
     return {name: rs for name, rs in found.items() if rs}
 
 
 def _tables(records: Sequence[Record]) -> list[Table]:
     tables = []
     for robot in (REAL, HIDDEN):
-        found = _by_sensors(records, robot)
-        rows = [
-            (name, f"{len(rs):,}", spread(column(rs, "evaluations"), 0),
-             *(spread(column(rs, what), 1) for what in ("part", "leg", "uneven")))
-            for name, rs in found.items()
-        ]  # fmt: skip
-        if rows:
-            tables.append(
-                Table(f"Eight lengths, {WHERE[robot]}", _LENGTHS, _HEAD, rows)
-            )
+        for what, (title, text) in _WAYS.items():
+            found = _by_sensors(records, robot, what)
+            rows = [
+                (name, f"{len(rs):,}", spread(column(rs, "evaluations"), 0),
+                 *(spread(column(rs, k), 1) for k in ("part", "leg", "uneven")))
+                for name, rs in found.items()
+            ]  # fmt: skip
+            if rows:
+                told = f"{text} {_LENGTHS}"
+                tables.append(Table(f"{title}, {WHERE[robot]}", told, _HEAD, rows))
         if matrix := _chosen(records, robot=robot, what="matrix"):
             tables.append(_matrix(robot, matrix))
     return tables
@@ -152,13 +161,21 @@ def _tables(records: Sequence[Record]) -> list[Table]:
 
 _HEAD = ("sensors", "runs", "evaluations", "part's error [mm]", "leg's error [mm]",
          "legs uneven [mm]")  # fmt: skip
+_WAYS = {
+    "lengths": ("Eight lengths, paper C",
+                "100 models, 10 generations after each of 4 poses of the hips, knees "
+                "straight."),
+    "ours": ("Eight lengths, ours",
+             "16 poses of hips and knees on the hidden robot, all ten of the hips "
+             "alone on the real one; 60 models, 30 generations on all poses at once, "
+             "then least squares from the best."),
+}  # fmt: skip
 _LENGTHS = (
-    "100 models, 10 generations after each of 4 poses of the hips, knees straight; "
-    "lengths from 10 to 200 mm. Part's error: mean |length - true length|, the "
-    "measure of the paper; leg's error: the same of upper and lower part together, "
-    "which is what a straight leg shows. Uneven: standard deviation of a model's four "
-    "legs, 0 in a good model. Mean and standard deviation over runs. The paper has a "
-    "figure, and no numbers."
+    "Lengths from 10 to 200 mm. Part's error: mean |length - true length|, the measure "
+    "of the paper; leg's error: the same of upper and lower part together, which is "
+    "what a straight leg shows. Uneven: standard deviation of a model's four legs, 0 "
+    "in a good model. Mean and standard deviation over runs. The paper has a figure, "
+    "and no numbers."
 )
 
 
@@ -188,10 +205,12 @@ def _matrix(robot: str, rs: Sequence[Record]) -> Table:
 def _pictures(records: Sequence[Record]) -> list[Picture]:
     pictures = []
     for robot in (REAL, HIDDEN):
-        if found := _by_sensors(records, robot):
-            series = {name: column(rs, "part") for name, rs in found.items()}
-            title = f"Length error by sensors, {WHERE[robot]}"
-            pictures.append(Picture(title, "box", series, "mean error of a part [mm]"))
+        for what, (title, _) in _WAYS.items():
+            if found := _by_sensors(records, robot, what):
+                series = {name: column(rs, "part") for name, rs in found.items()}
+                axis = "mean error of a part [mm]"
+                title = f"{title}, {WHERE[robot]}"
+                pictures.append(Picture(title, "box", series, axis))
     return pictures
 
 
