@@ -38,13 +38,15 @@ def execute(
 
     from .worker import perform
 
-    session = uuid4().hex[:8]  # several studies may share a scheduler
-    left, running = iter(tasks), dict[str, Task]()
+    # several studies may share a scheduler. Names of one family: the scheduler keeps
+    # such tasks back until a worker is free, instead of sharing them out at once
+    family = f"selfheal-{uuid4().hex[:8]}"
+    left, running = enumerate(tasks), dict[Any, Task]()
     done = as_completed(with_results=True, raise_errors=False)
 
     def more(count: int) -> None:
-        for task in islice(left, count):
-            name = f"selfheal-{session}-{task.key}"
+        for number, task in islice(left, count):
+            name = (family, number)
             running[name] = task
             settings = dict(task.settings)
             done.add(client.submit(perform, study.play, task.key, settings, key=name))

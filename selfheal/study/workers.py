@@ -83,8 +83,6 @@ def connected(place: Place, logs: Path) -> Iterator["Client"]:
     check(place)
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS,
-        # a run is seconds to minutes of pure computing; nothing is gained by moving it
-        "distributed.scheduler.work-stealing": False,
         "distributed.logging.distributed": "error",
     }
     with dask.config.set(settings), ExitStack() as stack:
@@ -95,7 +93,10 @@ def connected(place: Place, logs: Path) -> Iterator["Client"]:
             made = _cluster(place, logs) if place.cluster else _local(place)
             client = stack.enter_context(Client(stack.enter_context(made)))
             own = () if place.cluster else tuple(sorted(os.sched_getaffinity(0)))
-        client.register_plugin(Pinned(own))
+        try:
+            client.register_plugin(Pinned(own))
+        except Exception as error:  # whatever they raise when they load it
+            raise InputError(f"the workers cannot load selfheal: {error}") from error
         yield client
 
 
