@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from statistics import median
 from typing import Any
 
 from ..selfmodel.run import Settings
@@ -84,7 +85,8 @@ def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
             (name, f"{len(rs):,}", f"{len(rs[0]['outcome']['actions'])}",
              spread(column(rs, "evaluations"), 0),
              share(sum(column(rs, "success")), len(rs)), lucky,
-             spread(column(rs, "error")), errors[_PHASES.index(phase)])
+             spread(column(rs, "error")), errors[_PHASES.index(phase)],
+             f"{median(r['seconds'] for r in rs):.1f}")
         )  # fmt: skip
     success, error = {
         "before": ("every part on its true parent",
@@ -99,10 +101,10 @@ def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
     text = (
         f"{WHERE[robot].capitalize()}. Success: {success}. Error: {error}. Evaluations "
         "are simulations of the search, without those for choosing actions. 2006: its "
-        "own robot, another simulator."
+        "own robot, another simulator. Seconds: median of a run, on one core."
     )
     head = ("method", "runs", "actions", "evaluations", "successes (95 %)", "2006",
-            "error [cm]", "2006 [cm]")  # fmt: skip
+            "error [cm]", "2006 [cm]", "seconds")  # fmt: skip
     return Table(f"{phase.capitalize()} damage, {WHERE[robot]}", text, head, rows)
 
 
