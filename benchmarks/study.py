@@ -98,16 +98,22 @@ def kills(folder: Path) -> dict[str, Any]:
 def overhead(folder: Path) -> dict[str, Any]:
     """Runs a second where runs do nothing, and the client's memory."""
     file = folder / "empty" / "study.h5"
-    start = time.perf_counter()
+    start, before = time.perf_counter(), _cpu()
     words = ("--workers", 1, "--out", file.parent)
     _client("empty", "--runs", 1, *words).wait()
-    one = time.perf_counter() - start
-    start = time.perf_counter()
+    one, alone = time.perf_counter() - start, _cpu() - before
+    start, before = time.perf_counter(), _cpu()
     _client("empty", "--runs", _EMPTY, *words, "--force").wait()
-    many = time.perf_counter() - start
+    many, cpu = time.perf_counter() - start, _cpu() - before - alone
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     return {"start": one, "runs": _EMPTY, "each": (many - one) / (_EMPTY - 1),
-            "peak": peak}  # fmt: skip
+            "cpu": cpu / (_EMPTY - 1), "peak": peak}  # fmt: skip
+
+
+def _cpu() -> float:
+    """Seconds of all processes that were waited for, and of theirs."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def writer(folder: Path) -> dict[str, Any]:
@@ -161,8 +167,20 @@ def _sections(k: dict[str, Any], o: dict[str, Any], w: dict[str, Any]) -> list[S
             "Runs that do nothing, one worker; client, scheduler and worker share the "
             "cores in use. Start and end: a study of one such run, from the command to "
             "its pages.",
-            ("start and end [s]", "each further run [ms]", "largest process [MB]"),
-            [(f"{o['start']:.1f}", f"{1000 * o['each']:.2f}", f"{o['peak']:.0f}")],
+            (
+                "start and end [s]",
+                "each further run [ms]",
+                "CPU of it, all processes [ms]",
+                "largest process so far [MB]",
+            ),
+            [
+                (
+                    f"{o['start']:.1f}",
+                    f"{1000 * o['each']:.1f}",
+                    f"{1000 * o['cpu']:.1f}",
+                    f"{o['peak']:.0f}",
+                )
+            ],
         ),
         Section(
             "The one writer",

@@ -1,5 +1,6 @@
 """The work itself: tasks and workers in; records out, as they come, in chunks."""
 
+import time
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -14,11 +15,12 @@ if TYPE_CHECKING:
 # Chosen: tasks that the scheduler knows of, for each worker and at least. A worker
 # always has its next one; the scheduler's memory does not grow with the study.
 _AHEAD, _LEAST = 4, 64
+_EVERY = 1.0  # [s] the scheduler is asked for its workers; chosen
 
 
 def execute(
     client: "Client", study: Study, tasks: Sequence[Task]
-) -> Iterator[list[Record]]:
+) -> Iterator[tuple[list[Record], int]]:
     """Do runs on a client's workers.
 
     A run whose worker dies is done again elsewhere, `workers.DEATHS` times at most.
@@ -29,7 +31,8 @@ def execute(
         tasks: to be done.
 
     Yields:
-        Records of all runs that have ended since the last yield, each once.
+        Records of all runs that have ended since the last yield, each once, and how
+        many workers there are.
 
     Raises:
         SelfhealError: the scheduler was lost.
@@ -51,11 +54,14 @@ def execute(
             settings = dict(task.settings)
             done.add(client.submit(perform, study.play, task.key, settings, key=name))
 
-    more(max(_LEAST, _AHEAD * len(client.nthreads())))
+    workers, asked = len(client.nthreads()), time.monotonic()
+    more(max(_LEAST, _AHEAD * workers))
     for batch in done.batches():
-        yield [_record(running.pop(f.key), f, result) for f, result in batch]
-        wanted = max(_LEAST, _AHEAD * len(client.nthreads()))
-        more(wanted - len(running))
+        if time.monotonic() > asked + _EVERY:
+            workers, asked = len(client.nthreads()), time.monotonic()
+        records = [_record(running.pop(f.key), f, result) for f, result in batch]
+        more(max(_LEAST, _AHEAD * workers) - len(running))
+        yield records, workers
 
 
 def _record(task: Task, future: "Future", result: Any) -> Record:

@@ -71,20 +71,20 @@ def proceed(
                 f"{code()}); start over by --force"
             )
         tasks = results.failed if only_failed else results.left
-        study, before = study_of(results.study), dict(results.records)
-        total, session = len(results.tasks), 0
-        failed = len(results.failed)
+        study, total, session = study_of(results.study), len(results.tasks), 0
+        done, failed = set(results.records), {task.key for task in results.failed}
+        del results  # of a long study it is most of the memory
+        yield Progress(len(done), total, len(failed), 0, 0)
         if not tasks:
-            yield Progress(len(before), total, failed, 0, 0)
             return
         client = stack.enter_context(connected(place, path.with_name("jobs")))
-        yield Progress(len(before), total, failed, 0, 0)
         client.wait_for_workers(1)
         journal = stack.enter_context(writing(path))
-        for records in execute(client, study, tasks):
+        for records, workers in execute(client, study, tasks):
             journal.add(records)
-            before |= {record["key"]: record for record in records}
-            failed = sum(bool(record["error"]) for record in before.values())
+            keys = {record["key"] for record in records}
+            done |= keys
+            failed -= keys
+            failed |= {record["key"] for record in records if record["error"]}
             session += len(records)
-            workers = len(client.nthreads())
-            yield Progress(len(before), total, failed, session, workers)
+            yield Progress(len(done), total, len(failed), session, workers)
