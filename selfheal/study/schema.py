@@ -167,7 +167,7 @@ _WAYS = {
                 "straight."),
     "ours": ("Eight lengths, ours",
              "16 poses of hips and knees on the hidden robot, all ten of the hips "
-             "alone on the real one; 60 models, 30 generations on all poses at once, "
+             "alone on the real one; 60 models, 40 generations on all poses at once, "
              "then least squares from the best."),
 }  # fmt: skip
 _LENGTHS = (
