@@ -73,6 +73,8 @@ def kills(folder: Path) -> dict[str, Any]:
     for k in range(_KILLS):
         until = (k + 1) * _RUNS // (_KILLS + 1)
         while _done(killed) < until:
+            if client.poll() is not None:
+                sys.exit(f"a client ended by itself, with {client.returncode}")
             time.sleep(0.02)
         time.sleep(dice.uniform(0, 1))
         if k % 2:
