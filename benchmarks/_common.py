@@ -14,8 +14,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from scipy.stats import binomtest
-
 from selfheal.files import atomic_path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -133,17 +131,6 @@ def command() -> str:
         place = words.index("--root")
         del words[place : place + 2]
     return "python benchmarks/" + shlex.join(words)
-
-
-def share(successes: int, count: int) -> str:
-    """A share with its 95 % Wilson interval, as "27/30 = 90 % (74 to 97)"."""
-    if not count:
-        return "0/0"
-    low, high = binomtest(successes, count).proportion_ci(method="wilson")
-    return (
-        f"{successes}/{count} = {100 * successes / count:.1f} % "
-        f"({100 * low:.0f} to {100 * high:.0f})"
-    )
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import INTACT, Section, publish, share
+from _common import INTACT, Section, publish
+
+from selfheal.study.statistics import share
 
 Records = Mapping[str, Mapping[str, Any]]
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from _common import Section, share
+from _common import Section
 from _outcome import NEAR, alike, explained
 from _suites import Row
 from scipy.stats import fisher_exact
 
 from selfheal.selfmodel.explore import TOLD_APART
+from selfheal.study.statistics import share
 
 Records = Sequence[dict[str, Any]]
 _PAPER_RUNS = 30  # runs of each regime in the paper

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import Section, publish, share
+from _common import Section, publish
+
+from selfheal.study.statistics import share
 
 Records = Mapping[str, Mapping[str, Any]]
 

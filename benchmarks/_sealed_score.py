@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import Section, share
+from _common import Section
 from _sealed_judge import read_case
 from _sealed_run import prove
 from scipy.stats import binomtest
+
+from selfheal.study.statistics import share
 
 Judged = dict[str, Any]
 

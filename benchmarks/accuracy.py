@@ -6,7 +6,7 @@ Takes the intact readings of 2006 and random trees, gives docs/results/accuracy.
 from typing import Any
 
 import numpy as np
-from _common import INTACT, Section, parser, publish, share
+from _common import INTACT, Section, parser, publish
 from _servo_fit import held_out
 
 from selfheal.body.body import Bodies
@@ -19,6 +19,7 @@ from selfheal.robot.actions import actions_2006, published
 from selfheal.robot.base import open_robot
 from selfheal.selfmodel.evaluate import channels
 from selfheal.selfmodel.loop import felt
+from selfheal.study.statistics import share
 
 SAME = 2.0  # [deg] poses this near, in the worse tilt, are the same (issue's figure)
 LEFT_OUT = 0.05  # largest share of poses that may be left out (issue's figure)

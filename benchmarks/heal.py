@@ -64,7 +64,7 @@ def _real(seed: int, chosen: bool) -> dict[str, Any]:
 def _readings() -> Tables:
     robots = [replay("starfish-2006", read(INTACT.with_name(f"{name}.h5")), published())
               for name in ("intact", "damaged")]  # fmt: skip
-    return tables(*robots)
+    return tables(*robots, published())
 
 
 def gaits(count: int) -> Plays:

@@ -49,12 +49,12 @@ def clear(path: Path, force: bool, others: Sequence[str]) -> None:
         file.unlink()
 
 
-def refuse_settings(context: typer.Context) -> None:
+def refuse_settings(context: typer.Context, heeded: Sequence[str] = ()) -> None:
     """Refuse what a resumed run would not heed."""
     given = [
         "--" + name.replace("_", "-")
         for name in context.params
-        if name not in ("resume", "as_json")
+        if name not in ("resume", "as_json", *heeded)
         and (source := context.get_parameter_source(name))
         and source.name == "COMMANDLINE"
     ]

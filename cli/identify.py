@@ -29,7 +29,9 @@ def identify(
     ] = None,
     method: Annotated[
         str,
-        typer.Option(help="default, paper, random-batch or random-alternate."),
+        typer.Option(
+            help="default, paper, disagreement, random-batch or random-alternate."
+        ),
     ] = "default",
     space: Annotated[
         str, typer.Option(help="Where parts may attach: free, sides or full.")

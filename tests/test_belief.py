@@ -148,7 +148,8 @@ def readings():
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder}")
     files = ("intact.h5", "damaged.h5")
-    return tables(*(replay(f, read(folder / f), published()) for f in files))
+    robots = (replay(f, read(folder / f), published()) for f in files)
+    return tables(*robots, published())
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 ROOMS = [
     *("errors", "files", "recording", "body", "engine", "robot", "selfmodel"),
     *("gait", "recovery"),
-    *("diagnosis", "report", "api", "cli"),
+    *("diagnosis", "report", "api", "study", "cli"),
 ]
 HONEST = ("selfmodel", "gait", "recovery", "diagnosis")  # never see the truth
 FILES = [path for top in ("selfheal", "cli") for path in (ROOT / top).rglob("*.py")]

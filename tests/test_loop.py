@@ -142,7 +142,7 @@ def test_the_toy_is_identified():
         ({"budget": 0}, InputError, "budget must be positive"),
         ({"budget": -5}, InputError, "budget must be positive; not -5"),
         ({"seed": -1}, InputError, "seed must not be negative"),
-        ({"method": "luck"}, UnknownNameError, "'luck'; valid: default, paper, random"),
+        ({"method": "luck"}, UnknownNameError, "'luck'; valid: default, disagreement"),
         ({"space": "any"}, UnknownNameError, "'any'; valid: free, full, sides"),
         ({"engine": "ode"}, UnknownNameError, "'ode'; valid: auto, mjx, mujoco, sta"),
         ({"method": "paper", "space": "full"}, InputError, "only the space 'free'"),

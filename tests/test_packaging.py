@@ -12,7 +12,8 @@ import selfheal
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-HEAVY = {"h5py", "jax", "matplotlib", "mujoco", "numba", "numpy", "rich", "scipy"}
+HEAVY = {"dask", "distributed", "h5py", "jax", "matplotlib", "mujoco", "numba",
+         "numpy", "rich", "scipy"}  # fmt: skip
 
 
 def _tree() -> list[str]:

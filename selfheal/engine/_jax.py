@@ -50,10 +50,12 @@ def _set_environment() -> None:
 
 
 def cores() -> int:
-    """The number of cores this process may run on."""
+    """The number of cores this process may run on; NPROC can say fewer, as to XLA."""
+    free = os.cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        free = len(os.sched_getaffinity(0))
+    told = os.environ.get("NPROC", "")
+    return min(free, max(int(told), 1)) if told.isdecimal() else free
 
 
 def cache_folder() -> Path:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.body import Floats, concatenate
+from ..body.body import Bodies, Floats, concatenate
 from ..body.damage import INTACT, Damage
 from ..engine.plant import damaged, rated
 from ..engine.statics import Statics
@@ -41,15 +41,15 @@ class Tables:
     felt: Floats
 
 
-def tables(whole: Robot, broken: Robot) -> Tables:
+def tables(whole: Robot, broken: Robot, model: Bodies) -> Tables:
     """Read both robots' every action, and predict it for every damage.
 
     Args:
-        whole: its `truth` is the model.
+        whole: before.
         broken: offers the same actions.
+        model: of the whole robot (1).
     """
-    assert whole.truth is not None
-    plant, parts = rated(whole.truth), whole.anatomy.parts
+    plant, parts = rated(model), whole.anatomy.parts
     damages = (INTACT, *(Damage("part_scale", f"body:{part}", scale)
                          for part in parts for scale in _SCALES))  # fmt: skip
     bodies = concatenate(*(damaged(plant, d).body for d in damages))

@@ -8,6 +8,7 @@ import numpy as np
 from ..body.body import Anatomy, Bodies, Floats, centers_in_torso
 from ..body.damage import Damage
 from ..body.genome import build, random_genomes
+from ..engine.readings import Readings
 from ..errors import InputError
 from ..recording import Episode, Recording, Signal
 from .actions import actions_2006, published
@@ -29,6 +30,7 @@ class SimulatedRobot:
         seed: of its noise and of its hidden physics.
         damage: what happens to it when it moves.
         onset: seconds into each move when it happens; 0 = it has happened.
+        offers: (A, P) joint targets that it offers [rad]; None = those of 2006.
     """
 
     name: str
@@ -36,6 +38,7 @@ class SimulatedRobot:
     seed: int
     damage: tuple[Damage, ...] = ()
     onset: float = 0.0
+    offers: Floats | None = None
 
     @property
     def anatomy(self) -> Anatomy:
@@ -44,19 +47,17 @@ class SimulatedRobot:
 
     @property
     def actions(self) -> Floats:
-        """(A, P) one or two joints down, the others up [rad]."""
+        """(A, P) joint targets [rad]: one or two joints down, the others up."""
+        if self.offers is not None:
+            return self.offers
         return actions_2006(self.anatomy.size)
 
     def act(self, action: int) -> Recording:
         """Move, hold, read the sensors at rest."""
-        from ..engine.mujoco import HOLD, RAMP, MuJoCo
+        from ..engine.mujoco import HOLD, RAMP
 
-        hidden = np.random.default_rng([self.seed, 0])
-        physics, body, offset = self._hidden(hidden)
         rng = np.random.default_rng([self.seed, 1, action])
-        target = self.actions[action]
-        reached = target + offset + rng.normal(0, _SERVO_NOISE, target.shape)
-        rest = MuJoCo(physics).simulate(body, reached[None])
+        target, rest = self.actions[action], self._rest(action, rng)
         tilt = rest.tilt[0] + rng.normal(0, _TILT_NOISE, 2)
         tilt = np.round(tilt / _TILT_STEP) * _TILT_STEP
         clearance = rest.clearance[0] + rng.normal(0, _CLEARANCE_NOISE)
@@ -65,6 +66,23 @@ class SimulatedRobot:
             np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
         )
         return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
+
+    def touch(self, action: int) -> Floats:
+        """(F) 1 where a foot touches the floor in the pose that `act` reads, else 0.
+
+        Apart from the recording: a body's MJCF has no such sensor.
+        """
+        rng = np.random.default_rng([self.seed, 1, action])
+        return self._rest(action, rng).touch[0]
+
+    def _rest(self, action: int, rng: np.random.Generator) -> Readings:
+        """The true readings (1) at rest, servo errors drawn first from `rng`."""
+        from ..engine.mujoco import MuJoCo
+
+        physics, body, offset = self._hidden(np.random.default_rng([self.seed, 0]))
+        noise = rng.normal(0, _SERVO_NOISE, offset.shape)
+        reached = self.actions[action] + offset + noise
+        return MuJoCo(physics).simulate(body, reached[None])
 
     def move(self, commands: Floats, *, trial: int = 0) -> Recording:
         """Follow commands over time; see `base.Walker`."""

@@ -141,18 +141,29 @@ class Evaluator:
 
     def table(self, genomes: Genomes) -> Floats:
         """(N, A, 3) channels of N genomes under every action; NaN where diverged."""
+        return self.table_of(build(self.anatomy, genomes))
+
+    def table_of(self, bodies: Bodies) -> Floats:
+        """(N, A, 3) channels of N bodies under every action; NaN where diverged."""
         count = len(self.actions)
-        bodies = build(self.anatomy, genomes)[np.repeat(np.arange(len(genomes)), count)]
-        flat = self.simulate(bodies, np.tile(np.arange(count), len(genomes)))
-        return flat.reshape(len(genomes), count, 3)
+        rows = np.repeat(np.arange(len(bodies)), count)
+        flat = self.simulate(bodies[rows], np.tile(np.arange(count), len(bodies)))
+        return flat.reshape(len(bodies), count, 3)
 
     def losses(
         self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> tuple[Floats, Floats]:
+        """Losses of genomes; see `losses_of`."""
+        bodies = build(self.anatomy, genomes)
+        return self.losses_of(bodies, evidence, bound=bound, order=order)
+
+    def losses_of(
+        self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
+    ) -> tuple[Floats, Floats]:
         """Losses over the evidence, abandoned once they reach a bound.
 
         Args:
-            genomes: N candidates.
+            bodies: N candidates.
             evidence: n actions and readings.
             bound: (N, n) or (N): a candidate is given up if its loss after k + 1
                 actions has reached bound[:, k].
@@ -164,10 +175,9 @@ class Evaluator:
             each: (N, n) loss under each action, by position in the evidence; NaN where
                 not simulated, infinite where the simulation diverged.
         """
-        shape = len(genomes), len(evidence)
+        shape = len(bodies), len(evidence)
         order = np.ascontiguousarray(np.broadcast_to(order, shape))
         bound = np.broadcast_to(bound if bound.ndim == 2 else bound[:, None], shape)
-        bodies = build(self.anatomy, genomes)
         each = np.full(shape, np.nan)
         sound = np.flatnonzero(centers_in_torso(bodies) == 0)  # papers.md 1.1
         if len(sound):

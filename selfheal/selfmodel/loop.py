@@ -15,6 +15,7 @@ from ..errors import InputError, RecordingError, UnknownNameError
 from ..recording import Recording
 from ..robot.base import Robot
 from .evaluate import Evaluator, Evidence, channels
+from .paper import PaperSearch
 from .run import Cycle, Run, Settings
 from .space import genome_key, others, space_of
 from .strategy import METHODS, Released, Rivals, Strategy
@@ -278,7 +279,8 @@ def _strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
             known_lengths=settings.known_lengths,
             random_actions=settings.random_actions,
         )
-    return Released(evaluator, method=settings.method, cycles=settings.cycles)
+    finder = PaperSearch(evaluator)
+    return Released(finder, method=settings.method, cycles=settings.cycles)
 
 
 def _nothing(count: int) -> None:

@@ -3,12 +3,13 @@
 Every constant is from papers.md 1.4 and 1.5 (the program released with paper A).
 """
 
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..body.body import Floats
-from ..body.genome import Genomes, concatenate, from_unit
+from ..body.body import Bodies, Floats, concatenate
+from ..body.genome import Genomes, build, from_unit
 from .evaluate import Evaluator, Evidence
 
 CLIMBERS, GENERATIONS, JUDGES = 15, 200, 5
@@ -48,18 +49,16 @@ def mutated(genes: Floats, slips: Slips, rng: np.random.Generator) -> Floats:
 
 
 @dataclass
-class PaperSearch:
+class Climbers(ABC):
     """Fifteen independent (1 + 1) climbers, best first; see the module.
 
     Attributes:
         evaluator: simulates and counts; its loss must be the paper's.
-        slips: of the released program.
-        genes: (15, P) in [0, 1].
+        genes: (15, P) of the models.
         losses: (15).
     """
 
     evaluator: Evaluator
-    slips: Slips = field(default_factory=Slips)
     genes: Floats = field(init=False)
     losses: Floats = field(init=False)
 
@@ -68,32 +67,37 @@ class PaperSearch:
         self.genes = np.zeros((0, self.evaluator.anatomy.size))
         self.losses = np.zeros(0)
 
-    @property
-    def genomes(self) -> Genomes:
-        """(15) the models."""
-        return from_unit(self.evaluator.anatomy, self.genes)
+    @abstractmethod
+    def bodies(self, genes: Floats) -> Bodies:
+        """(N) the bodies that genes (N, P) stand for."""
+
+    @abstractmethod
+    def first(self, rng: np.random.Generator) -> Floats:
+        """(15, P) genes to start from."""
+
+    @abstractmethod
+    def child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+        """(P) genes near those of a parent (P)."""
+
+    @abstractmethod
+    def shaken(self, genes: Floats, rng: np.random.Generator) -> Bodies:
+        """(N) the bodies with every placement multiplied by U(0.9, 1.1)."""
 
     def run(
         self, evidence: Evidence, generations: int, rng: np.random.Generator
     ) -> None:
         """Climb for some generations, the newest action first."""
         if not len(self.genes):
-            self.genes = rng.random((CLIMBERS, self.evaluator.anatomy.size))
+            self.genes = self.first(rng)
         order = np.arange(len(evidence))[::-1]
         never = np.full(len(self.genes), np.inf)
-        self.losses, _ = self.evaluator.losses(
-            self.genomes, evidence, bound=never, order=order
+        self.losses, _ = self.evaluator.losses_of(
+            self.bodies(self.genes), evidence, bound=never, order=order
         )
         for _ in range(generations):
-            children = self.genes.copy()
-            for row in range(len(children)):
-                for _ in range(rng.integers(1, 5)):
-                    children[row] = mutated(children[row], self.slips, rng)
-            losses, _ = self.evaluator.losses(
-                from_unit(self.evaluator.anatomy, children),
-                evidence,
-                bound=self.losses,
-                order=order,
+            children = np.array([self.child(row, rng) for row in self.genes])
+            losses, _ = self.evaluator.losses_of(
+                self.bodies(children), evidence, bound=self.losses, order=order
             )
             better = losses < self.losses
             self.genes = np.where(better[:, None], children, self.genes)
@@ -115,13 +119,54 @@ class PaperSearch:
             (A) (1 - w) V - w S, so that the highest is chosen, and the tables
             (5, A, 3) of the best models.
         """
-        best = from_unit(self.evaluator.anatomy, self.genes[:JUDGES])
-        shaken = best.placement * rng.uniform(0.9, 1.1, best.placement.shape)
-        copies = Genomes(best.parent, shaken % 1.0, best.hinge, best.length)
+        best = self.genes[:JUDGES]
+        both = concatenate(self.bodies(best), self.shaken(best, rng))
         with self.evaluator.aside():
-            both = self.evaluator.table(concatenate(best, copies))
-        tables, moved = np.nan_to_num(both[:JUDGES]), np.nan_to_num(both[JUDGES:])
+            table = self.evaluator.table_of(both)
+        tables, moved = np.nan_to_num(table[:JUDGES]), np.nan_to_num(table[JUDGES:])
         scale = np.array([1, 1, 0.01])  # clearance in units of 10 cm, as in the loss
         sensitivity = (np.abs(tables - moved) * scale).sum(axis=(0, 2))
         disagreement = (tables.std(axis=0) * scale).sum(axis=1)
-        return (1 - weight) * disagreement - weight * sensitivity, both[:JUDGES]
+        return (1 - weight) * disagreement - weight * sensitivity, table[:JUDGES]
+
+
+def shaken(genomes: Genomes, rng: np.random.Generator) -> Genomes:
+    """Genomes with every placement multiplied by U(0.9, 1.1)."""
+    moved = genomes.placement * rng.uniform(0.9, 1.1, genomes.placement.shape)
+    return replace(genomes, placement=moved % 1.0)
+
+
+@dataclass
+class PaperSearch(Climbers):
+    """Before damage: genes in [0, 1] are an attachment tree.
+
+    Attributes:
+        slips: of the released program.
+    """
+
+    slips: Slips = field(default_factory=Slips)
+
+    @property
+    def genomes(self) -> Genomes:
+        """(15) the models."""
+        return from_unit(self.evaluator.anatomy, self.genes)
+
+    def bodies(self, genes: Floats) -> Bodies:
+        """Trees."""
+        anatomy = self.evaluator.anatomy
+        return build(anatomy, from_unit(anatomy, genes))
+
+    def first(self, rng: np.random.Generator) -> Floats:
+        """Random trees."""
+        return rng.random((CLIMBERS, self.evaluator.anatomy.size))
+
+    def child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+        """One to four mutations."""
+        for _ in range(rng.integers(1, 5)):
+            genes = mutated(genes, self.slips, rng)
+        return genes
+
+    def shaken(self, genes: Floats, rng: np.random.Generator) -> Bodies:
+        """Trees with other placements."""
+        anatomy = self.evaluator.anatomy
+        return build(anatomy, shaken(from_unit(anatomy, genes), rng))

@@ -29,7 +29,8 @@ class Settings:
     Attributes:
         robot: its name.
         recordings: path of the recording that it answers from, "" if none.
-        method: "default", "paper", "random-batch" or "random-alternate".
+        method: "default", "paper", "disagreement", "random-batch" or
+            "random-alternate".
         space: "free", "sides" or "full".
         known_lengths: whether "full" takes lengths as known.
         random_actions: whether the default method leaves its choice to chance.

@@ -1,7 +1,7 @@
 """Methods: a way to search and a way to choose, behind one signature for the loop."""
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,7 +20,7 @@ from .explore import (
     worth,
 )
 from .kin import Hypotheses, Kin
-from .paper import CEILING, GENERATIONS, JUDGES, PaperSearch, Slips
+from .paper import CEILING, GENERATIONS, JUDGES, Climbers, PaperSearch
 from .prior import cost
 from .search import Crowd, RivalSearch
 from .space import space_of
@@ -29,6 +29,7 @@ from .symmetry import Twins
 METHODS = {
     "default": "rivals climbed from many starts; actions that tell their trees apart",
     "paper": "the 2006 rule: fifteen climbers, actions by its released score",
+    "disagreement": "the 2006 search, actions by plain disagreement",
     "random-batch": "baseline 1 of 2006: all actions random, then the 2006 search",
     "random-alternate": "baseline 2 of 2006: a random action, the 2006 search, in turn",
 }
@@ -173,21 +174,31 @@ def _crowd(state: Mapping[str, Any], prefix: str) -> Crowd:
     return Crowd(genomes, state[prefix + "tables"], state[prefix + "losses"])
 
 
-class Released:
-    """The 2006 rule and its two random baselines; see `paper`."""
+@dataclass
+class Rule:
+    """When climbers climb, and which action is next, in 2006.
 
-    def __init__(self, evaluator: Evaluator, *, method: str, cycles: int,
-                 slips: Slips | None = None) -> None:  # fmt: skip
-        """`method` is "paper", "random-batch" or "random-alternate"."""
-        self.loss, self.evaluator = PAPER_LOSS, evaluator
-        self.finder = PaperSearch(evaluator, slips or Slips())
-        self.method, self.cycles, self.weight = method, cycles, 0.5
+    Attributes:
+        finder: the climbers.
+        method: any of `METHODS` but "default".
+        cycles: actions in all.
+        weight: of the score at the next choice but one; see `Climbers.score`.
+    """
+
+    finder: Climbers
+    method: str
+    cycles: int
+    weight: float = 0.5
 
     def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
-        """By the released score, or at random in the baselines."""
-        if self.method != "paper" or not len(evidence):
-            action = random_action(len(self.evaluator.actions), evidence.tried, rng)
-            return action, "random"
+        """By the released score, by disagreement, or at random in the baselines."""
+        if self.method.startswith("random") or not len(evidence):
+            count = len(self.finder.evaluator.actions)
+            return random_action(count, evidence.tried, rng), "random"
+        if self.method == "disagreement":
+            score, _ = self.finder.score(0.0, rng)
+            action = choose(score, evidence.tried)
+            return action, f"disagreement of the {JUDGES} best: {score[action]:.1f}"
         self.weight /= 1.5
         score, _ = self.finder.score(self.weight, rng)
         action = choose(score, evidence.tried)
@@ -196,7 +207,7 @@ class Released:
             f"{score[action]:.1f} degrees"
         )
 
-    def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+    def search(self, evidence: Evidence, rng: np.random.Generator) -> None:
         """200 generations; in the batch, all of them after the last action."""
         if self.method != "random-batch":
             self.finder.run(evidence, GENERATIONS, rng)
@@ -206,10 +217,27 @@ class Released:
         else:
             self.finder.run(evidence, 0, rng)
 
+
+class Released:
+    """The 2006 rule, with plain disagreement, and its two random baselines."""
+
+    def __init__(self, finder: PaperSearch, *, method: str, cycles: int) -> None:
+        """`method` is any of `METHODS` but "default"."""
+        self.loss, self.finder = PAPER_LOSS, finder
+        self.rule = Rule(finder, method, cycles)
+
+    def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
+        """By the rule."""
+        return self.rule.choose(evidence, rng)
+
+    def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+        """By the rule, whatever the limit."""
+        self.rule.search(evidence, rng)
+
     def rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The climbers; their tables are not simulated, for the rule has none."""
         genomes = self.finder.genomes
-        shape = (len(genomes), len(self.evaluator.actions), 3)
+        shape = (len(genomes), len(self.finder.evaluator.actions), 3)
         return genomes, np.full(shape, np.nan), self.finder.losses
 
     def candidates(self) -> tuple[Ints, Floats]:
@@ -227,9 +255,9 @@ class Released:
     def state(self) -> dict[str, Any]:
         """The climbers."""
         return {"genes": self.finder.genes, "losses": self.finder.losses,
-                "weight": self.weight}  # fmt: skip
+                "weight": self.rule.weight}  # fmt: skip
 
     def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
         self.finder.genes, self.finder.losses = state["genes"], state["losses"]
-        self.weight = float(state["weight"])
+        self.rule.weight = float(state["weight"])

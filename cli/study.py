@@ -1,0 +1,250 @@
+"""`selfheal study`: a table of the papers in; many runs, tables and a page out."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ._progress import Live
+from ._runs import clear, fresh_folder, refuse_settings
+
+if TYPE_CHECKING:
+    from selfheal.study.plan import Asked
+    from selfheal.study.run import Progress
+    from selfheal.study.store import Results
+    from selfheal.study.workers import Place
+
+_NAME, _PAGES = "study.h5", ("report.html", "report.md")
+_READINGS = Path("../shared/recordings/starfish_2006")
+_RUNS = {"table3": 30, "actions": 30, "schema": 30, "eea": 3, "sealed": 1}
+_FILE = typer.Argument(metavar="STUDY.h5", help="A study's file.")
+_JSON = typer.Option("--json", help="One JSON object for scripts.")
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Repeat a table of the papers over many seeds, on many cores.",
+)
+
+
+def _study(
+    context: typer.Context,
+    runs: Annotated[int | None, typer.Option(help="Seeds of each row.")] = None,
+    seed: Annotated[int, typer.Option(help="The first; then one by one.")] = 0,
+    recordings: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
+        ),
+    ] = None,
+    cases: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Of 'sealed': folders of model.xml, recording.h5."
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes, or jobs of a cluster; all cores.")
+    ] = None,
+    scheduler: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="A Dask cluster, tcp://HOST:8786.")
+    ] = "",
+    cluster: Annotated[
+        str, typer.Option(metavar="KIND", help="slurm, pbs, sge or lsf.")
+    ] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Where files go; runs/study-NAME."),
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(metavar="STUDY.h5", help="Go on with a study.")
+    ] = None,
+    only: Annotated[
+        str, typer.Option(metavar="failed", help="With --resume: failed runs again.")
+    ] = "",
+    force: Annotated[
+        bool, typer.Option("--force", help="Start over where a study is already.")
+    ] = False,
+    as_json: Annotated[bool, _JSON] = False,
+) -> None:
+    """One study; which one, the command's name says."""
+    from selfheal.errors import InputError
+    from selfheal.study.plan import Asked
+    from selfheal.study.workers import Place, check
+
+    name = str(context.info_name)
+    if workers == 0:
+        raise InputError("workers must be positive; not 0")
+    place = Place(workers or 0, scheduler, cluster)
+    check(place)
+    if only not in ("", "failed") or (only and resume is None):
+        raise InputError("--only failed goes with --resume STUDY.h5, and nothing else")
+    if resume is not None:
+        refuse_settings(context, heeded=("only", "workers", "scheduler", "cluster"))
+        _check_name(resume, name)
+        _go(resume, place, only_failed=bool(only), as_json=as_json)
+        return
+    count = _RUNS.get(name, 1) if runs is None else runs
+    asked = Asked(count, seed, recordings, cases)
+    _go(_begun(name, asked, out, force), place, only_failed=False, as_json=as_json)
+
+
+def _begun(name: str, asked: "Asked", out: Path | None, force: bool) -> Path:
+    """A new study's file, once all that can be wrong was checked."""
+    from dataclasses import replace
+
+    from selfheal.errors import InputError
+    from selfheal.files import check_writable_folder
+    from selfheal.selfmodel.run import held
+    from selfheal.study.plan import study_of
+    from selfheal.study.run import begin
+    from selfheal.study.store import journal_of
+
+    given = study_of(name).given
+    for option in ("recordings", "cases"):
+        folder = getattr(asked, option)
+        if folder is not None and option not in given:
+            raise InputError(f"study {name!r} has no use for --{option}")
+        if folder is not None and not folder.is_dir():
+            raise InputError(f"--{option} {folder}: there is no such folder")
+    if "recordings" in given and asked.recordings is None:
+        if _READINGS.is_dir():
+            asked = replace(asked, recordings=_READINGS)
+        else:
+            typer.echo(
+                f"no readings of the robot of 2006 at {_READINGS}, and no --recordings "
+                "FOLDER: the hidden simulated robot alone",
+                err=True,
+            )
+    folders = {k: f.resolve() for k in ("recordings", "cases")
+               if (f := getattr(asked, k)) is not None}  # fmt: skip
+    asked = replace(asked, **folders)
+    home = f"study-{name}"
+    path = fresh_folder(home, force) if out is None else check_writable_folder(out)
+    path = path / _NAME
+    with held(path):
+        clear(path, force, (journal_of(path).name, *_PAGES))
+        begin(path, name, asked)
+    return path
+
+
+def _check_name(path: Path, name: str) -> None:
+    """Refuse to go on with a study by another one's name."""
+    from selfheal.errors import InputError
+    from selfheal.study.store import load
+
+    found = load(path).study
+    if found != name:
+        raise InputError(f"{path} is of study {found!r}; selfheal study {found} "
+                         f"--resume {path}")  # fmt: skip
+
+
+def _go(path: Path, place: "Place", *, only_failed: bool, as_json: bool) -> None:
+    """Do what is left, then show it."""
+    from selfheal.study.run import proceed
+
+    with Live("starting", quiet=as_json) as live:
+        for progress in proceed(path, place, only_failed=only_failed):
+            live.show(_told(progress, live.seconds), progress.done / progress.total)
+    _show(path, as_json)
+
+
+def _told(progress: "Progress", seconds: float) -> str:
+    """How far a study is, in words."""
+    p = progress
+    words = [f"{p.done:,} of {p.total:,} runs"]
+    if p.failed:
+        words.append(f"{p.failed:,} failed")
+    if not p.workers:
+        return ", ".join([*words, "waiting for workers"])
+    words.append(f"{p.workers:,} workers")
+    if p.session:
+        left = (p.total - p.done) * seconds / p.session
+        words.append(f"about {left / 60:.1f} min left")
+    return ", ".join(words)
+
+
+def show(file: Annotated[Path, _FILE], as_json: Annotated[bool, _JSON] = False) -> None:
+    """Show a finished or interrupted study."""
+    _show(file, as_json)
+
+
+def _show(path: Path, as_json: bool) -> None:
+    """Tables, and the pages beside the file."""
+    from selfheal.report.page import write_page
+    from selfheal.study.page import markdown, study_page
+    from selfheal.study.store import load
+
+    results = load(path)
+    pages = [path.with_name(name) for name in _PAGES]
+    for page, text in zip(pages, (study_page(results), markdown(results)), strict=True):
+        write_page(text, page)
+    if as_json:
+        from ._print import print_json
+
+        print_json(_document(results, path))
+        return
+    _print(results)
+    for file in (path, *pages):
+        typer.echo(os.fspath(file))
+
+
+def _document(results: "Results", path: Path) -> dict:
+    """A study for scripts."""
+    from dataclasses import asdict
+
+    from selfheal.study.plan import study_of
+
+    failed = [{"key": t.key, "error": results.records[t.key]["error"]}
+              for t in results.failed]  # fmt: skip
+    tables = study_of(results.study).tables(results.finished)
+    return {
+        "format": "selfheal-study",
+        "version": 1,
+        "study": results.study,
+        "asked": results.asked,
+        "runs": len(results.tasks),
+        "done": len(results.records),
+        "failed": failed,
+        "tables": [asdict(table) for table in tables],
+        "file": str(path),
+    }
+
+
+def _print(results: "Results") -> None:
+    """Tables for a reader."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from selfheal.study.page import standing
+    from selfheal.study.plan import study_of
+
+    console = Console()
+    for table in study_of(results.study).tables(results.finished):
+        console.print(f"\n{table.title}", style="bold", markup=False)
+        console.print(table.text, markup=False, highlight=False)
+        if table.rows:
+            drawn = Table(*table.head)
+            for row in table.rows:
+                drawn.add_row(*row)
+            console.print(drawn)
+    console.print(standing(results), markup=False, highlight=False)
+    for task in results.failed:
+        last = results.records[task.key]["error"].splitlines()[-1]
+        console.print(f"{task.key}: {last}", markup=False, highlight=False)
+
+
+def _command(name: str, about: str) -> Callable:
+    """One study as a command."""
+    return app.command(name, help=about)(_study)
+
+
+_command("table3", "Actions, successes, errors of four methods, before, after damage.")
+_command("actions", "Chosen against random actions, ours, 8 actions.")
+_command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
+_command("eea", "Two legged robots, ten scenarios: recoveries.")
+_command("sealed", "Diagnoses of a folder of cases.")
+app.command("show")(show)

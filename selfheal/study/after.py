@@ -1,0 +1,127 @@
+"""After damage: a robot whose right lower leg is a tenth; what each method says of it.
+
+Everybody begins with the body that the authors chose for it (papers.md 1.3).
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import islice
+from typing import Any, cast
+
+import numpy as np
+
+from ..body.body import Anatomy, Bodies, Floats, length_error, scale_parts
+from ..body.genome import Genomes, build, from_unit
+from ..recovery.replayed import name_damage, tables
+from ..robot.base import Robot
+from ..robot.simulated import SimulatedRobot
+from ..selfmodel.scaled import rescale
+from .plan import Outcome
+from .trees import HIDDEN, opened
+
+CYCLES = 16
+_CHOSEN = (0.177363, 0.203348, 0.208322, 0.224044, 0.28876, 0.40069, 0.477269, 0.543136)
+_PART, _SCALE = "right_lower", 0.1
+_OURS = {"ours": True, "ours, random": False}
+_MIDDLE = 0.9  # share of belief of what is stated of a length
+
+
+def _known(anatomy: Anatomy) -> Genomes:
+    """The body to begin with."""
+    return from_unit(anatomy, np.array([_CHOSEN]))
+
+
+def _robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
+    """Before, after, and the true body after."""
+    whole = opened(settings)
+    assert whole.truth is not None
+    scale = np.ones(whole.anatomy.size)
+    scale[whole.anatomy.parts.index(_PART)] = _SCALE
+    truth = scale_parts(whole.truth, scale)
+    if settings["robot"] == HIDDEN:
+        broken = replace(cast(SimulatedRobot, whole), truth=truth)
+        return whole, cast(Robot, broken), truth
+    return whole, opened(settings, "damaged.h5"), truth
+
+
+def after(settings: Mapping[str, Any]) -> Outcome:
+    """What is believed of the parts' lengths after each of 16 actions.
+
+    `error` [cm]: mean over parts of |length - true length|, a number an action;
+    `success`: the part that is said to have changed most is the one that did.
+    """
+    whole, broken, truth = _robots(settings)
+    method = settings["method"]
+    believe = _ours if method in _OURS else _released
+    found = believe(whole, broken, settings)
+    start = build(whole.anatomy, _known(whole.anatomy))
+    scales = found.pop("scales")
+    bodies = [scale_parts(start, scale) for scale in scales]
+    part = whole.anatomy.parts.index(_PART)
+    return {
+        "success": int(np.argmax(np.abs(np.log(scales[-1])))) == part,
+        "error": [round(float(length_error(b, truth)[0]), 4) for b in bodies],
+        "scale": scales[-1].round(4).tolist(),
+        **found,
+    }
+
+
+def _released(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
+    """The 2006 search, by whatever rule."""
+    steps = list(
+        rescale(broken, _known(whole.anatomy), method=settings["method"],
+                cycles=CYCLES, seed=settings["seed"])
+    )  # fmt: skip
+    return {
+        "scales": [step.scale for step in steps],
+        "actions": [step.action for step in steps],
+        "evaluations": steps[-1].spent,
+        "choice": steps[-1].chosen,
+        "lengths": [],
+    }
+
+
+def _ours(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
+    """Belief over one part's scale, from how readings changed (recovery.replayed)."""
+    anatomy = whole.anatomy
+    known = tables(whole, broken, build(anatomy, _known(anatomy)))
+    rng = np.random.default_rng([settings["seed"], 12])
+    chosen = _OURS[settings["method"]]
+    steps = list(islice(name_damage(known, rng, chosen=chosen), CYCLES))
+    every = np.array([_scales(anatomy, d.name, d.value) for d in known.damages])
+    # each damage is simulated at rest and, for its slopes, twice for every joint
+    count = known.predicted.shape[0] * known.predicted.shape[1]
+    return {
+        "scales": [every[int(np.argmax(belief))] for _, belief in steps],
+        "actions": [int(action) for action, _ in steps],
+        "evaluations": count * (1 + 2 * anatomy.size),
+        "choice": 0,
+        "lengths": _stated(every, steps[-1][1], anatomy),
+    }
+
+
+def _scales(anatomy: Anatomy, part: str, value: float) -> Floats:
+    """(P) factors of a damage; ones where nothing happened."""
+    scale = np.ones(anatomy.size)
+    if part:
+        scale[anatomy.parts.index(part)] = value
+    return scale
+
+
+def _stated(every: Floats, belief: Floats, anatomy: Anatomy) -> list[list[float]]:
+    """(P, 4) of each part: low and high of 90 % of belief, the belief there, the truth.
+
+    Factors on the length. Values between those that were looked at belong to the
+    nearest one, so an interval reaches half-way to the next.
+    """
+    stated = []
+    for k, part in enumerate(anatomy.parts):
+        values, place = np.unique(every[:, k], return_inverse=True)
+        share = np.bincount(place.ravel(), belief)
+        order = np.argsort(-share, kind="stable")
+        kept = order[: 1 + int(np.searchsorted(np.cumsum(share[order]), _MIDDLE))]
+        edges = np.concatenate([[0.0], (values[1:] + values[:-1]) / 2, [np.inf]])
+        true = _SCALE if part == _PART else 1.0
+        low, high = edges[kept.min()], min(edges[kept.max() + 1], 10.0)
+        stated.append([float(low), float(high), float(share[kept].sum()), true])
+    return stated

@@ -1,0 +1,81 @@
+"""The work itself: tasks and workers in; records out, as they come, in chunks."""
+
+import time
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from ..errors import SelfhealError
+from .plan import Record, Study, Task
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+# Chosen: tasks that the scheduler knows of, for each worker and at least. A worker
+# always has its next one; the scheduler's memory does not grow with the study.
+_AHEAD, _LEAST = 4, 64
+_EVERY = 1.0  # [s] the scheduler is asked for its workers; chosen
+
+
+def execute(
+    client: "Client", study: Study, tasks: Sequence[Task]
+) -> Iterator[tuple[list[Record], int]]:
+    """Do runs on a client's workers.
+
+    A run whose worker dies is done again elsewhere, `workers.DEATHS` times at most.
+
+    Args:
+        client: of the workers; they may come and go meanwhile.
+        study: whose runs they are.
+        tasks: to be done.
+
+    Yields:
+        Records of all runs that have ended since the last yield, each once, and how
+        many workers there are.
+
+    Raises:
+        SelfhealError: the scheduler was lost.
+    """
+    from distributed import as_completed
+
+    from .worker import perform
+
+    # several studies may share a scheduler. Names of one family: the scheduler keeps
+    # such tasks back until a worker is free, instead of sharing them out at once
+    family = f"selfheal-{uuid4().hex[:8]}"
+    left, running = enumerate(tasks), dict[Any, Task]()
+    done = as_completed(with_results=True, raise_errors=False)
+
+    def more(count: int) -> None:
+        for number, task in islice(left, count):
+            name = (family, number)
+            running[name] = task
+            settings = dict(task.settings)
+            done.add(client.submit(perform, study.play, task.key, settings, key=name))
+
+    workers, asked = len(client.nthreads()), time.monotonic()
+    more(max(_LEAST, _AHEAD * workers))
+    for batch in done.batches():
+        if time.monotonic() > asked + _EVERY:
+            workers, asked = len(client.nthreads()), time.monotonic()
+        records = [_record(running.pop(f.key), f, result) for f, result in batch]
+        more(max(_LEAST, _AHEAD * workers) - len(running))
+        yield records, workers
+
+
+def _record(task: Task, future: "Future", result: Any) -> Record:
+    """The record of a run that has ended one way or another."""
+    if future.status == "finished":
+        return result
+    if future.status != "error":
+        raise SelfhealError("the scheduler was lost; go on with the study by --resume")
+    return {
+        "key": task.key,
+        "settings": dict(task.settings),
+        "outcome": None,
+        "error": f"{type(result[1]).__name__}: {result[1]}",
+        "seconds": 0.0,
+        "megabytes": 0,
+        "worker": "",
+    }

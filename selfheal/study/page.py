@@ -1,0 +1,123 @@
+"""The pages of a study: results in, HTML or Markdown out."""
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..report.page import Section, page, paragraph, table
+from ..report.picture import BLUE, INK, LINE, MUTED, WIDTH, figure, label, style
+from .plan import Picture, Table, study_of
+from .store import Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LIBRARIES = ("mujoco", "jax", "numba", "numpy", "scipy", "distributed")
+_BINS = 10  # of a reliability diagram; chosen
+
+
+def standing(results: Results) -> str:
+    """How much of a study was done, in a sentence."""
+    spent = sum(record["seconds"] for record in results.records.values())
+    most = max((r["megabytes"] for r in results.records.values()), default=0)
+    told = f"{len(results.records):,} of {len(results.tasks):,} runs done"
+    if results.failed:
+        told += f", {len(results.failed):,} of them failed"
+    return f"{told}; {spent:,.0f} s of workers' time, a worker's peak {most:,} MB."
+
+
+def _made_with(results: Results) -> str:
+    """What another person needs to make the same."""
+    asked = ", ".join(f"{k} {v}" for k, v in results.asked.items() if v is not None)
+    libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
+    return f"Study {results.study}: {asked}; program {results.code}; {libraries}."
+
+
+def study_page(results: Results) -> str:
+    """The page of a study, with its pictures."""
+    study, records = study_of(results.study), results.finished
+    with style():
+        drawn = [_drawn(picture) for picture in study.pictures(records)]
+    sections = [Section(t.title, _body(t)) for t in study.tables(records)]
+    failed = [(t.key, results.records[t.key]["error"]) for t in results.failed]
+    if failed:
+        body = table(("run", "error"), failed, "ll")
+        sections.append(Section("Runs that failed", (body,)))
+    told = paragraph(standing(results), " ", _made_with(results))
+    sections.append(Section("How it was made", (told,)))
+    return page(f"Study: {results.study}", [*sections[:1], *drawn, *sections[1:]],
+                lead=study.about)  # fmt: skip
+
+
+def _body(shown: Table) -> tuple[str, ...]:
+    """What a table shows, and itself."""
+    if not shown.rows:
+        return (shown.text,)
+    align = "l" + "r" * (len(shown.head) - 1)
+    return (shown.text, table(shown.head, shown.rows, align))
+
+
+def markdown(results: Results) -> str:
+    """The same in Markdown, without pictures."""
+    study = study_of(results.study)
+    parts = [f"# Study: {results.study}", study.about, standing(results)]
+    for shown in study.tables(results.finished):
+        parts += [f"## {shown.title}", shown.text]
+        if shown.rows:
+            lines = [shown.head, ["---"] * len(shown.head), *shown.rows]
+            parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
+    return "\n\n".join([*parts, _made_with(results)]) + "\n"
+
+
+def _drawn(picture: Picture) -> Section:
+    """A picture as a section."""
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    ax = fig.add_subplot()
+    if picture.kind == "box":
+        _boxes(ax, picture)
+        caption = (
+            "A box from the first to the third quartile with the median; whiskers "
+            "reach to the farthest run within 1.5 times its length, dots are the "
+            "runs beyond."
+        )
+    else:
+        _reliability(ax, picture)
+        caption = (
+            "Statements in tenths of the stated probability, against the share that "
+            "was true; dots larger where there are more of them. On the line they "
+            "are as sure as they say."
+        )
+    ax.grid(True)
+    return Section(picture.title, (figure(fig, caption),))
+
+
+def _boxes(ax: "Axes", picture: Picture) -> None:
+    """A box a series."""
+    names = [label(name) for name in picture.series]
+    shown: Sequence = [np.asarray(values, float) for values in picture.series.values()]
+    ink = {"color": INK}
+    ax.boxplot(shown, tick_labels=names, orientation="horizontal", boxprops=ink,
+               whiskerprops=ink, capprops=ink, medianprops={"color": BLUE, "lw": 2},
+               flierprops={"marker": ".", "markeredgecolor": MUTED})  # fmt: skip
+    ax.invert_yaxis()
+    ax.set_xlabel(picture.axis)
+
+
+def _reliability(ax: "Axes", picture: Picture) -> None:
+    """Stated against true."""
+    ax.plot([0, 1], [0, 1], color=LINE, lw=1.2)
+    for name, pairs in picture.series.items():
+        stated, true = np.asarray(pairs, float).reshape(-1, 2).T
+        place = np.minimum((stated * _BINS).astype(int), _BINS - 1)
+        bins = [place == k for k in range(_BINS) if (place == k).any()]
+        x, y = ([v[b].mean() for b in bins] for v in (stated, true))
+        sizes = [10 + 90 * b.mean() for b in bins]
+        ax.plot(x, y, lw=0.8)
+        ax.scatter(x, y, s=sizes, label=label(name))
+    ax.set_xlabel(picture.axis or "stated probability")
+    ax.set_ylabel("share that is true")
+    ax.legend()

@@ -1,0 +1,121 @@
+"""What a study is: a name in; its runs, how one is done, and its tables out."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ..errors import UnknownNameError
+
+# name -> the module that has it as STUDY; imported when it is asked for
+STUDIES = {
+    name: f"{__package__}.{name}"
+    for name in ("table3", "actions", "schema", "eea", "sealed")
+}
+
+Outcome = Mapping[str, Any]
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One independent run of a study.
+
+    Attributes:
+        key: its name, unique in the study.
+        settings: all that it depends on, its seed included, as JSON can hold it.
+    """
+
+    key: str
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a user asked a study for.
+
+    Attributes:
+        runs: of each row of its tables.
+        seed: of the first run of each row; the others follow one by one.
+        recordings: folder of the readings of 2006, None where there are none.
+        cases: folder of diagnosis cases, None where none is given.
+    """
+
+    runs: int
+    seed: int = 0
+    recordings: Path | None = None
+    cases: Path | None = None
+
+    @property
+    def seeds(self) -> range:
+        """One a run."""
+        return range(self.seed, self.seed + self.runs)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A part of what a study shows.
+
+    Attributes:
+        title: its heading.
+        text: what it shows and what it does not.
+        head: names of the columns.
+        rows: cells, a row as long as `head`.
+    """
+
+    title: str
+    text: str
+    head: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Numbers to be drawn.
+
+    Attributes:
+        title: what it shows.
+        kind: "box" (a box a series) or "reliability" (stated against true).
+        series: label -> numbers; of "reliability" pairs of stated probability and
+            whether it came true.
+        axis: what the numbers are, with their unit.
+    """
+
+    title: str
+    kind: str
+    series: Mapping[str, Sequence[Any]]
+    axis: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A table of a paper as something that can be repeated.
+
+    Attributes:
+        about: it in a line.
+        tasks: the runs that are asked for.
+        play: does one, in a worker process: its settings in, its outcome out, as JSON
+            can hold it. The same settings give the same outcome.
+        tables: of the finished runs, each with "settings" and "outcome".
+        pictures: of the same.
+        given: names of what `Asked` must or may have besides runs and seed.
+    """
+
+    about: str
+    tasks: Callable[[Asked], Sequence[Task]]
+    play: Callable[[Mapping[str, Any]], Outcome]
+    tables: Callable[[Sequence[Record]], Sequence[Table]]
+    pictures: Callable[[Sequence[Record]], Sequence[Picture]] = lambda records: ()
+    given: tuple[str, ...] = ()
+
+
+def study_of(name: str) -> Study:
+    """The study of a name.
+
+    Raises:
+        UnknownNameError: no such study.
+    """
+    if name not in STUDIES:
+        raise UnknownNameError("study", name, STUDIES)
+    return import_module(STUDIES[name]).STUDY

@@ -1,0 +1,90 @@
+"""A study from its file: what is left of it is done, and each record kept."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from ..selfmodel.run import held
+from .execute import execute
+from .plan import Asked, study_of
+from .store import code, create, load, writing
+from .workers import Place, check, connected
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is.
+
+    Attributes:
+        done: runs that have ended, those of earlier sessions included.
+        total: all runs.
+        failed: of those done.
+        session: runs that ended in this session.
+        workers: that are there now.
+    """
+
+    done: int
+    total: int
+    failed: int
+    session: int
+    workers: int
+
+
+def begin(path: Path, name: str, asked: Asked) -> None:
+    """Make a study's file, with all its runs left.
+
+    Raises:
+        InputError: the study is unknown, or what was asked for makes no sense.
+    """
+    if asked.runs < 1:
+        raise InputError(f"the runs must be positive; not {asked.runs}")
+    if asked.seed < 0:
+        raise InputError(f"the seed must not be negative; not {asked.seed}")
+    tasks = study_of(name).tasks(asked)
+    told = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(asked).items()}
+    create(path, name, told, tasks)
+
+
+def proceed(
+    path: Path, place: Place, *, only_failed: bool = False
+) -> Iterator[Progress]:
+    """Do what is left of a study, a yield whenever there is news.
+
+    Args:
+        path: of its file; no other process may work on it.
+        place: where runs are done.
+        only_failed: do those again that ended with an error, and no others.
+
+    Raises:
+        InputError: the place makes no sense or does not answer, or the study was begun
+            with other program code, so that old and new runs would not belong together.
+    """
+    check(place)
+    with ExitStack() as stack:
+        stack.enter_context(held(path))
+        results = load(path)
+        if results.records and results.code != code():
+            raise InputError(
+                f"{path} was begun with other program code ({results.code}, now "
+                f"{code()}); start over by --force"
+            )
+        tasks = results.failed if only_failed else results.left
+        study, total, session = study_of(results.study), len(results.tasks), 0
+        done, failed = set(results.records), {task.key for task in results.failed}
+        del results  # of a long study it is most of the memory
+        yield Progress(len(done), total, len(failed), 0, 0)
+        if not tasks:
+            return
+        client = stack.enter_context(connected(place, path.with_name("jobs")))
+        client.wait_for_workers(1)
+        journal = stack.enter_context(writing(path))
+        for records, workers in execute(client, study, tasks):
+            journal.add(records)
+            keys = {record["key"] for record in records}
+            done |= keys
+            failed -= keys
+            failed |= {record["key"] for record in records if record["error"]}
+            session += len(records)
+            yield Progress(len(done), total, len(failed), session, workers)

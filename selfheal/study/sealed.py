@@ -1,0 +1,82 @@
+"""Study `sealed`: diagnoses of a folder of cases, whose truth it is not told.
+
+A case is a folder with model.xml and recording.h5; its diagnosis is written beside
+them. Who has the keys scores them: benchmarks/sealed.py makes such cases and does.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..api import diagnose
+from ..errors import InputError
+from .plan import Asked, Outcome, Record, Study, Table, Task
+from .statistics import share, spread
+
+_SHOWN = ("given", "refit", "patched", "explainable_removed")
+_GIVEN = ("model.xml", "recording.h5")
+
+
+def _tasks(asked: Asked) -> list[Task]:
+    if asked.cases is None:
+        raise InputError(
+            "study 'sealed' needs --cases FOLDER, of folders with "
+            f"{' and '.join(_GIVEN)}"
+        )
+    found = sorted(file.parent for file in asked.cases.glob(f"*/{_GIVEN[0]}"))
+    lacking = [case for case in found if not (case / _GIVEN[1]).is_file()]
+    if lacking or not found:
+        what = f"{lacking[0]} has no {_GIVEN[1]}" if lacking else "no case there"
+        raise InputError(f"--cases {asked.cases}: {what}")
+    return [
+        Task(f"{case.name} {seed}", {"case": str(case), "seed": seed})
+        for seed in asked.seeds for case in found
+    ]  # fmt: skip
+
+
+def _play(settings: Mapping[str, Any]) -> Outcome:
+    case = Path(settings["case"])
+    found = diagnose(*(case / name for name in _GIVEN), seed=settings["seed"])
+    found.save(case / "diagnosis", force=True)
+    told = found.document
+    return {
+        "verdict": told["verdict"],
+        "named": [[f["effect"], f["target"]] for f in told["findings"]],
+        "fit": {k: v for k, v in told["fit"].items() if k != "held_out"},
+    }
+
+
+def _tables(records: Sequence[Record]) -> list[Table]:
+    outcomes = [record["outcome"] for record in records]
+    counts = Counter(outcome["verdict"] for outcome in outcomes)
+    rows = []
+    for verdict, count in counts.most_common():
+        fits = [o["fit"] for o in outcomes if o["verdict"] == verdict]
+        errors = [[fit[k] for fit in fits if fit[k] is not None] for k in _SHOWN]
+        middles = [f"{np.median(e):.3f}" if e else "" for e in errors]
+        rows.append((verdict, share(count, len(outcomes)), *middles))
+    head = ("verdict", "cases (95 %)", "given", "refit", "patched", "removed")
+    text = (
+        "Held-out errors (normalized) and explainable error removed, medians. Whether "
+        "what was named is true is not known here: `benchmarks/sealed.py score` tells "
+        f"it who has the keys. Seconds a case: "
+        f"{spread([record['seconds'] for record in records], 0)}."
+    )
+    effects = Counter(effect for o in outcomes for effect, _ in o["named"])
+    named = [(effect, f"{count:,}") for effect, count in effects.most_common()]
+    return [
+        Table("Verdicts", text, head, rows),
+        Table("Effects that were named", "In all cases.", ("effect", "times"), named),
+    ]
+
+
+STUDY = Study(
+    about="Sealed cases of diagnose: a model and a recording each.",
+    tasks=_tasks,
+    play=_play,
+    tables=_tables,
+    given=("cases",),
+)

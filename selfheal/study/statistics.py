@@ -1,0 +1,63 @@
+"""Shares, errors and tests as a table says them; the statistics are scipy's."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def share(successes: int, count: int) -> str:
+    """A share with its 95 % Wilson interval, as "27/30 = 90.0 % (74 to 97)"."""
+    from scipy.stats import binomtest
+
+    if not count:
+        return "0/0"
+    low, high = binomtest(successes, count).proportion_ci(method="wilson")
+    return (
+        f"{successes}/{count} = {100 * successes / count:.1f} % "
+        f"({100 * low:.0f} to {100 * high:.0f})"
+    )
+
+
+def spread(values: Sequence[float], digits: int = 2) -> str:
+    """Mean +- standard deviation over runs, as in 2006."""
+    found = np.asarray(values, float)
+    if not len(found):
+        return ""
+    wide = found.std(ddof=1) if len(found) > 1 else 0.0
+    return f"{found.mean():,.{digits}f} ± {wide:,.{digits}f}"
+
+
+def fisher(first: tuple[int, int], second: tuple[int, int]) -> float:
+    """Two-sided p of Fisher's exact test of two (successes, count)."""
+    from scipy.stats import fisher_exact
+
+    return float(fisher_exact([[k, n - k] for k, n in (first, second)]).pvalue)
+
+
+def permuted(first: Sequence[float], second: Sequence[float]) -> float:
+    """Two-sided p of a permutation test of two means; 9,999 draws at most."""
+    from scipy.stats import permutation_test
+
+    if min(len(first), len(second)) < 2:
+        return float("nan")
+    found = permutation_test(
+        (np.asarray(first, float), np.asarray(second, float)),
+        lambda x, y, axis: x.mean(axis=axis) - y.mean(axis=axis),
+        vectorized=True,
+        n_resamples=9999,
+        rng=np.random.default_rng(0),
+    )
+    return float(found.pvalue)
+
+
+def ranked(first: Sequence[float], second: Sequence[float]) -> str:
+    """Spearman's rank correlation of pairs, its p and their number."""
+    from scipy.stats import spearmanr
+
+    x, y = np.asarray(first, float), np.asarray(second, float)
+    sound = np.isfinite(x) & np.isfinite(y)
+    x, y = x[sound], y[sound]
+    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+        return f"not defined (n = {len(x)})"
+    found = spearmanr(x, y)
+    return f"{found.statistic:.3f}, p = {found.pvalue:.2g} (n = {len(x):,})"

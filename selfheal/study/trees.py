@@ -1,0 +1,92 @@
+"""Self-modeling runs as studies do them: settings in, how right a body was out.
+
+Shared by the studies that identify attachment trees.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..body.body import center_distance, edge_f1
+from ..body.genome import build
+from ..robot.base import Robot, open_robot
+from ..selfmodel.loop import identify
+from ..selfmodel.run import Run, Settings
+from .calibration import Pairs
+from .plan import Outcome, Record
+
+REAL, HIDDEN = "starfish-2006", "starfish"
+WHERE = {REAL: "real readings", HIDDEN: "hidden robot"}
+
+
+def opened(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
+    """The robot of a run: the readings of 2006, or a hidden one of the run's seed."""
+    name, seed = settings["robot"], settings["seed"]
+    recordings = Path(settings["recordings"]) / file if name == REAL else None
+    return open_robot(name, seed=seed, recordings=recordings)
+
+
+def identified(robot: Robot, settings: Settings) -> Outcome:
+    """How right a whole run was, in the terms of papers.md 1.6.
+
+    `disagreement` [deg] and `error` [cm] have a number a cycle; `stated` and `right`
+    one an attachment.
+    """
+    *_, run = identify(robot, settings)
+    truth = robot.truth
+    assert truth is not None
+    last = run.cycles[-1]
+    best = build(run.anatomy, last.genomes[:1])
+    right = best.parent[0] == truth.parent[0]
+    return {
+        "success": bool(right.all()),
+        "error": _errors(run, robot),
+        "disagreement": [round(c.disagreement, 4) for c in run.cycles],
+        "edge_f1": float(edge_f1(best, truth)[0]),
+        "actions": [cycle.action for cycle in run.cycles],
+        "evaluations": _searched(run.counts),
+        "choice": run.counts["choice"],
+        "stated": last.sureness.round(4).tolist(),
+        "right": right.tolist(),
+        "tilt_error": float(run.result["tilt_error"]),
+    }
+
+
+def _errors(run: Run, robot: Robot) -> list[float]:
+    """Distance of the best body to the true one after each cycle [cm]."""
+    assert robot.truth is not None
+    bodies = [build(run.anatomy, cycle.genomes[:1]) for cycle in run.cycles]
+    return [round(float(center_distance(b, robot.truth)[0]), 4) for b in bodies]
+
+
+def _searched(counts: Mapping[str, int]) -> int:
+    """Simulations of the search alone: not of choosing, nor of the last check."""
+    outside = ("choice", "failed", "mujoco")
+    return sum(n for name, n in counts.items() if name not in outside)
+
+
+def statements(records: Sequence[Record]) -> Pairs:
+    """What runs said of each attachment: stated probability, whether it is right.
+
+    Part 1 has nothing but the torso to hang on, and is left out.
+    """
+    return [
+        pair
+        for record in records
+        for pair in zip(record["outcome"]["stated"][1:], record["outcome"]["right"][1:],
+                        strict=True)
+    ]  # fmt: skip
+
+
+def column(records: Sequence[Record], name: str) -> list[Any]:
+    """An outcome's entry of each run; of a list its last one."""
+    values = [record["outcome"][name] for record in records]
+    return [v[-1] if isinstance(v, list) else v for v in values]
+
+
+def pooled(records: Sequence[Record], name: str) -> list[float]:
+    """The numbers of all cycles of all runs."""
+    lists = [record["outcome"][name] for record in records]
+    return [float(x) for x in np.concatenate(lists)] if lists else []

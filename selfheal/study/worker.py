@@ -1,0 +1,60 @@
+"""What happens in a worker process: a run's settings in, its record out."""
+
+import os
+import resource
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from distributed import Worker, WorkerPlugin, get_worker
+
+from .plan import Outcome, Record
+
+_LINES = 6  # last ones of a traceback that are kept; chosen
+
+
+class Pinned(WorkerPlugin):
+    """Keeps what a worker computes to one thread.
+
+    Libraries read the variable when they first start threads, after this; those that
+    read theirs when they are loaded are told by Dask's nanny. On this machine each
+    worker is put on a core of its own, too; a batch system does that for its jobs.
+    """
+
+    name, idempotent = "selfheal-pinned", True
+
+    def __init__(self, own: tuple[int, ...] = ()) -> None:
+        """`own`: cores to share out among workers named 0, 1, 2, ...; empty: none."""
+        self.own = own
+
+    def setup(self, worker: Worker) -> None:
+        """Called by Dask in a worker that has just started."""
+        os.environ["NPROC"] = "1"
+        if self.own:
+            core = self.own[int(worker.name) % len(self.own)]
+            for thread in os.listdir("/proc/self/task"):
+                os.sched_setaffinity(int(thread), {core})
+
+
+def perform(
+    play: Callable[[Mapping[str, Any]], Outcome],
+    key: str,
+    settings: Mapping[str, Any],
+) -> Record:
+    """The record of one run (see `store.Results`); its error is part of it."""
+    start, outcome, error = time.perf_counter(), None, ""
+    try:
+        outcome = play(settings)
+    except Exception as raised:  # whatever it is, it is this run's alone
+        told = traceback.format_exception(raised)
+        error = "".join(told[-_LINES:]).strip()
+    return {
+        "key": key,
+        "settings": dict(settings),
+        "outcome": outcome,
+        "error": error,
+        "seconds": round(time.perf_counter() - start, 3),
+        "megabytes": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "worker": str(get_worker().name),
+    }

@@ -1,0 +1,149 @@
+"""Where runs are done: a user's words in, a Dask client with workers behind it out."""
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine._jax import cores
+from ..errors import InputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+# name -> class of dask_jobqueue
+CLUSTERS = {
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "sge": "SGECluster",
+    "lsf": "LSFCluster",
+}
+_MEMORY = (
+    "2 GB"  # of a cluster's job, where its Dask configuration says nothing; chosen
+)
+_ANY_PORT = ":0"  # of Dask's own pages: several studies may run on a machine
+# Of one run: so many workers may die under it before it counts as failed. Chosen: many
+# die of other causes on a cluster, and a run that kills its worker must end some time.
+DEATHS = 10
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where runs are to be done.
+
+    Attributes:
+        workers: how many processes; 0 = as many as cores.
+        scheduler: address of a Dask scheduler that is there already, "" if none.
+        cluster: a name of `CLUSTERS`, "" for this machine.
+    """
+
+    workers: int = 0
+    scheduler: str = ""
+    cluster: str = ""
+
+
+def check(place: Place) -> None:
+    """Refuse a place that makes no sense, before anything is started.
+
+    Raises:
+        InputError: says what does not fit.
+    """
+    if place.cluster and place.cluster not in CLUSTERS:
+        raise UnknownNameError("cluster", place.cluster, CLUSTERS)
+    if place.scheduler and (place.cluster or place.workers):
+        raise InputError(
+            "--scheduler names workers that are there already; leave out --cluster "
+            "and --workers"
+        )
+    if place.workers < 0:
+        raise InputError(f"workers must be positive; not {place.workers}")
+    if place.cluster and not place.workers:
+        raise InputError("--cluster needs --workers N, the jobs to ask it for")
+
+
+@contextmanager
+def connected(place: Place, logs: Path) -> Iterator["Client"]:
+    """A client of workers at a place, which are let go of in the end.
+
+    Args:
+        place: of the workers.
+        logs: folder for what jobs of a cluster say; made only for them.
+
+    Raises:
+        InputError: there is no scheduler at the address, or the cluster's tools or its
+            extra are missing.
+    """
+    import dask
+    from distributed import Client
+
+    from .worker import Pinned
+
+    check(place)
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.logging.distributed": "error",
+    }
+    with dask.config.set(settings), ExitStack() as stack:
+        if place.scheduler:
+            client = stack.enter_context(_reached(place.scheduler))
+            own: tuple[int, ...] = ()
+        else:
+            made = _cluster(place, logs) if place.cluster else _local(place)
+            client = stack.enter_context(Client(stack.enter_context(made)))
+            own = () if place.cluster else tuple(sorted(os.sched_getaffinity(0)))
+        try:
+            client.register_plugin(Pinned(own))
+        except Exception as error:  # whatever they raise when they load it
+            raise InputError(f"the workers cannot load selfheal: {error}") from error
+        yield client
+
+
+def _local(place: Place) -> Any:
+    """Worker processes on this machine."""
+    import logging
+
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=place.workers or cores(),
+        threads_per_worker=1,
+        host="127.0.0.1",
+        dashboard_address=_ANY_PORT,
+        silence_logs=logging.CRITICAL,
+    )
+
+
+def _cluster(place: Place, logs: Path) -> Any:
+    """Jobs of a batch system, one worker on one core each; lost ones are replaced."""
+    try:
+        import dask_jobqueue
+    except ImportError as error:
+        message = "--cluster needs an extra: pip install 'selfheal[cluster]'"
+        raise InputError(message) from error
+    import dask
+
+    set_by_user = dask.config.get(f"jobqueue.{place.cluster}", {})
+    wanted = {"cores": 1, "processes": 1, "memory": _MEMORY,
+              "log_directory": str(logs)}  # fmt: skip
+    more: dict[str, Any] = {
+        k: v for k, v in wanted.items() if set_by_user.get(k.replace("_", "-")) is None
+    }
+    more["scheduler_options"] = {"dashboard_address": _ANY_PORT}
+    try:
+        made = getattr(dask_jobqueue, CLUSTERS[place.cluster])(**more)
+        made.adapt(minimum_jobs=place.workers, maximum_jobs=place.workers)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise InputError(f"--cluster {place.cluster}: {error}") from error
+    return made
+
+
+def _reached(address: str) -> Any:
+    """A client of a scheduler that is there already."""
+    from distributed import Client
+
+    try:
+        return Client(address)
+    except (OSError, ValueError) as error:
+        raise InputError(f"no Dask scheduler answers at {address}: {error}") from error

@@ -1,0 +1,165 @@
+"""Laws of what studies are made of: searches, statements, statistics, plans."""
+
+import json
+
+import numpy as np
+import pytest
+
+from selfheal.body.body import length_error, scale_parts
+from selfheal.body.genome import LENGTH_RANGE, build, from_unit
+from selfheal.engine.statics import Statics
+from selfheal.errors import InputError, UnknownNameError
+from selfheal.robot.actions import actions_2006, published
+from selfheal.selfmodel.crowding import generation
+from selfheal.selfmodel.evaluate import PAPER_LOSS, Evaluator, Evidence, channels
+from selfheal.selfmodel.scaled import SCALES, ScaleSearch
+from selfheal.selfmodel.schema import (
+    CHANNELS,
+    SENSOR_SETS,
+    Plan,
+    estimate,
+    sense,
+    with_lengths,
+)
+from selfheal.study.after import _stated, after
+from selfheal.study.calibration import brier, reliability
+from selfheal.study.plan import STUDIES, Asked, study_of
+from selfheal.study.statistics import fisher, permuted, ranked, share, spread
+
+TRUE = np.array([[0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469]])
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+@pytest.fixture
+def known():
+    return from_unit(published().anatomy, TRUE)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_study_plans_distinct_runs_and_shows_none_of_them_yet(name, tmp_path):
+    case = tmp_path / "case"
+    case.mkdir()
+    for file in (case / "model.xml", case / "recording.h5"):
+        file.touch()
+    (tmp_path / "poses_schema.csv").touch()
+    study = study_of(name)
+    tasks = study.tasks(Asked(2, 5, recordings=tmp_path, cases=tmp_path))
+    assert len({task.key for task in tasks}) == len(tasks) > 0
+    assert {task.settings["seed"] for task in tasks} == {5, 6}
+    assert [json.loads(json.dumps(t.settings)) for t in tasks] == [
+        t.settings for t in tasks
+    ]
+    study.tables([])
+    study.pictures([])
+
+
+def test_what_a_study_lacks_is_said(tmp_path):
+    with pytest.raises(UnknownNameError, match="actions, eea, schema, sealed, table3"):
+        study_of("table4")
+    for name, message in (("sealed", "--cases"), ("actions", "--recordings")):
+        with pytest.raises(InputError, match=message):
+            study_of(name).tasks(Asked(1))
+    with pytest.raises(InputError, match="no case there"):
+        study_of("sealed").tasks(Asked(1, cases=tmp_path))
+    with pytest.raises(InputError, match="no poses_schema.csv there"):
+        study_of("schema").tasks(Asked(1, recordings=tmp_path))
+
+
+def test_crowding_never_loses_and_a_failed_child_never_wins(rng):
+    def score(genes):
+        far = ((genes - 0.3) ** 2).sum(axis=1)
+        return np.where(genes[:, 0] > 0.9, np.inf, far)
+
+    genes = rng.random((40, 5))
+    errors = score(genes)
+    best = [errors.min()]
+    for _ in range(60):
+        genes, errors = generation(genes, errors, score, rng)
+        assert np.array_equal(errors, score(genes))
+        assert ((genes >= 0) & (genes <= 1)).all()
+        best.append(errors.min())
+    assert (np.diff(best) <= 0).all() and best[-1] < 0.01 < best[0]
+    assert np.isfinite(errors).all()
+
+
+def test_climbers_of_scales_stay_in_range_and_find_a_shortened_part(known, rng):
+    anatomy, actions = published().anatomy, actions_2006()
+    scale = np.ones((1, 8))
+    scale[0, 6] = 0.1
+    broken = scale_parts(build(anatomy, known), scale)
+    tried = tuple(range(0, 36, 4))
+    seen = Statics().simulate(broken[np.zeros(len(tried), int)], actions[list(tried)])
+    evidence = Evidence(tried, channels(seen))
+    evaluator = Evaluator(anatomy, Statics(), actions=actions, loss=PAPER_LOSS)
+    search = ScaleSearch(evaluator, known=known)
+    search.run(evidence, 0, rng)
+    assert np.array_equal(search.genes, np.ones((15, 8)))
+    before = search.losses.copy()
+    search.run(evidence, 150, rng)
+    assert (search.losses <= before).all() and search.losses[0] < before[0] / 4
+    assert search.genes.min() >= SCALES[0] and search.genes.max() <= SCALES[1]
+    whole, found = (length_error(search.bodies(g), broken)[0]
+                    for g in (np.ones((1, 8)), search.genes[:1]))  # fmt: skip
+    assert found < whole
+
+
+def test_estimation_of_lengths_counts_what_it_simulates(known, rng):
+    assert len(SENSOR_SETS) == 7
+    low, high = LENGTH_RANGE
+    ends = with_lengths(known, np.array([[0.0] * 8, [1.0] * 8])).length
+    assert np.allclose(ends, [[low] * 8, [high] * 8])
+    poses = np.zeros((3, 8))
+    poses[:, :4] = rng.uniform(-0.5, 0.5, (3, 4))
+    truth = published()
+    felt = sense(truth[np.zeros(3, int)], poses, Statics())
+    assert felt.shape == (3, sum(map(len, CHANNELS.values())))
+    plan = Plan(8, lambda genes: with_lengths(known, genes), 20, 5, ("tilt",))
+    steps = list(estimate(truth, poses, felt, plan, rng))
+    assert [spent for *_, spent in steps] == [120 * n for n in (1, 3, 6)]
+    assert all(np.isfinite(error) for _, error, _ in steps)
+
+
+def test_what_is_stated_of_a_length_holds_the_belief_that_it_states(rng):
+    anatomy = published().anatomy
+    every = np.ones((105, 8))
+    for k in range(104):
+        every[k + 1, k // 13] = np.linspace(0.1, 1.8, 13)[k % 13]
+    for _ in range(20):
+        belief = rng.dirichlet(np.full(105, 0.1))
+        for part, (low, high, share_of, _) in enumerate(
+            _stated(every, belief, anatomy)
+        ):
+            inside = (every[:, part] > low) & (every[:, part] < high)
+            assert 0.9 - 1e-9 <= share_of <= belief[inside].sum() + 1e-9
+
+
+def test_the_same_seed_gives_the_same_outcome(shared_recordings):
+    folder = str(shared_recordings / "starfish_2006")
+    settings = {"robot": "starfish-2006", "method": "ours", "recordings": folder}
+    first, again, other = (after({**settings, "seed": s}) for s in (3, 3, 4))
+    assert json.dumps(first) == json.dumps(again) != json.dumps(other)
+    assert len(first["actions"]) == len(set(first["actions"])) == 16
+    assert first["success"] and first["error"][-1] < 0.5
+
+
+def test_statistics_are_those_of_their_names(rng):
+    assert share(27, 30) == "27/30 = 90.0 % (74 to 97)"
+    assert share(0, 0) == "0/0" and spread([]) == ""
+    assert spread([1.0, 3.0]) == "2.00 ± 1.41"
+    assert fisher((13, 30), (8, 30)) == pytest.approx(0.28, abs=0.01)  # papers.md 1.6
+    same, more = rng.normal(size=40), rng.normal(size=40) + 3
+    assert permuted(same, same[::-1]) > 0.9 and permuted(same, more) < 0.001
+    assert ranked(same, np.exp(same)).startswith("1.000")
+    assert ranked([1, 2, 3], [1, 1, 1]).startswith("not defined")
+    stated = rng.random(4000)
+    true = rng.random(4000) < stated
+    honest = list(zip(stated, true, strict=True))
+    boasting = [(0.99 if s > 0.5 else 0.01, t) for s, t in honest]
+    assert brier(honest) < brier(boasting)
+    verdicts = [{row[-1] for row in reliability("", "", p).rows}
+                for p in (honest, boasting)]  # fmt: skip
+    assert verdicts == [{"yes"}, {"no"}]
