@@ -11,8 +11,8 @@ from .memory import Answer
 from .problem import FAR, Problem
 from .terms import Term
 
-# of a parameter's scale, for differences; chosen: above solver noise; where something
-# touches readings jump at whatever change, and a slope over a small one tells of that
+# of a parameter's scale, for differences; chosen: above solver noise; of a motion that
+# touches, readings jump at whatever change, and a slope over a small one tells of that
 NUDGE, COARSE = 0.02, 0.3
 # times a value, where to look for better ones: far and near
 ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
@@ -114,7 +114,8 @@ def jacobian(
     own = values[first:]
     if not len(own):
         return np.zeros((len(at), 0))
-    moves = (COARSE if problem.world.touches else NUDGE) * scale
+    rough = problem.world.touches and not problem.windows.is_single
+    moves = (COARSE if rough else NUDGE) * scale
     moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
     points[:, first:] += np.diag(moves)

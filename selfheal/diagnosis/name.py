@@ -242,9 +242,10 @@ class _Search:
         return gone
 
     def with_all_usual(self, longer: Problem) -> bool:
-        """Begin from all usual effects at once; False if there are none.
+        """Begin from all usual effects at once, in longer pieces if the starts allow.
 
-        In longer pieces, if what is near the truth allows it.
+        Returns:
+            False where that is no other search than one from nothing.
         """
         usual = [t for t in self.candidates if t.effect.is_usual(t)]
         if not usual:
@@ -254,13 +255,16 @@ class _Search:
         terms = (*self.now.fit.terms, *usual)
         values = np.concatenate([self.now.fit.values, *start])
         found = fit(self.problem, terms, values, rounds=8)
-        if is_told(longer, self.problem, terms, found.values):
+        told = is_told(longer, self.problem, terms, found.values)
+        if told:
             self.problem = whitened(longer, terms, found.values)
             found = fit(self.problem, terms, found.values, rounds=8)
         found = _pruned(self.problem, found, self.stated)
         self.problem, self.now = _weighed_anew(self.problem, found, 4)
         self._look_back(self.now)
         self._doubt(len(usual))
+        if not (self.named or told):
+            return False
         self.forward()
         return True
 
