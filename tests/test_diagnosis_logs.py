@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench, record
 
+from selfheal.diagnosis.case import pieces_of
 from selfheal.diagnosis.logs import (
     _continuous,
     _lattice,
@@ -239,6 +240,32 @@ def test_a_state_is_read_as_well_as_it_says(tmp_path):
             apart.append((qpos[:, j] - true) / std[:, j])
     size = np.sqrt(np.mean(np.square(apart)))
     assert 0.5 < size < 2.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pieces_begin_where_the_state_is_told_though_readings_are_missing(
+    tmp_path, seed
+):
+    """Never at a made-up rest that passes for exact."""
+    exact = record(ROBOTS["arm"], episodes=1, seconds=6.0, noise=0.0)
+    b = bench("arm", tmp_path, episodes=1, seconds=6.0, states=False)
+    rng = np.random.default_rng(seed)
+    (episode,), (true,) = b.recording.episodes.values(), exact.episodes.values()
+    signals = {}
+    for name, signal in episode.signals.items():
+        values = signal.values.copy()
+        values[rng.random(len(values)) < 0.2] = np.nan
+        values[300 + 10 * seed : 350] = np.nan  # a pause
+        signals[name] = replace(signal, values=values)
+    lossy = log("only", replace(episode, signals=signals), b.world.signals, STEP)
+    world = replace(b.world, logs=(lossy,))
+    pieces = pieces_of(world, 0.1)
+    assert len(pieces) > 40
+    qpos, _, std = start_of(world, 0, pieces.start, {})
+    for j, joint in enumerate(("shoulder", "elbow")):
+        at = np.arange(len(true.signals[joint].values)) * 5
+        apart = qpos[:, j] - np.interp(pieces.start, at, true.signals[joint].values)
+        assert np.abs(apart / std[:, j]).max() < 10
 
 
 def test_the_state_of_a_free_body_is_read_from_its_pose(tmp_path):

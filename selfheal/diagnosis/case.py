@@ -152,14 +152,17 @@ def pieces_of(world: World, seconds: float) -> Windows:
     steps = max(2, round(seconds / world.step))
     parts = []
     for i, log in enumerate(world.logs):
-        parts.append(
-            windows(world.logs, steps if _readable(world, log) else None, only=i)
-        )
+        cut = _is_read(world, i, np.linspace(0, log.at[-1], 9)[1:-1]).mean() > 0.5
+        own = windows(world.logs, steps if cut else None, only=i)
+        if cut:
+            own = own.take(np.flatnonzero(_is_read(world, i, own.start)))
+        parts.append(own)
     return Windows.joined(parts)
 
 
-def _readable(world: World, log) -> bool:
-    """Whether readings tell every joint's position all along."""
-    at = np.linspace(0, log.at[-1], 9)[1:-1]
-    qpos, _, _ = estimate(world.workshop.given, world.signals, log, at, world.step, {})
-    return bool(np.isfinite(qpos).all(axis=1).mean() > 0.5)
+def _is_read(world: World, log: int, at: np.ndarray) -> np.ndarray:
+    """(W) whether every joint's position is told at times [steps] of an episode."""
+    own, model = world.logs[log], world.workshop.given
+    qpos, _, _ = estimate(model, world.signals, own, at, world.step, {})
+    given = (at == 0) & (own.qpos0 is not None)
+    return np.isfinite(qpos).all(axis=1) | given

@@ -251,17 +251,29 @@ def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:
         rows = np.flatnonzero(good) + m
         variance[rows, c] = (left**2).sum(axis=1) / np.maximum(free, 1)
         coefficients[rows, c] = x / np.array([1, gap * m, (gap * m) ** 2])
-    return _reach_ends(time, coefficients, m), variance
+    return _reach(time, coefficients, 1.5 * gap * m), variance
 
 
-def _reach_ends(time: Floats, coefficients: Floats, m: int) -> Floats:
-    """Let the first and last whole parabola speak for the samples beyond them."""
-    size = len(time)
-    for rows, source in ((range(m), m), (range(size - m, size), size - m - 1)):
-        for row in rows:
-            dt = time[row] - time[source]
-            a = coefficients[source]
-            coefficients[row, :, 0] = a[:, 0] + dt * (a[:, 1] + dt * a[:, 2])
-            coefficients[row, :, 1] = a[:, 1] + 2 * dt * a[:, 2]
-            coefficients[row, :, 2] = a[:, 2]
+def _reach(time: Floats, coefficients: Floats, far: float) -> Floats:
+    """Let the nearest whole parabola speak for samples without one.
+
+    Those near an episode's ends, and those around which readings are missing.
+
+    Args:
+        time: (T) [s].
+        coefficients: (T, C, 3), written to.
+        far: how far at most [s].
+    """
+    for own in coefficients.swapaxes(0, 1):
+        whole = np.isfinite(own[:, 0])
+        good, lost = np.flatnonzero(whole), np.flatnonzero(~whole)
+        if not good.size:
+            continue
+        source = good[nearest(time[good], time[lost])]
+        dt = time[lost] - time[source]
+        close = np.abs(dt) <= far
+        lost, a, dt = lost[close], own[source[close]], dt[close]
+        value = a[:, 0] + dt * (a[:, 1] + dt * a[:, 2])
+        slope = a[:, 1] + 2 * dt * a[:, 2]
+        own[lost] = np.stack([value, slope, a[:, 2]], axis=1)
     return coefficients

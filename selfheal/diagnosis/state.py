@@ -86,8 +86,10 @@ class _Told:
         )
         near = np.clip(1 - inside / (m * gap), 0, 1)[:, None]  # 1 at an end
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
-        # where no parabola fits, at a jolt, it tells the state less well
         apart = self.log.scatter[nearest(self.log.at, self.at)][:, c.columns]
+        # a parabola reached over from beside missing readings
+        near = np.where(np.isfinite(apart), near, 1)
+        # where no parabola fits, at a jolt, it tells the state less well
         noise = noise + JOLT * np.maximum(np.nan_to_num(apart) - 1.5 * noise, 0)
         value = noise * np.sqrt(2.25 / n) * (1 + near)
         slope = noise * np.sqrt(3.0 / n) / (m * gap) * (1 + 3 * near)
