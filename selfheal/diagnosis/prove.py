@@ -10,7 +10,7 @@ from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, better, for_score, most, noise_of
-from .fit import CLOSE, Base, Fit, fit, jacobian, looked_about, try_term
+from .fit import CLOSE, Base, Fit, fit, looked_about, try_term
 from .free_form import FreeForm
 from .name import Named, Naming, is_new, without
 from .plant import parts
@@ -56,10 +56,7 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     final = alone
     if naming.named:
         start = looked_about(problem, found.terms, found.values)
-        at, first = problem.at(found.terms, start), len(alone.values)
-        own = jacobian(problem, found.terms, start, at, first)
-        near = np.hstack([alone.jacobian, own])
-        final = fit(problem, found.terms, start, rounds=6, known=near)
+        final = fit(problem, found.terms, start, rounds=6)
         if problem.world.touches:  # the cost has many minima
             start = looked_about(problem, found.terms, final.values, CLOSE)
             if (start != final.values).any():
