@@ -15,16 +15,13 @@ import sys
 import time
 from pathlib import Path
 
-import mujoco
 from _common import parser, publish
 from _sealed_make import KINDS, MIXED, case_name, make, save
 from _sealed_run import Limits, run_cases
 from _sealed_score import confusion, figures, read_all, sections
 from _sealed_truth import Unfit
 
-
-def _quiet(message: str) -> None:
-    """MuJoCo's warnings: a draw that diverges is not used."""
+from selfheal.body.mjcf import ignore_warnings
 
 
 def _is_made(options, seed: int) -> bool:
@@ -40,7 +37,7 @@ def _is_made(options, seed: int) -> bool:
 
 def make_cases(options) -> int:
     """Make the cases that are not there yet."""
-    mujoco.set_mju_user_warning(_quiet)
+    ignore_warnings()
     failed = 0
     for seed in range(options.first_seed, options.first_seed + options.cases):
         start = time.perf_counter()

@@ -194,14 +194,13 @@ def _watched(episode: dict[str, Any]) -> str:
 
 def _check(gait: str, heading: float, seed: int) -> None:
     """Refuse a gait that is not known and numbers that make no sense."""
-    from selfheal.errors import InputError
+    from selfheal.errors import InputError, check_seed
     from selfheal.gait.pattern import pattern
 
     pattern(gait)
     if not -360 <= heading <= 360:
         raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
-    if seed < 0:
-        raise InputError(f"the seed must not be negative; not {seed}")
+    check_seed(seed)
 
 
 def _identified(path: Path) -> tuple["Run", "Walker"]:

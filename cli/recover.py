@@ -101,7 +101,7 @@ def _settings(
 ) -> "RecoverSettings":
     """What a recovery is asked to do, checked."""
     from selfheal.body.legged import legged
-    from selfheal.errors import InputError, UnknownNameError
+    from selfheal.errors import InputError, UnknownNameError, check_seed
     from selfheal.recovery.recover_run import METHODS, RecoverSettings
     from selfheal.robot.scenarios import scenario
 
@@ -109,8 +109,7 @@ def _settings(
         raise UnknownNameError("method", method, METHODS)
     if not 0 <= gap <= 0.5:
         raise InputError(f"the gap must be 0 to 0.5; not {gap}")
-    if seed < 0:
-        raise InputError(f"the seed must not be negative; not {seed}")
+    check_seed(seed)
     damage = scenario(number, legged(robot, reach, apart), seed)
     return RecoverSettings(robot, number, damage, method, seed, reach, apart, gap)
 

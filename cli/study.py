@@ -1,7 +1,7 @@
 """`selfheal study`: a table of the papers in; many runs, tables and a page out."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +11,7 @@ from ._progress import Live
 from ._runs import clear, fresh_folder, refuse_settings
 
 if TYPE_CHECKING:
-    from selfheal.study.plan import Asked
+    from selfheal.study.plan import Asked, Table
     from selfheal.study.run import Progress
     from selfheal.study.store import Results
     from selfheal.study.workers import Place
@@ -87,7 +87,7 @@ def _study(
         _check_name(resume, name)
         _go(resume, place, only_failed=bool(only), as_json=as_json)
         return
-    count = _RUNS.get(name, 1) if runs is None else runs
+    count = _RUNS[name] if runs is None else runs
     asked = Asked(count, seed, recordings, cases)
     _go(_begun(name, asked, out, force), place, only_failed=False, as_json=as_json)
 
@@ -176,31 +176,30 @@ def _show(path: Path, as_json: bool) -> None:
     """Tables, and the pages beside the file."""
     from selfheal.report.page import write_page
     from selfheal.study.page import markdown, study_page
+    from selfheal.study.plan import study_of
     from selfheal.study.store import load
 
     results = load(path)
+    tables = study_of(results.study).tables(results.finished)
     pages = [path.with_name(name) for name in _PAGES]
-    for page, text in zip(pages, (study_page(results), markdown(results)), strict=True):
-        write_page(text, page)
+    for page, make in zip(pages, (study_page, markdown), strict=True):
+        write_page(make(results, tables), page)
     if as_json:
         from ._print import print_json
 
-        print_json(_document(results, path))
+        print_json(_document(results, tables, path))
         return
-    _print(results)
+    _print(results, tables)
     for file in (path, *pages):
         typer.echo(os.fspath(file))
 
 
-def _document(results: "Results", path: Path) -> dict:
+def _document(results: "Results", tables: "Sequence[Table]", path: Path) -> dict:
     """A study for scripts."""
     from dataclasses import asdict
 
-    from selfheal.study.plan import study_of
-
     failed = [{"key": t.key, "error": results.records[t.key]["error"]}
               for t in results.failed]  # fmt: skip
-    tables = study_of(results.study).tables(results.finished)
     return {
         "format": "selfheal-study",
         "version": 1,
@@ -214,16 +213,15 @@ def _document(results: "Results", path: Path) -> dict:
     }
 
 
-def _print(results: "Results") -> None:
+def _print(results: "Results", tables: "Sequence[Table]") -> None:
     """Tables for a reader."""
     from rich.console import Console
     from rich.table import Table
 
     from selfheal.study.page import standing
-    from selfheal.study.plan import study_of
 
     console = Console()
-    for table in study_of(results.study).tables(results.finished):
+    for table in tables:
         console.print(f"\n{table.title}", style="bold", markup=False)
         console.print(table.text, markup=False, highlight=False)
         if table.rows:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .diagnosis.result import Diagnosis
-from .errors import InputError
+from .errors import InputError, check_seed
 from .files import check_file
 from .recording import Recording, opened
 
@@ -51,8 +51,7 @@ def diagnose(
     from .diagnosis.diagnose import diagnose as find
     from .report.diagnose import page
 
-    if seed < 0:
-        raise InputError(f"seed must not be negative; not {seed}")
+    check_seed(seed)
     check_file(model)
     entries = [os.fspath(entry) for entry in _several(held_out)]
     files = [entry for entry in entries if _is_file(entry)]

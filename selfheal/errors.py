@@ -42,3 +42,9 @@ class ModelError(InputError):
 
 class EngineError(SelfhealError):
     """An engine could not do its work at all."""
+
+
+def check_seed(seed: int) -> None:
+    """Refuse one that a random generator would not take."""
+    if seed < 0:
+        raise InputError(f"the seed must not be negative; not {seed}")

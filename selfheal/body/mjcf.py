@@ -13,6 +13,11 @@ GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
 
 
+def ignore_warnings() -> None:
+    """Keep MuJoCo from writing MUJOCO_LOG.TXT here; what diverged shows as NaN."""
+    mujoco.set_mju_user_warning(lambda message: None)
+
+
 @dataclass(frozen=True)
 class Physics:
     """Constants of the articulated simulation that a body does not fix.

@@ -50,10 +50,12 @@ class Log:
     def smooth(self, at: Floats, step: float) -> tuple[Floats, Floats]:
         """Value and slope (..., C) of all channels at times `at` [steps]."""
         near = nearest(self.at, at)
-        a = self.parabola[near]
-        dt = ((at - self.at[near]) * step)[..., None]
-        value = a[..., 0] + dt * (a[..., 1] + dt * a[..., 2])
-        return value, a[..., 1] + 2 * dt * a[..., 2]
+        return _along(self.parabola[near], ((at - self.at[near]) * step)[..., None])
+
+
+def _along(a: Floats, dt: Floats) -> tuple[Floats, Floats]:
+    """Value and slope (...) of parabolas (..., 3), `dt` [s] from where they stand."""
+    return a[..., 0] + dt * (a[..., 1] + dt * a[..., 2]), a[..., 1] + 2 * dt * a[..., 2]
 
 
 def nearest(times: Floats, at: Floats) -> np.ndarray:
@@ -220,10 +222,15 @@ def _centered(at: Floats, ctrl: Floats) -> Floats:
     return _means(np.append(-0.5, at[1:]) + 0.5, ctrl)
 
 
+def neighbors(time: Floats) -> tuple[float, int]:
+    """Usual distance [s] of samples, and how many on each side a parabola looks at."""
+    gap = float(np.median(np.diff(time))) if time.size > 1 else 1.0
+    return gap, max(LEAST, int(round(HALF_WIDTH / gap)))
+
+
 def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:
     """Through the neighbors of each sample: coefficients (T, C, 3), variance (T, C)."""
-    gap = np.median(np.diff(time)) if time.size > 1 else 1.0
-    m = max(LEAST, int(round(HALF_WIDTH / gap)))
+    gap, m = neighbors(time)
     size, columns = readings.shape
     coefficients = np.full((size, columns, 3), np.nan)
     variance = np.full((size, columns), np.nan)
@@ -273,7 +280,5 @@ def _reach(time: Floats, coefficients: Floats, far: float) -> Floats:
         dt = time[lost] - time[source]
         close = np.abs(dt) <= far
         lost, a, dt = lost[close], own[source[close]], dt[close]
-        value = a[:, 0] + dt * (a[:, 1] + dt * a[:, 2])
-        slope = a[:, 1] + 2 * dt * a[:, 2]
-        own[lost] = np.stack([value, slope, a[:, 2]], axis=1)
+        own[lost] = np.stack([*_along(a, dt), a[:, 2]], axis=1)
     return coefficients

@@ -129,7 +129,9 @@ class Workshop:
     def _compile(self, adds: Sequence[Term]) -> Plant:
         import mujoco
 
-        mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
+        from ..body.mjcf import ignore_warnings
+
+        ignore_warnings()
         spec = mujoco.MjSpec.from_file(self.path)
         given = self.given
         # the last joint first: an added one shifts what follows it
@@ -165,7 +167,3 @@ def _open_up(spec) -> None:
     """Keep room for inertia off the diagonal, so that a center of mass can be moved."""
     for body in spec.bodies[1:]:
         body.simple = 0
-
-
-def _ignore(message: str) -> None:
-    """MuJoCo's warnings: a diverged simulation shows as NaN and is counted."""

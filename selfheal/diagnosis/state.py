@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..recording.data import Floats
-from .logs import nearest
+from .logs import nearest, neighbors
 from .plant import Plant, parts
 from .scene import Channel
 from .terms import Term
@@ -78,8 +78,7 @@ class _Told:
     def _std(self, c: Channel) -> tuple[Floats, Floats]:
         """Standard deviations of a parabola's value and slope, larger at an end."""
         times = self.log.at * self.step
-        gap = float(np.median(np.diff(times))) if times.size > 1 else 1.0
-        m = max(2, int(round(0.022 / gap)))
+        gap, m = neighbors(times)
         n = 2 * m + 1
         inside = np.minimum(
             self.at * self.step - times[0], times[-1] - self.at * self.step

@@ -45,9 +45,9 @@ class MuJoCo:
         import mujoco
         from mujoco import rollout
 
-        from ..body.mjcf import to_spec
+        from ..body.mjcf import ignore_warnings, to_spec
 
-        mujoco.set_mju_user_warning(_ignore)  # else it writes MUJOCO_LOG.TXT here
+        ignore_warnings()
         a = bodies.anatomy
         try:
             # the compiler would take a mass that is NaN for one not given
@@ -73,10 +73,6 @@ class MuJoCo:
         feet = np.asarray(a.feet, int) - 1
         tips = tips - (a.radius * bodies.thickness[rows[0]])[feet]
         return sensors[:, :3], rest[:, 3], tips, sensors[:, 4 : 4 + a.size]
-
-
-def _ignore(message: str) -> None:
-    """MuJoCo's warnings: a diverged simulation shows as NaN and is counted."""
 
 
 def _differs_from_previous(bodies: Bodies) -> np.ndarray:

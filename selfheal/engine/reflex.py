@@ -17,7 +17,7 @@ from ..body.damage import Damage
 from ..body.legged import HIDDEN, Legged
 from ._jax import cores
 from .network import networks
-from .walk import FASTEST, ignore_warnings
+from .walk import FASTEST
 
 STEPS = 1000  # of one evaluation (overview.txt 4.3)
 STEP = 0.01  # [s] of one, as the models have it
@@ -188,6 +188,8 @@ def drive(plants: Plants, weights: Floats, steps: int = STEPS) -> Drives:
 def _batch(plants: Plants):
     """The simulations, at rest at their start."""
     from mujoco.batch import Batch
+
+    from ..body.mjcf import ignore_warnings
 
     ignore_warnings()
     robot = plants.robot

@@ -82,7 +82,7 @@ def _compiled(plant: Plant):
     """A plant's model."""
     import mujoco
 
-    from ..body.mjcf import to_walker
+    from ..body.mjcf import ignore_warnings, to_walker
 
     ignore_warnings()
     jammed = ~np.isnan(plant.jam)
@@ -91,17 +91,6 @@ def _compiled(plant: Plant):
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     model.opt.ls_iterations = 10  # enough for contacts with a plane; chosen
     return model
-
-
-def ignore_warnings() -> None:
-    """Keep MuJoCo from writing MUJOCO_LOG.TXT here; what diverged shows as NaN."""
-    import mujoco
-
-    mujoco.set_mju_user_warning(_ignore)
-
-
-def _ignore(message: str) -> None:
-    """What is done with a warning of MuJoCo's."""
 
 
 def _start(model, count: int) -> tuple[Floats, Floats]:

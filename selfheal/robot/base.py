@@ -7,7 +7,7 @@ from typing import Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..body.damage import Damage
-from ..errors import InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError, check_seed
 from ..recording import Recording
 
 GROUP = "selfheal.robots"
@@ -106,8 +106,7 @@ def open_robot(name: str, *, seed: int = 0, recordings: Path | None = None) -> R
     found = {e.name: e for e in entry_points(group=GROUP)}
     if kind not in found:
         raise UnknownNameError("robot", name, found)
-    if seed < 0:
-        raise InputError(f"the seed must not be negative; not {seed}")
+    check_seed(seed)
     factory: Factory = found[kind].load()
     return factory(argument, seed, recordings)
 

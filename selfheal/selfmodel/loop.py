@@ -11,7 +11,7 @@ import numpy as np
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, build
 from ..engine import ENGINES, make_engine
-from ..errors import InputError, RecordingError, UnknownNameError
+from ..errors import InputError, RecordingError, UnknownNameError, check_seed
 from ..recording import Recording
 from ..robot.base import Robot
 from .evaluate import Evaluator, Evidence, channels
@@ -73,8 +73,7 @@ def check(settings: Settings, robot: Robot) -> None:
         )
     if settings.budget < 1:
         raise InputError(f"the budget must be positive; not {settings.budget}")
-    if settings.seed < 0:
-        raise InputError(f"the seed must not be negative; not {settings.seed}")
+    check_seed(settings.seed)
     if settings.method != "default" and settings.space != "free":
         raise InputError(f"method {settings.method!r} knows only the space 'free'")
     if settings.method != "default" and settings.random_actions:

@@ -6,7 +6,7 @@ from typing import Any
 from ..errors import InputError
 from ..selfmodel.run import Settings
 from .calibration import diagram, reliability
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task
+from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
 from .statistics import fisher, permuted, share, spread
 from .trees import REAL, WHERE, column, identified, opened, statements
 
@@ -40,7 +40,7 @@ def _play(settings: Mapping[str, Any]) -> Outcome:
 
 
 def _by_way(records: Sequence[Record]) -> dict[str, list[Record]]:
-    return {w: [r for r in records if r["settings"]["way"] == w] for w in _WAYS}
+    return {w: chosen(records, way=w) for w in _WAYS}
 
 
 def _tables(records: Sequence[Record]) -> list[Table]:
@@ -49,7 +49,7 @@ def _tables(records: Sequence[Record]) -> list[Table]:
     rows = [
         (f"{way} actions", f"{len(rs):,}", str(CYCLES),
          spread(column(rs, "evaluations"), 0), share(*wins[way]),
-         spread(column(rs, "error")), f"{right_share(rs)}")
+         spread(column(rs, "error")), _right_share(rs))
         for way, rs in found.items()
     ]  # fmt: skip
     errors = [column(rs, "error") for rs in found.values()]
@@ -68,7 +68,7 @@ def _tables(records: Sequence[Record]) -> list[Table]:
     ]
 
 
-def right_share(records: Sequence[Record]) -> str:
+def _right_share(records: Sequence[Record]) -> str:
     """Mean share of right attachments."""
     values = column(records, "edge_f1")
     return f"{sum(values) / len(values):.3f}" if values else ""

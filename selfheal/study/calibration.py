@@ -7,7 +7,7 @@ import numpy as np
 from .plan import Picture, Table
 from .statistics import share
 
-BINS, _ENOUGH = 10, 50  # of a reliability table; statements that a verdict needs
+_BINS, _ENOUGH = 10, 50  # of a reliability table; statements that a verdict needs
 Pairs = Sequence[tuple[float, bool]]
 
 
@@ -17,26 +17,39 @@ def brier(pairs: Pairs) -> float:
     return float(((stated - true) ** 2).mean())
 
 
+def binned(pairs: Pairs) -> list[tuple[int, int, float, float]]:
+    """Each tenth of the stated probability that has statements.
+
+    Its number, its statements, the mean of what they stated, the share that was true.
+    """
+    stated, true = np.asarray(pairs, float).T
+    place = np.minimum((stated * _BINS).astype(int), _BINS - 1)
+    return [
+        (
+            int(k),
+            int((place == k).sum()),
+            stated[place == k].mean(),
+            true[place == k].mean(),
+        )
+        for k in np.unique(place)
+    ]
+
+
 def reliability(title: str, text: str, pairs: Pairs) -> Table:
     """A row for each tenth of the stated probability."""
     if not pairs:
         return Table(title, f"{text} No statements.")
-    stated, true = np.asarray(pairs, float).T
-    place = np.minimum((stated * BINS).astype(int), BINS - 1)
     rows = []
-    for k in np.unique(place):
-        inside = place == k
-        said, right = stated[inside].mean(), true[inside].mean()
-        enough = inside.sum() >= _ENOUGH
-        near = "" if not enough else "yes" if abs(said - right) <= 0.1 else "no"
+    for k, count, said, right in binned(pairs):
+        near = "" if count < _ENOUGH else "yes" if abs(said - right) <= 0.1 else "no"
         rows.append(
-            (f"{k / BINS:.1f} to {(k + 1) / BINS:.1f}", f"{inside.sum():,}",
-             f"{100 * said:.1f} %", share(int(true[inside].sum()), int(inside.sum())),
-             near)
+            (f"{k / _BINS:.1f} to {(k + 1) / _BINS:.1f}", f"{count:,}",
+             f"{100 * said:.1f} %", share(round(right * count), count), near)
         )  # fmt: skip
+    always = float(np.mean([true for _, true in pairs]))
     text = (
         f"{text} {len(pairs):,} statements, Brier score {brier(pairs):.4f}, of one who "
-        f"always says {true.mean():.2f}: {true.mean() * (1 - true.mean()):.4f}."
+        f"always says {always:.2f}: {always * (1 - always):.4f}."
     )
     head = ("stated", "statements", "stated, mean", "true", "within 10 points")
     return Table(title, text, head, rows)

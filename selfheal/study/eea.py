@@ -10,7 +10,7 @@ from ..recovery.recover import named, recover
 from ..recovery.recover_run import RecoverSettings
 from ..robot.scenarios import SCENARIOS, TABLE, scenario
 from ..robot.simulated_legs import SimulatedLegs
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task
+from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
 from .statistics import share, spread
 
 ENOUGH = 0.9  # of the way when whole, to count as recovered; chosen
@@ -85,8 +85,9 @@ def _row(rs: Sequence[Record]) -> tuple[str, ...]:
 
 
 def _pictures(records: Sequence[Record]) -> list[Picture]:
-    series = {robot: [_share(r) for r in records if r["settings"]["robot"] == robot]
-              for robot in LEGGED}  # fmt: skip
+    series = {
+        robot: [_share(r) for r in chosen(records, robot=robot)] for robot in LEGGED
+    }
     series = {name: values for name, values in series.items() if values}
     axis = "way recovered / way when whole"
     return [Picture("How far again", "box", series, axis)] if series else []

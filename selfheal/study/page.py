@@ -8,6 +8,7 @@ import numpy as np
 
 from ..report.page import Section, page, paragraph, table
 from ..report.picture import BLUE, INK, LINE, MUTED, WIDTH, figure, label, style
+from .calibration import binned
 from .plan import Picture, Table, study_of
 from .store import Results
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _LIBRARIES = ("mujoco", "jax", "numba", "numpy", "scipy", "distributed")
-_BINS = 10  # of a reliability diagram; chosen
 
 
 def standing(results: Results) -> str:
@@ -35,12 +35,12 @@ def _made_with(results: Results) -> str:
     return f"Study {results.study}: {asked}; program {results.code}; {libraries}."
 
 
-def study_page(results: Results) -> str:
-    """The page of a study, with its pictures."""
+def study_page(results: Results, tables: Sequence[Table]) -> str:
+    """The page of a study: its pictures and tables."""
     study, records = study_of(results.study), results.finished
     with style():
         drawn = [_drawn(picture) for picture in study.pictures(records)]
-    sections = [Section(t.title, _body(t)) for t in study.tables(records)]
+    sections = [Section(t.title, _body(t)) for t in tables]
     failed = [(t.key, results.records[t.key]["error"]) for t in results.failed]
     if failed:
         body = table(("run", "error"), failed, "ll")
@@ -59,11 +59,11 @@ def _body(shown: Table) -> tuple[str, ...]:
     return (shown.text, table(shown.head, shown.rows, align))
 
 
-def markdown(results: Results) -> str:
+def markdown(results: Results, tables: Sequence[Table]) -> str:
     """The same in Markdown, without pictures."""
     study = study_of(results.study)
     parts = [f"# Study: {results.study}", study.about, standing(results)]
-    for shown in study.tables(results.finished):
+    for shown in tables:
         parts += [f"## {shown.title}", shown.text]
         if shown.rows:
             lines = [shown.head, ["---"] * len(shown.head), *shown.rows]
@@ -111,11 +111,8 @@ def _reliability(ax: "Axes", picture: Picture) -> None:
     """Stated against true."""
     ax.plot([0, 1], [0, 1], color=LINE, lw=1.2)
     for name, pairs in picture.series.items():
-        stated, true = np.asarray(pairs, float).reshape(-1, 2).T
-        place = np.minimum((stated * _BINS).astype(int), _BINS - 1)
-        bins = [place == k for k in range(_BINS) if (place == k).any()]
-        x, y = ([v[b].mean() for b in bins] for v in (stated, true))
-        sizes = [10 + 90 * b.mean() for b in bins]
+        _, counts, x, y = zip(*binned(pairs), strict=True)
+        sizes = [10 + 90 * count / len(pairs) for count in counts]
         ax.plot(x, y, lw=0.8)
         ax.scatter(x, y, s=sizes, label=label(name))
     ax.set_xlabel(picture.axis or "stated probability")

@@ -110,6 +110,12 @@ class Study:
     given: tuple[str, ...] = ()
 
 
+def chosen(records: Sequence[Record], **wanted: str) -> list[Record]:
+    """Those with these settings."""
+    return [r for r in records
+            if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
+
+
 def study_of(name: str) -> Study:
     """The study of a name.
 

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, check_seed
 from ..selfmodel.run import held
 from .execute import execute
 from .plan import Asked, study_of
@@ -40,8 +40,7 @@ def begin(path: Path, name: str, asked: Asked) -> None:
     """
     if asked.runs < 1:
         raise InputError(f"the runs must be positive; not {asked.runs}")
-    if asked.seed < 0:
-        raise InputError(f"the seed must not be negative; not {asked.seed}")
+    check_seed(asked.seed)
     tasks = study_of(name).tasks(asked)
     told = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(asked).items()}
     create(path, name, told, tasks)

@@ -22,7 +22,7 @@ from ..selfmodel.schema import (
     refined_plan,
     sense,
 )
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task
+from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
 from .statistics import share, spread
 from .trees import HIDDEN, REAL, WHERE, column
 
@@ -127,17 +127,12 @@ def _tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, Any]:
     }
 
 
-def _chosen(records: Sequence[Record], **wanted: str) -> list[Record]:
-    return [r for r in records
-            if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
-
-
 def _by_sensors(
     records: Sequence[Record], robot: str, what: str
 ) -> dict[str, list[Record]]:
     """Sensor set -> its runs of lengths."""
     names = ["+".join(s) for s in SENSOR_SETS]
-    found = {n: _chosen(records, robot=robot, what=what, sensors=n) for n in names}
+    found = {n: chosen(records, robot=robot, what=what, sensors=n) for n in names}
     return {name: rs for name, rs in found.items() if rs}
 
 
@@ -154,7 +149,7 @@ def _tables(records: Sequence[Record]) -> list[Table]:
             if rows:
                 told = f"{text} {_LENGTHS}"
                 tables.append(Table(f"{title}, {WHERE[robot]}", told, _HEAD, rows))
-        if matrix := _chosen(records, robot=robot, what="matrix"):
+        if matrix := chosen(records, robot=robot, what="matrix"):
             tables.append(_matrix(robot, matrix))
     return tables
 

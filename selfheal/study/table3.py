@@ -9,7 +9,7 @@ from ..selfmodel.run import Settings
 from ..selfmodel.strategy import BUDGETS
 from .after import after
 from .calibration import Pairs, diagram, reliability
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task
+from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
 from .statistics import fisher, permuted, ranked, share, spread
 from .trees import HIDDEN, REAL, WHERE, column, identified, opened, pooled, statements
 
@@ -54,15 +54,9 @@ def _play(settings: Mapping[str, Any]) -> Outcome:
     return identified(opened(settings), asked)
 
 
-def _chosen(records: Sequence[Record], **wanted: str) -> list[Record]:
-    """Those with these settings."""
-    return [r for r in records
-            if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
-
-
 def _groups(records: Sequence[Record], robot: str, phase: str) -> dict[str, list]:
     """Method -> its runs, of methods that have any."""
-    found = {m: _chosen(records, robot=robot, phase=phase, method=m) for m in _METHODS}
+    found = {m: chosen(records, robot=robot, phase=phase, method=m) for m in _METHODS}
     return {method: rs for method, rs in found.items() if rs}
 
 
@@ -148,7 +142,7 @@ def _correlations(records: Sequence[Record]) -> list[Table]:
 def _told(records: Sequence[Record], robot: str) -> Pairs:
     """Statements of our runs before damage."""
     methods = ("ours", "ours, random")
-    found = [_chosen(records, robot=robot, phase="before", method=m) for m in methods]
+    found = [chosen(records, robot=robot, phase="before", method=m) for m in methods]
     return statements([record for rs in found for record in rs])
 
 
@@ -166,7 +160,7 @@ def _sure(records: Sequence[Record]) -> list[Table]:
     rows = []
     for robot in (REAL, HIDDEN):
         for method in ("ours", "ours, random"):
-            rs = _chosen(records, robot=robot, phase="after", method=method)
+            rs = chosen(records, robot=robot, phase="after", method=method)
             said = [part for r in rs for part in r["outcome"]["lengths"]]
             if not said:
                 continue
