@@ -180,6 +180,8 @@ def _choice(kind: str, seed: int, rng: Rng, wanted: Sequence[str]) -> list[Effec
     chosen = [menu[seed % len(menu)]]
     if kind == "double":
         rest = [e for e in EFFECTS if _compatible(chosen[0], e)]
+        if not rest:
+            raise Unfit(f"nothing goes with {chosen[0].name}")
         chosen.append(rest[rng.integers(len(rest))])
     return chosen
 
