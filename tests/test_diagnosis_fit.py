@@ -30,6 +30,7 @@ from selfheal.diagnosis.fit import (
     fit,
     jacobian,
     looked_about,
+    rested,
     step,
     try_term,
 )
@@ -221,6 +222,24 @@ def _error_of(problem: Problem) -> np.ndarray:
     """Error (C) of the given model, by which a search begins to weigh."""
     r = problem.residuals((), np.zeros((1, 0)))[0].reshape(-1, len(problem.sigma))
     return problem.sigma * np.sqrt((r**2).mean(axis=0))
+
+
+def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
+    """Without torques all masses, gains and frictions are known up to one factor."""
+    stated, term = (
+        _stated(pendulum),
+        effect("coulomb_friction").terms(pendulum.scene)[0],
+    )
+    terms, (low, high, _) = (*stated, term), bounds(stated)
+    rng, inside = np.random.default_rng(0), []
+    for _ in range(12):
+        drawn = 1 + (high - low) / 4 * rng.normal(size=len(stated))
+        truth = np.append(np.clip(drawn, low, high), 0.05)
+        problem = _problem(pendulum, terms, truth)
+        found = rested(problem, fit(problem, terms, np.append(low, 0.03)))
+        error = LEVEL * uncertainty(problem, found)
+        inside.append(np.abs(found.values - truth) < error)
+    assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
 
 
 def test_errors_shrink_with_more_readings(arm):

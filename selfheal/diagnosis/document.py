@@ -21,7 +21,9 @@ LEVEL = 1.645  # standard errors of a 90 % interval
 def uncertainty(problem: Problem, found: Fit) -> Floats:
     """Standard errors (P), robust to residuals that are alike in a window.
 
-    The sandwich of Huber (1967) and White (1980) over blocks of windows.
+    The sandwich of Huber (1967) and White (1980) over blocks of windows, or the usual
+    estimate where that is larger; what is believed of stated values counts as one more
+    reading of each, off by its own standard deviation.
     """
     jac, r = found.jacobian, found.residuals
     scale = np.sqrt((jac**2).sum(axis=0))
@@ -34,14 +36,15 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     slopes = np.stack([
         a[block == b].T @ r[block == b] for b in np.unique(block)
     ])  # fmt: skip
-    weights = believed(found.terms)[live] / scale[live] ** 2
-    size, turn = np.linalg.eigh(a.T @ a + np.diag(weights))
+    belief = np.diag(believed(found.terms)[live] / scale[live] ** 2)
+    size, turn = np.linalg.eigh(a.T @ a + belief)
     # a direction that no reading shows is as uncertain as can be, not certain
-    inverse = turn / np.maximum(size, 1e-8 * size.max()) @ turn.T
-    many = len(slopes) / max(len(slopes) - 1, 1)
-    plain = inverse * float(r @ r) / max(len(r) - len(a.T), 1)
-    cover = inverse @ (slopes.T @ slopes * many) @ inverse
-    out[live] = np.sqrt(np.maximum(np.diag(cover), np.diag(plain))) / scale[live]
+    size = np.maximum(size, 1e-8 * size.max())
+    inverse, curvature = turn / size @ turn.T, turn * size @ turn.T
+    usual = (curvature - belief) * float(r @ r) / max(len(r) - len(a.T), 1)
+    robust = slopes.T @ slopes * len(slopes) / max(len(slopes) - 1, 1)
+    covers = [np.diag(inverse @ (data + belief) @ inverse) for data in (usual, robust)]
+    out[live] = np.sqrt(np.max(covers, axis=0)) / scale[live]
     return out
 
 

@@ -22,6 +22,9 @@ STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 # which the Jacobian was wrong by less than this share of what is left; chosen
 NEAR, WRONG = 0.02, 0.01
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
+# of `rested`: steps at most, what it moves values by for slopes [of their scale], and
+# the gain [squared residuals] worth a step; chosen: a tenth of a standard deviation
+RESTS, FINE, WORTH = 3, 5e-4, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,18 +107,20 @@ def step(
 
 
 def jacobian(
-    problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, first: int = 0
-) -> Floats:
+    problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, first: int = 0,
+    moved: float = 0.0,
+) -> Floats:  # fmt: skip
     """Differences (R, P - first) of residuals at values (P), where they are `at` (R).
 
-    By all parameters, or without the first ones.
+    By all parameters, or without the first ones; over so much of their scale, or as
+    much as suits the problem.
     """
     _, high, scale = (x[first:] for x in bounds(terms))
     own = values[first:]
     if not len(own):
         return np.zeros((len(at), 0))
     rough = problem.world.touches and not problem.windows.is_single
-    moves = (COARSE if rough else NUDGE) * scale
+    moves = (moved or (COARSE if rough else NUDGE)) * scale
     moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
     points[:, first:] += np.diag(moves)
@@ -173,6 +178,32 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         if gained < gain * before:
             break
     return x, r, jac
+
+
+def rested(problem: Problem, found: Fit) -> Fit:
+    """The same fit where what is believed has had its way.
+
+    Readings without a torque leave all masses, gains and frictions free together, up
+    to one factor: a curved valley along which damped steps hardly move. Plain
+    Gauss-Newton follows it, over its walls if need be, with slopes fine enough to tell
+    how flat it is.
+    """
+    terms, x, r = found.terms, found.values, found.residuals
+    low, high, scale = bounds(terms)
+    weights = believed(terms)
+    best, least = found, np.inf
+    for last in range(RESTS + 1):
+        jac = jacobian(problem, terms, x, r, moved=FINE)
+        cost = r @ r + weights @ (x - 1) ** 2
+        if cost < least:
+            best, least = Fit(terms, x, r, jac), cost
+        h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
+        move = step(h, g, low - x, high - x, scale)
+        if last == RESTS or -(2 * g + h @ move) @ move < WORTH:
+            break
+        x = x + move
+        r = problem.at(terms, x)
+    return best
 
 
 def looked_about(

@@ -10,7 +10,7 @@ from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, better, for_score, most, noise_of
-from .fit import CLOSE, Base, Fit, fit, looked_about, try_term
+from .fit import CLOSE, Base, Fit, fit, looked_about, rested, try_term
 from .free_form import FreeForm
 from .name import Named, Naming, is_new, without
 from .plant import parts
@@ -62,6 +62,9 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
             if (start != final.values).any():
                 new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
                 final = min(final, new, key=lambda f: f.cost)
+    if not problem.world.touches:  # there the cost is too rough for it
+        final = rested(problem, final)
+    alone = final if not naming.named else alone
     return replace(
         naming, problem=problem, stated=Scored.of(problem, alone),
         final=Scored.of(problem, final),
