@@ -23,8 +23,8 @@ STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 NEAR, WRONG = 0.02, 0.01
 DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
 # of `rested`: steps at most, what it moves values by for slopes [of their scale], and
-# the gain [squared residuals] worth a step; chosen: a tenth of a standard deviation
-RESTS, FINE, WORTH = 3, 5e-4, 0.01
+# the gain [squared residuals] worth a step; chosen: a fifth of a standard deviation
+RESTS, FINE, WORTH = 3, 5e-4, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +194,7 @@ def rested(problem: Problem, found: Fit) -> Fit:
     best, least = found, np.inf
     for last in range(RESTS + 1):
         jac = jacobian(problem, terms, x, r, moved=FINE)
-        cost = r @ r + weights @ (x - 1) ** 2
+        cost = float(r @ r + weights @ (x - 1) ** 2)
         if cost < least:
             best, least = Fit(terms, x, r, jac), cost
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
