@@ -18,7 +18,7 @@ from .evidence import (
     scored,
     stability,
 )
-from .fit import Fit
+from .fit import Base, Fit, try_term
 from .problem import Problem
 from .screen import Progress
 from .terms import Term
@@ -87,6 +87,43 @@ def winner(
     return best, Claim(
         evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
     )
+
+
+def relieving(
+    base: Base, now: Scored, candidates: Sequence[Term], progress: Progress
+) -> tuple[Scored, Claim] | None:
+    """The candidate without which stated values are too far from what is believed.
+
+    Several at their bounds can stand for one that had to leave them. Only where the
+    readings fit as they are: else what is missing has pushed them there.
+    """
+    from scipy.stats import chi2
+
+    problem = base.problem
+    if above(problem, now.fit.residuals) >= LEFT:
+        return None
+    fits = []
+    for i, term in enumerate(candidates):
+        progress(f"trying {term.label}", i / len(candidates))
+        fits.append(try_term(base, term))
+    fits.sort(key=lambda f: f.cost + f.strain)
+    found = [
+        scored(problem, f.terms, f.values, rounds=3, known=f.jacobian)
+        for f in fits[:FITTED]
+    ]
+    relief = {s: now.fit.strain - s.fit.strain for s in found}
+    p_value = {
+        s: float(len(candidates) * chi2.sf(relief[s], len(s.last.parameters)))
+        for s in found
+        if s.fit.cost <= now.fit.cost and not s.last.is_faint(s.values)
+    }
+    best = min(p_value, key=lambda s: p_value[s], default=None)
+    if best is None or p_value[best] >= SURE:
+        return None
+    gain = float(0.5 * np.log(now.error / max(best.error, 1e-300)))
+    rivals = tuple(s.last for s in p_value if p_value[s] < SURE and s is not best)
+    sure = Evidence(gain, p_value[best], stability(problem, [now, *found], [best]))
+    return best, Claim(sure, rivals, rivals)
 
 
 def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:

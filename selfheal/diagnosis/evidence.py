@@ -312,6 +312,16 @@ def noise_of(problem: Problem) -> float:
     return float((count * (noise / problem.sigma) ** 2).sum())
 
 
+def expected(problem: Problem, found: Fit) -> float:
+    """Squared residuals that the readings' noise and the time step would leave.
+
+    Half the step halves the error of a method of first order, so that what it changes
+    is half of that error (Richardson 1911); after an impact the two are as large.
+    """
+    changed = problem.of_step(found.terms, found.values)
+    return noise_of(problem) + 4 * changed
+
+
 def for_score(problem: Problem, found: Fit) -> Floats:
     """Sigma (C), larger where something stays unexplained for what is not scored.
 

@@ -48,6 +48,11 @@ class Fit:
         """Sum of squared residuals."""
         return float(self.residuals @ self.residuals)
 
+    @property
+    def strain(self) -> float:
+        """How far stated values are from what is believed of them [variances]."""
+        return float(believed(self.terms) @ (self.values - 1) ** 2)
+
     def but(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
         """The terms without some, and their values."""
         kept = tuple(t for t in self.terms if t not in gone)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .choose import SURE, WORTH, Claim, finalists, winner
+from .choose import SURE, WORTH, Claim, finalists, relieving, winner
 from .evidence import (
     ABOVE,
     LEFT,
@@ -16,6 +16,7 @@ from .evidence import (
     better,
     blocks_of,
     effective,
+    expected,
     for_score,
     held_out,
     refitted,
@@ -31,6 +32,7 @@ from .terms import Term
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
+STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
 CHEAPEST = 3  # of several names, that are tried without; chosen
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
@@ -157,6 +159,17 @@ class _Search:
         return bool(effective(self.problem, r) > WHITE * np.count_nonzero(r))
 
     @property
+    def is_of_step(self) -> bool:
+        """Whether noise and the time step's error leave as much as is left."""
+        found = self.now.fit
+        return found.cost <= expected(self.problem, found)
+
+    @property
+    def is_strained(self) -> bool:
+        """Whether stated values alone are so far off that a name might mend it."""
+        return not self.named and self.now.fit.strain > STRAINED
+
+    @property
     def above(self) -> float:
         """What is left, of what noise would leave."""
         return above(self.problem, self.now.fit.residuals)
@@ -165,13 +178,15 @@ class _Search:
     def is_done(self) -> bool:
         """Whether nothing is left that another hypothesis could explain."""
         odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
-        return self.is_white or self.above <= (LEFT if odd else ABOVE)
+        near = self.above <= (LEFT if odd else ABOVE)
+        return self.is_white or near or self.is_of_step
 
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
         for _ in range(MOST):
-            if self.is_white or (self.named and self.above < QUIET):
+            quiet = self.is_white or (self.named and self.above < QUIET)
+            if (quiet or self.is_of_step) and not self.is_strained:
                 break
             won = self._round(tabu)
             if won is None and tabu:
@@ -209,7 +224,11 @@ class _Search:
         if part.problem.windows.is_single:
             finals = refitted(part, finals, open_to)
         now = Scored.of(part.problem, part.fit)
-        return winner(part.problem, now, finals, independent)
+        won = winner(part.problem, now, finals, independent)
+        if won is None and self.is_strained:
+            anew = [t for t in open_to if restates(t, now.fit.terms)]
+            won = relieving(part, now, anew, self.progress)
+        return won
 
     def _look_back(self, best: Scored) -> list[Term]:
         """Weigh anew, and undo what a later effect made needless or better explained.
@@ -345,6 +364,13 @@ def is_new(term: Term, kept: Sequence[Term]) -> bool:
         term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
         for t in kept
     )
+
+
+def restates(term: Term, stated: Sequence[Term]) -> bool:
+    """Whether an effect's parameter is one that the model states."""
+    said = {target for t in stated for target in t.targets}
+    own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
+    return bool(own & said)
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:

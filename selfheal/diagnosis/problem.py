@@ -96,6 +96,12 @@ class Problem:
         counted[0] = before + int(simulated)
         return tuple(answer)
 
+    def of_step(self, terms: Sequence[Term], values: Floats) -> float:
+        """Sum of squares of what half the step changes in the residuals."""
+        finer = replace(self, world=self.world.halved, windows=self.windows.halved)
+        change = self.at(terms, values) - finer.at(terms, values)
+        return float(change @ change)
+
     def take(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
         whiten = tuple(self.whiten[i] for i in chosen) if self.whiten else ()

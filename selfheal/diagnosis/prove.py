@@ -9,10 +9,10 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
-from .evidence import ABOVE, Scored, better, for_score, most, noise_of
+from .evidence import ABOVE, Scored, better, expected, for_score, most, noise_of
 from .fit import CLOSE, Base, Fit, fit, looked_about, rested, try_term
 from .free_form import FreeForm
-from .name import Named, Naming, is_new, without
+from .name import STRAINED, Named, Naming, is_new, without
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
 from .screen import STEPS, fewer
@@ -108,6 +108,8 @@ def upheld(case: Case, naming: Naming) -> Upheld:
             if name.term.is_faint(values[name.term]):
                 weakest = -np.inf, name, less
                 break
+            if less.strain - found.strain > STRAINED and gain > -least:
+                continue
             changed = float(((other - told) ** 2).sum()) / error
             if changed < UNSEEN * (less.cost / found.cost - 1):
                 continue
@@ -167,7 +169,7 @@ class Structure:
     Attributes:
         p_value: that a torque of free form explains no more of it.
         share: of the squared error that it explains.
-        above: root mean square of the residual over the noise's.
+        above: root mean square of the residual over what noise and time step leave.
         explained: share of what can be explained that the names explain.
     """
 
@@ -179,7 +181,8 @@ class Structure:
     @property
     def left(self) -> bool:
         """Whether something is left that is no noise."""
-        return (self.p_value < 0.01 and self.share > 0.05) or self.above > ABOVE
+        shown = self.p_value < 0.01 and self.share > 0.05
+        return (shown and self.above > 1) or self.above > ABOVE
 
 
 def structure_of(case: Case, naming: Naming) -> Structure:
@@ -196,7 +199,7 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
     before, left = _error(problem, naming.stated.fit), base.fit.cost
-    noise = noise_of(problem)
+    noise = expected(problem, base.fit)
     if naming.named and problem.windows.is_single:
         noise = max(noise, most(problem, base.fit.residuals))
     return Structure(

@@ -1,7 +1,7 @@
 """Simulation against recording: takes hypotheses, gives what the sensors would say."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
@@ -92,6 +92,21 @@ class World:
         return np.concatenate(pieces)
 
     @cached_property
+    def halved(self) -> "World":
+        """The same, simulated in steps of half the size."""
+        logs = []
+        for log in self.logs:
+            # between two steps the command of the first holds
+            ctrl = np.repeat(log.ctrl, 2, axis=0)
+            centered = np.repeat(log.centered, 2, axis=0)
+            centered[1 : len(ctrl) : 2] = log.ctrl[: len(centered[1 : len(ctrl) : 2])]
+            logs.append(replace(log, at=2 * log.at, ctrl=ctrl, centered=centered))
+        return replace(
+            self, step=self.step / 2, logs=tuple(logs), memory=Memory(),
+            _held=WeakKeyDictionary(),
+        )  # fmt: skip
+
+    @cached_property
     def _width(self) -> int:
         """Numbers kept of one step: what is recorded, its copy, and the signals."""
         model = self.workshop.given
@@ -104,6 +119,8 @@ class World:
         self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
         models = [plant.variant(terms, v) for v in values]
+        for model in models:
+            model.opt.timestep = self.step
         centered = centered and plant.leaps
         if centered:
             for model in models:
