@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import bench
 
+from selfheal.diagnosis.choose import relieving
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.evidence import (
@@ -18,6 +19,7 @@ from selfheal.diagnosis.evidence import (
     carries_over,
     economy,
     effective,
+    expected,
     folds_of,
     held_out,
     most,
@@ -34,7 +36,7 @@ from selfheal.diagnosis.fit import (
     step,
     try_term,
 )
-from selfheal.diagnosis.name import Named, Naming
+from selfheal.diagnosis.name import Named, Naming, restates
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
@@ -240,6 +242,37 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
         error = LEVEL * uncertainty(problem, found)
         inside.append(np.abs(found.values - truth) < error)
     assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
+
+
+@pytest.mark.parametrize("factor", [1.1, 1.6])
+def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, factor):
+    """The elbow's rotor, which masses and lengths can stand for in rough readings."""
+    stated = _stated(arm)
+    terms = [t for n in ("armature", "viscous_friction")
+             for t in effect(n).terms(arm.scene)]  # fmt: skip
+    assert all(restates(t, stated) for t in terms)
+    (rotor,) = (t for t in terms if t.label == "armature at joint:elbow")
+    inertia = arm.world.workshop.given.dof_armature[1] * factor
+    ones = np.ones(len(stated))
+    problem = _problem(arm, (*stated, rotor), (*ones, inertia), noise=0.03)
+    rough = [replace(c, noise=np.full(c.width, 0.03)) for c in arm.world.signals]
+    problem = replace(problem, world=replace(arm.world, signals=tuple(rough)))
+    base = Base.of(problem, fit(problem, stated, ones))
+    now = Scored.of(problem, base.fit)
+    won = relieving(base, now, terms, lambda what, share: None)
+    assert (won is None) == (factor < 1.3)  # inside what the contract grants
+    if won is not None:
+        assert won[0].last.label == rotor.label
+        assert won[0].values[0] == pytest.approx(inertia, rel=0.2)
+
+
+def test_the_steps_own_error_shrinks_with_the_step(arm):
+    problem = _problem(arm)
+    of_step = problem.of_step((), np.zeros(0))
+    world = problem.world.halved
+    finer = replace(problem, world=world, windows=problem.windows.halved)
+    assert 0 < finer.of_step((), np.zeros(0)) < 0.5 * of_step
+    assert expected(problem, fit(problem, (), np.zeros(0))) > of_step
 
 
 def test_errors_shrink_with_more_readings(arm):
