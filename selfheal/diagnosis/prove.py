@@ -9,7 +9,16 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
-from .evidence import ABOVE, Scored, better, expected, for_score, most, noise_of
+from .evidence import (
+    ABOVE,
+    Scored,
+    above,
+    better,
+    expected,
+    for_score,
+    most,
+    noise_of,
+)
 from .fit import CLOSE, Base, Fit, fit, looked_about, rested, try_term
 from .free_form import FreeForm
 from .name import STRAINED, Named, Naming, is_new, without
@@ -62,7 +71,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
             if (start != final.values).any():
                 new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
                 final = min(final, new, key=lambda f: f.cost)
-    if not problem.world.touches:  # there the cost is too rough for it
+    # where something touches, or is left, the cost is too rough for it
+    if not problem.world.touches and above(problem, final.residuals) <= ABOVE:
         final = rested(problem, final)
     alone = final if not naming.named else alone
     return replace(
