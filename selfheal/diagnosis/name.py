@@ -32,6 +32,7 @@ from .terms import Term
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
+LITTLE = 0.1  # of the held-out squared error, of a robot that touches; chosen
 STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
 CHEAPEST = 3  # of several names, that are tried without; chosen
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
@@ -84,9 +85,10 @@ def name_effects(
     """Find the effects without which the recordings cannot be explained.
 
     Forward, with a look back after each step: what a later effect makes needless goes.
-    Where that leaves something, once more from all the usual ones at once: the first
-    one named alone may have stood for several. And in longer pieces, if the starts
-    allow it: slow effects show there.
+    Where that leaves something (more than a tenth, if something touches: the cost is
+    rough there), once more from all the usual ones at once: the first one named alone
+    may have stood for several. And in longer pieces, if the starts allow it: slow effects
+    show there.
 
     Args:
         problem: all windows that may be used.
@@ -165,6 +167,12 @@ class _Search:
         return found.cost <= expected(self.problem, found)
 
     @property
+    def is_enough(self) -> bool:
+        """Whether the names left little, of a robot whose cost is rough anyway."""
+        nats = sum(self.claims[t.key].evidence.gain for t in self.named)
+        return self.problem.world.touches and np.exp(-2 * nats) < LITTLE
+
+    @property
     def is_strained(self) -> bool:
         """Whether stated values alone are so far off that a name might mend it."""
         return not self.named and self.now.fit.strain > STRAINED
@@ -179,7 +187,7 @@ class _Search:
         """Whether nothing is left that another hypothesis could explain."""
         odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
         near = self.above <= (LEFT if odd else ABOVE)
-        return self.is_white or near or self.is_of_step
+        return self.is_white or near or self.is_of_step or self.is_enough
 
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
