@@ -87,8 +87,8 @@ def name_effects(
     Forward, with a look back after each step: what a later effect makes needless goes.
     Where that leaves something (more than a tenth, if something touches: the cost is
     rough there), once more from all the usual ones at once: the first one named alone
-    may have stood for several. And in longer pieces, if the starts allow it: slow effects
-    show there.
+    may have stood for several. And in longer pieces, if the starts allow it: slow
+    effects show there.
 
     Args:
         problem: all windows that may be used.
