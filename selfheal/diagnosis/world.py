@@ -121,7 +121,7 @@ class World:
         models = [plant.variant(terms, v) for v in values]
         for model in models:
             model.opt.timestep = self.step
-        centered = centered and plant.leaps
+        mean, centered = centered, centered and plant.leaps
         if centered:
             for model in models:
                 center_damping(model, self.step)
@@ -131,7 +131,7 @@ class World:
         if any("suffix" in place for t in terms for place in t.places):
             self._warm_up(those, windows, start)
         sensors = Sensors(plant, self.signals, terms)
-        commands = self._commands(those, windows, centered)
+        commands = self._commands(those, windows, centered, mean)
         told = simulated(those, windows, start, commands, sensors, step=self.step)
         if centered:
             self._of_now(told, those, windows, commands)
@@ -150,7 +150,7 @@ class World:
         if not torques:
             return
         w = len(windows)
-        apart = self._commands(those, windows, False) - early
+        apart = self._commands(those, windows, False, False) - early
         for c in torques:
             a = those.plant.model.actuator(c.target).id
             for i, model in enumerate(those.models):
@@ -180,7 +180,7 @@ class World:
         ]
         told = simulated(
             those, before, self._start(those, before).begin(those.models, None),
-            self._commands(those, before, those.centered),
+            self._commands(those, before, those.centered, those.centered),
             Sensors(plant, hidden(plant, places)), step=self.step,
         )[:, steps].reshape(n, len(rows), len(places), 2)  # fmt: skip
         q, v = (x.reshape(n, len(windows), -1)[:, rows] for x in start[:2])
@@ -207,37 +207,43 @@ class World:
                     reads.setdefault(place["signal"], {}).update(said)
         return reads
 
-    def _commands(self, those: Hypotheses, windows: Windows, centered: bool) -> Floats:
+    def _commands(
+        self, those: Hypotheses, windows: Windows, centered: bool, mean: bool
+    ) -> Floats:
         """Commands (n W, K, nu) of each step, as they reach the actuators."""
         terms = those.terms
         if not any(does(t.effect, "command") for t in terms):
             kept = self._held.setdefault(windows, {})
             if centered not in kept:
-                kept[centered] = self._reaching((), (), windows, centered)[0]
+                kept[centered] = self._reaching((), (), windows, centered, mean)[0]
             return np.tile(kept[centered], (len(those.models), 1, 1))
-        out = self._reaching(terms, those.shares, windows, centered)
+        out = self._reaching(terms, those.shares, windows, centered, mean)
         return out.reshape(-1, *out.shape[2:])
 
-    def _reaching(self, terms, shares, windows: Windows, centered) -> Floats:
+    def _reaching(self, terms, shares, windows: Windows, centered, mean) -> Floats:
         """Commands (1 or n, W, K, nu)."""
         n = len(shares[0]) if terms else 1
         steps = np.arange(int(windows.steps.max()) + 2)
         out = np.empty((n, len(windows), len(steps), self.workshop.given.nu))
         for i in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == i)
-            grid = self.command(terms, shares, self.logs[i], centered)
+            grid = self.command(terms, shares, self.logs[i], centered, mean)
             at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
             out[:, rows] = grid[:, at]
         return out
 
-    def command(self, terms, shares, log: Log, centered: bool) -> Floats:
-        """Commands (1 or n, G, nu) of an episode, as they reach the actuators."""
+    def command(self, terms, shares, log: Log, centered: bool, mean: bool) -> Floats:
+        """Commands (1 or n, G, nu) of an episode, as they reach the actuators.
+
+        Centered in time as a leapfrog has them, or not; and, of what changes within a
+        step, its mean or, as MuJoCo has it, what it was when the step began.
+        """
         ctrl = (log.centered if centered else log.ctrl)[None]
         for term, part in zip(terms, shares, strict=True):
             if does(term.effect, "command"):
                 for place in term.places:
                     ctrl = term.effect.command(ctrl, self.step, place, part)
-                    if centered and term.effect.of_before:
+                    if mean and term.effect.of_before:
                         a = place["actuator"]
                         after = np.append(ctrl[:, 1:, a], ctrl[:, -1:, a], axis=1)
                         middle = (ctrl[:, :, a] + after) / 2
