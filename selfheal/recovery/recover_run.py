@@ -57,7 +57,7 @@ class RecoverRun(PhasedRun):
 
     WHAT: ClassVar[str] = "recovery's file"
     FORMAT: ClassVar[str] = "selfheal-recover-run"
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
     SETTINGS: ClassVar[type] = RecoverSettings
 
     settings: RecoverSettings
