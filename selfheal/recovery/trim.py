@@ -9,6 +9,7 @@ nowhere.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def trims(
     searches = [begin(rng.normal(0, _STEP, size), _STEP) for _ in range(_STARTS)]
     for turn, steps in enumerate(_HORIZONS):
         progress(turn / len(_HORIZONS))
-        found = _longer(searches, lambda x, n=steps: score(x, n), rng)
+        found = _longer(searches, partial(score, steps=steps), rng)
         left = _STARTS - (_STARTS - _KEPT) * (turn + 1) // len(_HORIZONS)
         searches = found[:left]
     return np.exp([search.mean for search in searches])
