@@ -24,7 +24,13 @@ from selfheal.recovery.estimate import Trial, decode, explained
 from selfheal.recovery.explain import Belief, explain
 from selfheal.recovery.phased import load, save
 from selfheal.recovery.recover import named, recover
-from selfheal.recovery.recover_run import METHODS, RecoverRun, RecoverSettings
+from selfheal.recovery.recover_run import (
+    METHODS,
+    RecoverRun,
+    RecoverSettings,
+    believed,
+    hypotheses_document,
+)
 from selfheal.recovery.trim import trims
 from selfheal.report.recover import recover_page
 from selfheal.robot.scenarios import SCENARIOS, scenario
@@ -276,6 +282,14 @@ def test_a_robot_that_is_off_its_model_is_not_told_more_damage_than_it_has(
     belief = explain(QUADRUPED, found, [trial], before, (), _quiet)
     assert belief.hypotheses[0] == damage
     assert 1 <= len(belief.scale) < len(before)  # no longer than predictions hold
+
+
+def test_what_reads_the_same_is_believed_once():
+    weak = Damage("weak_sensor", DEAF.target, 0.02)
+    several = [(weak,), (DEAF,), (replace(weak, value=0.0201),)]
+    phase = {"believed": hypotheses_document(several), "probability": [0.4, 0.35, 0.25]}
+    shares = believed(phase)
+    assert list(shares.values()) == [pytest.approx(0.65), pytest.approx(0.35)]
 
 
 @pytest.mark.parametrize("number", SCENARIOS)
