@@ -42,7 +42,8 @@ _DESCRIBED = (
 _BEYOND = "Scenarios 11 to 15, our method."
 _GAP = (
     "Friction, masses and motors of the hidden robot are off by up to 5 %, drawn from "
-    "the seed; our method is not told."
+    "the seed. Our method is not told by how much; it fits them to the walk of the "
+    "whole robot."
 )
 
 

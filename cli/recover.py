@@ -208,14 +208,13 @@ def _finish(path: Path, live: Live) -> "RecoverRun":
 
 def _line(run: "RecoverRun") -> str:
     """What came of the last phase, in a line."""
-    from selfheal.body.damage import spoken
-    from selfheal.recovery.recover_run import hypotheses_of
+    from selfheal.recovery.recover_run import believed
 
     name, phase = list(run.phases.items())[-1]
     kind, _, turn = name.partition("-")
     if kind == "estimate":
-        said = spoken(hypotheses_of(phase)[0])
-        return f"{turn}: believes {said} ({100 * phase['probability'][0]:.0f} %)"
+        said, chance = next(iter(believed(phase).items()))
+        return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
     told = {"original": "whole, the first controller", "failure": "broken, the same",

@@ -14,23 +14,32 @@ from selfheal.body.damage import Damage
 from selfheal.body.legged import LEGGED, essential, legged
 from selfheal.cli import app
 from selfheal.engine import reflex
-from selfheal.engine.reflex import EVERY, damaged, drive, whole
+from selfheal.engine.reflex import EVERY, damaged, drive, trimmed, whole
 from selfheal.errors import InputError, RunFileError, UnknownNameError
 from selfheal.gait import genetic
 from selfheal.gait.genetic import KEPT, POPULATION, begin, draw, evolve
 from selfheal.recovery import explain as ours
+from selfheal.recovery import trim
 from selfheal.recovery.estimate import Trial, decode, explained
 from selfheal.recovery.explain import Belief, explain
 from selfheal.recovery.phased import load, save
 from selfheal.recovery.recover import named, recover
-from selfheal.recovery.recover_run import METHODS, RecoverRun, RecoverSettings
+from selfheal.recovery.recover_run import (
+    METHODS,
+    RecoverRun,
+    RecoverSettings,
+    believed,
+    hypotheses_document,
+)
+from selfheal.recovery.trim import trims
 from selfheal.report.recover import recover_page
 from selfheal.robot.scenarios import SCENARIOS, scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 QUADRUPED = legged("quadruped")
-FLAT = np.full(200, 0.05)
+FLAT = np.full((200, 8), 0.05)
+BUILT = np.ones((1, 10))  # the model is right
 
 
 def _weights(count, robot=QUADRUPED, seed=0):
@@ -212,7 +221,8 @@ KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value
 @pytest.mark.parametrize("damage", [(), (DEAF,), (MOTOR,), (LOST, JAM, DEAF)])
 def test_sensor_series_tell_what_broke(damage, walker, monkeypatch):
     monkeypatch.setattr(ours, "singles", lambda robot: KNOWN)
-    belief = explain(QUADRUPED, [_trial(damage, walker)], _before(walker), (), _quiet)
+    trial, before = _trial(damage, walker), _before(walker)
+    belief = explain(QUADRUPED, BUILT, [trial], before, (), _quiet)
     best = {(d.kind, d.target) for d in belief.hypotheses[0]}
     assert best == {(d.kind, d.target) for d in damage}
     assert belief.probability[0] == belief.probability.max()
@@ -223,9 +233,63 @@ def test_nothing_broke_where_robot_and_model_differ(walker):
     robot = SimulatedLegs(QUADRUPED, 3, gap=0.1)
     before = robot.trials(walker[None]).sensed[0]
     trial = Trial(walker, 0.0, before)
-    belief = explain(QUADRUPED, [trial], before, (), _quiet)
+    belief = explain(QUADRUPED, BUILT, [trial], before, (), _quiet)
     assert belief.hypotheses[0] == ()
-    assert belief.scale[-1] > FLAT[-1]
+    assert (belief.scale[-1] > FLAT[-1]).all()
+
+
+def test_a_model_that_is_right_stays_as_it_is(walker):
+    rng = np.random.default_rng(0)
+    found = trims(QUADRUPED, walker, _before(walker), rng, _quiet)
+    np.testing.assert_array_equal(found, BUILT)
+    plants = damaged(QUADRUPED, [(LOST,), (JAM,)])
+    same = trimmed(plants, found)
+    for f in fields(plants)[1:]:
+        np.testing.assert_array_equal(getattr(plants, f.name), getattr(same, f.name))
+
+
+@pytest.fixture(scope="module")
+def off(walker):
+    """A robot that is off its model, how it walked whole, and how it may be off."""
+    robot = SimulatedLegs(QUADRUPED, 0, gap=0.05)
+    before = robot.trials(walker[None]).sensed[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trim, "_STARTS", 6)
+        patch.setattr(trim, "_HORIZONS", (20, 30, 40, 60))
+        found = trims(QUADRUPED, walker, before, np.random.default_rng(0), _quiet)
+    return robot, before, found
+
+
+def test_a_model_is_fitted_to_how_the_whole_robot_walked(walker, off):
+    _, before, found = off
+    assert len(found) > 1
+    both = np.vstack([BUILT, found[:1]])
+    plants = trimmed(whole(QUADRUPED, 2), both)
+    sensed = drive(plants, np.tile(walker, (2, 1)), 60).sensed
+    built, fitted = ((sensed - before[: 60 // EVERY]) ** 2).mean(axis=(1, 2))
+    assert fitted < built / 2
+
+
+@pytest.mark.parametrize("damage", [(LOST,), (DEAF,)])
+def test_a_robot_that_is_off_its_model_is_not_told_more_damage_than_it_has(
+    damage, walker, off, monkeypatch
+):
+    world = [d for d in ours.singles(QUADRUPED) if d.kind in ("slope", "wind")]
+    monkeypatch.setattr(ours, "singles", lambda robot: [*KNOWN, *world])
+    robot, before, found = off
+    drives = robot.struck(damage).trials(walker[None])
+    trial = Trial(walker, float(drives.way[0]), drives.sensed[0])
+    belief = explain(QUADRUPED, found, [trial], before, (), _quiet)
+    assert belief.hypotheses[0] == damage
+    assert 1 <= len(belief.scale) < len(before)  # no longer than predictions hold
+
+
+def test_what_reads_the_same_is_believed_once():
+    weak = Damage("weak_sensor", DEAF.target, 0.02)
+    several = [(weak,), (DEAF,), (replace(weak, value=0.0201),)]
+    phase = {"believed": hypotheses_document(several), "probability": [0.4, 0.35, 0.25]}
+    shares = believed(phase)
+    assert list(shares.values()) == [pytest.approx(0.65), pytest.approx(0.35)]
 
 
 @pytest.mark.parametrize("number", SCENARIOS)
@@ -381,8 +445,8 @@ def test_samples_are_whole_steps_of_the_models():
 def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):
     doubt = [(DEAF,), (JAM,)]
 
-    def torn(robot, trials, before, known, progress):
-        return Belief(tuple(doubt), np.array([0.5, 0.5]), np.full(200, 0.05))
+    def torn(robot, trims, trials, before, known, progress):
+        return Belief(tuple(doubt), np.array([0.5, 0.5]), FLAT)
 
     monkeypatch.setattr("selfheal.recovery.recover.explain", torn)
     run = _steps(_settings(trials=1))[-1]

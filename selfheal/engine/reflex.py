@@ -113,6 +113,21 @@ def damaged(robot: Legged, damages: Sequence[Sequence[Damage]]) -> Plants:
     return plants
 
 
+def trimmed(plants: Plants, factors: Floats) -> Plants:
+    """Robots whose friction, masses and motors are off.
+
+    Args:
+        plants: N.
+        factors: (2 + D) or (N, 2 + D) on friction, on masses, on each motor's torque.
+    """
+    return replace(
+        plants,
+        friction=plants.friction * factors[..., 0],
+        mass=plants.mass * factors[..., 1],
+        motor=plants.motor * factors[..., 2:],
+    )
+
+
 def _strike(plants: Plants, row: int, damage: Damage) -> None:
     """Write one damage into a row."""
     robot, name, value = plants.robot, damage.name, damage.value

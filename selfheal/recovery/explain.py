@@ -3,7 +3,8 @@
 Hypotheses grow one damage at a time from "nothing", the best few at every size being
 kept, as long as more damage explains more. A hypothesis is simulated under the
 controllers of the trials; each sensor value counts by Student's t. Series part sooner
-or later where anything is wrong, so most is learned from their beginnings.
+or later where anything is wrong, so most is learned from their beginnings, and nothing
+from what follows after robots that are equally likely have parted.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +16,7 @@ import numpy as np
 from ..body.body import Floats
 from ..body.damage import Damage
 from ..body.legged import Legged, essential
-from ..engine.reflex import EVERY, SAMPLE, STEPS, damaged, drive
+from ..engine.reflex import EVERY, SAMPLE, STEPS, Drives, damaged, drive, trimmed
 from .belief import posterior
 from .estimate import Hypothesis, Trial
 from .hypotheses import AZIMUTHS, STRENGTHS, grounds
@@ -38,6 +39,9 @@ _WINDS = (3.0, 6.0, 10.0)  # [m/s], a breeze to a strong wind; chosen
 _LEAST, _ALIKE = 0.05, 0.5 / SAMPLE
 _EACH = 6.0  # [nats] that each damage must explain more; chosen
 _FADE = 1.0  # [s] after which a sample counts half; chosen
+# Chosen: damage under which likely robots are watched part, and the share of a series'
+# standard deviation by which they have parted when predictions say nothing any more.
+_CLEAR, _LOST = ("limb_loss", "joint_jam", "sensor_dead"), 0.5
 _TURN = np.pi / 8
 # first steps of the values: a grid's half
 _STEPS = {"weak_motor": 0.075, "weak_sensor": 0.075, "slope": np.radians(2.5),
@@ -54,7 +58,7 @@ class Belief:
     Attributes:
         hypotheses: H, the most likely first; () is "nothing".
         probability: (H).
-        scale: (T) of a sensor's residual at each time, see `spread`.
+        scale: (T, S) of each sensor's residual at each time that was compared.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -68,47 +72,83 @@ class _Seen:
 
     Attributes:
         robot: as it was built.
+        trims: (K, 2 + D) ways it may be off, see `trim.trims`.
         trials: so far.
-        scale: (T) of a sensor's residual at each time.
+        scale: (T, S) of each sensor's residual at each time that is compared.
         before: (T, S) what the robot sensed in the first trial's place when whole.
     """
 
     robot: Legged
+    trims: Floats
     trials: Sequence[Trial]
     scale: Floats
     before: Floats
 
     def weigh(self, hypotheses: Sequence[Hypothesis], steps: int) -> Floats:
         """(H) log likelihood and prior [nats], by the first steps of each trial."""
-        plants = damaged(self.robot, hypotheses)
-        total = np.array([-_EACH * len(h) for h in hypotheses])
-        rows = steps // EVERY
+        prior = np.array([-_EACH * len(h) for h in hypotheses])
+        fits = [self._fits(hypotheses, trim, steps) for trim in self.trims]
+        return prior + np.logaddexp.reduce(fits) - np.log(len(fits))
+
+    def _fits(
+        self, hypotheses: Sequence[Hypothesis], trim: Floats, steps: int
+    ) -> Floats:
+        """(H) log likelihood if the robot is off in this way."""
+        total = np.zeros(len(hypotheses))
+        rows = min(steps // EVERY, len(self.scale))
         worth = 1 / (1 + np.arange(rows) * SAMPLE / _FADE)
         for k, trial in enumerate(self.trials):
-            weights = np.tile(trial.weights, (len(hypotheses), 1))
-            drives = drive(plants, weights, steps)
+            drives = _walks(self.robot, trim, hypotheses, trial.weights, rows)
             if k == 0 and () in hypotheses:  # a whole robot does what it did
                 drives.sensed[hypotheses.index(())] = self.before[:rows]
-            gap = (drives.sensed - trial.sensed[:rows]) / self.scale[:rows, None]
+            gap = (drives.sensed - trial.sensed[:rows]) / self.scale[:rows]
             fit = log_t(gap).sum(axis=2) @ worth / _ALIKE
             total += np.where(drives.failed, -np.inf, fit)
         return total
 
 
-def spread(whole: Floats, predicted: Floats) -> Floats:
-    """(T) scale of a sensor's residual at each time, from a run of the whole robot.
+def _walks(
+    robot: Legged,
+    trim: Floats,
+    hypotheses: Sequence[Hypothesis],
+    weights: Floats,
+    rows: int,
+) -> Drives:
+    """So many samples of a controller on the trimmed robot as hypotheses have it."""
+    plants = trimmed(damaged(robot, hypotheses), trim)
+    return drive(plants, np.tile(weights, (len(hypotheses), 1)), rows * EVERY)
 
-    Args:
-        whole: (T, S) what the robot sensed, and
-        predicted: (T, S) what the model did, under the same controller.
-    """
-    square = ((whole - predicted) ** 2).mean(axis=1)
-    so_far = np.cumsum(square) / np.arange(1, len(square) + 1)
+
+def spread(sensed: Floats, predicted: Floats) -> Floats:
+    """(T, S) scale of each sensor's residual so far, of series (N, T, S)."""
+    square = np.cumsum(((sensed - predicted) ** 2).mean(axis=0), axis=0)
+    so_far = square / np.arange(1, len(square) + 1)[:, None]
     return np.fmax(np.sqrt(so_far), _LEAST)  # a run that failed says nothing
+
+
+def _trusted(robot: Legged, trims: Floats, weights: Floats, before: Floats) -> Floats:
+    """(T, S) scale of each sensor's residual, as long as predictions say anything.
+
+    Robots that walk alike while they are whole part when they are broken, and none of
+    them is quite the true one: as they part from each other, they will part from it.
+    """
+    model = _walks(robot, trims[0], [()], weights, len(before)).sensed
+    known = spread(before[None], model)
+    if len(trims) == 1:
+        return known
+    broken = [(d,) for d in singles(robot) if d.kind in _CLEAR]
+    rows = _BEGINNING // EVERY
+    one, *others = (_walks(robot, trim, broken, weights, rows).sensed
+                    for trim in trims)  # fmt: skip
+    parted = spread(np.concatenate([one] * len(others)), np.concatenate(others))
+    scale = np.fmax(known[:rows], parted)
+    lost = scale.mean(axis=1) > _LOST * before.std(axis=0).mean()
+    return scale[: max(1, int(np.argmax(lost))) if lost.any() else rows]
 
 
 def explain(
     robot: Legged,
+    trims: Floats,
     trials: Sequence[Trial],
     before: Floats,
     known: Sequence[Hypothesis],
@@ -118,6 +158,7 @@ def explain(
 
     Args:
         robot: as it was built.
+        trims: (K, 2 + D) ways it may be off, see `trim.trims`.
         trials: at least one.
         before: (T, S) what the robot sensed under the first trial's controller when it
             was whole.
@@ -125,8 +166,8 @@ def explain(
             all, there is nothing to look for.
         progress: told what share is done.
     """
-    model = drive(damaged(robot, [()]), trials[0].weights[None])
-    seen = _Seen(robot, trials, spread(before, model.sensed[0]), before)
+    scale = _trusted(robot, trims, trials[0].weights, before)
+    seen = _Seen(robot, trims, trials, scale, before)
     weights = _weighed(seen, list(dict.fromkeys([(), *known])))
     for size, grown in enumerate(_grow(seen, weights)):
         progress((size + 1) / (MOST + 2))

@@ -13,7 +13,7 @@ import numpy as np
 from ..body.body import Floats
 from ..body.damage import INTACT, Damage
 from ..body.legged import essential
-from ..engine.reflex import Drives, damaged, drive
+from ..engine.reflex import Drives, damaged, drive, trimmed
 from ..gait.genetic import KEPT, MUTATION, Pool, Score, begin, evolve
 from ..robot.driven import Driven
 from .belief import Candidate, choose
@@ -26,6 +26,7 @@ from .recover_run import (
     hypotheses_document,
     hypotheses_of,
 )
+from .trim import trims
 
 HARDWARE = 70  # generations on the robot itself (overview.txt 4.4)
 _MUTATION = 0.03  # of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
@@ -84,6 +85,7 @@ class _Phases:
         self.whole, self.broken = robot, robot.struck(settings.damage)
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
+        self.built = np.ones(2 + len(self.legged.motors))  # the model, not trimmed
 
     def next(self, run: RecoverRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
@@ -98,9 +100,20 @@ class _Phases:
 
     def _original(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
-        pool = self._search(name, self._ways([((), 1.0)]), rng, None)
+        pool = self._search(name, self._ways([((), 1.0)], self.built), rng, None)
         walk = self.whole.trials(pool.genomes[:1])
-        return {**_pool(pool), "weights": pool.genomes[0], **_walk(walk)}
+        found = {**_pool(pool), "weights": pool.genomes[0], **_walk(walk)}
+        if self.settings.method == "ours":
+            found["trims"] = self._trims(name, found, rng)
+        return found
+
+    def _trims(self, name: str, walk: Phase, rng: np.random.Generator) -> Floats:
+        """How the robot may be off its model, by how it walked."""
+
+        def told(share: float) -> None:
+            self.progress(name, "fitting the model", share)
+
+        return trims(self.legged, walk["weights"], walk["sensed"], rng, told)
 
     def _failure(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """How the broken robot walks with the controller of the whole one."""
@@ -121,13 +134,14 @@ class _Phases:
 
     def _explain(self, name: str, run: RecoverRun) -> Phase:
         """What may have broken, by the sensors' series."""
-        before = run.phases["original"]["sensed"]
+        whole = run.phases["original"]
 
         def told(share: float) -> None:
             self.progress(name, f"{len(run.trials)} trials", share)
 
         known = [h for p in run.estimates for h in hypotheses_of(p)]
-        belief = explain(self.legged, run.trials, before, known, told)
+        belief = explain(self.legged, whole["trims"], run.trials, whole["sensed"],
+                         known, told)  # fmt: skip
         chance = belief.probability.tolist()
         return {"believed": hypotheses_document(belief.hypotheses),
                 "probability": chance, "scale": belief.scale}  # fmt: skip
@@ -141,12 +155,14 @@ class _Phases:
             # every other search starts afresh: what crowds one basin leaves others out
             afresh = len(searched) % 2 == 0
             seeds = None if afresh else np.unique(np.concatenate(searched), axis=0)
-            score = self._ways(_likely(believed))
+            trim = run.phases["original"]["trims"][0]
+            score = self._ways(_likely(believed), trim)
             pool = self._search(name, score, rng, seeds, mutation=_MUTATION)
-            pick, why = self._separating(pool, believed, phase["scale"], rng)
+            scale = phase["scale"]
+            pick, why = self._separating(pool, believed, trim, scale, rng)
         else:
             seeds = np.array([trial.weights for trial in run.trials])
-            pool = self._search(name, self._ways(believed), rng, seeds)
+            pool = self._search(name, self._ways(believed, self.built), rng, seeds)
             pick, why = 0, "the best one"
         return {**_pool(pool), "weights": pool.genomes[pick], "why": why,
                 "predicted": float(pool.scores[pick])}  # fmt: skip
@@ -189,16 +205,19 @@ class _Phases:
             self.progress(name, f"best {pool.best[-1]:.2f} m", (step + 2) / count)
         return pool
 
-    def _drive(self, hypotheses: list[Hypothesis], weights: Floats) -> Drives:
-        """Controllers on the robot as hypotheses have it, one each."""
-        return drive(damaged(self.legged, hypotheses), weights)
+    def _drive(
+        self, hypotheses: list[Hypothesis], weights: Floats, trim: Floats
+    ) -> Drives:
+        """Controllers on the trimmed robot as hypotheses have it, one each."""
+        return drive(trimmed(damaged(self.legged, hypotheses), trim), weights)
 
-    def _ways(self, believed: list[tuple[Hypothesis, float]]) -> Score:
-        """How far controllers are expected to come [m]."""
+    def _ways(self, believed: list[tuple[Hypothesis, float]], trim: Floats) -> Score:
+        """How far controllers are expected to come on the trimmed robot [m]."""
 
         def score(genomes: Floats) -> Floats:
             said = [h for h, _ in believed for _ in genomes]
-            ways = self._drive(said, np.tile(genomes, (len(believed), 1))).way
+            weights = np.tile(genomes, (len(believed), 1))
+            ways = self._drive(said, weights, trim).way
             return np.array([p for _, p in believed]) @ ways.reshape(-1, len(genomes))
 
         return score
@@ -207,6 +226,7 @@ class _Phases:
         self,
         pool: Pool,
         believed: list[tuple[Hypothesis, float]],
+        trim: Floats,
         scale: Floats,
         rng: np.random.Generator,
     ) -> tuple[int, str]:
@@ -218,10 +238,10 @@ class _Phases:
         if not len(good):  # even the best goes backward
             return 0, "the best one"
         said = [h for _ in good for h, _ in doubts]
-        drives = self._drive(said, np.repeat(pool.genomes[good], len(doubts), axis=0))
-        thin = drives.sensed[:, ::_THIN]
+        weights = np.repeat(pool.genomes[good], len(doubts), axis=0)
+        thin = self._drive(said, weights, trim).sensed[:, : len(scale) : _THIN]
         tables = thin.reshape(len(good), len(doubts), 1, -1)
-        spreads = np.repeat(scale[::_THIN], thin.shape[2])
+        spreads = scale[::_THIN].ravel()
         weight = np.log(np.maximum([p for _, p in doubts], 1e-300))
         actions = [Candidate(table, spreads) for table in tables]
         pick, _ = choose(actions, weight, np.arange(len(doubts)), rng)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import ClassVar
 
-from ..body.damage import Damage
+from ..body.damage import Damage, spoken
 from ..body.legged import Legged, legged
 from .estimate import Hypothesis, Trial
 from .phased import Phase, PhasedRun
@@ -57,7 +57,7 @@ class RecoverRun(PhasedRun):
 
     WHAT: ClassVar[str] = "recovery's file"
     FORMAT: ClassVar[str] = "selfheal-recover-run"
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
     SETTINGS: ClassVar[type] = RecoverSettings
 
     settings: RecoverSettings
@@ -86,3 +86,14 @@ def hypotheses_document(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
 def hypotheses_of(phase: Phase) -> list[Hypothesis]:
     """The hypotheses that `hypotheses_document` kept in a phase."""
     return [tuple(Damage(**d) for d in h) for h in phase["believed"]]
+
+
+def believed(phase: Phase) -> dict[str, float]:
+    """What a phase believes, in words, and how likely each is; the best one first.
+
+    Hypotheses that only differ in digits that are not said count as one.
+    """
+    shares: dict[str, float] = {}
+    for h, chance in zip(hypotheses_of(phase), phase["probability"], strict=True):
+        shares[spoken(h)] = shares.get(spoken(h), 0.0) + float(chance)
+    return shares

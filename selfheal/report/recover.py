@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.damage import spoken
 from ..engine.reflex import SAMPLE
-from ..recovery.recover_run import METHODS, RecoverRun, hypotheses_of
+from ..recovery.recover_run import METHODS, RecoverRun, believed, hypotheses_of
 from .page import Html, Section, page, paragraph, table
 from .picture import (
     BLUE,
@@ -43,15 +43,16 @@ def recover_page(run: RecoverRun) -> str:
 def _lead(run: RecoverRun) -> str:
     """All of it in a few sentences."""
     s, spent, d = run.settings, run.result["actions"], run.result["distance"]
-    believed = ""
+    end = ""
     if s.method != "hardware-only":
         last = hypotheses_of(run.phases[f"estimate-{spent}"])[0]
-        believed = f" In the end it believes: {spoken(last)}."
+        end = f" In the end it believes: {spoken(last)}."
     return (
         f"What happened: {spoken(s.damage)}. Method: {s.method} ({METHODS[s.method]}). "
         f"The robot went {_meters(d['intact'])} whole, {_meters(d['damaged'])} broken "
-        f"with its first controller, and {_meters(d['healed'])} after {spent:,} trials."
-        f"{believed}"
+        f"with its first controller, and {_meters(d['healed'])} after "
+        f"{spent:,} trial{'s' * (spent != 1)}."
+        f"{end}"
     )
 
 
@@ -114,10 +115,9 @@ def _beliefs(run: RecoverRun) -> Section:
         if not name.startswith("estimate"):
             continue
         turn = name.partition("-")[2]
-        believed = zip(hypotheses_of(phase), phase["probability"], strict=True)
-        for k, (hypothesis, chance) in enumerate(list(believed)[:_SHOWN]):
+        for k, (said, chance) in enumerate(list(believed(phase).items())[:_SHOWN]):
             sure = f"{100 * chance:.1f} %" if len(phase["probability"]) > 1 else ""
-            rows.append((turn if k == 0 else "", spoken(hypothesis), sure))
+            rows.append((turn if k == 0 else "", said, sure))
         tried = run.phases[f"explore-{turn}"]["why"]
         rows.append(("", f"tried then: {tried}", ""))
     true = paragraph("What is true: ", spoken(run.settings.damage), ".")

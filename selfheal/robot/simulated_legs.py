@@ -7,7 +7,7 @@ import numpy as np
 from ..body.body import Floats
 from ..body.damage import Damage
 from ..body.legged import Legged
-from ..engine.reflex import Drives, Plants, damaged, drive
+from ..engine.reflex import Drives, Plants, damaged, drive, trimmed
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,4 @@ class SimulatedLegs:
         plants = damaged(self.legged, [self.damage] * count)
         rng = np.random.default_rng([self.seed, 41])
         off = rng.uniform(1 - self.gap, 1 + self.gap, 2 + len(self.legged.motors))
-        return replace(
-            plants,
-            friction=plants.friction * off[0],
-            mass=plants.mass * off[1],
-            motor=plants.motor * off[2:],
-        )
+        return trimmed(plants, off)
