@@ -1,6 +1,6 @@
 """Runs on disk: everything a self-modeling run knows, to look at or to go on with.
 
-RUN.h5: attributes format="selfheal-run", version=1, settings, counts and result as
+RUN.h5: attributes format="selfheal-run", version=2, settings, counts and result as
 JSON; groups `anatomy`, `truth` (if the robot knows it), `cycles/<k>`, `state`.
 """
 
