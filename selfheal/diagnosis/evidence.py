@@ -313,13 +313,9 @@ def noise_of(problem: Problem) -> float:
 
 
 def expected(problem: Problem, found: Fit) -> float:
-    """Squared residuals that the readings' noise and the time step would leave.
-
-    Half the step halves the error of a method of first order, so that what it changes
-    is half of that error (Richardson 1911); after an impact the two are as large.
-    """
-    changed = problem.of_step(found.terms, found.values)
-    return noise_of(problem) + 4 * changed
+    """Squared residuals that the readings' noise and the time step would leave."""
+    of_step = problem.of_step(found.terms, found.values)
+    return noise_of(problem) + float(of_step @ of_step)
 
 
 def for_score(problem: Problem, found: Fit) -> Floats:
