@@ -18,9 +18,9 @@ from ..body.genome import LENGTH_RANGE, Genomes, build
 from .crowding import generation
 from .schema import CHANNELS, Judge, lengths_plan, with_lengths
 
-# Servos of 2006 miss by 1.2 degrees on average (papers.md 1.1), half of it (chosen) the
-# same in every pose [deg]; sensors [deg], [deg], [mm], a little more than they are read
-# to.
+# Servos of 2006 miss by 1.2 degrees on average (papers.md 1.1), chosen: by standard
+# deviations of a degree that stays and one that is new in every pose [deg]; sensors
+# [deg], [deg], [mm], a little more than they are read to.
 _ZERO, _SERVO = 1.0, 1.0
 _SENSORS = np.array([0.25, 0.25, 1.0])
 # A reading that moves more than this with a joint or a length stands on an edge, and
@@ -59,8 +59,8 @@ def lengths(
         offers: (A, P) poses that the robot can hold [rad].
         ask: has it hold one of them; the channels of `schema` (7) measured there.
         sensors: names of `schema.CHANNELS` that are heard.
-        stages: how many poses are asked for before each estimation; the first are
-            random, the others chosen.
+        stages: how many poses are asked for before each estimation. All are chosen,
+            by what is believed so far; at random where feet alone are heard.
         rng: of everything random.
 
     Returns:
@@ -128,7 +128,7 @@ class _Search:
         return np.where(edge[..., None, None], 0.0, told)
 
     def chosen(self, offers: Floats, tried: Sequence[int], count: int) -> list[int]:
-        """The next poses."""
+        """The next poses, which leave the least expected error of a length."""
         left = np.setdiff1d(np.arange(len(offers)), tried)
         if not self.smooth or len(left) <= count:
             return self.rng.permutation(left)[:count].tolist()
