@@ -165,7 +165,9 @@ def _sure(records: Sequence[Record]) -> list[Table]:
         text = (
             "The values of each part's length that hold 90 % of belief after 16 "
             "actions, or more where one value does (they are a grid), and how often "
-            "the true length is among them."
+            "the true length is among them. Of the shortened part alone less than "
+            "stated can be true: any part is as likely beforehand, and where no action "
+            "taken tells of it, belief stays with its being whole."
         )
         head = ("robot", "method", "parts", "stated, mean", "true")
         tables.append(Table("How sure of lengths, after damage", text, head, rows))
