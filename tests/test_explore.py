@@ -11,6 +11,7 @@ from selfheal.selfmodel.explore import (
     belief_left,
     choose,
     contrasts,
+    disagreement,
     first_action,
     never_told_apart,
     plausibility,
@@ -292,3 +293,22 @@ def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
         assert len(never_told_apart(first, moved)) == 1
         moved[3, channel] += 0.02 * most
         assert len(never_told_apart(first, moved)) == 0
+
+
+def test_disagreement_is_the_spread_of_what_is_believed():
+    rng = np.random.default_rng(0)
+    tables, belief = rng.normal(size=(6, 5, 2)), rng.random(6)
+    spread = disagreement(tables, belief)
+    assert spread > 0 and np.isclose(disagreement(3 * tables + 7, belief), 3 * spread)
+    assert np.isclose(disagreement(tables, 9 * belief), spread)
+    assert disagreement(tables[[2, 2]], belief[:2]) < 1e-9
+    sure = np.eye(6)[3]
+    assert disagreement(tables, sure) < 1e-9
+    assert np.isclose(disagreement(np.array([[[1.0]], [[5.0]]]), np.ones(2)), 2)
+    # a failed simulation is as if the body were not there; no action left, no spread
+    failed = tables.copy()
+    failed[4] = np.nan
+    rest = np.arange(6) != 4
+    expected = disagreement(tables[rest], belief[rest])
+    assert np.isclose(disagreement(failed, belief), expected)
+    assert disagreement(tables[:, :0], belief) == 0

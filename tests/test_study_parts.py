@@ -12,6 +12,7 @@ from selfheal.errors import InputError, UnknownNameError
 from selfheal.robot.actions import actions_2006, published
 from selfheal.selfmodel.crowding import generation
 from selfheal.selfmodel.evaluate import PAPER_LOSS, Evaluator, Evidence, channels
+from selfheal.selfmodel.lengths import lengths
 from selfheal.selfmodel.scaled import SCALES, ScaleSearch
 from selfheal.selfmodel.schema import (
     CHANNELS,
@@ -121,6 +122,37 @@ def test_estimation_of_lengths_counts_what_it_simulates(known, rng):
     steps = list(estimate(truth, poses, felt, plan, rng))
     assert [spent for *_, spent in steps] == [120 * n for n in (1, 3, 6)]
     assert all(np.isfinite(error) for _, error, _ in steps)
+
+
+@pytest.mark.parametrize("sensors", [("tilt",), ("clearance", "touch")])
+def test_our_lengths_of_a_robot_whose_zeros_are_off(sensors, known, rng):
+    truth = published()
+    offers = np.radians(30) * rng.choice([-1.0, 1.0], (60, 8))
+    zeros, asked = np.radians(rng.normal(0, 1, 8)), []
+
+    def ask(pose):
+        asked.append(pose)
+        return sense(truth, offers[[pose]] + zeros, Statics())[0]
+
+    stages = (7, 7)
+    how = dict(sensors=sensors, rng=rng)
+    found, spent = lengths(known, truth, offers, ask, stages=stages, **how)
+    assert len(set(asked)) == len(asked) == sum(stages)
+    gap = np.abs(found.length - truth.length)[0]
+    # a servo that is off by a degree moves a foot by 3 mm
+    assert gap.mean() < 0.004 and spent > 0
+
+
+def test_feet_alone_tell_lengths_without_slopes(known, rng):
+    truth, offers = published(), np.radians(30) * rng.choice([-1.0, 1.0], (30, 8))
+
+    def ask(pose):
+        return sense(truth, offers[[pose]], Statics())[0]
+
+    found, _ = lengths(known, truth, offers, ask, sensors=("touch",), stages=(4, 4),
+                       rng=rng)  # fmt: skip
+    low, high = LENGTH_RANGE
+    assert ((found.length >= low) & (found.length <= high)).all()
 
 
 def test_what_is_stated_of_a_length_holds_the_belief_that_it_states(rng):

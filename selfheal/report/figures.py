@@ -132,7 +132,7 @@ def progress(run: Run) -> "Figure":
     fig = _figure(2.9)
     curves = {
         "tilt error of the best candidate [deg]": [c.tilt_error for c in run.cycles],
-        "disagreement among the rivals [deg]": [c.disagreement for c in run.cycles],
+        "disagreement among the bodies [deg]": [c.disagreement for c in run.cycles],
     }
     cycle = np.arange(1, len(run.cycles) + 1)
     axes = fig.subplots(1, 2, sharex=True)

@@ -120,7 +120,8 @@ def _progress(run: Run) -> Section:
     caption = (
         "Tilt error: |left/right| + |forward/back| between the best candidate and the "
         "robot, mean over the actions so far. Disagreement: standard deviation of the "
-        "rivals' tilts, mean over the actions not tried yet."
+        "tilts of all bodies that might be right, each counted as far as it is "
+        "believed, mean over the actions not tried yet."
     )
     return Section("Error and disagreement", (figure(figures.progress(run), caption),))
 

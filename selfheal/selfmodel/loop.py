@@ -15,6 +15,7 @@ from ..errors import InputError, RecordingError, UnknownNameError, check_seed
 from ..recording import Recording
 from ..robot.base import Robot
 from .evaluate import Evaluator, Evidence, channels
+from .explore import disagreement
 from .paper import PaperSearch
 from .run import Cycle, Run, Settings
 from .space import genome_key, others, space_of
@@ -204,7 +205,7 @@ class _Loop:
         tried = list(self.evidence.tried)
         gap = np.abs(tables[0, tried, :2] - self.evidence.felt[:, :2])
         left = np.setdiff1d(np.arange(len(self.robot.actions)), tried)
-        spread = np.nanstd(tables[:8, left, :2], axis=0) if len(left) else np.zeros(1)
+        foreseen, belief = self.strategy.foreseen()
         return Cycle(
             action=action,
             why=why,
@@ -218,7 +219,7 @@ class _Loop:
                 survived=_survived(run, genomes),
             ),
             tilt_error=float(gap.sum(axis=1).mean()),
-            disagreement=float(np.nanmean(spread)),
+            disagreement=disagreement(foreseen[:, left, :2], belief),
             spent=self.evaluator.spent,
             seconds=seconds,
         )

@@ -67,8 +67,9 @@ class Cycle:
         sureness: (P) stated probability that each attachment is right.
         tilt_error: of the best rival, |left/right| + |forward/back|, mean over the
             actions so far [deg].
-        disagreement: among the rivals about the untried actions, mean standard
-            deviation of their tilts [deg].
+        disagreement: among the bodies that might be right, about the untried actions:
+            mean standard deviation of their tilts, each counted as far as it is
+            believed [deg].
         spent: simulations for the search since the start.
         seconds: since the start, interruptions left out.
     """

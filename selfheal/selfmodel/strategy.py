@@ -10,6 +10,7 @@ from ..body.body import Floats, Ints
 from ..body.genome import Genomes
 from .evaluate import CAPPED_LOSS, PAPER_LOSS, Evaluator, Evidence, Loss
 from .explore import (
+    DOUBT,
     belief_left,
     choose,
     first_action,
@@ -58,6 +59,10 @@ class Strategy(Protocol):
 
     def candidates(self) -> tuple[Ints, Floats]:
         """Trees (M, P) of the bodies that might be the right one, and belief (M)."""
+        ...
+
+    def foreseen(self) -> tuple[Floats, Floats]:
+        """Tables (M, A, 3) of bodies that might be right, and weights (M) of them."""
         ...
 
     def alike(self, table: Floats) -> Genomes:
@@ -138,6 +143,13 @@ class Rivals:
             crowd = self.finder.crowd
             return crowd.genomes.parent, np.full(len(crowd), 1 / len(crowd))
         return self.found.genomes.parent, plausibility(self.found.costs)
+
+    def foreseen(self) -> tuple[Floats, Floats]:
+        """Of some of the candidates, the same ones whenever asked."""
+        if not self.found:
+            return self.finder.crowd.tables, np.ones(len(self.finder.crowd))
+        some, belief = voters(self.found, np.random.default_rng(0), DOUBT)
+        return some.tables, belief
 
     def alike(self, table: Floats) -> Genomes:
         """Of the hypotheses."""
@@ -243,6 +255,13 @@ class Released:
     def candidates(self) -> tuple[Ints, Floats]:
         """The climbers."""
         return self.finder.genomes.parent, plausibility(self.finder.losses)
+
+    def foreseen(self) -> tuple[Floats, Floats]:
+        """Of the climbers."""
+        evaluator = self.finder.evaluator
+        with evaluator.aside():
+            tables = evaluator.table(self.finder.genomes)
+        return tables, plausibility(self.finder.losses, DOUBT)
 
     def alike(self, table: Floats) -> Genomes:
         """None: the climbers' tables are not simulated."""

@@ -8,7 +8,7 @@ from ..selfmodel.run import Settings
 from .calibration import diagram, reliability
 from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
 from .statistics import fisher, permuted, share, spread
-from .trees import REAL, WHERE, column, identified, opened, statements
+from .trees import REAL, WHERE, column, gauge, identified, opened, statements
 
 CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify-few-actions.md
 _WAYS = {"chosen": False, "random": True}
@@ -64,8 +64,10 @@ def _tables(records: Sequence[Record]) -> list[Table]:
     told = "Stated probability of each attachment but part 1's."
     return [
         Table("Chosen against random actions", text, head, rows),
+        gauge("Disagreement and error", [(f"{w} actions", rs)
+                                         for w, rs in found.items()]),
         reliability("How sure, stated against true", told, statements(records)),
-    ]
+    ]  # fmt: skip
 
 
 def _right_share(records: Sequence[Record]) -> str:

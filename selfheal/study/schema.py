@@ -1,6 +1,7 @@
 """Study `schema`: paper C's lengths from seven sensor sets, and its 8 x 4 matrix."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,13 @@ from ..engine.statics import Statics
 from ..errors import InputError
 from ..robot.actions import published
 from ..robot.simulated import SimulatedRobot
+from ..selfmodel.lengths import Ask, lengths
 from ..selfmodel.loop import felt
 from ..selfmodel.schema import (
     SENSOR_SETS,
     estimate,
     lengths_plan,
     matrix_plan,
-    refined,
-    refined_plan,
     sense,
 )
 from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
@@ -29,7 +29,8 @@ from .trees import HIDDEN, REAL, WHERE, column
 # papers.md 1.3 and 2, C
 _TRUE = (0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469)
 _SWING, _HIPS = np.radians(30.0), 4
-_POSES = {"lengths": 4, "ours": 16, "matrix": 9}
+_POSES = {"lengths": 4, "matrix": 9}
+_STAGES = (6, 5, 5)  # poses that our way asks for before each estimation; chosen
 _FILE = "poses_schema.csv"
 _NEW = 100  # poses that models are asked for and were not fitted to; chosen
 _TOLD = 2.0  # [deg], by which such a pose is told apart; chosen
@@ -50,53 +51,62 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _poses(count: int, rng: np.random.Generator, *, knees: bool = False) -> Floats:
-    """(count, P) random angles of the hips, or of the knees too [rad]."""
-    moved = len(_TRUE) if knees else _HIPS
+def _poses(count: int, rng: np.random.Generator) -> Floats:
+    """(count, P) random angles of the hips [rad]."""
     targets = np.zeros((count, len(_TRUE)))
-    targets[:, :moved] = rng.uniform(-_SWING, _SWING, (count, moved))
+    targets[:, :_HIPS] = rng.uniform(-_SWING, _SWING, (count, _HIPS))
     return targets
 
 
-def _hidden(count: int, seed: int, knees: bool) -> tuple[Floats, Floats]:
-    """Poses and what a hidden robot sensed in them."""
-    targets = _poses(count, np.random.default_rng([seed, 13]), knees=knees)
+def _corners() -> Floats:
+    """(256, P) every joint at an end of paper C's range [rad].
+
+    A leg that slants more tells more of its length.
+    """
+    return np.array(list(product((-_SWING, _SWING), repeat=len(_TRUE))))
+
+
+def _hidden(targets: Floats, seed: int) -> tuple[Floats, Ask]:
+    """Poses that a hidden robot offers, and what asks it for one."""
     robot = SimulatedRobot(HIDDEN, published(), seed, offers=targets)
-    seen = [[*felt(robot.act(k)), *robot.touch(k)] for k in range(count)]
-    return targets, np.array(seen)
+    return targets, lambda k: np.array([*felt(robot.act(k)), *robot.touch(k)])
 
 
-def _real(folder: str, count: int, seed: int) -> tuple[Floats, Floats]:
-    """Some of the ten poses of the robot itself, in random order."""
+def _real(folder: str, seed: int) -> tuple[Floats, Ask]:
+    """The ten poses of the robot itself, in random order."""
     rows = np.genfromtxt(Path(folder) / _FILE, delimiter=",", skip_header=1)
-    rows = np.random.default_rng([seed, 14]).permutation(rows)[:count]
+    rows = np.random.default_rng([seed, 14]).permutation(rows)
     targets = np.zeros((len(rows), len(_TRUE)))
     targets[:, :_HIPS] = np.radians(rows[:, 1:5])
-    return targets, np.hstack([rows[:, 9:12], rows[:, 5:9]])
+    seen = np.hstack([rows[:, 9:12], rows[:, 5:9]])
+    return targets, lambda k: seen[k]
 
 
 def _play(settings: Mapping[str, Any]) -> Outcome:
-    seed, what = settings["seed"], settings["what"]
-    count = _POSES[what]
-    if settings["robot"] == REAL:
-        poses, seen = _real(settings["recordings"], count, seed)
+    seed, what, real = settings["seed"], settings["what"], settings["robot"] == REAL
+    if real:
+        offers, ask = _real(settings["recordings"], seed)
+    elif what == "ours":
+        offers, ask = _hidden(_corners(), seed)
     else:
-        poses, seen = _hidden(count, seed, what == "ours")
+        some = _poses(_POSES[what], np.random.default_rng([seed, 13]))
+        offers, ask = _hidden(some, seed)
     sensors = tuple(settings["sensors"].split("+"))
-    truth = published()
+    truth, rng = published(), np.random.default_rng([seed, 15])
     known = from_unit(truth.anatomy, np.array([_TRUE]))
-    rng = np.random.default_rng([seed, 15])
     if what == "ours":
-        plan = refined_plan(known, sensors)
-        best, error, spent = refined(truth, poses, seen, plan, rng)
-    else:
-        plan = (lengths_plan(known, sensors) if what == "lengths"
-                else matrix_plan(truth, sensors))  # fmt: skip
-        *_, (best, error, spent) = estimate(truth, poses, seen, plan, rng)
+        stages = (len(offers),) if real else _STAGES
+        best, spent = lengths(
+            known, truth, offers, ask, sensors=sensors, stages=stages, rng=rng
+        )
+        return _lengths(best, truth) | {"evaluations": spent}
+    poses = offers[: _POSES[what]]
+    seen = np.array([ask(k) for k in range(len(poses))])
+    plan = (lengths_plan(known, sensors) if what == "lengths"
+            else matrix_plan(truth, sensors))  # fmt: skip
+    *_, (best, error, spent) = estimate(truth, poses, seen, plan, rng)
     told = _lengths(best, truth) | {"fit": error, "evaluations": spent}
-    if what == "matrix":
-        told |= _tree(best, truth, seed)
-    return told
+    return told | _tree(best, truth, seed) if what == "matrix" else told
 
 
 def _lengths(model: Genomes, truth: Bodies) -> dict[str, float]:
@@ -161,9 +171,10 @@ _WAYS = {
                 "100 models, 10 generations after each of 4 poses of the hips, knees "
                 "straight."),
     "ours": ("Eight lengths, ours",
-             "16 poses of hips and knees on the hidden robot, all ten of the hips "
-             "alone on the real one; 60 models, 40 generations on all poses at once, "
-             "then least squares from the best."),
+             "16 poses on the hidden robot, chosen among the 256 with every hip and "
+             "knee at an end of paper C's range, all ten of the hips alone on the real "
+             "one; lengths and zeros of servos by crowding and least squares that "
+             "weigh each pose by what servos and sensors miss by."),
 }  # fmt: skip
 _LENGTHS = (
     "Lengths from 10 to 200 mm. Part's error: mean |length - true length|, the measure "

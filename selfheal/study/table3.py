@@ -10,8 +10,8 @@ from ..selfmodel.strategy import BUDGETS
 from .after import after
 from .calibration import Pairs, diagram, reliability
 from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
-from .statistics import fisher, permuted, ranked, share, spread
-from .trees import HIDDEN, REAL, WHERE, column, identified, opened, pooled, statements
+from .statistics import fisher, permuted, share, spread
+from .trees import HIDDEN, REAL, WHERE, column, gauge, identified, opened, statements
 
 # method -> its name in the tables, and the 2006 paper's successes of 30 and errors [cm]
 # before and after damage (overview.txt, Table 3)
@@ -120,23 +120,12 @@ def _tests(robot: str, phase: str, found: Mapping[str, list]) -> Table:
 
 def _correlations(records: Sequence[Record]) -> list[Table]:
     """Does disagreement among models tell how wrong they are?"""
-    rows = []
-    for robot in (REAL, HIDDEN):
-        for method, rs in _groups(records, robot, "before").items():
-            last = [column(rs, name) for name in ("disagreement", "error")]
-            every = [pooled(rs, name) for name in ("disagreement", "error")]
-            rows.append((WHERE[robot], _METHODS[method][0], ranked(*last),
-                         ranked(*every)))  # fmt: skip
-    if not rows:
-        return []
-    text = (
-        "Spearman's rank correlation of the models' disagreement about untried actions "
-        "and the best one's error; 2006: 0.425, p < 0.02 (n = 30) at the last cycle. "
-        "Cycles of one run are not independent of each other, so that p of the pooled "
-        "ones is too small."
-    )
-    head = ("robot", "method", "last cycle", "all cycles pooled")
-    return [Table("Disagreement and error, before damage", text, head, rows)]
+    rows = [
+        (f"{WHERE[robot]}, {_METHODS[method][0]}", rs)
+        for robot in (REAL, HIDDEN)
+        for method, rs in _groups(records, robot, "before").items()
+    ]
+    return [gauge("Disagreement and error, before damage", rows)] if rows else []
 
 
 def _told(records: Sequence[Record], robot: str) -> Pairs:
@@ -176,7 +165,9 @@ def _sure(records: Sequence[Record]) -> list[Table]:
         text = (
             "The values of each part's length that hold 90 % of belief after 16 "
             "actions, or more where one value does (they are a grid), and how often "
-            "the true length is among them."
+            "the true length is among them. Of the shortened part alone less than "
+            "stated can be true: any part is as likely beforehand, and where no action "
+            "taken tells of it, belief stays with its being whole."
         )
         head = ("robot", "method", "parts", "stated, mean", "true")
         tables.append(Table("How sure of lengths, after damage", text, head, rows))
