@@ -197,6 +197,8 @@ PLANTED = [
     ("pendulum", "actuator_lag", 0, (0.05,)),
     ("arm", "asymmetric_friction", 1, (0.05, 0.15)),
     ("pendulum", "sensor_delay", 0, (0.012,)),
+    ("arm", "cogging", 1, (0.02, 11.0, 4.0)),
+    ("pendulum", "cogging", 0, (0.2, 7.0, 1.0)),
 ]
 
 

@@ -329,6 +329,9 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
 
     points = np.array(term.starts, float).reshape(len(term.starts), -1)
     told = residuals(points)
+    if term.effect.waves and len(points) > 1:
+        points = np.clip(_best_wave(base, points, told), low, high)
+        told = residuals(points)
     if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
         rounds = 0
     settled = [base.settle(r) for r in told]
@@ -352,6 +355,32 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
             break
         jac = slopes(x, r)
     return x, r, jac, move
+
+
+def _best_wave(base: Base, points: Floats, told: Floats) -> Floats:
+    """Amplitude, frequency and phase (1, 3) that explain most if all answers linearly.
+
+    By the sine and the cosine of each frequency (Lomb 1976), fitted with all else.
+
+    Args:
+        base: the fit without it.
+        points: (2 n, 3) starts, those of a frequency a quarter turn apart.
+        told: (2 n, R) residuals with them.
+    """
+    r, jac = base.fit.residuals, base.fit.jacobian
+    best, most = points[:1], 0.0
+    for k in range(0, len(points), 2):
+        pair = (told[k : k + 2] - r).T
+        cross = jac.T @ pair
+        h = np.block([[base.curvature, cross], [cross.T, pair.T @ pair]])
+        g = np.concatenate([base.slope(r), pair.T @ r])
+        x = -np.linalg.lstsq(h, g, rcond=1e-12)[0]
+        if -g @ x > most:
+            most, (sine, cosine) = -g @ x, x[-2:]
+            phase = np.mod(points[k, 2] + np.arctan2(cosine, sine), 2 * np.pi)
+            wave = points[k, 0] * np.hypot(sine, cosine), points[k, 1], phase
+            best = np.array([wave])
+    return best
 
 
 def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:

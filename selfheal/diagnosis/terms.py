@@ -139,6 +139,7 @@ class Effect:
     rare = 0
     restates = False  # says that a number which the model states is far off
     of_before = False  # gives a command as it was when a step began
+    waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
     limits_actuators = False  # writes Moment.forcerange
 
     def terms(self, scene: "Scene") -> list[Term]:

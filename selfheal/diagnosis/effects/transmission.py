@@ -131,6 +131,7 @@ class Cogging(AtJoint):
     source = "MuJoCo actuator/dcmotor, cogging (3.7)"
     separate_by = "turn the joint slowly through its whole range"
     regime = "slow"
+    waves = True
 
     def parameters(self, scene, joint):
         scale, high = 0.1 * joint.torque, 3 * strength(scene, joint)
@@ -141,9 +142,13 @@ class Cogging(AtJoint):
         )
 
     def starts(self, scene, joint):
-        a = 0.1 * joint.torque
-        counts = (2, 4, 6, 8, 10, 12, 14, 16, 20, 24, 28, 36)
-        return tuple((a, float(n), p) for n in counts for p in (0.0, np.pi / 2))
+        # small, so that the answer is linear; so near each other that waves of two
+        # counts part by two radians within the joint's range
+        a, apart = 0.01 * joint.torque, max(1.0, 2.0 / max(joint.range, 0.05))
+        counts = np.append(
+            np.arange(2.0, 20.0, apart), np.arange(20.0, 50.0, 2 * apart)
+        )
+        return tuple((a, n, p) for n in counts.tolist() for p in (0.0, np.pi / 2))
 
     def act(self, moment, place, values):
         amplitude, poles, phase = values.T
