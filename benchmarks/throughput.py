@@ -59,7 +59,9 @@ def roll(compiled: list, targets: np.ndarray) -> None:
     import mujoco
     from mujoco import rollout
 
-    mujoco.set_mju_user_warning(lambda message: None)  # else it writes a log file
+    from selfheal.body.mjcf import ignore_warnings
+
+    ignore_warnings()
     ramp = np.minimum(np.arange(1, STEPS + 1) / (STEPS / 2), 1)[:, None]
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
 

@@ -36,14 +36,14 @@ from selfheal.diagnosis.fit import (
     step,
     try_term,
 )
-from selfheal.diagnosis.name import Named, Naming, restates
+from selfheal.diagnosis.name import Named, Naming
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
 from selfheal.diagnosis.prove import in_its_place, likeliest
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
-from selfheal.diagnosis.terms import Effect, Parameter, Term
+from selfheal.diagnosis.terms import Effect, Parameter, Term, says_anew
 from selfheal.diagnosis.windows import Windows, windows
 from selfheal.recording import read
 
@@ -252,7 +252,7 @@ def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, fac
     stated = _stated(arm)
     terms = [t for n in ("armature", "viscous_friction")
              for t in effect(n).terms(arm.scene)]  # fmt: skip
-    assert all(restates(t, stated) for t in terms)
+    assert all(says_anew(t, stated) for t in terms)
     (rotor,) = (t for t in terms if t.label == "armature at joint:elbow")
     inertia = arm.world.workshop.given.dof_armature[1] * factor
     ones = np.ones(len(stated))
@@ -271,10 +271,10 @@ def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, fac
 def test_the_steps_own_error_shrinks_with_the_step(arm):
     problem = _problem(arm)
     nothing = (), np.zeros(0)
-    whole = np.linalg.norm(problem.of_step(*nothing))
+    whole = np.linalg.norm(problem.of_step(*nothing, problem.at(*nothing)))
     world = problem.world.halved
     finer = replace(problem, world=world, windows=problem.windows.halved)
-    assert 0 < np.linalg.norm(finer.of_step(*nothing)) < 0.7 * whole
+    assert 0 < np.linalg.norm(finer.of_step(*nothing, finer.at(*nothing))) < 0.7 * whole
     assert expected(problem, fit(problem, *nothing)) > whole**2
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from selfheal.body.mjcf import ignore_warnings
 from selfheal.recording import Episode, Recording, Signal
 
 PENDULUM = """<mujoco model="pendulum">
@@ -195,7 +196,7 @@ def record(
         noise: other than the robot's.
         finer: steps of the truth in one of the model's.
     """
-    mujoco.set_mju_user_warning(nothing)
+    ignore_warnings()
     rng = np.random.default_rng(seed)
     model = mujoco.MjModel.from_xml_string(robot.xml)
     model.opt.timestep /= finer

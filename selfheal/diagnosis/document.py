@@ -45,7 +45,7 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     usual = (curvature - belief) * float(r @ r) / max(len(r) - len(a.T), 1)
     robust = slopes.T @ slopes * len(slopes) / max(len(slopes) - 1, 1)
     covers = [np.diag(inverse @ (data + belief) @ inverse) for data in (usual, robust)]
-    of_step = inverse @ (a.T @ problem.of_step(found.terms, found.values))
+    of_step = inverse @ (a.T @ problem.of_step(found.terms, found.values, r))
     out[live] = np.sqrt(np.max(covers, axis=0) + of_step**2) / scale[live]
     return out
 

@@ -314,7 +314,7 @@ def noise_of(problem: Problem) -> float:
 
 def expected(problem: Problem, found: Fit) -> float:
     """Squared residuals that the readings' noise and the time step would leave."""
-    of_step = problem.of_step(found.terms, found.values)
+    of_step = problem.of_step(found.terms, found.values, found.residuals)
     return noise_of(problem) + float(of_step @ of_step)
 
 

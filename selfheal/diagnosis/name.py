@@ -27,7 +27,7 @@ from .fit import Base, Fit, fit, looked_about, try_term
 from .problem import Problem, is_told, whitened
 from .scene import Scene
 from .screen import MANY, STEPS, Progress, fewer, screened, some_of
-from .terms import Term
+from .terms import Term, is_new, says_anew
 
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
@@ -234,7 +234,7 @@ class _Search:
         now = Scored.of(part.problem, part.fit)
         won = winner(part.problem, now, finals, independent)
         if won is None and self.is_strained:
-            anew = [t for t in open_to if restates(t, now.fit.terms)]
+            anew = [t for t in open_to if says_anew(t, now.fit.terms)]
             won = relieving(part, now, anew, self.progress)
         return won
 
@@ -364,21 +364,6 @@ def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
             break
         found = fit(problem, *found.but(*gone), rounds=2, known=found.near(*gone))
     return found
-
-
-def is_new(term: Term, kept: Sequence[Term]) -> bool:
-    """Whether a term says something new beside those kept."""
-    return not any(
-        term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
-        for t in kept
-    )
-
-
-def restates(term: Term, stated: Sequence[Term]) -> bool:
-    """Whether an effect's parameter is one that the model states."""
-    said = {target for t in stated for target in t.targets}
-    own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
-    return bool(own & said)
 
 
 def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:

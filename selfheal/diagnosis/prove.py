@@ -21,11 +21,11 @@ from .evidence import (
 )
 from .fit import CLOSE, Base, Fit, fit, looked_about, rested, try_term
 from .free_form import FreeForm
-from .name import STRAINED, Named, Naming, is_new, without
+from .name import STRAINED, Named, Naming, without
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
 from .screen import STEPS, fewer
-from .terms import Term
+from .terms import Term, is_new
 from .windows import Windows
 
 # steps of simulation in the last fit, about, and in all differences of it; chosen: a
@@ -74,11 +74,9 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     # where something touches, or is left, the cost is too rough for it
     if not problem.world.touches and above(problem, final.residuals) <= ABOVE:
         final = rested(problem, final)
-    alone = final if not naming.named else alone
-    return replace(
-        naming, problem=problem, stated=Scored.of(problem, alone),
-        final=Scored.of(problem, final),
-    )  # fmt: skip
+    whole = Scored.of(problem, final)
+    less = Scored.of(problem, alone) if naming.named else whole
+    return replace(naming, problem=problem, stated=less, final=whole)
 
 
 def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:

@@ -90,6 +90,21 @@ class Term:
         return f"{self.effect.name} at {', '.join(self.targets)}"
 
 
+def is_new(term: Term, kept: Sequence[Term]) -> bool:
+    """Whether a term says something new beside those kept."""
+    return not any(
+        term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
+        for t in kept
+    )
+
+
+def says_anew(term: Term, stated: Sequence[Term]) -> bool:
+    """Whether an effect's parameter is one that the model states."""
+    said = {target for t in stated for target in t.targets}
+    own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
+    return bool(own & said)
+
+
 @dataclass
 class Moment:
     """What an effect may read and write at one step of N simulations.
