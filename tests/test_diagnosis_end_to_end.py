@@ -1,6 +1,7 @@
 """Whole diagnoses of a pendulum that hides something, or nothing."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import mujoco
@@ -17,6 +18,7 @@ from selfheal.errors import ModelError, RecordingError, UnknownNameError
 
 PENDULUM = ROBOTS["pendulum"]
 DRY = 0.1  # [N m]
+STEP = 0.05  # [rad]
 long = partial(record, PENDULUM, episodes=6, seconds=2.0, noise=4e-3, seed=1)
 
 
@@ -56,6 +58,23 @@ def dry(model):
 def null(model):
     """Nothing missing, and parameters that are a little wrong."""
     return diagnose(model, [long(change=_within, finer=1)])
+
+
+def _rounded(recording, step: float):
+    """The same, as an encoder of so coarse a step reads it."""
+    episodes = {}
+    for key, e in recording.episodes.items():
+        coarse = {
+            name: replace(s, values=step * np.round(s.values / step))
+            for name, s in e.signals.items()
+        }
+        episodes[key] = replace(e, signals=coarse)
+    return replace(recording, episodes=episodes)
+
+
+@pytest.fixture(scope="module")
+def dry_and_rounded(model):
+    return diagnose(model, [_rounded(long(change=_dry), STEP)])
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +137,23 @@ def test_nothing_says_what_the_refit_alone_does(null):
     told = null.document["fit"]
     assert told["patched"] == told["refit"] < told["given"]
     assert told["patched"] < 1.2 * told["floor"]
+
+
+def test_a_coarse_encoder_is_named_beside_what_else_is_missing(dry_and_rounded):
+    assert dry_and_rounded.document["verdict"] == "explained"
+    assert _claimed(dry_and_rounded)[0] == ("coulomb_friction", "joint:hinge")
+    assert ("quantization", "sensor:angle") in _claimed(dry_and_rounded)
+
+
+def test_its_step_is_known_better_than_from_any_fit(dry_and_rounded):
+    (step,) = dry_and_rounded.document["findings"][-1]["parameters"]
+    assert step["low"] <= STEP <= step["high"]
+    assert step["high"] - step["low"] < 0.02 * STEP
+
+
+def test_an_encoder_finer_than_the_noise_is_no_finding(model):
+    fine = _rounded(long(change=_within, finer=1), 4e-3)
+    assert diagnose(model, [fine]).document["verdict"] == "nothing"
 
 
 def test_what_is_in_no_catalogue_gets_no_name(sticky):

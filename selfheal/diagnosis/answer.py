@@ -76,6 +76,11 @@ def _located(case: Case, naming: Naming):
     where, after = {}, _squares(problem, final.terms, final.values)
     masks = locate.regimes(world, case.scene, pieces)
     for n, named in enumerate(naming.named):
+        if named.term.effect.rounds:
+            own = {"name": named.term.places[0]["signal"], "share_of_error": 1.0,
+                   "p_value": named.evidence.p_value}  # fmt: skip
+            where[n] = {"signals": [own], "regime": "always", "windows": []}
+            continue
         less = _squares(problem, *final.but(named.term))
         where[n] = _where(case, pieces, masks, less - after)
     return located, where

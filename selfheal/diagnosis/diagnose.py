@@ -24,6 +24,7 @@ from .prove import (
     upheld,
 )
 from .result import Diagnosis
+from .rounding import with_rounding
 from .stated import stated_terms
 from .usable import check_usable
 
@@ -85,6 +86,10 @@ def diagnose(
         refuted = (*refuted, *(n.term.label for n in naming.named))
         naming, verdict = judged(bare(naming), structure)
         verdict = "unlisted" if worse else verdict
+        proof = Proof.of(case, naming)
+    smooth, naming = naming, with_rounding(naming, case.scene, catalogue().values())
+    if naming is not smooth:
+        verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
         proof = Proof.of(case, naming)
     # of single readings nothing tells the noise
     if not single and proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:

@@ -102,7 +102,8 @@ def name_effects(
     Returns:
         One hypothesis, or what both searches found, the likelier first.
     """
-    candidates = [term for effect in effects for term in effect.terms(scene)]
+    kinds = [effect for effect in effects if not effect.rounds]
+    candidates = [term for effect in kinds for term in effect.terms(scene)]
     progress("refitting what the model states", 0.0)
     problem = fewer(problem, STEPS[-1], rng)
     found = fit(problem, stated, np.ones(len(stated)))

@@ -9,7 +9,7 @@ from ..recording.data import Floats
 from .memory import Answer
 from .scene import by_column
 from .state import start_of
-from .terms import Term
+from .terms import Term, unrounded
 from .windows import Windows
 from .world import World
 
@@ -44,7 +44,7 @@ class Problem:
     def residuals(self, terms: Sequence[Term], values: Floats, **more) -> Floats:
         """(n, R) readings less prediction, in standard deviations; 0 where missing."""
         told = self.world.simulate(
-            terms, values, self.windows, centered=self.centered, **more
+            terms, unrounded(terms, values), self.windows, centered=self.centered, **more
         )
         apart = told - self.windows.readings
         apart = _aligned(apart, told, self) / self.sigma

@@ -105,6 +105,13 @@ def says_anew(term: Term, stated: Sequence[Term]) -> bool:
     return bool(own & said)
 
 
+def unrounded(terms: Sequence[Term], values: Floats) -> Floats:
+    """Values (n, P) with which no reading is rounded."""
+    each = [(t.effect.rounds, p.absent) for t in terms for p in t.parameters]
+    rounds = np.array([r for r, _ in each], bool)
+    return np.where(rounds, [absent for _, absent in each], values)
+
+
 @dataclass
 class Moment:
     """What an effect may read and write at one step of N simulations.
@@ -156,6 +163,7 @@ class Effect:
     of_before = False  # gives a command as it was when a step began
     waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
     limits_actuators = False  # writes Moment.forcerange
+    rounds = False  # its readings jump; fits are made to what they were before
 
     def terms(self, scene: "Scene") -> list[Term]:
         """Every place where it could be."""

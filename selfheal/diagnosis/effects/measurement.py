@@ -103,6 +103,7 @@ class Quantization(OfSensor):
     source = "JCGM 200:2012 (VIM), resolution"
     separate_by = "move slowly and look for a lattice of values"
     regime = "slow"
+    rounds = True
 
     def fits(self, signal):
         return signal.width == 1 and signal.lattice > 0
