@@ -3,7 +3,6 @@
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +87,7 @@ def _located(case: Case, naming: Naming):
 
 def _squares(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
     """Squared residuals (M, S) in standard deviations, summed over columns."""
-    r = replace(problem, whiten=()).at(terms, values)
+    r = problem.raw.at(terms, values)
     r = r.reshape(problem.windows.readings.shape)
     return np.stack(
         [(r[:, c.columns] ** 2).sum(axis=1) for c in problem.world.signals], axis=1

@@ -134,9 +134,12 @@ def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:
     usual = [s for s in close if not s.last.effect.rare] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
     # of those that the data cannot rank, a usual one, with the least to choose
-    return min(
-        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
-    )
+
+    def preference(s: Scored) -> tuple:
+        effect = s.last.effect
+        return effect.rare, len(s.last.parameters), not effect.is_seen, s.error
+
+    return min(near, key=preference)
 
 
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:

@@ -339,4 +339,4 @@ def reweighed(problem: Problem, found: Fit) -> Problem:
     least = np.where(np.isfinite(noise), noise, 0.0)
     sigma = np.maximum(size * problem.sigma, least)
     sigma = np.where(sigma > 0, sigma, problem.sigma)
-    return whitened(replace(problem, sigma=sigma, whiten=()), found.terms, found.values)
+    return whitened(replace(problem, sigma=sigma), found.terms, found.values)

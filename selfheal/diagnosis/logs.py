@@ -15,6 +15,7 @@ from .scene import IGNORED, Channel
 # least of samples on each side; chosen: 50 ms in all, as the contract's score has it
 HALF_WIDTH, LEAST = 0.022, 2
 REACH = 3.0  # times that, the farthest that irregular samples may lie; chosen
+INSTANT = 1e-4  # [s] over which a turn's rate is told
 LARGEST = 1e10  # of any number, in SI units: beyond it MuJoCo calls a state lost
 LONGEST = 2e7  # steps of an episode; chosen: 0.2 GB an actuator
 
@@ -188,6 +189,11 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
                 readings[:, c.columns] = _continuous(values)
     at = (time - time[0]) / step
     parabola, variance = _parabola(time, readings)
+    for c in signals:
+        if c.kind == "body_orientation":
+            parabola[:, c.columns], variance[:, c.columns] = _turning(
+                time, readings[:, c.columns]
+            )
     return Log(
         name, float(time[0]), at, readings, _means(at, episode.ctrl),
         _centered(at, episode.ctrl), parabola, np.sqrt(variance), episode.qpos0,
@@ -230,55 +236,115 @@ def neighbors(time: Floats) -> tuple[float, int]:
 
 def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:
     """Through the neighbors of each sample: coefficients (T, C, 3), variance (T, C)."""
-    gap, m = neighbors(time)
-    size, columns = readings.shape
-    coefficients = np.full((size, columns, 3), np.nan)
-    variance = np.full((size, columns), np.nan)
-    width = 2 * m + 1
-    if size < width:
+    coefficients = np.full((*readings.shape, 3), np.nan)
+    variance = np.full(readings.shape, np.nan)
+    _, m = neighbors(time)
+    if len(time) < 2 * m + 1:
         return coefficients, variance
-    middle = time[m : size - m]
-    t = sliding_window_view(time, width) - middle[:, None]
-    near = np.abs(t) <= REACH * gap * m  # what lies beyond a pause tells nothing here
-    basis = np.stack([np.ones_like(t), t, t**2], axis=-1) / np.array(
-        [1, gap * m, (gap * m) ** 2]
+    for c in range(readings.shape[1]):
+        y = sliding_window_view(readings[:, c], 2 * m + 1)
+        own, variance[:, c] = _through(time, y)
+        coefficients[:, c] = own
+        lost, source, dt = _reached(time, own)
+        a = own[source]
+        coefficients[lost, c] = np.stack([*_along(a, dt), a[:, 2]], axis=1)
+    return coefficients, variance
+
+
+def _turning(time: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
+    """As `_parabola` of an orientation (T, 4), through rotations from each sample.
+
+    Those of a body that turns evenly lie on a line, however fast it turns; quaternions
+    do not.
+    """
+    from scipy.spatial.transform import Rotation
+
+    coefficients = np.full((*quaternion.shape, 3), np.nan)
+    variance = np.full(quaternion.shape, np.nan)
+    _, m = neighbors(time)
+    known = np.isfinite(quaternion).all(axis=1)
+    if len(time) < 2 * m + 1:
+        return coefficients, variance
+    whole = np.where(known[:, None], quaternion, [1.0, 0, 0, 0])
+    near = sliding_window_view(np.arange(len(time)), 2 * m + 1)
+    width = near.shape[1]
+    origin = np.repeat(near[:, m], width)
+    turn = Rotation.from_quat(whole, scalar_first=True)
+    away = (turn[origin].inv() * turn[near.ravel()]).as_rotvec()
+    told = known[near] & known[near[:, m]][:, None]
+    away = np.where(told[..., None], away.reshape(len(near), width, 3), np.nan)
+    found = [_through(time, away[..., k]) for k in range(3)]
+    own = np.stack([a for a, _ in found], axis=1)  # (T, 3, 3)
+    each = np.stack([v for _, v in found], axis=1) / 4  # of a quaternion's vector part
+    variance[:] = np.column_stack([each.mean(axis=1), each])
+    lost, source, dt = _reached(time, own[:, 0])
+    good = np.flatnonzero(np.isfinite(own[:, 0, 0]))
+    rows, source = np.append(good, lost), np.append(good, source)
+    dt = np.append(np.zeros(len(good)), dt)
+    before, now, after = (
+        _turned(whole[source], _along(own[source], (dt + k * INSTANT)[:, None])[0])
+        for k in (-1, 0, 1)
     )
-    for c in range(columns):
-        y = sliding_window_view(readings[:, c], width)
-        known = np.isfinite(y) & near
-        good = known.sum(axis=1) >= max(4, m)
-        if not good.any():
-            continue
-        a = basis[good] * known[good][..., None]
-        y = np.where(known[good], y[good], 0.0)
-        normal = np.einsum("tki,tkj->tij", a, a) + 1e-9 * np.eye(3)
-        x = np.linalg.solve(normal, np.einsum("tki,tk->ti", a, y)[..., None])[..., 0]
-        left = y - np.einsum("tki,ti->tk", a, x)
-        free = known[good].sum(axis=1) - 3
-        rows = np.flatnonzero(good) + m
-        variance[rows, c] = (left**2).sum(axis=1) / np.maximum(free, 1)
-        coefficients[rows, c] = x / np.array([1, gap * m, (gap * m) ** 2])
-    return _reach(time, coefficients, 1.5 * gap * m), variance
+    slope = (after - before) / (2 * INSTANT)
+    bend = (after - 2 * now + before) / (2 * INSTANT**2)
+    coefficients[rows] = np.stack([now, slope, bend], axis=-1)
+    return coefficients, variance
 
 
-def _reach(time: Floats, coefficients: Floats, far: float) -> Floats:
-    """Let the nearest whole parabola speak for samples without one.
+def _turned(quaternion: Floats, by: Floats) -> Floats:
+    """Orientations (n, 4) turned by rotation vectors (n, 3) of their own frames."""
+    from scipy.spatial.transform import Rotation
 
-    Those near an episode's ends, and those around which readings are missing.
+    if not len(by):
+        return quaternion
+    start = Rotation.from_quat(quaternion, scalar_first=True)
+    turned = (start * Rotation.from_rotvec(by)).as_quat(scalar_first=True)
+    return turned * np.where((turned * quaternion).sum(axis=1) < 0, -1, 1)[:, None]
+
+
+def _through(time: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Parabolas through neighbors: coefficients (T, 3), variance (T); NaN at the ends.
 
     Args:
         time: (T) [s].
-        coefficients: (T, C, 3), written to.
-        far: how far at most [s].
+        y: (T - 2 m, 2 m + 1), the neighbors of each sample but the first and last m.
     """
-    for own in coefficients.swapaxes(0, 1):
-        whole = np.isfinite(own[:, 0])
-        good, lost = np.flatnonzero(whole), np.flatnonzero(~whole)
-        if not good.size:
-            continue
-        source = good[nearest(time[good], time[lost])]
-        dt = time[lost] - time[source]
-        close = np.abs(dt) <= far
-        lost, a, dt = lost[close], own[source[close]], dt[close]
-        own[lost] = np.stack([*_along(a, dt), a[:, 2]], axis=1)
-    return coefficients
+    gap, m = neighbors(time)
+    coefficients, variance = np.full((len(time), 3), np.nan), np.full(len(time), np.nan)
+    t = sliding_window_view(time, 2 * m + 1) - time[m : len(time) - m, None]
+    near = np.abs(t) <= REACH * gap * m  # what lies beyond a pause tells nothing here
+    scale = np.array([1, gap * m, (gap * m) ** 2])
+    known = np.isfinite(y) & near
+    good = known.sum(axis=1) >= max(4, m)
+    if not good.any():
+        return coefficients, variance
+    basis = np.stack([np.ones_like(t), t, t**2], axis=-1) / scale
+    a = basis[good] * known[good][..., None]
+    y = np.where(known[good], y[good], 0.0)
+    normal = np.einsum("tki,tkj->tij", a, a) + 1e-9 * np.eye(3)
+    x = np.linalg.solve(normal, np.einsum("tki,tk->ti", a, y)[..., None])[..., 0]
+    left = y - np.einsum("tki,ti->tk", a, x)
+    free = known[good].sum(axis=1) - 3
+    rows = np.flatnonzero(good) + m
+    variance[rows] = (left**2).sum(axis=1) / np.maximum(free, 1)
+    coefficients[rows] = x / scale
+    return coefficients, variance
+
+
+def _reached(time: Floats, own: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:
+    """Samples without a parabola (T, 3) for which the nearest whole one may speak.
+
+    Those near an episode's ends, and those around which readings are missing.
+
+    Returns:
+        Which (n), the nearest one with a parabola (n), and how far it is (n) [s].
+    """
+    gap, m = neighbors(time)
+    whole = np.isfinite(own[:, 0])
+    good, lost = np.flatnonzero(whole), np.flatnonzero(~whole)
+    if not good.size:
+        return lost[:0], lost[:0], np.zeros(0)
+    source = good[nearest(time[good], time[lost])]
+    dt = time[lost] - time[source]
+    close = np.abs(dt) <= 1.5 * gap * m
+    return lost[close], source[close], dt[close]

@@ -313,7 +313,7 @@ class _Search:
     def beats(self, other: "_Search") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
         sigma = for_score(self.problem, self.now.fit)
-        problem = replace(self.problem, sigma=sigma, whiten=())
+        problem = replace(self.problem, sigma=sigma)
         problem = whitened(problem, self.now.fit.terms, self.now.fit.values)
         mine, theirs = (
             scored(problem, s.now.fit.terms, s.now.fit.values, rounds=2)

@@ -15,6 +15,9 @@ from .world import World
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
+# rounds in which starts are sought, the shares of a step tried at once, and of the
+# squared residuals what a step of starts may leave that is not linear; chosen
+SOUGHT, SHORTER, BENT = 5, (1.0, 0.5, 0.2), 0.01
 GROWS = 2.0  # times what it causes in a shorter piece; chosen
 
 
@@ -27,6 +30,8 @@ class Problem:
         windows: the pieces.
         sigma: (C) of each column's residual [its unit].
         whiten: of each window, what its uncertain start explains: (R_w, k), (k).
+        shift: (W, 2 nv) of the states that were read, where the windows begin; None: 0.
+        pull: (R) what the shift alone makes of the residuals, as far as it is linear.
         centered: as `World.simulate` has it.
     """
 
@@ -34,6 +39,8 @@ class Problem:
     windows: Windows
     sigma: Floats
     whiten: Sequence[tuple[Floats, Floats]] = field(default_factory=tuple)
+    shift: Floats | None = None
+    pull: Floats | None = None
     centered: bool = True
 
     @property
@@ -41,10 +48,19 @@ class Problem:
         """(R) window of each residual."""
         return np.repeat(self.windows.window, self.windows.readings.shape[1])
 
-    def residuals(self, terms: Sequence[Term], values: Floats, **more) -> Floats:
-        """(n, R) readings less prediction, in standard deviations; 0 where missing."""
+    def residuals(
+        self, terms: Sequence[Term], values: Floats, kick: Floats | None = None
+    ) -> Floats:
+        """(n, R) readings less prediction, in standard deviations; 0 where missing.
+
+        `kick`: (n, W, 2 nv) added to the starts.
+        """
+        values = unrounded(terms, values)
+        if self.shift is not None:
+            more = np.zeros((len(values), 1, 1)) if kick is None else kick
+            kick = self.shift + more
         told = self.world.simulate(
-            terms, unrounded(terms, values), self.windows, centered=self.centered, **more
+            terms, values, self.windows, kick=kick, centered=self.centered
         )
         apart = told - self.windows.readings
         apart = _aligned(apart, told, self) / self.sigma
@@ -52,13 +68,14 @@ class Problem:
         lost = ~np.isfinite(apart)
         apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
         flat = np.where(known, apart, 0.0).reshape(len(told), -1)
-        return self._whitened(flat)
+        return self._whitened(flat if self.pull is None else flat - self.pull)
 
     def at(self, terms: Sequence[Term], values: Floats) -> Floats:
         """(R) residuals of one hypothesis."""
         return self.residuals(terms, values[None])[0]
 
     def _whitened(self, flat: Floats) -> Floats:
+        """Without what starts explain (Gauss-Newton, starts eliminated)."""
         if self.whiten:
             edges = np.searchsorted(self.window_of, np.arange(len(self.windows) + 1))
             for i, (u, shrink) in enumerate(self.whiten):
@@ -90,7 +107,8 @@ class Problem:
 
         windows, counted = self.windows, self.world.counted
         own = (windows.log, windows.start, windows.steps, windows.window, windows.at,
-               self.sigma, list(self.whiten), self.centered)  # fmt: skip
+               self.sigma, list(self.whiten), self.shift, self.pull,
+               self.centered)  # fmt: skip
         before = counted[0]
         *answer, simulated = self.world.memory.recall((*own, *question), counting)
         counted[0] = before + int(simulated)
@@ -108,7 +126,19 @@ class Problem:
     def take(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
         whiten = tuple(self.whiten[i] for i in chosen) if self.whiten else ()
-        return replace(self, windows=self.windows.take(chosen), whiten=whiten)
+        shift, pull = self.shift, self.pull
+        if shift is not None:
+            shift = shift[chosen]
+        if pull is not None:
+            pull = pull.reshape(self.windows.readings.shape)
+            pull = pull[self.windows.rows(chosen)].ravel()
+        windows = self.windows.take(chosen)
+        return replace(self, windows=windows, whiten=whiten, shift=shift, pull=pull)
+
+    @property
+    def raw(self) -> "Problem":
+        """The same, in which what starts could explain counts in full."""
+        return replace(self, whiten=(), pull=None)
 
     def by_window(self, values: Floats) -> Floats:
         """Sum of (R) values over each window (W)."""
@@ -165,14 +195,77 @@ def _moved_by_starts(problem: Problem, terms: Sequence[Term], values: Floats) ->
 
 
 def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
-    """The same problem, in which what an uncertain start could cause costs less."""
-    kick = start_errors(problem.world, problem.windows)
-    plain = replace(problem, whiten=())
-    told = plain.residuals(terms, np.tile(values, (len(kick), 1)), kick=kick)
-    moved = (told[1:] - told[0]).T  # (R, 2 nv), of one standard deviation each
-    edges = np.searchsorted(plain.window_of, np.arange(len(problem.windows) + 1))
-    out = []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        u, s, _ = np.linalg.svd(moved[a:b], full_matrices=False)
-        out.append((u, 1 - 1 / np.sqrt(1 + s**2)))
-    return replace(problem, whiten=tuple(out))
+    """The same problem, in which what an uncertain start could cause costs less.
+
+    Starts are eliminated from the least squares, each believed to be as read but for
+    its error. After an impact what they cause is not linear: there they are first moved
+    to where, with these values, they are likeliest (Bock 1983, multiple shooting).
+    """
+    std = start_errors(problem.world, problem.windows).sum(axis=0)
+    plain = replace(problem.raw, shift=None)
+    off = np.zeros_like(std) if problem.shift is None else problem.shift / std
+    told = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
+    active = np.arange(len(off))
+    for last in range(SOUGHT + 1):
+        found = _answers(plain.take(active), terms, values, off[active], std[active])
+        for w, one in zip(active, found, strict=True):
+            told[w] = one
+        if last == SOUGHT or problem.windows.is_single:
+            break
+        best = np.array([_likeliest(*told[w], off[w]) for w in active])
+        steps = np.array(SHORTER)[:, None, None] * (best - off[active])
+        part, more = plain.take(active), (off[active] + steps) * std[active]
+        after = part.residuals(terms, np.tile(values, (len(more), 1)), more)
+        costs = np.array([part.by_window(x**2) for x in after])
+        costs += ((off[active] + steps) ** 2).sum(axis=2)
+        before = np.array([told[w][0] @ told[w][0] + off[w] @ off[w] for w in active])
+        linear = np.concatenate(
+            [
+                told[w][0] + told[w][1] @ move
+                for w, move in zip(active, steps[0], strict=True)
+            ]
+        )
+        wrong = part.by_window((after[0] - linear) ** 2)
+        which = costs.argmin(axis=0)
+        each = np.arange(len(active))
+        moves = (wrong > BENT * before.mean()) & (costs[which, each] < before)
+        off[active[moves]] += steps[which, each][moves]
+        active = active[moves]
+        if not len(active):
+            break
+    whiten = []
+    for _, moved in told:
+        u, s, _ = np.linalg.svd(moved, full_matrices=False)
+        whiten.append((u, 1 - 1 / np.sqrt(1 + s**2)))
+    plain = replace(plain, whiten=tuple(whiten))
+    if not off.any():
+        return plain
+    pull = [moved @ o for (_, moved), o in zip(told, off, strict=True)]
+    return replace(plain, shift=off * std, pull=np.concatenate(pull))
+
+
+def _answers(
+    problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
+) -> list[tuple[Floats, Floats]]:
+    """Of each window: residuals (R_w), and what one error of each state adds to them.
+
+    Args:
+        problem: without what starts explain.
+        terms: of one hypothesis.
+        values: (P) of it.
+        off: (W, 2 nv) of the starts, in their errors.
+        std: (W, 2 nv) errors of what was read.
+    """
+    count, width = off.shape
+    each = np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
+    rows = np.tile(values, (len(each), 1))
+    told = problem.residuals(terms, rows, (off + each) * std)
+    edges = np.searchsorted(problem.window_of, np.arange(1, count))
+    parts = np.split(told, edges, axis=1)
+    return [(part[0], (part[1:] - part[0]).T) for part in parts]
+
+
+def _likeliest(r: Floats, moved: Floats, off: Floats) -> Floats:
+    """A window's start, if all were linear; arguments as in `_answers`."""
+    curvature = np.eye(len(off)) + moved.T @ moved
+    return np.linalg.solve(curvature, moved.T @ (moved @ off - r))

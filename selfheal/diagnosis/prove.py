@@ -227,7 +227,7 @@ def stepped(problem: Problem, found: Fit) -> Fit:
     What a user sees who replays the model: half a step early, and damped otherwise
     than in continuous time. A fit in continuous time gives the effects' truth.
     """
-    plain = replace(problem, centered=False, whiten=())
+    plain = replace(problem.raw, centered=False)
     plain = whitened(plain, found.terms, found.values)
     fixed = [
         t if t.effect.name == "stated" else _fixed(t, v)

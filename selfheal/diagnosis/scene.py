@@ -223,6 +223,24 @@ def along(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
     return (far / length, length) if length > 1e-6 else (np.array([1.0, 0, 0]), 0.0)
 
 
+def extent(model: "mujoco.MjModel", body: int) -> Floats:
+    """How far (3) [m] a body's boxes and children reach along each axis of its frame.
+
+    A mesh keeps its size.
+    """
+    import mujoco
+
+    kinds = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+    far = [np.abs(model.body_pos[c]) for c in _children(model, body)]
+    for geom in np.flatnonzero(model.geom_bodyid == body):
+        if int(model.geom_type[geom]) in map(int, kinds):
+            turn = np.empty(9)
+            mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+            half = np.abs(turn.reshape(3, 3)) @ model.geom_size[geom]
+            far.append(np.abs(model.geom_pos[geom]) + half)
+    return np.max(far, axis=0) if far else np.zeros(3)
+
+
 def _children(model, body: int):
     return [c for c in np.flatnonzero(model.body_parentid == body) if c != body]
 

@@ -1,22 +1,25 @@
 """What the model states and a careful user would let a fit change (contract 2)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from .effects.body import stretch
-from .scene import Scene
+from .scene import Moving, Scene, along, extent
 from .terms import Effect, Floats, Parameter, Term
 
 MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
+SIDES = ("size_x", "size_y", "size_z")
+LONG = 0.3  # of a body's extent, the distance to its end that makes it a link; chosen
 LOOSE = 0.9  # of what is allowed: an interval as wide says nothing; chosen
 
 
 def reach(parameter: str) -> float:
     """How far a stated value may move, relative to itself ("joint:knee/damping")."""
     field = parameter.rpartition("/")[2]
-    return {"mass": MASS, "inertia": MASS, "length": LENGTH}.get(field, REST)
+    lengths = dict.fromkeys(("length", *SIDES), LENGTH)
+    return {"mass": MASS, "inertia": MASS, **lengths}.get(field, REST)
 
 
 def is_loose(entry: Mapping[str, Any]) -> bool:
@@ -93,7 +96,7 @@ def _time(model, place, factor):
 
 
 def _length(model, place, factor):
-    stretch(model, place["at"], factor)
+    stretch(model, place["at"], place["axis"], factor)
 
 
 def _friction(model, place, factor):
@@ -122,11 +125,28 @@ def _of_bodies(scene: Scene) -> list[Term]:
             _term(_field("body_inertia"), f"{name}/inertia", MASS, inertia, "kg m^2",
                   at=body.id)
         )  # fmt: skip
-        if body.length > 0:
+        for word, axis, length in _lengths(scene, body):
             found.append(
-                _term(_length, f"{name}/length", LENGTH, body.length, "m", at=body.id)
-            )
+                _term(_length, f"{name}/{word}", LENGTH, length, "m", at=body.id,
+                      axis=axis)
+            )  # fmt: skip
     return found
+
+
+def _lengths(scene: Scene, body: Moving) -> Iterator[tuple[str, Floats, float]]:
+    """Names, axes (3) and values [m] of the lengths that a body has.
+
+    A link has one. A box has three, that matter where something touches it or hangs on
+    it.
+    """
+    if body.length > LONG * body.size:
+        axis, length = along(scene.model, body.id)
+        yield "length", axis, length
+    elif scene.touches or body.id in scene.model.body_parentid:
+        sides = extent(scene.model, body.id)
+        for word, axis, side in zip(SIDES, np.eye(3), sides, strict=True):
+            if side > 0:
+                yield word, axis, float(side)
 
 
 def _of_joints(scene: Scene) -> list[Term]:

@@ -163,6 +163,7 @@ class Effect:
     of_before = False  # gives a command as it was when a step began
     waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
     limits_actuators = False  # writes Moment.forcerange
+    is_seen = False  # readings show just that, without a size that might do it
     rounds = False  # its readings jump; fits are made to what they were before
 
     def terms(self, scene: "Scene") -> list[Term]:

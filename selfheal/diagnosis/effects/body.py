@@ -178,12 +178,12 @@ class LinkLength(AtBody):
         return body.length > 0
 
     def edit(self, model, place, values):
-        stretch(model, place["body"], values[0] / along(model, place["body"])[1])
+        axis, length = along(model, place["body"])
+        stretch(model, place["body"], axis, values[0] / length)
 
 
-def stretch(model, body: int, ratio: float) -> None:
-    """Scale what a body holds, and where its children hang, along its own length."""
-    axis, _ = along(model, body)
+def stretch(model, body: int, axis: Floats, ratio: float) -> None:
+    """Scale what a body holds, and where its children hang, along an axis (3) of it."""
     grow = np.eye(3) + (ratio - 1) * np.outer(axis, axis)
     inertia = spatial(model, body)
     moments = grow @ (np.trace(inertia) / 2 * np.eye(3) - inertia) @ grow
@@ -302,6 +302,7 @@ class JointJam(Effect):
     equation = "q = angle"
     source = "Bongard, Lipson 2005: damage"
     separate_by = "command the joint"
+    is_seen = True
 
     def terms(self, scene):
         """At every joint that was not seen to move."""
