@@ -76,7 +76,7 @@ def winner(
     ]
     if not good:
         return None
-    best = _likeliest(problem, sorted(good, key=lambda s: s.error))
+    best = _likeliest(problem, now, sorted(good, key=lambda s: s.error))
     others = [s for s in good if s is not best]
     also = [s for s in others if as_good(problem, s, best, 2.0)]
     evidence = Evidence(
@@ -126,20 +126,20 @@ def relieving(
     return best, Claim(sure, rivals, rivals)
 
 
-def _likeliest(problem: Problem, good: Sequence[Scored]) -> Scored:
+def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
     """Of candidates, the best first, the one that gets the name."""
+    for s in good:
+        if s.last.effect.is_seen(s.last) and s.error < MOSTLY * now.error:
+            return s
     if problem.windows.is_single:
         return max(good, key=partial(economy, problem))
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not s.last.effect.rare] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
     # of those that the data cannot rank, a usual one, with the least to choose
-
-    def preference(s: Scored) -> tuple:
-        effect = s.last.effect
-        return effect.rare, len(s.last.parameters), not effect.is_seen, s.error
-
-    return min(near, key=preference)
+    return min(
+        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
+    )
 
 
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:

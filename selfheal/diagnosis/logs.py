@@ -262,7 +262,7 @@ def _turning(time: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
     coefficients = np.full((*quaternion.shape, 3), np.nan)
     variance = np.full(quaternion.shape, np.nan)
     _, m = neighbors(time)
-    known = np.isfinite(quaternion).all(axis=1)
+    known = np.asarray(np.isfinite(quaternion).all(axis=1))
     if len(time) < 2 * m + 1:
         return coefficients, variance
     whole = np.where(known[:, None], quaternion, [1.0, 0, 0, 0])

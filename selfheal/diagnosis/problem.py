@@ -268,4 +268,4 @@ def _answers(
 def _likeliest(r: Floats, moved: Floats, off: Floats) -> Floats:
     """A window's start, if all were linear; arguments as in `_answers`."""
     curvature = np.eye(len(off)) + moved.T @ moved
-    return np.linalg.solve(curvature, moved.T @ (moved @ off - r))
+    return np.asarray(np.linalg.solve(curvature, moved.T @ (moved @ off - r)))

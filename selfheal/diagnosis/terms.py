@@ -163,7 +163,6 @@ class Effect:
     of_before = False  # gives a command as it was when a step began
     waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
     limits_actuators = False  # writes Moment.forcerange
-    is_seen = False  # readings show just that, without a size that might do it
     rounds = False  # its readings jump; fits are made to what they were before
 
     def terms(self, scene: "Scene") -> list[Term]:
@@ -173,6 +172,10 @@ class Effect:
     def is_usual(self, term: Term) -> bool:
         """Whether most robots have some of it there, whatever else is missing."""
         return self.common and len(term.targets) == 1
+
+    def is_seen(self, term: Term) -> bool:
+        """Whether readings show just that, and not only what some size of it does."""
+        return False
 
     def edit(self, model: "mujoco.MjModel", place, values: Floats) -> None:
         """Change a compiled model; values (p)."""

@@ -6,6 +6,8 @@ from ..scene import Scene, along
 from ..terms import Effect, Floats, Parameter, Term
 from .actuator import least_inertia
 
+HEAVY = 1000.0  # times a joint's inertia, the rotor of one that is stuck; chosen
+STILL = 1.5  # times a reading's noise, the spread of one that tells no motion; chosen
 LEFT = 1e-3  # of a lost limb's mass and inertia; chosen: nothing, and it still steps
 
 
@@ -295,6 +297,13 @@ class LimbLoss(AtBody):
             model.geom_conaffinity[geoms] = 0
 
 
+def _is_still(scene: Scene, joint: str) -> bool:
+    """Whether a joint's readings are one angle and noise."""
+    kind = "joint_position"
+    own = [c for c in scene.signals if (c.kind, c.target) == (kind, joint)]
+    return any(c.spread < STILL * c.noise[0] for c in own)
+
+
 class JointJam(Effect):
     name = "joint_jam"
     group = "body"
@@ -302,7 +311,6 @@ class JointJam(Effect):
     equation = "q = angle"
     source = "Bongard, Lipson 2005: damage"
     separate_by = "command the joint"
-    is_seen = True
 
     def terms(self, scene):
         """At every joint that was not seen to move."""
@@ -310,7 +318,8 @@ class JointJam(Effect):
             Term(
                 self,
                 (f"joint:{joint.name}",),
-                ({"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia},),
+                ({"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia,
+                  "still": _is_still(scene, joint.name)},),
                 (
                     Parameter(
                         "angle", joint.unit, joint.middle, joint.middle - joint.range,
@@ -323,9 +332,15 @@ class JointJam(Effect):
             if joint.range < 0.1 or not joint.measured
         ]  # fmt: skip
 
+    def is_seen(self, term):
+        """Where readings are one angle and noise, as a huge friction would have it."""
+        return term.places[0]["still"]
+
     def edit(self, model, place, values):
-        # a spring of 20 ms period or so, critically damped, that a step can carry
-        rate = min(300.0, 1 / model.opt.timestep)
-        model.jnt_stiffness[place["joint"]] = place["inertia"] * rate**2
+        # a spring of 20 ms period or so, critically damped, that a step can carry, and
+        # so heavy a rotor that no torque of the robot bends it
+        rate, inertia = min(300.0, 1 / model.opt.timestep), HEAVY * place["inertia"]
+        model.dof_armature[place["dof"]] = inertia
+        model.jnt_stiffness[place["joint"]] = inertia * rate**2
         model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[0]
-        model.dof_damping[place["dof"]] = 2 * place["inertia"] * rate
+        model.dof_damping[place["dof"]] = 2 * inertia * rate
