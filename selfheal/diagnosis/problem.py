@@ -108,7 +108,12 @@ class Problem:
     def take(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
         whiten = tuple(self.whiten[i] for i in chosen) if self.whiten else ()
-        return replace(self, windows=self.windows.take(chosen), whiten=whiten)
+        # the same ones each time: what is held of them is found again
+        kept = self.world.held.setdefault(self.windows, {})
+        key = np.asarray(chosen).tobytes()
+        if key not in kept:
+            kept[key] = self.windows.take(chosen)
+        return replace(self, windows=kept[key], whiten=whiten)
 
     def by_window(self, values: Floats) -> Floats:
         """Sum of (R) values over each window (W)."""
