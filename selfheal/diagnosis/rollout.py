@@ -86,7 +86,8 @@ def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Flo
     plant = those.plant
     steps = commands.shape[1]
     rows = np.arange(len(commands))
-    batch = _batch(those, rows, start, len(os.sched_getaffinity(0)), alone=True)
+    threads = min(len(rows), len(os.sched_getaffinity(0)))
+    batch = _batch(those, rows, start, threads, alone=True)
     fields = sorted({"qpos", "qvel", *sensors.needs})
     first_velocity = start[1]
     if those.centered:
@@ -127,6 +128,8 @@ def _stepped(
             begin[rows], sensors, step, (rows, start) if those.centered else None,
         )  # fmt: skip
 
+    if len(groups) == 1:
+        return told(groups[0])
     with ThreadPoolExecutor(len(groups)) as pool:
         return np.concatenate(list(pool.map(told, groups)))
 

@@ -273,14 +273,11 @@ class States:
         for term in self.terms:
             for place in term.places:
                 if term.effect.name == "integral_action":
-                    total = np.zeros(len(windows))
-                    for log in np.unique(windows.log[windows.start > 0]):
-                        rows = np.flatnonzero(windows.log == log)
-                        past = _error_sum(world, world.logs[log], place)
-                        total[rows] = past[
-                            np.minimum(windows.start[rows], len(past) - 1)
-                        ]
-                    out[place["actuator"]] = np.tile(total, n)
+                    kept = world.held.setdefault(windows, {})
+                    key = "sum", place["actuator"]
+                    if key not in kept:
+                        kept[key] = _error_sums(world, windows, place)
+                    out[place["actuator"]] = np.tile(kept[key], n)
         return out
 
 
@@ -336,6 +333,16 @@ def filtered(model, ctrl: Floats, step: float) -> Floats:
             out[k, first] = now
             now = ctrl[k, a] + (now - ctrl[k, a]) * keep
     return out
+
+
+def _error_sums(world, windows, place) -> Floats:
+    """Summed error (W) of a servo where windows begin."""
+    total = np.zeros(len(windows))
+    for log in np.unique(windows.log[windows.start > 0]):
+        rows = np.flatnonzero(windows.log == log)
+        past = _error_sum(world, world.logs[log], place)
+        total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
+    return total
 
 
 def _error_sum(world, log, place) -> Floats:

@@ -228,7 +228,8 @@ class World:
         out = np.empty((n, len(windows), len(steps), self.workshop.given.nu))
         for i in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == i)
-            grid = self.command(terms, shares, self.logs[i], centered, mean)
+            log = self.logs[i].until(int(windows.start[rows].max()) + len(steps) + 1)
+            grid = self.command(terms, shares, log, centered, mean)
             at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
             out[:, rows] = grid[:, at]
         return out
