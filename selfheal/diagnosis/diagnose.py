@@ -15,6 +15,7 @@ from .problem import Problem
 from .prove import (
     Proof,
     bare,
+    in_question,
     judged,
     likeliest,
     outlasting,
@@ -70,7 +71,7 @@ def diagnose(
         rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
     say("fitting everything once more", 0.0)
-    namings = [polished(case, n) for n in namings]
+    namings = [polished(case, n) for n in in_question(case, namings)]
     say("testing what was found on the held-out episodes", 0.0)
     naming, refuted = likeliest(case, [upheld(case, n) for n in namings])
     say("looking for what has no name", 0.0)

@@ -21,7 +21,9 @@ STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 # a step stays in the neighborhood that gains less than this share of the cost, or after
 # which the Jacobian was wrong by less than this share of what is left; chosen
 NEAR, WRONG = 0.02, 0.01
-DAMPING = (1e-4, 1e-2, 1.0, 30.0)  # tried at once, of each curvature
+# of each curvature: the first is tried alone, the others where it gains less than this
+# share of what it promised; a promise of less than this share of the cost is not tried
+DAMPING, KEPT, TRIFLE = (1e-4, 1e-2, 1.0, 30.0), 0.75, 1e-3
 # of `rested`: steps at most, what it moves values by for slopes [of their scale], and
 # the gain [squared residuals] worth a step; chosen: a fifth of a standard deviation
 RESTS, FINE, WORTH = 3, 5e-4, 0.05
@@ -138,7 +140,7 @@ def fit(
 ) -> Fit:  # fmt: skip
     """Values of the terms' parameters, within their bounds, that fit best.
 
-    Gauss-Newton with several dampings tried at once (Levenberg 1944, Marquardt 1963).
+    Gauss-Newton with several dampings (Levenberg 1944, Marquardt 1963).
 
     Args:
         problem: whose residuals shrink.
@@ -163,18 +165,25 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
     jac = jacobian(problem, terms, x, r) if known is None else known
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-        tries = x + np.array([step(h, g, low - x, high - x, scale, d) for d in DAMPING])
-        told = problem.residuals(terms, tries)
-        costs = (told**2).sum(axis=1) + (weights * (tries - 1) ** 2).sum(axis=1)
-        best = int(costs.argmin())
-        before = float(r @ r + weights @ (x - 1) ** 2)
-        if costs[best] >= before and known is not None:
+        cost = before = float(r @ r + weights @ (x - 1) ** 2)
+        point, there = x, r
+        for dampings in DAMPING[:1], DAMPING[1:]:
+            moves = [step(h, g, low - x, high - x, scale, d) for d in dampings]
+            promised = -max((2 * g + h @ m) @ m for m in moves)
+            told = problem.residuals(terms, x + np.array(moves))
+            for move, new in zip(moves, told, strict=True):
+                new_cost = float(new @ new + weights @ (x + move - 1) ** 2)
+                if new_cost < cost:
+                    cost, point, there = new_cost, x + move, new
+            if before - cost > KEPT * promised:
+                break
+        if cost >= before and known is not None:
             jac, known = jacobian(problem, terms, x, r), None
             continue
-        if costs[best] >= before:
+        if cost >= before:
             break
-        move, change = tries[best] - x, told[best] - r
-        x, r, gained = tries[best], told[best], before - float(costs[best])
+        move, change = point - x, there - r
+        x, r, gained = point, there, before - cost
         wrong = change - jac @ move
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = _secant(jac, move, change, scale)
@@ -339,21 +348,33 @@ def _tried(base: Base, term: Term, rounds: int) -> Answer:
     x, r, (cost, move) = points[best], told[best], settled[best]
     jac = slopes(x, r) if rounds else np.zeros((len(r), len(x)))
     for _ in range(rounds if len(x) else 0):
-        tries = x + np.array([
-            _joint_step(base, jac, r, x, low, high, scale, d) for d in DAMPING
-        ])  # fmt: skip
-        told = residuals(tries)
-        settled = [base.settle(t) for t in told]
-        best = int(np.argmin([c for c, _ in settled]))
-        before = cost
-        if settled[best][0] >= before * (1 - 1e-6):
+        before, point, there = cost, x, r
+        for dampings in DAMPING[:1], DAMPING[1:]:
+            steps = [
+                _joint_step(base, jac, r, x, low, high, scale, d) for d in dampings
+            ]
+            promised = before - steps[0][0]
+            if promised < TRIFLE * before:
+                break
+            told = residuals(x + np.array([m for _, m in steps]))
+            for (_, own), new in zip(steps, told, strict=True):
+                new_cost, others = base.settle(new)
+                if new_cost < cost:
+                    cost, move, point, there = new_cost, others, x + own, new
+            if before - cost > KEPT * promised:
+                break
+        if cost >= before * (1 - 1e-6):
             break
-        moved, change = tries[best] - x, told[best] - r
-        x, r, (cost, move) = tries[best], told[best], settled[best]
+        moved, change = point - x, there - r
+        x, r = point, there
         if rounds == 1 or before - cost < 2e-3 * before:
             jac = _secant(jac, moved, change, scale)
             break
-        jac = slopes(x, r)
+        wrong = change - jac @ moved
+        if wrong @ wrong < WRONG * (r @ r):
+            jac = _secant(jac, moved, change, scale)
+        else:
+            jac = slopes(x, r)
     return x, r, jac, move
 
 
@@ -383,8 +404,8 @@ def _best_wave(base: Base, points: Floats, told: Floats) -> Floats:
     return best
 
 
-def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:
-    """Move of a term's values if all others move with it."""
+def _joint_step(base: Base, jac, r, x, low, high, scale, damping):
+    """The cost that a move of all values promises, and the move of the term's own."""
     all_low, all_high, all_scale = bounds(base.fit.terms)
     cross = base.fit.jacobian.T @ jac
     h = np.block([[base.curvature, cross], [cross.T, jac.T @ jac]])
@@ -395,4 +416,5 @@ def _joint_step(base: Base, jac, r, x, low, high, scale, damping) -> Floats:
         np.concatenate([all_high - base.fit.values, high - x]),
         np.concatenate([all_scale, scale]), damping,
     )  # fmt: skip
-    return move[len(base.fit.values) :]
+    cost = r @ r + base.weights @ (base.fit.values - 1) ** 2
+    return float(cost + (2 * g + h @ move) @ move), move[len(base.fit.values) :]

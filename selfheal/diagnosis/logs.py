@@ -1,7 +1,7 @@
 """Recordings made ready to be compared: takes episodes, gives arrays on a grid."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -52,6 +52,10 @@ class Log:
         """Value and slope (..., C) of all channels at times `at` [steps]."""
         near = nearest(self.at, at)
         return _along(self.parabola[near], ((at - self.at[near]) * step)[..., None])
+
+    def until(self, step: int) -> "Log":
+        """The same with the commands of no more than so many steps."""
+        return replace(self, ctrl=self.ctrl[:step], centered=self.centered[:step])
 
 
 def _along(a: Floats, dt: Floats) -> tuple[Floats, Floats]:

@@ -120,7 +120,7 @@ def name_effects(
         start, claims=dict(search.claims), first=search.first, candidates=likely
     )
     longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
-    if not other.with_all_usual(longer):
+    if not other.with_all_usual(longer, {t.key for t in search.named}):
         return [search.ended()]
     both = (other, search) if other.beats(search) else (search, other)
     return [s.ended() for s in both]
@@ -249,6 +249,14 @@ class _Search:
         near = best.fit.jacobian if same else None
         found = fit(self.problem, best.fit.terms, best.fit.values, rounds=6, known=near)
         self.problem, self.now = _weighed_anew(self.problem, found, 4)
+        return self._undo()
+
+    def _undo(self) -> list[Term]:
+        """Let what is needless go, and what is better explained change its name.
+
+        Returns:
+            What went.
+        """
         gone: list[Term] = []
         while len(self.named) > 1:
             tries = []
@@ -269,11 +277,12 @@ class _Search:
                 self.now = _swapped(self.problem, self.now, term, others)
         return gone
 
-    def with_all_usual(self, longer: Problem) -> bool:
+    def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
         """Begin from all usual effects at once, in longer pieces if the starts allow.
 
         Returns:
-            False where that is no other search than one from nothing.
+            False where that is no other search than one from nothing, or than the
+            one that found the names `first`.
         """
         usual = [t for t in self.candidates if t.effect.is_usual(t)]
         if not usual:
@@ -289,9 +298,9 @@ class _Search:
             found = fit(self.problem, terms, found.values, rounds=8)
         found = _pruned(self.problem, found, self.stated)
         self.problem, self.now = _weighed_anew(self.problem, found, 4)
-        self._look_back(self.now)
+        self._undo()
         self._doubt(len(usual))
-        if not (self.named or told):
+        if not told and {t.key for t in self.named} in (set(), first):
             return False
         self.forward()
         return True

@@ -64,14 +64,31 @@ class Plant:
 
     def variant(self, terms: Sequence[Term], values: Floats) -> "mujoco.MjModel":
         """The model in which the terms, with all their values in a row, are true."""
+        return self.variants(terms, values[None])[0]
+
+    def variants(self, terms: Sequence[Term], values: Floats) -> list["mujoco.MjModel"]:
+        """The same of several rows of values (n, P)."""
         import mujoco
 
-        model = copy.copy(self.model)
-        for term, part in zip(terms, parts(terms, values), strict=True):
+        shares = parts(terms, values)
+        alike = [bool((s == s[0]).all()) for s in shares]
+        same = alike.index(False) if False in alike else len(terms)
+        base = self._edited(self.model, terms[:same], [s[0] for s in shares[:same]])
+        models = [
+            self._edited(base, terms[same:], own)
+            for own in ([s[i] for s in shares[same:]] for i in range(len(values)))
+        ]
+        for model in models:
+            mujoco.mj_setConst(model, self.scratch)
+        return models
+
+    def _edited(self, model, terms: Sequence[Term], shares: Sequence[Floats]):
+        """A copy of a model in which terms, each with its values, are true."""
+        model = copy.copy(model)
+        for term, part in zip(terms, shares, strict=True):
             if does(term.effect, "edit"):
                 for place in term.places:
                     term.effect.edit(model, self.place(place), part)
-        mujoco.mj_setConst(model, self.scratch)
         return model
 
     @cached_property
@@ -80,6 +97,22 @@ class Plant:
         import mujoco
 
         return mujoco.MjData(self.model)
+
+    @cached_property
+    def numbers(self) -> dict[str, bytes]:
+        """What the model says in each field that an edit may change."""
+        from mujoco.batch import MODEL_FIELDS
+
+        key = ("actuator_", "body_", "dof_", "geom_", "jnt_", "qpos", "site_", "opt.")
+        said = {f: number_of(self.model, f) for f in MODEL_FIELDS if f.startswith(key)}
+        return {f: v.tobytes() for f, v in said.items() if np.size(v) and v is not None}
+
+
+def number_of(model, name: str):
+    """A field of a compiled model by its name in `mujoco.batch`; None if missing."""
+    if name.startswith("opt."):
+        return np.array(getattr(model.opt, name[4:]))
+    return getattr(model, name, None)
 
 
 def parts(terms: Sequence[Term], values: Floats) -> list[Floats]:

@@ -24,7 +24,7 @@ from .free_form import FreeForm
 from .name import STRAINED, Named, Naming, without
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
-from .screen import STEPS, fewer
+from .screen import STEPS, drawn, fewer
 from .terms import Term, is_new
 from .windows import Windows
 
@@ -81,14 +81,24 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
 
 def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:
     """Of several the first, unless held-out episodes clearly speak for another."""
-    lead, _ = hypotheses[0]
     if len(hypotheses) == 1:
         return hypotheses[0]
-    sigma = for_score(lead.problem, lead.final.fit)
-    held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
-    errors = [_error(held, naming.final.fit) for naming, _ in hypotheses]
+    errors = _errors(case, [naming for naming, _ in hypotheses])
     best = int(np.argmin(errors))
     return hypotheses[best if errors[best] < CLEARLY * errors[0] else 0]
+
+
+def in_question(case: Case, namings: Sequence[Naming]) -> list[Naming]:
+    """The first of several, and those that are as good in the held-out episodes."""
+    errors = _errors(case, namings) if len(namings) > 1 else [0.0]
+    return [n for n, e in zip(namings, errors, strict=True) if e <= errors[0]]
+
+
+def _errors(case: Case, namings: Sequence[Naming]) -> list[float]:
+    """Squared residuals in held-out episodes, weighed as the first one's score."""
+    sigma = for_score(namings[0].problem, namings[0].final.fit)
+    held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
+    return [_error(held, naming.final.fit) for naming in namings]
 
 
 def upheld(case: Case, naming: Naming) -> Upheld:
@@ -221,19 +231,21 @@ def bare(naming: Naming) -> Naming:
     return replace(naming, named=(), final=naming.stated)
 
 
-def stepped(problem: Problem, found: Fit) -> Fit:
+def stepped(base: Base) -> Fit:
     """The same effects, with stated values that suit the model's own time step.
 
     What a user sees who replays the model: half a step early, and damped otherwise
     than in continuous time. A fit in continuous time gives the effects' truth.
     """
+    problem, found = base.problem, base.fit
     plain = replace(problem.raw, centered=False)
     plain = whitened(plain, found.terms, found.values)
+    near = problem.carried(plain, found.jacobian)
     fixed = [
         t if t.effect.name == "stated" else _fixed(t, v)
         for t, v in zip(found.terms, parts(found.terms, found.values), strict=True)
     ]
-    best = fit(plain, fixed, found.values, rounds=2)
+    best = fit(plain, fixed, found.values, rounds=2, known=near)
     return replace(best, terms=found.terms)
 
 
@@ -270,9 +282,10 @@ class Proof:
     def of(cls, case: Case, naming: Naming) -> "Proof":
         """Of the model as given, re-fitted, and with what was named."""
         world, none = case.held, ((), np.zeros(0))
-        problem = fewer(naming.problem, STEPPED, np.random.default_rng(3))
-        stated = stepped(problem, naming.stated.fit)
-        found = stepped(problem, naming.final.fit) if naming.named else stated
+        some = drawn(naming.problem, STEPPED, np.random.default_rng(3))
+        fits = [naming.stated.fit, *([naming.final.fit] if naming.named else ())]
+        plain = [stepped(Base.of(naming.problem, f).take(some)) for f in fits]
+        stated, found = plain[0], plain[-1]
         pieces = score.replayed(world)
         count = score.counts(world, pieces)
         models = {"given": none, "refit": (stated.terms, stated.values),

@@ -4,16 +4,17 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
 
 import mujoco
 import numpy as np
 
 from ..recording.data import Floats
-from .plant import Plant
+from .plant import Plant, number_of
 from .sense import Sensors
 from .terms import Moment, Term, does
 from .windows import Windows
+
+GROUP = 64  # simulations, that are worth a thread where effects act; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +84,11 @@ def simulated(
 def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Floats:
     """True signals (N, K, C), where MuJoCo alone does all the work."""
     plant = those.plant
-    size, steps = commands.shape[:2]
-    rows = np.arange(size)
-    batch = _batch(those, rows, start, len(os.sched_getaffinity(0)))
+    steps = commands.shape[1]
+    rows = np.arange(len(commands))
+    threads = min(len(rows), len(os.sched_getaffinity(0)))
+    batch = _batch(those, rows, start, threads, alone=True)
     fields = sorted({"qpos", "qvel", *sensors.needs})
-    told = np.empty((size, steps, sensors.width))
     first_velocity = start[1]
     if those.centered:
         batch.rollout(1, commands[:, :1] if plant.model.nu else None, record=["qvel"])
@@ -96,9 +97,7 @@ def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Flo
     # a step leaves position and velocity new, and all else as before it
     for name, first in (("qpos", start[0]), ("qvel", first_velocity)):
         seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
-    flat = {k: v.reshape(size * steps, *v.shape[2:]) for k, v in seen.items()}
-    sensors.of_state(flat, told.reshape(size * steps, -1))
-    sensors.of_forward(flat, told.reshape(size * steps, -1))
+    told = sensors.of_all(seen)
     told[_diverged(batch)] = np.nan
     return told
 
@@ -116,33 +115,42 @@ def _stepped(
         for place in t.places
     ]
     begin = np.tile(windows.start * step, n)
-    # a thread a group: threads that wait for each other at every step are slow
-    groups = np.array_split(np.arange(n * w), len(os.sched_getaffinity(0)))
-    groups = [g for g in groups if len(g)]
+    # a thread a group: threads that wait for each other at every step are slow, and
+    # those of small groups wait for Python
+    threads = int(np.clip(n * w // GROUP, 1, len(os.sched_getaffinity(0))))
+    groups = np.array_split(np.arange(n * w), threads)
 
     def told(rows: np.ndarray) -> Floats:
         return _step_by_step(
-            _batch(those, rows, start, 1), plant,
+            _batch(those, rows, start, 1, alone=False), plant,
             [(e, p, v[rows]) for e, p, v in acts],
             {a: s[rows] for a, s in start[3].items()}, commands[rows],
             begin[rows], sensors, step, (rows, start) if those.centered else None,
         )  # fmt: skip
 
+    if len(groups) == 1:
+        return told(groups[0])
     with ThreadPoolExecutor(len(groups)) as pool:
         return np.concatenate(list(pool.map(told, groups)))
 
 
-def _batch(those: Hypotheses, rows, start, threads: int):
-    """Simulations `rows` of the N of n models by W windows, at their start."""
+def _batch(those: Hypotheses, rows, start, threads: int, *, alone: bool):
+    """Simulations `rows` of the N of n models by W windows, at their start.
+
+    Where MuJoCo works alone each has its model; else, for effects to write into, the
+    numbers in which the models differ are the batch's.
+    """
     from mujoco.batch import Batch
 
-    plant, w = those.plant, len(start[0]) // len(those.models)
+    plant, of = those.plant, rows // (len(start[0]) // len(those.models))
     batch = Batch(plant.model, len(rows), nthread=threads)
-    for name in _numbers(plant.model):
-        values = [_get(m, name) for m in those.models]
-        usual = _get(plant.model, name)
-        if any(not np.array_equal(v, usual) for v in values):
-            batch.expand(name)[:] = np.stack(values)[rows // w]
+    if alone:
+        batch.set_models([those.models[i] for i in of])
+    else:
+        for name, usual in plant.numbers.items():
+            values = [number_of(m, name) for m in those.models]
+            if any(v.tobytes() != usual for v in values):
+                batch.expand(name)[:] = np.stack(values)[of]
     _place(batch, plant, rows, start)
     return batch
 
@@ -166,27 +174,6 @@ def _half_a_step_earlier(batch, plant: Plant, rows, start) -> Floats:
     return velocity
 
 
-@cache
-def _fields() -> tuple[str, ...]:
-    """Fields that an edit of a compiled model may change."""
-    from mujoco.batch import MODEL_FIELDS
-
-    key = ("actuator_", "body_", "dof_", "geom_", "jnt_", "qpos", "site_", "opt.")
-    return tuple(sorted(f for f in MODEL_FIELDS if f.startswith(key)))
-
-
-def _numbers(model) -> list[str]:
-    return [
-        f for f in _fields() if np.size(_get(model, f)) and _get(model, f) is not None
-    ]
-
-
-def _get(model, name: str):
-    if name.startswith("opt."):
-        return np.array(getattr(model.opt, name[4:]))
-    return getattr(model, name, None)
-
-
 def _diverged(batch) -> np.ndarray:
     """(N) whether MuJoCo warned that a simulation is no longer one."""
     bad = [
@@ -200,26 +187,33 @@ def _step_by_step(
     batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, dt: float, again
 ) -> Floats:
     """True signals (N, K, C) of simulations in which effects act at every step."""
-    bound = {name: batch.bind(name) for name in {"qpos", "qvel", *sensors.needs}}
+    fields = sorted({"qpos", "qvel", *sensors.needs})
+    bound = {name: batch.bind(name) for name in fields}
     ctrl = batch.bind("ctrl") if plant.model.nu else None
+    commands = commands.swapaxes(0, 1).copy()
     forces = _Forces(batch, acts, sums, dt)
-    told = np.empty((len(commands), commands.shape[1], sensors.width))
     if again:
         if ctrl is not None:
-            ctrl[:] = commands[:, 0]
+            ctrl[:] = commands[0]
         forces.step(bound["qpos"], bound["qvel"], ctrl, begin)
         batch.step()
         _half_a_step_earlier(batch, plant, *again)
         forces.sums = {a: s.copy() for a, s in sums.items()}
-    for k in range(commands.shape[1]):
+    seen = {k: np.empty((len(commands), *v.shape), v.dtype) for k, v in bound.items()}
+    of_now = [(seen[k], bound[k]) for k in ("qpos", "qvel")]
+    of_step = [(seen[k], bound[k]) for k in fields if k not in ("qpos", "qvel")]
+    for k, command in enumerate(commands):
         if ctrl is not None:
-            ctrl[:] = commands[:, k]
-        sensors.of_state(bound, told[:, k])
+            ctrl[:] = command
+        for all_of_it, now in of_now:
+            all_of_it[k] = now
         forces.step(bound["qpos"], bound["qvel"], ctrl, begin + k * dt)
         batch.step()
-        sensors.of_forward(bound, told[:, k])
-    told[_diverged(batch)] = np.nan
-    return told
+        for all_of_it, now in of_step:
+            all_of_it[k] = now
+    told = sensors.of_all(seen)
+    told[:, _diverged(batch)] = np.nan
+    return told.swapaxes(0, 1)
 
 
 class _Forces:

@@ -13,6 +13,7 @@ from .terms import Term
 # candidates are tried on more and more steps of simulation, for more and more rounds,
 # and ever fewer of them; chosen for a minute a joint
 STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
+SLIGHT = 0.005  # of the cost, a gain that is not worth more tries; chosen
 MANY = 100  # at most, tried again once something has a name; chosen
 
 Progress = Callable[[str, float], None]
@@ -26,7 +27,10 @@ def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
     """
     problem, found = base.problem, base.fit
     size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), min(4, size), size))
+    each = problem.windows.steps.mean()
+    # two seconds of the robot at least, and four windows beyond the first tries
+    least = 4 if steps > STEPS[0] or each * problem.world.step < 1 else 2
+    count = int(np.clip(steps / each, min(least, size), size))
     if count >= 0.8 * size:
         return base
     worst = np.argsort(-problem.by_window(found.residuals**2))
@@ -36,13 +40,18 @@ def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
     )
 
 
-def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
-    """As many of the windows, drawn at random, as simulate about so many steps."""
+def drawn(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
+    """Numbers of windows, drawn at random, that simulate about so many steps."""
     size = len(problem.windows)
     count = int(np.clip(steps / problem.windows.steps.mean(), 24, size))
     if count >= 0.8 * size:
-        return problem
-    return problem.take(np.sort(rng.permutation(size)[:count]))
+        return np.arange(size)
+    return np.sort(rng.permutation(size)[:count])
+
+
+def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
+    """As many of the windows, drawn at random, as simulate about so many steps."""
+    return problem.take(drawn(problem, steps, rng))
 
 
 def screened(
@@ -74,12 +83,20 @@ def screened(
         price = readings ** (1 / readings) if readings else 1.0
         fits.sort(key=lambda f: f.cost * price ** len(f.terms[-1].parameters))
         again = again or [f.terms[-1] for f in fits[:MANY]]
-        fits = fits[:keep]
+        fits = fits[:keep] if rounds == 1 else _promising(base, fits)[:keep]
         old = len(base.fit.values)
         candidates = [
             replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
         ]
     return fits, _independent(np.array(answers)), again
+
+
+def _promising(base: Base, fits: list[Fit]) -> list[Fit]:
+    """The best of candidates' fits, and those that gain more than without any."""
+    if base.problem.windows.is_single:  # too few readings to tell
+        return fits
+    least = (1 - SLIGHT) * base.settle(base.fit.residuals)[0]
+    return [f for i, f in enumerate(fits) if not i or f.cost + f.strain < least]
 
 
 def _independent(answers: Floats) -> float:

@@ -25,28 +25,25 @@ class Sensors:
         """`terms` may say that an encoder sits behind a gap or a spring."""
         self.width = sum(c.width for c in signals)
         self.needs: set[str] = set()
-        self._state: list[tuple[slice, Callable[[Bound], Floats]]] = []
-        self._forward: list[tuple[slice, Callable[[Bound], Floats]]] = []
+        self._readers: list[tuple[slice, Callable[[Bound], Floats]]] = []
         behind = _behind(plant, terms)
         for c in signals:
             needs, read = _reader(plant, c, behind)
             self.needs |= needs
-            now = (
-                self._state
-                if c.kind.startswith("joint_") and not needs
-                else self._forward
-            )
-            now.append((c.columns, read))
+            self._readers.append((c.columns, read))
 
-    def of_state(self, bound: Bound, out: Floats) -> None:
-        """Write what follows from position and velocity alone, before a step."""
-        for columns, read in self._state:
-            out[:, columns] = read(bound)
+    def of_all(self, seen: Bound) -> Floats:
+        """Signals (A, B, width) of fields (A, B, ...) of states.
 
-    def of_forward(self, bound: Bound, out: Floats) -> None:
-        """Write what a step has computed of the state before it."""
-        for columns, read in self._forward:
-            out[:, columns] = read(bound)
+        What a step computes is of the state before it, as its position and velocity are
+        to be.
+        """
+        shape = next(iter(seen.values())).shape[:2]
+        out = np.empty((shape[0] * shape[1], self.width))
+        flat = {k: v.reshape(len(out), *v.shape[2:]) for k, v in seen.items()}
+        for columns, read in self._readers:
+            out[:, columns] = read(flat)
+        return out.reshape(*shape, self.width)
 
 
 def hidden(plant: Plant, places) -> list[Channel]:

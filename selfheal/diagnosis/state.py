@@ -1,6 +1,7 @@
 """Where windows begin: the robot's state, from what was read around that time."""
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -60,14 +61,17 @@ class _Told:
     def __init__(self, signals, log, at, step, reads) -> None:
         self.signals, self.log, self.at, self.step = signals, log, at, step
         self.reads = reads
+        self._smooth: dict[float, tuple[Floats, Floats]] = {}
 
     def __call__(self, kind: str, target: str):
         """Value, slope [1/s] and their standard deviations, each (W, width)."""
         for c in self.signals:
             if c.kind == kind and c.target == target:
                 said = self.reads.get(c.name, {})
-                at = self.at + said.get("delay", 0.0) / self.step
-                value, slope = self.log.smooth(at, self.step)
+                late = said.get("delay", 0.0) / self.step
+                if late not in self._smooth:
+                    self._smooth[late] = self.log.smooth(self.at + late, self.step)
+                value, slope = self._smooth[late]
                 gain = said.get("gain", 1.0)
                 value = (value[:, c.columns] - said.get("bias", 0.0)) / gain
                 s, r = self._std(c)
@@ -75,17 +79,23 @@ class _Told:
         lost = np.full((len(self.at), 4), np.nan)
         return lost, lost, lost, lost
 
-    def _std(self, c: Channel) -> tuple[Floats, Floats]:
-        """Standard deviations of a parabola's value and slope, larger at an end."""
+    @cached_property
+    def _there(self) -> tuple[float, int, Floats, Floats]:
+        """Distance of samples [s], how many on a side; at an end (W, 1), scatter."""
         times = self.log.at * self.step
         gap, m = neighbors(times)
-        n = 2 * m + 1
         inside = np.minimum(
             self.at * self.step - times[0], times[-1] - self.at * self.step
         )
         near = np.clip(1 - inside / (m * gap), 0, 1)[:, None]  # 1 at an end
+        return gap, m, near, self.log.scatter[nearest(self.log.at, self.at)]
+
+    def _std(self, c: Channel) -> tuple[Floats, Floats]:
+        """Standard deviations of a parabola's value and slope, larger at an end."""
+        gap, m, near, scatter = self._there
+        n = 2 * m + 1
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
-        apart = self.log.scatter[nearest(self.log.at, self.at)][:, c.columns]
+        apart = scatter[:, c.columns]
         # a parabola reached over from beside missing readings
         near = np.where(np.isfinite(apart), near, 1)
         # where no parabola fits, at a jolt, it tells the state less well
@@ -169,24 +179,39 @@ class States:
         """State (n, W, ...) in the given model's coordinates."""
         world, windows = self.world, self.windows
         given = world.workshop.given
-        states: list[dict[str, Mapping[str, float]]] = [
-            {} for _ in range(n if self.reads else 1)
-        ]
-        for name, said in self.reads.items():
-            for i, one in enumerate(states):
-                one[name] = {k: float(v[i]) for k, v in said.items() if k != "step"}
-        qpos = np.empty((len(states), len(windows), given.nq))
-        qvel = np.empty((len(states), len(windows), given.nv))
-        for i, one in enumerate(states):
-            for log in np.unique(windows.log):
-                rows = np.flatnonzero(windows.log == log)
-                q, v, _ = start_of(world, int(log), windows.start[rows], one)
-                qpos[i, rows], qvel[i, rows] = q, v
+        kept = world.held.setdefault(windows, {})
+        if self.reads:
+            qpos, qvel = self._read(n)
+        else:
+            if "start" not in kept:
+                kept["start"] = self._read(1)
+            qpos, qvel = kept["start"]
         shape = (n, len(windows))
         return (
             np.broadcast_to(qpos, (*shape, given.nq)).copy(),
             np.broadcast_to(qvel, (*shape, given.nv)).copy(),
         )
+
+    def _read(self, n: int) -> tuple[Floats, Floats]:
+        """State (n, W, ...) as each hypothesis reads it."""
+        world, windows = self.world, self.windows
+        given = world.workshop.given
+        states: list[dict[str, Mapping[str, float]]] = [{} for _ in range(n)]
+        for name, said in self.reads.items():
+            for i, one in enumerate(states):
+                one[name] = {k: float(v[i]) for k, v in said.items() if k != "step"}
+        qpos = np.empty((n, len(windows), given.nq))
+        qvel = np.empty((n, len(windows), given.nv))
+        same: dict[str, int] = {}  # most hypotheses read alike
+        for i, one in enumerate(states):
+            if (known := same.setdefault(repr(one), i)) != i:
+                qpos[i], qvel[i] = qpos[known], qvel[known]
+                continue
+            for log in np.unique(windows.log):
+                rows = np.flatnonzero(windows.log == log)
+                q, v, _ = start_of(world, int(log), windows.start[rows], one)
+                qpos[i, rows], qvel[i, rows] = q, v
+        return qpos, qvel
 
     def _settle(self, models, term: Term, place, values, q, v) -> None:
         """Let a gap or a spring yield to the load that it bears at the start."""
@@ -248,14 +273,11 @@ class States:
         for term in self.terms:
             for place in term.places:
                 if term.effect.name == "integral_action":
-                    total = np.zeros(len(windows))
-                    for log in np.unique(windows.log[windows.start > 0]):
-                        rows = np.flatnonzero(windows.log == log)
-                        past = _error_sum(world, world.logs[log], place)
-                        total[rows] = past[
-                            np.minimum(windows.start[rows], len(past) - 1)
-                        ]
-                    out[place["actuator"]] = np.tile(total, n)
+                    kept = world.held.setdefault(windows, {})
+                    key = "sum", place["actuator"]
+                    if key not in kept:
+                        kept[key] = _error_sums(world, windows, place)
+                    out[place["actuator"]] = np.tile(kept[key], n)
         return out
 
 
@@ -311,6 +333,16 @@ def filtered(model, ctrl: Floats, step: float) -> Floats:
             out[k, first] = now
             now = ctrl[k, a] + (now - ctrl[k, a]) * keep
     return out
+
+
+def _error_sums(world, windows, place) -> Floats:
+    """Summed error (W) of a servo where windows begin."""
+    total = np.zeros(len(windows))
+    for log in np.unique(windows.log[windows.start > 0]):
+        rows = np.flatnonzero(windows.log == log)
+        past = _error_sum(world, world.logs[log], place)
+        total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
+    return total
 
 
 def _error_sum(world, log, place) -> Floats:

@@ -36,6 +36,7 @@ class World:
         touches: whether anything touches, as the given model moves.
         memory: keeps what is worked out of it.
         counted: (1) windows simulated so far.
+        held: of windows, what does not change with a hypothesis.
     """
 
     workshop: Workshop
@@ -45,7 +46,7 @@ class World:
     touches: bool = False
     memory: Memory = field(default_factory=Memory)
     counted: np.ndarray = field(default_factory=lambda: np.zeros(1, int))
-    _held: WeakKeyDictionary = field(default_factory=WeakKeyDictionary)
+    held: WeakKeyDictionary = field(default_factory=WeakKeyDictionary)
 
     def simulate(
         self,
@@ -103,7 +104,7 @@ class World:
             logs.append(replace(log, at=2 * log.at, ctrl=ctrl, centered=centered))
         return replace(
             self, step=self.step / 2, logs=tuple(logs), memory=Memory(),
-            _held=WeakKeyDictionary(),
+            held=WeakKeyDictionary(),
         )  # fmt: skip
 
     @cached_property
@@ -118,7 +119,7 @@ class World:
         plant = self.workshop.plant(terms, leaping=centered)
         self.counted[0] += len(values) * len(windows)
         shares = parts(terms, values)
-        models = [plant.variant(terms, v) for v in values]
+        models = plant.variants(terms, values)
         for model in models:
             model.opt.timestep = self.step
         mean, centered = centered, centered and plant.leaps
@@ -213,7 +214,7 @@ class World:
         """Commands (n W, K, nu) of each step, as they reach the actuators."""
         terms = those.terms
         if not any(does(t.effect, "command") for t in terms):
-            kept = self._held.setdefault(windows, {})
+            kept = self.held.setdefault(windows, {})
             if centered not in kept:
                 kept[centered] = self._reaching((), (), windows, centered, mean)[0]
             return np.tile(kept[centered], (len(those.models), 1, 1))
@@ -227,7 +228,8 @@ class World:
         out = np.empty((n, len(windows), len(steps), self.workshop.given.nu))
         for i in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == i)
-            grid = self.command(terms, shares, self.logs[i], centered, mean)
+            log = self.logs[i].until(int(windows.start[rows].max()) + len(steps) + 1)
+            grid = self.command(terms, shares, log, centered, mean)
             at = np.minimum(windows.start[rows][:, None] + steps, grid.shape[1] - 1)
             out[:, rows] = grid[:, at]
         return out

@@ -126,13 +126,13 @@ class ActuatorLag(AtActuator):
     def command(self, ctrl, step, place, values):
         u = ctrl[..., place["actuator"]]
         keep = np.exp(-step / np.maximum(values[:, 0], 1e-9))
-        out = np.empty((len(values), u.shape[1]))
+        out = np.empty((u.shape[1], len(values)))
         now = np.broadcast_to(u[:, 0], len(values)).astype(float)
-        for k in range(u.shape[1]):
+        for k, goal in enumerate(u.T.copy()):
             # the torque of a step comes from the state at its beginning
-            out[:, k] = now
-            now = u[:, k] + (now - u[:, k]) * keep
-        return _changed(ctrl, place, _blend(out, u, keep))
+            out[k] = now
+            now = goal + (now - goal) * keep
+        return _changed(ctrl, place, _blend(out.T, u, keep))
 
     def changes(self, model, place, values):
         return as_general(model, place, dyntype="filterexact", dynprm=values[0])
@@ -180,14 +180,16 @@ class RateLimit(AtActuator):
         return actuator.servo and actuator.rate > 0
 
     def command(self, ctrl, step, place, values):
-        u = ctrl[..., place["actuator"]]
+        u = ctrl[..., place["actuator"]].T.copy()
         most = values[:, 0] * step
-        out = np.empty((len(values), u.shape[1]))
-        now = np.broadcast_to(u[:, 0], len(values)).astype(float)
-        for k in range(u.shape[1]):
-            now = now + np.clip(u[:, k] - now, -most, most)
-            out[:, k] = now
-        return _changed(ctrl, place, out)
+        least = -most
+        out = np.empty((len(u), len(values)))
+        now = np.broadcast_to(u[0], len(values)).astype(float)
+        for k, goal in enumerate(u):
+            # np.clip takes ten times as long
+            now = now + np.minimum(np.maximum(goal - now, least), most)
+            out[k] = now
+        return _changed(ctrl, place, out.T)
 
 
 class TorqueSaturation(AtActuator):
