@@ -56,6 +56,9 @@ def diagnose(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
+    # its matrices are small: a second thread waits, spinning, for the first; before
+    # numpy is loaded
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import diagnose as find
     from selfheal.diagnosis.folder import check_folder
 
