@@ -79,14 +79,33 @@ class Wind(OfWorld):
     def terms(self, scene):
         if not (scene.model.opt.density or scene.model.opt.viscosity):
             return []
+        speed, wind = _terminal_speed(scene), scene.model.opt.wind
+        most = max(50.0, speed)
         axes = tuple(
-            Parameter("v" + x, "m/s", float(scene.model.opt.wind[i]), -50.0, 50.0, 1.0)
+            Parameter("v" + x, "m/s", float(wind[i]), -most, most, 0.1 * speed)
             for i, x in enumerate("xyz")
         )
-        return [self.whole(axes, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))]
+        starts = [
+            tuple(share * speed * axis)
+            for share in (0.05, 0.5)
+            for axis in np.eye(3)[:2]
+        ]
+        return [self.whole(axes, tuple(starts))]
 
     def edit(self, model, place, values):
         model.opt.wind[:] = values
+
+
+def _terminal_speed(scene: Scene) -> float:
+    """The least speed [m/s] at which the medium would carry a body's weight, or so."""
+    medium, g = scene.model.opt, 9.81
+    return min(
+        min(
+            np.sqrt(2 * g * body.mass / max(medium.density * body.size**2, 1e-9)),
+            g * body.mass / max(3 * np.pi * medium.viscosity * body.size, 1e-9),
+        )
+        for body in scene.bodies
+    )
 
 
 class OfGround(OfWorld):
