@@ -85,12 +85,8 @@ class Wind(OfWorld):
             Parameter("v" + x, "m/s", float(wind[i]), -most, most, 0.1 * speed)
             for i, x in enumerate("xyz")
         )
-        starts = [
-            tuple(share * speed * axis)
-            for share in (0.05, 0.5)
-            for axis in np.eye(3)[:2]
-        ]
-        return [self.whole(axes, tuple(starts))]
+        starts = np.kron([[0.05], [0.5]], speed * np.eye(3)[:2])
+        return [self.whole(axes, tuple(map(tuple, starts.tolist())))]
 
     def edit(self, model, place, values):
         model.opt.wind[:] = values
@@ -99,13 +95,15 @@ class Wind(OfWorld):
 def _terminal_speed(scene: Scene) -> float:
     """The least speed [m/s] at which the medium would carry a body's weight, or so."""
     medium, g = scene.model.opt, 9.81
-    return min(
-        min(
-            np.sqrt(2 * g * body.mass / max(medium.density * body.size**2, 1e-9)),
-            g * body.mass / max(3 * np.pi * medium.viscosity * body.size, 1e-9),
-        )
-        for body in scene.bodies
-    )
+    speeds = [1.0]
+    for body in scene.bodies:
+        if medium.density:
+            area = medium.density * body.size**2
+            speeds.append(np.sqrt(2 * g * body.mass / area))
+        if medium.viscosity:
+            thick = 3 * np.pi * medium.viscosity * body.size
+            speeds.append(g * body.mass / thick)
+    return float(min(speeds[1:] or speeds))
 
 
 class OfGround(OfWorld):
