@@ -246,6 +246,17 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
     assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
 
 
+def test_a_box_that_touches_states_three_sizes_and_a_link_one_length(arm, tmp_path):
+    box = bench("box", tmp_path, episodes=2, seconds=0.3)
+    each = {b: [t.targets[0].split("/") for t in _stated(b)] for b in (box, arm)}
+    assert [w for _, w in each[box] if "size" in w] == ["size_x", "size_y", "size_z"]
+    assert [b for b, w in each[arm] if w == "length"] == ["body:upper", "body:lower"]
+    term = next(t for t in _stated(box) if t.targets[0].endswith("size_y"))
+    model = box.world.workshop.plant((term,)).variant((term,), np.array([1.02]))
+    before = box.scene.model.geom_size[-1]
+    np.testing.assert_allclose(model.geom_size[-1], before * [1, 1.02, 1])
+
+
 @pytest.mark.parametrize("factor", [1.1, 1.6])
 def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, factor):
     """The elbow's rotor, which masses and lengths can stand for in rough readings."""
@@ -436,6 +447,27 @@ def test_whitening_leaves_what_no_start_explains(arm):
     values = np.array([[0.0], [10 * NOISE]])
     moved = [np.diff(p.residuals((bias,), values), axis=0) for p in (problem, white)]
     assert np.linalg.norm(moved[1]) > 0.3 * np.linalg.norm(moved[0])
+
+
+def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
+    b = bench("box", tmp_path, episodes=6, seconds=0.6, noise=1e-3, states=False)
+    plain, values = _problem(b), np.zeros(0)
+    rng = np.random.default_rng(0)
+    kick = start_errors(b.world, plain.windows)
+    off = (kick.sum(axis=0) * rng.normal(size=kick.shape[1:]))[None]
+    told = b.world.simulate((), values[None], plain.windows, kick=off, centered=True)[0]
+    noise = NOISE * rng.normal(size=told.shape)
+    problem = replace(plain, windows=replace(plain.windows, readings=told + noise))
+    sought = whitened(problem, (), values)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("selfheal.diagnosis.problem.SOUGHT", 0)
+        linear = whitened(problem, (), values)
+    cost = [float((p.at((), values) ** 2).sum()) for p in (linear, sought)]
+    readings = np.isfinite(problem.windows.readings).sum()
+    assert cost[1] < 2 * readings < 0.5 * cost[0]
+    # and from there they are not lost again
+    again = whitened(sought, (), values).at((), values)
+    assert again @ again < 1.01 * cost[1]
 
 
 # divergence

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis.case import pieces_of
@@ -98,6 +99,29 @@ def test_a_parabola_tells_value_and_slope_of_a_quadratic_exactly(seed):
     t = time[0] + at * STEP
     np.testing.assert_allclose(value[:, 0], a + b * t + c * t**2, atol=1e-6)
     np.testing.assert_allclose(slope[:, 0], b + 2 * c * t, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_body_that_turns_fast_and_evenly_is_told_exactly(seed):
+    rng = np.random.default_rng(seed)
+    time = np.arange(60) * 0.005
+    rate = 15 * rng.normal(size=3)  # [rad/s], of the body's own frame
+    start = Rotation.random(random_state=seed)
+
+    def turned(at) -> np.ndarray:
+        turns = start * Rotation.from_rotvec(rate * at[:, None])
+        return turns.as_quat(scalar_first=True)
+
+    exact = turned(time)
+    signal = Signal(exact, "body_orientation", "b", "quaternion")
+    episode = Episode(time, np.zeros((60, 0)), (), {"turn": signal})
+    found = channels([Recording({"only": episode})])
+    value, slope = log("only", episode, found, STEP).smooth(time / STEP, STEP)
+    sign = np.sign((value * exact).sum(axis=1))[:, None]
+    assert np.abs(sign * value - exact).max() < 1e-9
+    # the ends too, where no reading is on the other side
+    rates = (turned(time + 1e-5) - turned(time - 1e-5)) / 2e-5
+    assert np.abs(sign * slope - rates).max() < 1e-4 * np.linalg.norm(rate)
 
 
 def test_missing_samples_do_not_speak():
