@@ -26,6 +26,7 @@ from .terms import Term
 FITTED = 3  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
+STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
 MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
 
 
@@ -136,6 +137,8 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not s.last.effect.rare] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
+    least = min(s.fit.strain for s in near)
+    near = [s for s in near if s.fit.strain < least + STRAINED]
     # of those that the data cannot rank, a usual one, with the least to choose
     return min(
         near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)

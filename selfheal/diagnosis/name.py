@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .choose import SURE, WORTH, Claim, finalists, relieving, winner
+from .choose import STRAINED, SURE, WORTH, Claim, finalists, relieving, winner
 from .evidence import (
     ABOVE,
     LEFT,
@@ -33,7 +33,6 @@ MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 LITTLE = 0.1  # of the held-out squared error, of a robot that touches; chosen
-STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
 CHEAPEST = 3  # of several names, that are tried without; chosen
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
+from .choose import STRAINED
 from .evidence import (
     ABOVE,
     Scored,
@@ -21,7 +22,7 @@ from .evidence import (
 )
 from .fit import CLOSE, Base, Fit, fit, looked_about, rested, try_term
 from .free_form import FreeForm
-from .name import STRAINED, Named, Naming, without
+from .name import Named, Naming, without
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
 from .screen import STEPS, drawn, fewer
