@@ -240,8 +240,8 @@ def _command(name: str, about: str) -> Callable:
     return app.command(name, help=about)(_study)
 
 
-_command("table3", "Actions, successes, errors of four methods, before, after damage.")
-_command("actions", "Chosen against random actions, ours, 8 actions.")
+_command("table3", "Actions, successes, errors of six methods, before, after damage.")
+_command("actions", "Chosen against random actions, by which score; 8 actions.")
 _command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
 _command("eea", "Two legged robots, ten scenarios: recoveries.")
 _command("sealed", "Diagnoses of a folder of cases.")

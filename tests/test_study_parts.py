@@ -24,6 +24,7 @@ from selfheal.selfmodel.schema import (
 )
 from selfheal.study.after import _stated, after
 from selfheal.study.calibration import brier, reliability
+from selfheal.study.methods import METHODS, played
 from selfheal.study.plan import STUDIES, Asked, study_of
 from selfheal.study.statistics import fisher, permuted, ranked, share, spread
 
@@ -68,6 +69,51 @@ def test_what_a_study_lacks_is_said(tmp_path):
         study_of("sealed").tasks(Asked(1, cases=tmp_path))
     with pytest.raises(InputError, match="no poses_schema.csv there"):
         study_of("schema").tasks(Asked(1, recordings=tmp_path))
+
+
+@pytest.mark.parametrize("name", ["actions", "table3"])
+def test_a_study_cut_short_has_every_method_with_the_same_seeds(name, tmp_path):
+    tasks = study_of(name).tasks(Asked(3, recordings=tmp_path))
+    seeds = [t.settings["seed"] for t in tasks if t.settings["robot"] != "starfish"]
+    assert seeds == sorted(seeds)
+    each = [{t.settings["method"] for t in tasks if t.settings["seed"] == seed}
+            for seed in range(3)]  # fmt: skip
+    assert each[0] == each[1] == each[2] <= set(METHODS)
+
+
+def test_the_page_of_actions_has_each_method_against_each(rng):
+    def record(method, success, seed):
+        outcome = {"success": success, "error": [rng.random() + 9 * (not success)],
+                   "disagreement": [rng.random()], "edge_f1": float(success),
+                   "evaluations": 1, "choice": 0, "stated": [1.0, 0.9],
+                   "right": [True, success]}  # fmt: skip
+        return {"settings": {"method": method, "seed": seed}, "outcome": outcome,
+                "seconds": 1.0}  # fmt: skip
+
+    study = study_of("actions")
+    methods = {t.settings["method"] for t in study.tasks(Asked(1, recordings="any"))}
+    records = [record(m, m == "ours", k) for m in methods for k in range(12)]
+    results, against, *_, sure = study.tables(records)
+    names = [METHODS[m] for m in METHODS if m in methods]
+    assert [row[0] for row in results.rows] == names
+    assert len(against.rows) == len(names) * (len(names) - 1) / 2
+    for one, other, *p in against.rows:
+        differ = "ours" in (one, other)
+        assert [float(x) < 0.001 for x in p] == [differ, differ]
+    assert "24 statements" in sure.text  # ours alone
+
+
+@pytest.mark.parametrize("method", ["paper", "random-alternate"])
+def test_a_run_of_2006_spends_what_its_actions_allow(method, shared_recordings):
+    settings = {"robot": "starfish-2006", "method": method, "seed": 4,
+                "recordings": str(shared_recordings / "starfish_2006")}  # fmt: skip
+    short, longer = (played(settings, cycles=n, budget=1) for n in (1, 2))
+    ceiling = [15 * (200 * sum(range(1, n + 1)) + n) for n in (1, 2)]
+    assert short["evaluations"] < longer["evaluations"]
+    assert short["evaluations"] <= ceiling[0] and longer["evaluations"] <= ceiling[1]
+    # what was done is not done otherwise because more is to come
+    assert longer["actions"][:1] == short["actions"]
+    assert longer["error"][:1] == short["error"]
 
 
 def test_crowding_never_loses_and_a_failed_child_never_wins(rng):
