@@ -26,7 +26,7 @@ from selfheal.study.after import _stated, after
 from selfheal.study.calibration import brier, reliability
 from selfheal.study.methods import METHODS, played
 from selfheal.study.plan import STUDIES, Asked, study_of
-from selfheal.study.statistics import fisher, permuted, ranked, share, spread
+from selfheal.study.statistics import fisher, permuted, pooled, ranked, share, spread
 
 TRUE = np.array([[0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469]])
 
@@ -71,14 +71,15 @@ def test_what_a_study_lacks_is_said(tmp_path):
         study_of("schema").tasks(Asked(1, recordings=tmp_path))
 
 
-@pytest.mark.parametrize("name", ["actions", "table3"])
-def test_a_study_cut_short_has_every_method_with_the_same_seeds(name, tmp_path):
+@pytest.mark.parametrize("name", ["actions", "schema", "table3"])
+def test_a_study_cut_short_has_every_row_with_the_same_seeds(name, tmp_path):
+    (tmp_path / "poses_schema.csv").touch()
     tasks = study_of(name).tasks(Asked(3, recordings=tmp_path))
-    seeds = [t.settings["seed"] for t in tasks if t.settings["robot"] != "starfish"]
-    assert seeds == sorted(seeds)
-    each = [{t.settings["method"] for t in tasks if t.settings["seed"] == seed}
-            for seed in range(3)]  # fmt: skip
-    assert each[0] == each[1] == each[2] <= set(METHODS)
+    real = [t.settings for t in tasks if t.settings["robot"] == "starfish-2006"]
+    seeds = [settings["seed"] for settings in real]
+    assert seeds == sorted(seeds) and set(seeds) == {0, 1, 2}
+    each = [[{**s, "seed": 0} for s in real if s["seed"] == k] for k in range(3)]
+    assert each[0] == each[1] == each[2]
 
 
 def test_the_page_of_actions_has_each_method_against_each(rng):
@@ -224,6 +225,25 @@ def test_the_same_seed_gives_the_same_outcome(shared_recordings):
     assert first["success"] and first["error"][-1] < 0.5
 
 
+def test_an_interval_of_pooled_pairs_is_of_runs_not_of_pairs(rng):
+    def ends(x, y):
+        told, interval, _ = pooled(x, y).split(" (")
+        low, high = (float(end) for end in interval.rstrip(")").split(" to "))
+        assert low <= float(told) <= high
+        return low, high
+
+    x, y = rng.normal(size=(2, 40, 1))
+    y = x + y
+    alone, repeated = ends(x, y), ends(np.tile(x, 25), np.tile(y, 25))
+    assert repeated == pytest.approx(alone, abs=0.03)  # says nothing new
+    fresh = rng.normal(size=(2, 40, 25))
+    low, high = ends(fresh[0], fresh[0] + fresh[1])
+    assert high - low < (alone[1] - alone[0]) / 2
+    assert pooled([x.ravel()], [y.ravel()]).count("(") == 1  # one run: no interval
+    gap = np.where(np.arange(40)[:, None] == 7, np.nan, y)
+    assert pooled(x, gap).endswith("(n = 39)") and pooled([], []).endswith("(n = 0)")
+
+
 def test_statistics_are_those_of_their_names(rng):
     assert share(27, 30) == "27/30 = 90.0 % (74 to 97)"
     assert share(0, 0) == "0/0" and spread([]) == ""
@@ -232,7 +252,8 @@ def test_statistics_are_those_of_their_names(rng):
     same, more = rng.normal(size=40), rng.normal(size=40) + 3
     assert permuted(same, same[::-1]) > 0.9 and permuted(same, more) < 0.001
     assert ranked(same, np.exp(same)).startswith("1.000")
-    assert ranked([1, 2, 3], [1, 1, 1]).startswith("not defined")
+    for told in (ranked([1, 2, 3], [1, 1, 1]), pooled([[1, 2, 3]], [[1, 1, 1]])):
+        assert told == "not defined (n = 3)"
     stated = rng.random(4000)
     true = rng.random(4000) < stated
     honest = list(zip(stated, true, strict=True))
