@@ -216,6 +216,18 @@ def test_what_is_stated_of_a_length_holds_the_belief_that_it_states(rng):
             assert 0.9 - 1e-9 <= share_of <= belief[inside].sum() + 1e-9
 
 
+def test_lengths_stated_are_counted_against_true_ones():
+    whole, short = [0.5, 1.5, 0.9, 1.0], [0.5, 1.5, 0.9, 0.1]
+    outcome = {"success": True, "error": [0.1], "actions": [3], "evaluations": 1,
+               "lengths": [whole, whole, whole, short]}  # fmt: skip
+    settings = {"robot": "starfish", "phase": "after", "method": "ours"}
+    record = {"settings": settings, "outcome": outcome, "seconds": 1.0}
+    *_, table = study_of("table3").tables([record] * 5)
+    (every, alone) = table.rows
+    assert every[3].startswith("90.0 %") and every[4].startswith("15/20 = 75.0 %")
+    assert alone[4].startswith("0/5") and (every[5], alone[5]) == ("0.2100", "0.8100")
+
+
 def test_the_same_seed_gives_the_same_outcome(shared_recordings):
     folder = str(shared_recordings / "starfish_2006")
     settings = {"robot": "starfish-2006", "method": "ours", "recordings": folder}

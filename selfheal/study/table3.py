@@ -1,11 +1,14 @@
 """Study `table3`: Table 3 of 2006 with our method beside its three, and two robots."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 from .after import CYCLES, after
-from .calibration import Pairs, diagram, reliability
+from .calibration import Pairs, brier, diagram, reliability
 from .methods import METHODS, OURS, by_method, played, tests
 from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
 from .statistics import share, spread
@@ -47,7 +50,8 @@ def _tables(records: Sequence[Record]) -> list[Table]:
             if found := by_method(records, robot=robot, phase=phase):
                 title = f"Tests, {phase} damage, {WHERE[robot]}"
                 tables += [_results(robot, phase, found), tests(title, found)]
-    return [*tables, *_correlations(records), *_sure(records)]
+    sure = [*_sure_of_trees(records), *_sure_of_lengths(records)]
+    return [*tables, *_correlations(records), *sure]
 
 
 def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
@@ -99,43 +103,44 @@ def _told(records: Sequence[Record], robot: str) -> Pairs:
     return statements([record for rs in found for record in rs])
 
 
-def _sure(records: Sequence[Record]) -> list[Table]:
-    """Calibration, of attachments and of lengths."""
-    tables = []
-    for robot in (REAL, HIDDEN):
-        if pairs := _told(records, robot):
-            text = (
-                "Our runs, with chosen and with random actions: the stated probability "
-                "of each attachment but part 1's, which cannot be wrong."
-            )
-            title = f"How sure of attachments, {WHERE[robot]}"
-            tables.append(reliability(title, text, pairs))
+def _sure_of_trees(records: Sequence[Record]) -> list[Table]:
+    """Calibration of attachments."""
+    text = (
+        "Our runs, with chosen and with random actions: the stated probability "
+        "of each attachment but part 1's, which cannot be wrong."
+    )
+    return [
+        reliability(f"How sure of attachments, {WHERE[robot]}", text, pairs)
+        for robot in (REAL, HIDDEN)
+        if (pairs := _told(records, robot))
+    ]
+
+
+def _sure_of_lengths(records: Sequence[Record]) -> list[Table]:
+    """Calibration of lengths."""
     rows = []
-    for robot in (REAL, HIDDEN):
-        for method in OURS:
-            rs = chosen(records, robot=robot, phase="after", method=method)
-            said = [part for r in rs for part in r["outcome"]["lengths"]]
-            if not said:
-                continue
-            for kind, parts in (
-                ("all", said),
-                ("the shortened one", [p for p in said if p[3] != 1.0]),
-            ):
-                inside = sum(low <= true <= high for low, high, _, true in parts)
-                belief = 100 * sum(p[2] for p in parts) / len(parts)
+    for robot, method in product((REAL, HIDDEN), OURS):
+        rs = chosen(records, robot=robot, phase="after", method=method)
+        said = [part for r in rs for part in r["outcome"]["lengths"]]
+        short = [part for part in said if part[3] != 1.0]
+        for kind, parts in (("all", said), ("the shortened one", short)):
+            pairs = [(held, low <= true <= high) for low, high, held, true in parts]
+            if pairs:
+                stated, inside = np.mean(pairs, axis=0)
                 rows.append((WHERE[robot], METHODS[method], kind,
-                             f"{belief:.1f} %", share(inside, len(parts))))  # fmt: skip
-    if rows:
-        text = (
-            "The values of each part's length that hold 90 % of belief after 16 "
-            "actions, or more where one value does (they are a grid), and how often "
-            "the true length is among them. Of the shortened part alone less than "
-            "stated can be true: any part is as likely beforehand, and where no action "
-            "taken tells of it, belief stays with its being whole."
-        )
-        head = ("robot", "method", "parts", "stated, mean", "true")
-        tables.append(Table("How sure of lengths, after damage", text, head, rows))
-    return tables
+                             f"{100 * stated:.1f} %",
+                             share(round(inside * len(pairs)), len(pairs)),
+                             f"{brier(pairs):.4f}"))  # fmt: skip
+    text = (
+        "The values of each part's length that hold 90 % of belief after 16 "
+        "actions, or more where one value does (they are a grid), and how often "
+        "the true length is among them. Of the shortened part alone less than "
+        "stated can be true: any part is as likely beforehand, and where no action "
+        "taken tells of it, belief stays with its being whole."
+    )
+    head = ("robot", "method", "parts", "stated, mean", "true", "Brier score")
+    title = "How sure of lengths, after damage"
+    return [Table(title, text, head, rows)] if rows else []
 
 
 def _pictures(records: Sequence[Record]) -> list[Picture]:
