@@ -145,11 +145,24 @@ def _check_name(path: Path, name: str) -> None:
 def _go(path: Path, place: "Place", *, only_failed: bool, as_json: bool) -> None:
     """Do what is left, then show it."""
     from selfheal.study.run import proceed
+    from selfheal.study.store import load
 
-    with Live("starting", quiet=as_json) as live:
-        for progress in proceed(path, place, only_failed=only_failed):
-            live.show(_told(progress, live.seconds), progress.done / progress.total)
+    try:
+        with Live("starting", quiet=as_json) as live:
+            for progress in proceed(path, place, only_failed=only_failed):
+                live.show(_told(progress, live.seconds), progress.done / progress.total)
+    except KeyboardInterrupt:
+        typer.echo(_left(load(path), path), err=True)
+        raise typer.Exit(130) from None  # as shells say of a program that was stopped
     _show(path, as_json)
+
+
+def _left(results: "Results", path: Path) -> str:
+    """What is to be done yet, and how."""
+    return (
+        f"{len(results.left):,} of {len(results.tasks):,} runs are left; go on with: "
+        f"selfheal study {results.study} --resume {path}"
+    )
 
 
 def _told(progress: "Progress", seconds: float) -> str:
@@ -190,6 +203,8 @@ def _show(path: Path, as_json: bool) -> None:
         print_json(_document(results, tables, path))
         return
     _print(results, tables)
+    if results.left:
+        typer.echo(_left(results, path))
     for file in (path, *pages):
         typer.echo(os.fspath(file))
 
@@ -240,8 +255,8 @@ def _command(name: str, about: str) -> Callable:
     return app.command(name, help=about)(_study)
 
 
-_command("table3", "Actions, successes, errors of four methods, before, after damage.")
-_command("actions", "Chosen against random actions, ours, 8 actions.")
+_command("table3", "Actions, successes, errors of six methods, before, after damage.")
+_command("actions", "Chosen against random actions, by which score; 8 actions.")
 _command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
 _command("eea", "Two legged robots, ten scenarios: recoveries.")
 _command("sealed", "Diagnoses of a folder of cases.")

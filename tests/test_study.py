@@ -47,6 +47,20 @@ if moment == "merged":
         die() if path.name.endswith(".journal") else unlink(path, **more))
 """
 
+# after the first run a terminal's Ctrl-C, which all of its processes hear
+INTERRUPT = """
+from selfheal.study import store
+
+os.setsid()
+add = store.Journal.add
+
+def interrupted(journal, records):
+    add(journal, records[:1])
+    os.killpg(0, 2)
+
+store.Journal.add = interrupted
+"""
+
 
 def _values(folder):
     """What each run of a study gave, once all of it is in one file."""
@@ -102,6 +116,19 @@ def test_a_client_killed_again_and_again_changes_no_value(calm, tmp_path):
     assert len(load(tmp_path / "study.h5").left) < 16
     ended = selfheal("study", *words, "--workers", 1)
     assert ended.returncode == 0, ended.stderr
+    assert _values(tmp_path) == _values(calm)
+
+
+def test_an_interrupted_study_says_how_to_go_on(calm, tmp_path):
+    words = "study", "toy", "--runs", 16, "--workers", 1, "--out", tmp_path
+    ended = selfheal(*words, more=INTERRUPT)
+    assert (ended.returncode, "Traceback" in ended.stderr) == (130, False), ended.stderr
+    left = len(load(tmp_path / "study.h5").left)
+    how = f"selfheal study toy --resume {tmp_path}/study.h5"
+    told = f"{left} of 16 runs are left; go on with: {how}"
+    assert 0 < left < 16 and told in ended.stderr
+    assert told in selfheal("study", "show", tmp_path / "study.h5").stdout
+    assert selfheal(*how.split()[1:], "--workers", 1).returncode == 0
     assert _values(tmp_path) == _values(calm)
 
 

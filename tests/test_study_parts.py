@@ -24,8 +24,9 @@ from selfheal.selfmodel.schema import (
 )
 from selfheal.study.after import _stated, after
 from selfheal.study.calibration import brier, reliability
+from selfheal.study.methods import METHODS, played
 from selfheal.study.plan import STUDIES, Asked, study_of
-from selfheal.study.statistics import fisher, permuted, ranked, share, spread
+from selfheal.study.statistics import fisher, permuted, pooled, ranked, share, spread
 
 TRUE = np.array([[0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469]])
 
@@ -68,6 +69,52 @@ def test_what_a_study_lacks_is_said(tmp_path):
         study_of("sealed").tasks(Asked(1, cases=tmp_path))
     with pytest.raises(InputError, match="no poses_schema.csv there"):
         study_of("schema").tasks(Asked(1, recordings=tmp_path))
+
+
+@pytest.mark.parametrize("name", ["actions", "schema", "table3"])
+def test_a_study_cut_short_has_every_row_with_the_same_seeds(name, tmp_path):
+    (tmp_path / "poses_schema.csv").touch()
+    tasks = study_of(name).tasks(Asked(3, recordings=tmp_path))
+    real = [t.settings for t in tasks if t.settings["robot"] == "starfish-2006"]
+    seeds = [settings["seed"] for settings in real]
+    assert seeds == sorted(seeds) and set(seeds) == {0, 1, 2}
+    each = [[{**s, "seed": 0} for s in real if s["seed"] == k] for k in range(3)]
+    assert each[0] == each[1] == each[2]
+
+
+def test_the_page_of_actions_has_each_method_against_each(rng):
+    def record(method, success, seed):
+        outcome = {"success": success, "error": [rng.random() + 9 * (not success)],
+                   "disagreement": [rng.random()], "edge_f1": float(success),
+                   "evaluations": 1, "choice": 0, "stated": [1.0, 0.9],
+                   "right": [True, success]}  # fmt: skip
+        return {"settings": {"method": method, "seed": seed}, "outcome": outcome,
+                "seconds": 1.0}  # fmt: skip
+
+    study = study_of("actions")
+    methods = {t.settings["method"] for t in study.tasks(Asked(1, recordings="any"))}
+    records = [record(m, m == "ours", k) for m in methods for k in range(12)]
+    results, against, *_, sure = study.tables(records)
+    names = [METHODS[m] for m in METHODS if m in methods]
+    assert [row[0] for row in results.rows] == names
+    assert len(against.rows) == len(names) * (len(names) - 1) / 2
+    for one, other, *p in against.rows:
+        differ = "ours" in (one, other)
+        assert [float(x) < 0.001 for x in p] == [differ, differ]
+    assert "24 statements" in sure.text  # ours alone
+
+
+@pytest.mark.parametrize("method", ["paper", "random-alternate"])
+def test_a_run_of_2006_spends_what_its_actions_allow(method, shared_recordings):
+    settings = {"robot": "starfish-2006", "method": method, "seed": 4,
+                "recordings": str(shared_recordings / "starfish_2006")}  # fmt: skip
+    short, longer = (played(settings, cycles=n, budget=1) for n in (1, 2))
+    ceiling = [15 * (200 * sum(range(1, n + 1)) + n) for n in (1, 2)]
+    assert short["evaluations"] < longer["evaluations"]
+    assert short["evaluations"] <= ceiling[0] and longer["evaluations"] <= ceiling[1]
+    # what was done is not done otherwise because more is to come
+    assert longer["actions"][:1] == short["actions"]
+    assert longer["error"][:1] == short["error"]
 
 
 def test_crowding_never_loses_and_a_failed_child_never_wins(rng):
@@ -169,6 +216,18 @@ def test_what_is_stated_of_a_length_holds_the_belief_that_it_states(rng):
             assert 0.9 - 1e-9 <= share_of <= belief[inside].sum() + 1e-9
 
 
+def test_lengths_stated_are_counted_against_true_ones():
+    whole, short = [0.5, 1.5, 0.9, 1.0], [0.5, 1.5, 0.9, 0.1]
+    outcome = {"success": True, "error": [0.1], "actions": [3], "evaluations": 1,
+               "lengths": [whole, whole, whole, short]}  # fmt: skip
+    settings = {"robot": "starfish", "phase": "after", "method": "ours"}
+    record = {"settings": settings, "outcome": outcome, "seconds": 1.0}
+    *_, table = study_of("table3").tables([record] * 5)
+    (every, alone) = table.rows
+    assert every[3].startswith("90.0 %") and every[4].startswith("15/20 = 75.0 %")
+    assert alone[4].startswith("0/5") and (every[5], alone[5]) == ("0.2100", "0.8100")
+
+
 def test_the_same_seed_gives_the_same_outcome(shared_recordings):
     folder = str(shared_recordings / "starfish_2006")
     settings = {"robot": "starfish-2006", "method": "ours", "recordings": folder}
@@ -176,6 +235,25 @@ def test_the_same_seed_gives_the_same_outcome(shared_recordings):
     assert json.dumps(first) == json.dumps(again) != json.dumps(other)
     assert len(first["actions"]) == len(set(first["actions"])) == 16
     assert first["success"] and first["error"][-1] < 0.5
+
+
+def test_an_interval_of_pooled_pairs_is_of_runs_not_of_pairs(rng):
+    def ends(x, y):
+        told, interval, _ = pooled(x, y).split(" (")
+        low, high = (float(end) for end in interval.rstrip(")").split(" to "))
+        assert low <= float(told) <= high
+        return low, high
+
+    x, y = rng.normal(size=(2, 40, 1))
+    y = x + y
+    alone, repeated = ends(x, y), ends(np.tile(x, 25), np.tile(y, 25))
+    assert repeated == pytest.approx(alone, abs=0.03)  # says nothing new
+    fresh = rng.normal(size=(2, 40, 25))
+    low, high = ends(fresh[0], fresh[0] + fresh[1])
+    assert high - low < (alone[1] - alone[0]) / 2
+    assert pooled([x.ravel()], [y.ravel()]).count("(") == 1  # one run: no interval
+    gap = np.where(np.arange(40)[:, None] == 7, np.nan, y)
+    assert pooled(x, gap).endswith("(n = 39)") and pooled([], []).endswith("(n = 0)")
 
 
 def test_statistics_are_those_of_their_names(rng):
@@ -186,7 +264,8 @@ def test_statistics_are_those_of_their_names(rng):
     same, more = rng.normal(size=40), rng.normal(size=40) + 3
     assert permuted(same, same[::-1]) > 0.9 and permuted(same, more) < 0.001
     assert ranked(same, np.exp(same)).startswith("1.000")
-    assert ranked([1, 2, 3], [1, 1, 1]).startswith("not defined")
+    for told in (ranked([1, 2, 3], [1, 1, 1]), pooled([[1, 2, 3]], [[1, 1, 1]])):
+        assert told == "not defined (n = 3)"
     stated = rng.random(4000)
     true = rng.random(4000) < stated
     honest = list(zip(stated, true, strict=True))

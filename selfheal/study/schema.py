@@ -47,7 +47,7 @@ def _tasks(asked: Asked) -> list[Task]:
         Task(f"{robot} {what} {sensors} {seed}",
              {"robot": robot, "what": what, "sensors": sensors, "seed": seed,
               "recordings": str(asked.recordings) if robot == REAL else ""})
-        for what, sensors in work for robot in places for seed in asked.seeds
+        for seed in asked.seeds for what, sensors in work for robot in places
     ]  # fmt: skip
 
 

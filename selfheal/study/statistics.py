@@ -4,6 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..body.body import Floats
+
+_DRAWS = 400  # of runs, for an interval; chosen
+
 
 def share(successes: int, count: int) -> str:
     """A share with its 95 % Wilson interval, as "27/30 = 90.0 % (74 to 97)"."""
@@ -54,10 +58,41 @@ def ranked(first: Sequence[float], second: Sequence[float]) -> str:
     """Spearman's rank correlation of pairs, its p and their number."""
     from scipy.stats import spearmanr
 
-    x, y = np.asarray(first, float), np.asarray(second, float)
-    sound = np.isfinite(x) & np.isfinite(y)
-    x, y = x[sound], y[sound]
-    if len(x) < 3 or np.ptp(x) == 0 or np.ptp(y) == 0:
+    x, y = _sound(first, second)
+    if not _varied(x, y):
         return f"not defined (n = {len(x)})"
     found = spearmanr(x, y)
     return f"{found.statistic:.3f}, p = {found.pvalue:.2g} (n = {len(x):,})"
+
+
+def pooled(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> str:
+    """Spearman's rank correlation of the pairs of all runs, a list of numbers each.
+
+    Its 95 % interval is of whole runs drawn again, for the pairs of a run go together;
+    of one run there is none.
+    """
+    from scipy.stats import spearmanr
+
+    runs = [_sound(x, y) for x, y in zip(first, second, strict=True)]
+    pairs = np.concatenate([np.empty((2, 0)), *runs], axis=1)
+    if not _varied(*pairs):
+        return f"not defined (n = {pairs.shape[1]})"
+    told, count = f"{spearmanr(*pairs).statistic:.3f}", f"(n = {pairs.shape[1]:,})"
+    if len(runs) == 1:
+        return f"{told} {count}"
+    draws = np.random.default_rng(0).integers(len(runs), size=(_DRAWS, len(runs)))
+    drawn = [np.concatenate([runs[k] for k in draw], axis=1) for draw in draws]
+    found = [spearmanr(*some).statistic for some in drawn if _varied(*some)]
+    low, high = np.percentile(found, [2.5, 97.5])
+    return f"{told} ({low:.2f} to {high:.2f}) {count}"
+
+
+def _sound(first: Sequence[float], second: Sequence[float]) -> Floats:
+    """(2, N) the pairs of which both are numbers."""
+    pairs = np.array([first, second], float)
+    return pairs[:, np.isfinite(pairs).all(axis=0)]
+
+
+def _varied(x: Floats, y: Floats) -> bool:
+    """Whether pairs have ranks to be correlated."""
+    return bool(len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0)

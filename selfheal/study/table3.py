@@ -1,27 +1,26 @@
 """Study `table3`: Table 3 of 2006 with our method beside its three, and two robots."""
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import product
 from statistics import median
 from typing import Any
 
-from ..selfmodel.run import Settings
-from ..selfmodel.strategy import BUDGETS
-from .after import after
-from .calibration import Pairs, diagram, reliability
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
-from .statistics import fisher, permuted, share, spread
-from .trees import HIDDEN, REAL, WHERE, column, gauge, identified, opened, statements
+import numpy as np
 
-# method -> its name in the tables, and the 2006 paper's successes of 30 and errors [cm]
-# before and after damage (overview.txt, Table 3)
-_METHODS = {
-    "random-batch": ("baseline 1", 7, ("9.62 ± 1.47", "5.60 ± 2.98")),
-    "random-alternate": ("baseline 2", 8, ("9.70 ± 1.45", "4.55 ± 3.22")),
-    "paper": ("2006 rule", 13, ("7.31 ± 1.22", "2.17 ± 0.55")),
-    "disagreement": ("2006, plain disagreement", None, ("", "")),
-    "ours, random": ("ours, random actions", None, ("", "")),
-    "ours": ("ours", None, ("", "")),
+from .after import CYCLES, after
+from .calibration import Pairs, brier, diagram, reliability
+from .methods import METHODS, OURS, by_method, played, tests
+from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
+from .statistics import share, spread
+from .trees import HIDDEN, REAL, WHERE, column, gauge, statements
+
+_BUDGET = 262_000  # simulations of our search: the mean of the 2006 rule's
+# the 2006 paper's successes of 30, and errors [cm] before and after damage
+# (overview.txt, Table 3)
+_2006 = {
+    "random-batch": (7, ("9.62 ± 1.47", "5.60 ± 2.98")),
+    "random-alternate": (8, ("9.70 ± 1.45", "4.55 ± 3.22")),
+    "paper": (13, ("7.31 ± 1.22", "2.17 ± 0.55")),
 }
 _PHASES = ("before", "after")
 
@@ -34,49 +33,35 @@ def _tasks(asked: Asked) -> list[Task]:
              {"robot": robot, "phase": phase, "method": method, "seed": seed,
               "recordings": folder if robot == REAL else ""})
         for robot in (*real, HIDDEN) for seed in asked.seeds
-        for phase in _PHASES for method in _METHODS
+        for phase in _PHASES for method in METHODS
     ]  # fmt: skip
 
 
 def _play(settings: Mapping[str, Any]) -> Outcome:
     if settings["phase"] == "after":
         return after(settings)
-    method = settings["method"]
-    name = "default" if method.startswith("ours") else method
-    asked = Settings(
-        settings["robot"],
-        method=name,
-        random_actions=method == "ours, random",
-        engine="statics",
-        budget=BUDGETS[name],
-        seed=settings["seed"],
-    )
-    return identified(opened(settings), asked)
-
-
-def _groups(records: Sequence[Record], robot: str, phase: str) -> dict[str, list]:
-    """Method -> its runs, of methods that have any."""
-    found = {m: chosen(records, robot=robot, phase=phase, method=m) for m in _METHODS}
-    return {method: rs for method, rs in found.items() if rs}
+    return played(settings, cycles=CYCLES, budget=_BUDGET)
 
 
 def _tables(records: Sequence[Record]) -> list[Table]:
     tables = []
     for robot in (REAL, HIDDEN):
         for phase in _PHASES:
-            if found := _groups(records, robot, phase):
-                tables += [_results(robot, phase, found), _tests(robot, phase, found)]
-    return [*tables, *_correlations(records), *_sure(records)]
+            if found := by_method(records, robot=robot, phase=phase):
+                title = f"Tests, {phase} damage, {WHERE[robot]}"
+                tables += [_results(robot, phase, found), tests(title, found)]
+    sure = [*_sure_of_trees(records), *_sure_of_lengths(records)]
+    return [*tables, *_correlations(records), *sure]
 
 
 def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
     """Table 3's rows, a method a row."""
     rows = []
     for method, rs in found.items():
-        name, paper, errors = _METHODS[method]
+        paper, errors = _2006.get(method, (0, ("", "")))
         lucky = f"{paper}/30" if paper and phase == "before" else ""
         rows.append(
-            (name, f"{len(rs):,}", f"{len(rs[0]['outcome']['actions'])}",
+            (METHODS[method], f"{len(rs):,}", f"{len(rs[0]['outcome']['actions'])}",
              spread(column(rs, "evaluations"), 0),
              share(sum(column(rs, "success")), len(rs)), lucky,
              spread(column(rs, "error")), errors[_PHASES.index(phase)],
@@ -102,84 +87,68 @@ def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
     return Table(f"{phase.capitalize()} damage, {WHERE[robot]}", text, head, rows)
 
 
-def _tests(robot: str, phase: str, found: Mapping[str, list]) -> Table:
-    """Each method against each."""
-    rows = []
-    for one, other in combinations(found, 2):
-        wins = [(sum(column(found[m], "success")), len(found[m])) for m in (one, other)]
-        errors = [column(found[m], "error") for m in (one, other)]
-        rows.append((_METHODS[one][0], _METHODS[other][0], f"{fisher(*wins):.2g}",
-                     f"{permuted(*errors):.2g}"))  # fmt: skip
-    text = (
-        "p of successes by Fisher's exact test, of errors by a permutation test of the "
-        "means; both two-sided, none corrected for there being several."
-    )
-    head = ("method", "against", "successes, p", "errors, p")
-    return Table(f"Tests, {phase} damage, {WHERE[robot]}", text, head, rows)
-
-
 def _correlations(records: Sequence[Record]) -> list[Table]:
     """Does disagreement among models tell how wrong they are?"""
     rows = [
-        (f"{WHERE[robot]}, {_METHODS[method][0]}", rs)
+        (f"{WHERE[robot]}, {METHODS[method]}", rs)
         for robot in (REAL, HIDDEN)
-        for method, rs in _groups(records, robot, "before").items()
+        for method, rs in by_method(records, robot=robot, phase="before").items()
     ]
     return [gauge("Disagreement and error, before damage", rows)] if rows else []
 
 
 def _told(records: Sequence[Record], robot: str) -> Pairs:
     """Statements of our runs before damage."""
-    methods = ("ours", "ours, random")
-    found = [chosen(records, robot=robot, phase="before", method=m) for m in methods]
+    found = [chosen(records, robot=robot, phase="before", method=m) for m in OURS]
     return statements([record for rs in found for record in rs])
 
 
-def _sure(records: Sequence[Record]) -> list[Table]:
-    """Calibration, of attachments and of lengths."""
-    tables = []
-    for robot in (REAL, HIDDEN):
-        if pairs := _told(records, robot):
-            text = (
-                "Our runs, with chosen and with random actions: the stated probability "
-                "of each attachment but part 1's, which cannot be wrong."
-            )
-            title = f"How sure of attachments, {WHERE[robot]}"
-            tables.append(reliability(title, text, pairs))
+def _sure_of_trees(records: Sequence[Record]) -> list[Table]:
+    """Calibration of attachments."""
+    text = (
+        "Our runs, with chosen and with random actions: the stated probability "
+        "of each attachment but part 1's, which cannot be wrong."
+    )
+    return [
+        reliability(f"How sure of attachments, {WHERE[robot]}", text, pairs)
+        for robot in (REAL, HIDDEN)
+        if (pairs := _told(records, robot))
+    ]
+
+
+def _sure_of_lengths(records: Sequence[Record]) -> list[Table]:
+    """Calibration of lengths."""
     rows = []
-    for robot in (REAL, HIDDEN):
-        for method in ("ours", "ours, random"):
-            rs = chosen(records, robot=robot, phase="after", method=method)
-            said = [part for r in rs for part in r["outcome"]["lengths"]]
-            if not said:
-                continue
-            for kind, parts in (
-                ("all", said),
-                ("the shortened one", [p for p in said if p[3] != 1.0]),
-            ):
-                inside = sum(low <= true <= high for low, high, _, true in parts)
-                belief = 100 * sum(p[2] for p in parts) / len(parts)
-                rows.append((WHERE[robot], _METHODS[method][0], kind,
-                             f"{belief:.1f} %", share(inside, len(parts))))  # fmt: skip
-    if rows:
-        text = (
-            "The values of each part's length that hold 90 % of belief after 16 "
-            "actions, or more where one value does (they are a grid), and how often "
-            "the true length is among them. Of the shortened part alone less than "
-            "stated can be true: any part is as likely beforehand, and where no action "
-            "taken tells of it, belief stays with its being whole."
-        )
-        head = ("robot", "method", "parts", "stated, mean", "true")
-        tables.append(Table("How sure of lengths, after damage", text, head, rows))
-    return tables
+    for robot, method in product((REAL, HIDDEN), OURS):
+        rs = chosen(records, robot=robot, phase="after", method=method)
+        said = [part for r in rs for part in r["outcome"]["lengths"]]
+        short = [part for part in said if part[3] != 1.0]
+        for kind, parts in (("all", said), ("the shortened one", short)):
+            pairs = [(held, low <= true <= high) for low, high, held, true in parts]
+            if pairs:
+                stated, inside = np.mean(pairs, axis=0)
+                rows.append((WHERE[robot], METHODS[method], kind,
+                             f"{100 * stated:.1f} %",
+                             share(round(inside * len(pairs)), len(pairs)),
+                             f"{brier(pairs):.4f}"))  # fmt: skip
+    text = (
+        "The values of each part's length that hold 90 % of belief after 16 "
+        "actions, or more where one value does (they are a grid), and how often "
+        "the true length is among them. Of the shortened part alone less than "
+        "stated can be true: any part is as likely beforehand, and where no action "
+        "taken tells of it, belief stays with its being whole."
+    )
+    head = ("robot", "method", "parts", "stated, mean", "true", "Brier score")
+    title = "How sure of lengths, after damage"
+    return [Table(title, text, head, rows)] if rows else []
 
 
 def _pictures(records: Sequence[Record]) -> list[Picture]:
     pictures = []
     for robot in (REAL, HIDDEN):
         for phase in _PHASES:
-            if found := _groups(records, robot, phase):
-                series = {_METHODS[m][0]: column(rs, "error")
+            if found := by_method(records, robot=robot, phase=phase):
+                series = {METHODS[m]: column(rs, "error")
                           for m, rs in found.items()}  # fmt: skip
                 title = f"Error {phase} damage, {WHERE[robot]}"
                 pictures.append(Picture(title, "box", series, "error [cm]"))

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..body.body import center_distance, edge_f1
 from ..body.genome import build
 from ..robot.base import Robot, open_robot
@@ -16,7 +14,7 @@ from ..selfmodel.loop import identify
 from ..selfmodel.run import Run, Settings
 from .calibration import Pairs
 from .plan import Outcome, Record, Table
-from .statistics import ranked
+from .statistics import pooled, ranked
 
 REAL, HIDDEN = "starfish-2006", "starfish"
 WHERE = {REAL: "real readings", HIDDEN: "hidden robot"}
@@ -93,18 +91,12 @@ def gauge(title: str, rows: Sequence[tuple[str, Sequence[Record]]]) -> Table:
         "Spearman's rank correlation of disagreement and the best body's error. "
         "Disagreement: of the bodies that might be right, each counted as far as it is "
         "believed, about the tilts of untried actions. 2006: 0.425, p < 0.02 (n = 30) "
-        "at the last cycle. Cycles of one run are not independent of each other, so "
-        "that p of the pooled ones is too small."
+        "at the last cycle. Of the pooled cycles a 95 % interval, of whole runs drawn "
+        "again: cycles of one run go together."
     )
     cells = []
     for name, rs in rows:
         last = [column(rs, what) for what in ("disagreement", "error")]
-        every = [_pooled(rs, what) for what in ("disagreement", "error")]
-        cells.append((name, ranked(*last), ranked(*every)))
+        every = [[r["outcome"][what] for r in rs] for what in ("disagreement", "error")]
+        cells.append((name, ranked(*last), pooled(*every)))
     return Table(title, text, ("runs", "last cycle", "all cycles pooled"), cells)
-
-
-def _pooled(records: Sequence[Record], name: str) -> list[float]:
-    """The numbers of all cycles of all runs."""
-    lists = [record["outcome"][name] for record in records]
-    return [float(x) for x in np.concatenate(lists)] if lists else []

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import signal
 import time
 import traceback
 from collections.abc import Callable, Mapping
@@ -19,7 +20,8 @@ class Pinned(WorkerPlugin):
 
     Libraries read the variable when they first start threads, after this; those that
     read theirs when they are loaded are told by Dask's nanny. On this machine each
-    worker is put on a core of its own, too; a batch system does that for its jobs.
+    worker is put on a core of its own, too; a batch system does that for its jobs. What
+    a terminal's Ctrl-C says to all its processes there is left to the one that asked.
     """
 
     name, idempotent = "selfheal-pinned", True
@@ -32,6 +34,7 @@ class Pinned(WorkerPlugin):
         """Called by Dask in a worker that has just started."""
         os.environ["NPROC"] = "1"
         if self.own:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
             core = self.own[int(worker.name) % len(self.own)]
             for thread in os.listdir("/proc/self/task"):
                 os.sched_setaffinity(int(thread), {core})
