@@ -116,14 +116,14 @@ def upheld(case: Case, naming: Naming) -> Upheld:
         held = whitened(start, found.terms, found.values)
         told = held.at(found.terms, found.values)
         error = float(told @ told)
-        before = _error(held, alone)
+        before = _own_error(held, alone)
         least = max(HELPS * error, TRIFLE * (before - error))
         weakest = None
         values = dict(zip(found.terms, parts(found.terms, found.values), strict=True))
         for name in naming.named:
             less = without(naming.problem, found, name.term)
             other = held.at(less.terms, less.values)
-            gain = float(other @ other) - error
+            gain = _own_error(held, less) - error
             if name.term.is_faint(values[name.term]):
                 weakest = -np.inf, name, less
                 break
@@ -181,6 +181,13 @@ def _error(problem: Problem, found: Fit) -> float:
     return float((problem.at(found.terms, found.values) ** 2).sum())
 
 
+def _own_error(problem: Problem, found: Fit) -> float:
+    """The same; where starts were sought, from those that are likeliest for this fit."""
+    if problem.shift is not None:
+        problem = whitened(problem, found.terms, found.values)
+    return _error(problem, found)
+
+
 @dataclass(frozen=True)
 class Structure:
     """What the named effects leave.
@@ -217,7 +224,7 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         new = Scored.of(problem, try_term(base, term, rounds=2))
         p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
-    before, left = _error(problem, naming.stated.fit), base.fit.cost
+    before, left = _own_error(problem, naming.stated.fit), base.fit.cost
     noise = expected(problem, base.fit)
     if naming.named and problem.windows.is_single:
         noise = max(noise, most(problem, base.fit.residuals))
