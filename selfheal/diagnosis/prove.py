@@ -182,7 +182,7 @@ def _error(problem: Problem, found: Fit) -> float:
 
 
 def _own_error(problem: Problem, found: Fit) -> float:
-    """The same; where starts were sought, from those that are likeliest for this fit."""
+    """The same; where starts were sought, from those likeliest for this fit."""
     if problem.shift is not None:
         problem = whitened(problem, found.terms, found.values)
     return _error(problem, found)
