@@ -11,6 +11,8 @@ from .actuator import least_inertia
 from .friction import Friction, strength
 
 FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
+# periods a turn of magnets or teeth; chosen: fewer are those of gravity, or of a spring
+FEWEST = 4.0
 SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
 
 
@@ -137,7 +139,7 @@ class Cogging(AtJoint):
         scale, high = 0.1 * joint.torque, 3 * strength(scene, joint)
         return (
             Parameter("amplitude", joint.force, 0.0, 0.0, high, scale),
-            Parameter("poles", "1", 10.0, 1.0, 200.0, 1.0 / max(joint.range, 0.05)),
+            Parameter("poles", "1", 10.0, FEWEST, 200.0, 1.0 / max(joint.range, 0.05)),
             Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
         )
 
@@ -146,7 +148,7 @@ class Cogging(AtJoint):
         # counts part by two radians within the joint's range
         a, apart = 0.01 * joint.torque, max(1.0, 2.0 / max(joint.range, 0.05))
         counts = np.append(
-            np.arange(2.0, 20.0, apart), np.arange(20.0, 50.0, 2 * apart)
+            np.arange(FEWEST, 20.0, apart), np.arange(20.0, 50.0, 2 * apart)
         )
         return tuple((a, n, p) for n in counts.tolist() for p in (0.0, np.pi / 2))
 
