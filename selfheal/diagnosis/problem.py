@@ -206,37 +206,10 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     to where, with these values, they are likeliest (Bock 1983, multiple shooting).
     """
     std = start_errors(problem.world, problem.windows).sum(axis=0)
+    std = np.maximum(std, 1e-300)  # without noise; then no start moves
     plain = replace(problem.raw, shift=None)
     off = np.zeros_like(std) if problem.shift is None else problem.shift / std
-    told = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
-    active = np.arange(len(off))
-    for last in range(SOUGHT + 1):
-        found = _answers(plain.take(active), terms, values, off[active], std[active])
-        for w, one in zip(active, found, strict=True):
-            told[w] = one
-        if last == SOUGHT or problem.windows.is_single:
-            break
-        best = np.array([_likeliest(*told[w], off[w]) for w in active])
-        steps = np.array(SHORTER)[:, None, None] * (best - off[active])
-        part, more = plain.take(active), (off[active] + steps) * std[active]
-        after = part.residuals(terms, np.tile(values, (len(more), 1)), more)
-        costs = np.array([part.by_window(x**2) for x in after])
-        costs += ((off[active] + steps) ** 2).sum(axis=2)
-        before = np.array([told[w][0] @ told[w][0] + off[w] @ off[w] for w in active])
-        linear = np.concatenate(
-            [
-                told[w][0] + told[w][1] @ move
-                for w, move in zip(active, steps[0], strict=True)
-            ]
-        )
-        wrong = part.by_window((after[0] - linear) ** 2)
-        which = costs.argmin(axis=0)
-        each = np.arange(len(active))
-        moves = (wrong > BENT * before.mean()) & (costs[which, each] < before)
-        off[active[moves]] += steps[which, each][moves]
-        active = active[moves]
-        if not len(active):
-            break
+    told = _sought(plain, terms, values, off, std)
     whiten = []
     for _, moved in told:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
@@ -248,18 +221,53 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     return replace(plain, shift=off * std, pull=np.concatenate(pull))
 
 
-def _answers(
+def _sought(
     problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
 ) -> list[tuple[Floats, Floats]]:
-    """Of each window: residuals (R_w), and what one error of each state adds to them.
+    """Move starts to where they are likeliest, as far as what they cause is not linear.
 
     Args:
         problem: without what starts explain.
         terms: of one hypothesis.
         values: (P) of it.
-        off: (W, 2 nv) of the starts, in their errors.
+        off: (W, 2 nv) of the starts, in their errors; written to.
         std: (W, 2 nv) errors of what was read.
+
+    Returns:
+        Of each window: residuals (R_w), and what one error of each state adds to them
+        (R_w, 2 nv).
     """
+    told = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
+    active = np.arange(len(off))
+    for last in range(SOUGHT + 1):
+        part, start, unit = problem.take(active), off[active], std[active]
+        own = _answers(part, terms, values, start, unit)
+        for w, one in zip(active, own, strict=True):
+            told[w] = one
+        if last == SOUGHT or problem.windows.is_single:
+            break
+        best = [_likeliest(*one, o) for one, o in zip(own, start, strict=True)]
+        tries = start + np.array(SHORTER)[:, None, None] * (np.array(best) - start)
+        rows = np.tile(values, (len(tries), 1))
+        after = part.residuals(terms, rows, tries * unit)
+        costs = [part.by_window(x**2) for x in after] + (tries**2).sum(axis=2)
+        before = np.array([r @ r for r, _ in own]) + (start**2).sum(axis=1)
+        moves = zip(own, tries[0] - start, strict=True)
+        linear = np.concatenate([r + moved @ move for (r, moved), move in moves])
+        bent = part.by_window((after[0] - linear) ** 2) > BENT * before.mean()
+        which = costs.argmin(axis=0), np.arange(len(active))
+        gains = bent & (costs[which] < before)
+        active = active[gains]
+        if not len(active):
+            break
+        off[active] = tries[which][gains]
+    return told
+
+
+def _answers(
+    problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
+) -> list[tuple[Floats, Floats]]:
+    """What `_sought` returns, of the starts as they are; arguments as there."""
     count, width = off.shape
     each = np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
     rows = np.tile(values, (len(each), 1))
