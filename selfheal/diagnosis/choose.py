@@ -23,7 +23,7 @@ from .problem import Problem
 from .screen import Progress
 from .terms import Term
 
-FITTED = 3  # of the last ones, with every other value fitted anew; chosen
+FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
 STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen

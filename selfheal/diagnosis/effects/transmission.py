@@ -184,7 +184,8 @@ class JointCoupling(Effect):
         ]
 
     def _between(self, scene, a, b) -> Term:
-        scale = 0.2 * a.torque / a.range
+        # what both bear: the lighter joint's, or a start is far from all that could be
+        scale = 0.2 * min(j.torque / j.range for j in (a, b))
         high = 10 * strength(scene, a) / a.range
         unit = f"{a.force}/{a.unit}"
         parameters = (
@@ -195,7 +196,8 @@ class JointCoupling(Effect):
         place |= {"other_dof": b.dof, "other_qpos": b.qpos}
         return Term(
             self, (f"joint:{a.name}",), (place,), parameters,
-            ((scale, 1.0), (scale, -1.0)), {"other": f"joint:{b.name}"},
+            ((scale, 1.0), (scale, -1.0), (0.2 * scale, 1.0), (0.2 * scale, -1.0)),
+            {"other": f"joint:{b.name}"},
         )  # fmt: skip
 
     def act(self, moment, place, values):
