@@ -47,10 +47,13 @@ if moment == "merged":
         die() if path.name.endswith(".journal") else unlink(path, **more))
 """
 
-# after the first run a terminal's Ctrl-C, which all of its processes hear
+# after the first run a terminal's Ctrl-C, which all of its processes hear, also where
+# the tests were started in the background and hear none
 INTERRUPT = """
+import signal
 from selfheal.study import store
 
+signal.signal(signal.SIGINT, signal.default_int_handler)
 os.setsid()
 add = store.Journal.add
 
