@@ -329,14 +329,18 @@ def for_score(problem: Problem, found: Fit) -> Floats:
     return np.where(scored, problem.sigma, UNSCORED * problem.sigma)
 
 
-def reweighed(problem: Problem, found: Fit) -> Problem:
-    """Each column's residuals measured by how large they are now."""
-    width = problem.windows.readings.shape[1]
-    r = found.residuals.reshape(-1, width)
+def left_in(problem: Problem, found: Fit) -> Floats:
+    """Root mean squares (C) [its unit] of what a fit leaves in each column."""
+    r = found.residuals.reshape(problem.windows.readings.shape)
     known = np.isfinite(problem.windows.readings)
     size = np.sqrt((r**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    return size * problem.sigma
+
+
+def reweighed(problem: Problem, found: Fit) -> Problem:
+    """Each column's residuals measured by how large they are now."""
     noise = np.concatenate([c.noise for c in problem.world.signals])
     least = np.where(np.isfinite(noise), noise, 0.0)
-    sigma = np.maximum(size * problem.sigma, least)
+    sigma = np.maximum(left_in(problem, found), least)
     sigma = np.where(sigma > 0, sigma, problem.sigma)
     return whitened(replace(problem, sigma=sigma), found.terms, found.values)

@@ -192,12 +192,12 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             if c.kind == "body_orientation":
                 readings[:, c.columns] = _continuous(values)
     at = (time - time[0]) / step
-    parabola, variance = _parabola(time, readings)
+    parabola, variance = np.empty((*readings.shape, 3)), np.empty(readings.shape)
     for c in signals:
-        if c.kind == "body_orientation":
-            parabola[:, c.columns], variance[:, c.columns] = _turning(
-                time, readings[:, c.columns]
-            )
+        through = _turning if c.kind == "body_orientation" else _parabola
+        parabola[:, c.columns], variance[:, c.columns] = through(
+            time, readings[:, c.columns]
+        )
     return Log(
         name, float(time[0]), at, readings, _means(at, episode.ctrl),
         _centered(at, episode.ctrl), parabola, np.sqrt(variance), episode.qpos0,

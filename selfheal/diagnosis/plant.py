@@ -105,7 +105,7 @@ class Plant:
 
         key = ("actuator_", "body_", "dof_", "geom_", "jnt_", "qpos", "site_", "opt.")
         said = {f: number_of(self.model, f) for f in MODEL_FIELDS if f.startswith(key)}
-        return {f: v.tobytes() for f, v in said.items() if np.size(v) and v is not None}
+        return {f: v.tobytes() for f, v in said.items() if v is not None and v.size}
 
 
 def number_of(model, name: str):

@@ -125,6 +125,8 @@ class Problem:
 
     def take(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
+        if np.array_equal(chosen, np.arange(len(self.windows))):
+            return self
         whiten = tuple(self.whiten[i] for i in chosen) if self.whiten else ()
         shift, pull = self.shift, self.pull
         if shift is not None:
@@ -163,15 +165,22 @@ def _aligned(apart: Floats, told: Floats, problem: Problem) -> Floats:
 
 def start_errors(world: World, windows: Windows) -> Floats:
     """Initial states (1 + 2 nv, W, 2 nv) off by nothing, and by one error each."""
-    nv = world.workshop.given.nv
-    std = np.empty((len(windows), 2 * nv))
+    std = _start_error(world, windows)
+    return _one_each(std.shape[1]) * std
+
+
+def _start_error(world: World, windows: Windows) -> Floats:
+    """Standard deviations (W, 2 nv) of the states that were read."""
+    std = np.empty((len(windows), 2 * world.workshop.given.nv))
     for log in np.unique(windows.log):
         rows = np.flatnonzero(windows.log == log)
         std[rows] = start_of(world, int(log), windows.start[rows], {})[2]
-    kick = np.zeros((2 * nv + 1, len(windows), 2 * nv))
-    for i in range(2 * nv):
-        kick[i + 1, :, i] = std[:, i]
-    return kick
+    return std
+
+
+def _one_each(width: int) -> Floats:
+    """(1 + width, 1, width): nothing, and one of each."""
+    return np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
 
 
 def is_told(
@@ -205,7 +214,7 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     its error. After an impact what they cause is not linear: there they are first moved
     to where, with these values, they are likeliest (Bock 1983, multiple shooting).
     """
-    std = start_errors(problem.world, problem.windows).sum(axis=0)
+    std = _start_error(problem.world, problem.windows)
     std = np.maximum(std, 1e-300)  # without noise; then no start moves
     plain = replace(problem.raw, shift=None)
     off = np.zeros_like(std) if problem.shift is None else problem.shift / std
@@ -269,7 +278,7 @@ def _answers(
 ) -> list[tuple[Floats, Floats]]:
     """What `_sought` returns, of the starts as they are; arguments as there."""
     count, width = off.shape
-    each = np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
+    each = _one_each(width)
     rows = np.tile(values, (len(each), 1))
     told = problem.residuals(terms, rows, (off + each) * std)
     edges = np.searchsorted(problem.window_of, np.arange(1, count))

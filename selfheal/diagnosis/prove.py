@@ -123,7 +123,7 @@ def upheld(case: Case, naming: Naming) -> Upheld:
         for name in naming.named:
             less = without(naming.problem, found, name.term)
             other = held.at(less.terms, less.values)
-            gain = _own_error(held, less) - error
+            gain = _own_error(held, less, other) - error
             if name.term.is_faint(values[name.term]):
                 weakest = -np.inf, name, less
                 break
@@ -181,11 +181,14 @@ def _error(problem: Problem, found: Fit) -> float:
     return float((problem.at(found.terms, found.values) ** 2).sum())
 
 
-def _own_error(problem: Problem, found: Fit) -> float:
-    """The same; where starts were sought, from those likeliest for this fit."""
+def _own_error(problem: Problem, found: Fit, told: Floats | None = None) -> float:
+    """The same; where starts were sought, from those likeliest for this fit.
+
+    `told`: (R) residuals from the problem's own starts, if they are known.
+    """
     if problem.shift is not None:
-        problem = whitened(problem, found.terms, found.values)
-    return _error(problem, found)
+        return _error(whitened(problem, found.terms, found.values), found)
+    return _error(problem, found) if told is None else float(told @ told)
 
 
 @dataclass(frozen=True)

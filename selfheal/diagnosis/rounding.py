@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .evidence import Evidence
+from .evidence import Evidence, left_in
 from .name import Named, Naming
 from .scene import Channel, Scene
 from .terms import Effect, Term
@@ -23,10 +23,7 @@ def with_rounding(naming: Naming, scene: Scene, effects: Iterable[Effect]) -> Na
     step (Widrow 1956), is most of the readings' noise and much of what the fit leaves.
     """
     problem, final = naming.problem, naming.final
-    apart = final.fit.residuals.reshape(problem.windows.readings.shape)
-    known = np.isfinite(problem.windows.readings)
-    left = (apart**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    left *= problem.sigma**2
+    left = left_in(problem, final.fit) ** 2
     by_name = {c.name: c for c in scene.signals}
     for term in (t for e in effects if e.rounds for t in e.terms(scene)):
         signal = by_name[term.places[0]["signal"]]
@@ -34,7 +31,7 @@ def with_rounding(naming: Naming, scene: Scene, effects: Iterable[Effect]) -> Na
         error = signal.lattice**2 / 12
         if error < MOST * noise**2 or error < SOME * left[column]:
             continue
-        told = int(known[:, column].sum())
+        told = np.isfinite(problem.windows.readings[:, column]).sum()
         nats = -np.log(2 * OFF)  # of each reading, that could lie anywhere
         evidence = Evidence(nats, float(np.exp(-nats * told)), 1.0)
         named = Named(_told(term, signal), evidence, ())

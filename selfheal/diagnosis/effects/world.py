@@ -95,7 +95,7 @@ class Wind(OfWorld):
 def _terminal_speed(scene: Scene) -> float:
     """The least speed [m/s] at which the medium would carry a body's weight, or so."""
     medium, g = scene.model.opt, 9.81
-    speeds = [1.0]
+    speeds = []
     for body in scene.bodies:
         if medium.density:
             area = medium.density * body.size**2
@@ -103,7 +103,7 @@ def _terminal_speed(scene: Scene) -> float:
         if medium.viscosity:
             thick = 3 * np.pi * medium.viscosity * body.size
             speeds.append(g * body.mass / thick)
-    return float(min(speeds[1:] or speeds))
+    return float(min(speeds, default=1.0))
 
 
 class OfGround(OfWorld):
