@@ -26,7 +26,6 @@ from selfheal.diagnosis.evidence import (
     refitted,
 )
 from selfheal.diagnosis.fit import (
-    Base,
     Fit,
     bounds,
     fit,
@@ -34,7 +33,6 @@ from selfheal.diagnosis.fit import (
     looked_about,
     rested,
     step,
-    try_term,
 )
 from selfheal.diagnosis.name import Named, Naming
 from selfheal.diagnosis.plant import Workshop
@@ -44,6 +42,7 @@ from selfheal.diagnosis.prove import in_its_place, likeliest
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, says_anew
+from selfheal.diagnosis.trial import Base, try_term
 from selfheal.diagnosis.windows import Windows, windows
 from selfheal.recording import read
 

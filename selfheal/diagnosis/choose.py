@@ -18,10 +18,11 @@ from .evidence import (
     scored,
     stability,
 )
-from .fit import Base, Fit, try_term
+from .fit import Fit
 from .problem import Problem
 from .screen import Progress
 from .terms import Term
+from .trial import Base, try_term
 
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen

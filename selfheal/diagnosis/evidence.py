@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Base, Fit, bounds, fit, step, try_term
+from .fit import Fit, bounds, fit, step
 from .problem import Problem, whitened
 from .scene import by_column
 from .terms import Term
+from .trial import Base, try_term
 
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
 EPISODES = 3  # at least, each to be predicted from the others; chosen

@@ -1,6 +1,6 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .memory import Answer
-from .problem import FAR, Problem
+from .problem import Problem
 from .terms import Term
 
 # of a parameter's scale, for differences; chosen: above solver noise; of a motion that
@@ -16,7 +16,6 @@ from .terms import Term
 NUDGE, COARSE = 0.02, 0.3
 # times a value, where to look for better ones: far and near
 ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
-LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 # a step stays in the neighborhood that gains less than this share of the cost, or after
 # which the Jacobian was wrong by less than this share of what is left; chosen
@@ -160,38 +159,72 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
     """Values, residuals and Jacobian of `fit`."""
     low, high, scale = bounds(terms)
     weights = believed(terms)
+
+    def told(points: Floats) -> list[tuple[float, Floats]]:
+        found = problem.residuals(terms, points)
+        pull = (weights * (points - 1) ** 2).sum(axis=1)
+        return [(float(r @ r + p), r) for r, p in zip(found, pull, strict=True)]
+
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.at(terms, x)
     jac = jacobian(problem, terms, x, r) if known is None else known
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-        cost = before = float(r @ r + weights @ (x - 1) ** 2)
-        point, there = x, r
-        for dampings in DAMPING[:1], DAMPING[1:]:
-            moves = [step(h, g, low - x, high - x, scale, d) for d in dampings]
-            promised = -max((2 * g + h @ m) @ m for m in moves)
-            told = problem.residuals(terms, x + np.array(moves))
-            for move, new in zip(moves, told, strict=True):
-                new_cost = float(new @ new + weights @ (x + move - 1) ** 2)
-                if new_cost < cost:
-                    cost, point, there = new_cost, x + move, new
-            if before - cost > KEPT * promised:
-                break
-        if cost >= before and known is not None:
+        before = float(r @ r + weights @ (x - 1) ** 2)
+
+        propose = partial(_proposed, x, before, h, g, low, high, scale)
+        best = lowest(before, propose, told)
+        if best is None and known is not None:
             jac, known = jacobian(problem, terms, x, r), None
             continue
-        if cost >= before:
+        if best is None:
             break
+        point, cost, there = best
         move, change = point - x, there - r
         x, r, gained = point, there, before - cost
         wrong = change - jac @ move
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
-            jac = _secant(jac, move, change, scale)
+            jac = secant(jac, move, change, scale)
         else:
             jac, known = jacobian(problem, terms, x, r), None
         if gained < gain * before:
             break
     return x, r, jac
+
+
+def _proposed(x, cost, h, g, low, high, scale, damping) -> tuple[float, Floats]:
+    """The cost that a step from values (P) promises, and where it leads."""
+    move = step(h, g, low - x, high - x, scale, damping)
+    return float(cost + (2 * g + h @ move) @ move), x + move
+
+
+def lowest(
+    cost: float, propose: Callable[[float], tuple[float, Floats]],
+    tell: Callable[[Floats], Sequence[tuple]], least: float = 0.0,
+) -> tuple | None:  # fmt: skip
+    """The best of some steps: the least damped one, others if it keeps too little.
+
+    Args:
+        cost: where the steps begin.
+        propose: of a damping, the cost that its step promises, and where it leads (p).
+        tell: of places (n, p), what is there, first of all the cost.
+        least: share of the cost, a promise below which is not tried.
+
+    Returns:
+        The place and what is told of it; None where none is lower.
+    """
+    best, now = None, cost
+    for dampings in DAMPING[:1], DAMPING[1:]:
+        promises, places = zip(*map(propose, dampings), strict=True)
+        promised = cost - min(promises)
+        if promised < least * cost:
+            break
+        for place, told in zip(places, tell(np.array(places)), strict=True):
+            if told[0] < now:
+                best, now = (place, *told), told[0]
+        if cost - now > KEPT * promised:
+            break
+    return best
 
 
 def rested(problem: Problem, found: Fit) -> Fit:
@@ -244,177 +277,9 @@ def looked_about(
     return values
 
 
-def _secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
+def secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
     """The Jacobian after a small move, by what that changed (Broyden 1965)."""
     size = move / scale
     if not size.any():
         return jac
     return jac + np.outer(change - jac @ move, size / scale / (size @ size))
-
-
-@dataclass(frozen=True, eq=False)
-class Base:
-    """A fit in whose neighborhood other effects are tried.
-
-    Attributes:
-        problem: that was fitted.
-        fit: its best values.
-        weights: (P) of what is believed.
-        curvature: (P, P), of what is believed too.
-    """
-
-    problem: Problem
-    fit: Fit
-    weights: Floats
-    curvature: Floats
-
-    @classmethod
-    def of(cls, problem: Problem, found: Fit) -> "Base":
-        """With the curvature worked out."""
-        weights = believed(found.terms)
-        curvature = found.jacobian.T @ found.jacobian + np.diag(weights)
-        return cls(problem, found, weights, curvature)
-
-    def take(self, chosen: np.ndarray) -> "Base":
-        """The same fit in some of the windows."""
-        windows, found = self.problem.windows, self.fit
-        width = windows.readings.shape[1]
-        rows = windows.rows(chosen)[:, None] * width + np.arange(width)
-        r, jac = found.residuals[rows.ravel()], found.jacobian[rows.ravel()]
-        return Base.of(
-            self.problem.take(chosen), Fit(found.terms, found.values, r, jac)
-        )
-
-    def slope(self, r: Floats) -> Floats:
-        """(P) of the cost at residuals r (R), with the pull of what is believed."""
-        return self.fit.jacobian.T @ r + self.weights * (self.fit.values - 1)
-
-    def settle(self, r: Floats, hold: np.ndarray | None = None) -> tuple[float, Floats]:
-        """Lowest cost and the move (P) to it, of residuals r if the rest is linear.
-
-        Args:
-            r: (R).
-            hold: numbers of parameters that do not move.
-        """
-        low, high, scale = bounds(self.fit.terms)
-        x = self.fit.values
-        g = self.slope(r)
-        low, high = low - x, high - x
-        if hold is not None:
-            low[hold] = high[hold] = 0.0
-        move = step(self.curvature, g, low, high, scale)
-        cost = r @ r + 2 * g @ move + move @ self.curvature @ move
-        return float(cost + self.weights @ (x - 1) ** 2), move
-
-
-def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
-    """The best of one more term, while all others answer linearly.
-
-    Returns:
-        All terms; residuals and Jacobian are those of the linear answer.
-    """
-    found = base.fit
-    question = ("try", found.terms, found.values, found.residuals, found.jacobian,
-                term, rounds)  # fmt: skip
-    x, r, jac, move = base.problem.recall(question, partial(_tried, base, term, rounds))
-    return Fit(
-        (*found.terms, term), np.concatenate([found.values + move, x]),
-        r + found.jacobian @ move, np.hstack([found.jacobian, jac]),
-    )  # fmt: skip
-
-
-def _tried(base: Base, term: Term, rounds: int) -> Answer:
-    """The term's values, residuals and Jacobian, and the move of all others."""
-    problem, terms = base.problem, (*base.fit.terms, term)
-    low, high, scale = term.low, term.high, term.scale
-    fixed = base.fit.values
-
-    def residuals(points: Floats) -> Floats:
-        rows = np.hstack([np.tile(fixed, (len(points), 1)), points])
-        return problem.residuals(terms, rows)
-
-    def slopes(x: Floats, r: Floats) -> Floats:
-        return jacobian(problem, terms, np.append(fixed, x), r, len(fixed))
-
-    points = np.array(term.starts, float).reshape(len(term.starts), -1)
-    told = residuals(points)
-    if term.effect.waves and len(points) > 1:
-        points = np.clip(_best_wave(base, points, told), low, high)
-        told = residuals(points)
-    if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
-        rounds = 0
-    settled = [base.settle(r) for r in told]
-    best = int(np.argmin([c for c, _ in settled]))
-    x, r, (cost, move) = points[best], told[best], settled[best]
-    jac = slopes(x, r) if rounds else np.zeros((len(r), len(x)))
-    for _ in range(rounds if len(x) else 0):
-        before, point, there = cost, x, r
-        for dampings in DAMPING[:1], DAMPING[1:]:
-            steps = [
-                _joint_step(base, jac, r, x, low, high, scale, d) for d in dampings
-            ]
-            promised = before - steps[0][0]
-            if promised < TRIFLE * before:
-                break
-            told = residuals(x + np.array([m for _, m in steps]))
-            for (_, own), new in zip(steps, told, strict=True):
-                new_cost, others = base.settle(new)
-                if new_cost < cost:
-                    cost, move, point, there = new_cost, others, x + own, new
-            if before - cost > KEPT * promised:
-                break
-        if cost >= before * (1 - 1e-6):
-            break
-        moved, change = point - x, there - r
-        x, r = point, there
-        if rounds == 1 or before - cost < 2e-3 * before:
-            jac = _secant(jac, moved, change, scale)
-            break
-        wrong = change - jac @ moved
-        if wrong @ wrong < WRONG * (r @ r):
-            jac = _secant(jac, moved, change, scale)
-        else:
-            jac = slopes(x, r)
-    return x, r, jac, move
-
-
-def _best_wave(base: Base, points: Floats, told: Floats) -> Floats:
-    """Amplitude, frequency and phase (1, 3) that explain most if all answers linearly.
-
-    By the sine and the cosine of each frequency (Lomb 1976), fitted with all else.
-
-    Args:
-        base: the fit without it.
-        points: (2 n, 3) starts, those of a frequency a quarter turn apart.
-        told: (2 n, R) residuals with them.
-    """
-    r, jac = base.fit.residuals, base.fit.jacobian
-    best, most = points[:1], 0.0
-    for k in range(0, len(points), 2):
-        pair = (told[k : k + 2] - r).T
-        cross = jac.T @ pair
-        h = np.block([[base.curvature, cross], [cross.T, pair.T @ pair]])
-        g = np.concatenate([base.slope(r), pair.T @ r])
-        x = -np.linalg.lstsq(h, g, rcond=1e-12)[0]
-        if -g @ x > most:
-            most, (sine, cosine) = -g @ x, x[-2:]
-            phase = np.mod(points[k, 2] + np.arctan2(cosine, sine), 2 * np.pi)
-            wave = points[k, 0] * np.hypot(sine, cosine), points[k, 1], phase
-            best = np.array([wave])
-    return best
-
-
-def _joint_step(base: Base, jac, r, x, low, high, scale, damping):
-    """The cost that a move of all values promises, and the move of the term's own."""
-    all_low, all_high, all_scale = bounds(base.fit.terms)
-    cross = base.fit.jacobian.T @ jac
-    h = np.block([[base.curvature, cross], [cross.T, jac.T @ jac]])
-    g = np.concatenate([base.slope(r), jac.T @ r])
-    move = step(
-        h, g,
-        np.concatenate([all_low - base.fit.values, low - x]),
-        np.concatenate([all_high - base.fit.values, high - x]),
-        np.concatenate([all_scale, scale]), damping,
-    )  # fmt: skip
-    cost = r @ r + base.weights @ (base.fit.values - 1) ** 2
-    return float(cost + (2 * g + h @ move) @ move), move[len(base.fit.values) :]

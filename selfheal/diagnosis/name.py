@@ -18,23 +18,23 @@ from .evidence import (
     effective,
     expected,
     for_score,
-    held_out,
     refitted,
     reweighed,
     scored,
 )
-from .fit import Base, Fit, fit, looked_about, try_term
+from .fit import Fit, fit, looked_about
 from .problem import Problem, is_told, whitened
+from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
 from .screen import MANY, STEPS, Progress, fewer, screened, some_of
 from .terms import Term, is_new, says_anew
+from .trial import Base
 
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
 QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
 LITTLE = 0.1  # of the held-out squared error, of a robot that touches; chosen
 CHEAPEST = 3  # of several names, that are tried without; chosen
-BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +259,7 @@ class _Search:
         gone: list[Term] = []
         while len(self.named) > 1:
             tries = []
-            prices = _prices(Base.of(self.problem, self.now.fit), self.stated)
+            prices = prices_of(Base.of(self.problem, self.now.fit), self.stated)
             for term in sorted(self.named, key=lambda t: prices[t])[:CHEAPEST]:
                 less = Scored.of(
                     self.problem, without(self.problem, self.now.fit, term)
@@ -273,7 +273,7 @@ class _Search:
         for term in () if self.problem.windows.is_single else self.named[:-1]:
             if term.key in self.claims:
                 others = self.claims[term.key].others
-                self.now = _swapped(self.problem, self.now, term, others)
+                self.now = swapped(self.problem, self.now, term, others)
         return gone
 
     def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
@@ -295,7 +295,7 @@ class _Search:
         if told:
             self.problem = whitened(longer, terms, found.values)
             found = fit(self.problem, terms, found.values, rounds=8)
-        found = _pruned(self.problem, found, self.stated)
+        found = pruned(self.problem, found, self.stated)
         self.problem, self.now = _weighed_anew(self.problem, found, 4)
         self._undo()
         self._doubt(len(usual))
@@ -347,64 +347,3 @@ def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, S
     near = problem.carried(new, found.jacobian)
     start = looked_about(new, found.terms, found.values)
     return new, scored(new, found.terms, start, rounds=rounds, known=near)
-
-
-def _prices(base: Base, stated: int) -> dict[Term, float]:
-    """What each effect's absence would make of the cost, of 1, if all were linear."""
-    found = base.fit
-    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
-    prices = {}
-    for i, term in enumerate(found.terms[stated:], stated):
-        own = np.arange(ends[i], ends[i + 1])
-        absent = np.array([p.absent for p in term.parameters])
-        back = found.jacobian[:, own] @ (absent - found.values[own])
-        left, _ = base.settle(found.residuals + back, hold=own)
-        prices[term] = left / found.cost
-    return prices
-
-
-def _pruned(problem: Problem, found: Fit, stated: int) -> Fit:
-    """Without the effects that cost next to nothing to take away, a half at a time."""
-    while len(found.terms) > stated:
-        prices = _prices(Base.of(problem, found), stated)
-        order = sorted(prices, key=lambda t: prices[t])[: max(1, len(prices) // 2)]
-        gone = [t for t in order if prices[t] < 1 + WORTH]
-        if not gone:
-            break
-        found = fit(problem, *found.but(*gone), rounds=2, known=found.near(*gone))
-    return found
-
-
-def _swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
-    """The fit with another term in one's place, if that predicts better.
-
-    What looked best alone need not do so beside a later effect; and where the data do
-    not tell, the usual effect with the least to choose is the one.
-    """
-    kept, _ = now.fit.but(term)
-    others = [t for t in others if is_new(t, kept)]
-    if not others:
-        return now
-    base = Base.of(problem, without(problem, now.fit, term))
-    tried = [try_term(base, other) for other in others]
-    tried.sort(key=lambda f: held_out(problem, f).sum())
-    for found in tried[:2]:
-        near = found.jacobian
-        full = scored(problem, found.terms, found.values, rounds=6, known=near)
-        if full.error < BETTER * now.error or (
-            _plainer(full.last, term) and as_good(problem, full, now)
-        ):
-            return full
-    return now
-
-
-def _plainer(new: Term, old: Term) -> bool:
-    """Whether an effect is to be preferred where the data do not tell."""
-    if new.effect.rare != old.effect.rare:
-        return new.effect.rare < old.effect.rare
-    return len(new.parameters) < len(old.parameters)
-
-
-def without(problem: Problem, found: Fit, term: Term) -> Fit:
-    """The fit of all terms but one."""
-    return fit(problem, *found.but(term), rounds=3, known=found.near(term))

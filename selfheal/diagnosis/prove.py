@@ -20,13 +20,15 @@ from .evidence import (
     most,
     noise_of,
 )
-from .fit import CLOSE, Base, Fit, fit, looked_about, rested, try_term
+from .fit import CLOSE, Fit, fit, looked_about, rested
 from .free_form import FreeForm
-from .name import Named, Naming, without
+from .name import Named, Naming
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
+from .prune import without
 from .screen import STEPS, drawn, fewer
 from .terms import Term, is_new
+from .trial import Base, try_term
 from .windows import Windows
 
 # steps of simulation in the last fit, about, and in all differences of it; chosen: a

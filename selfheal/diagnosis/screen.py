@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Base, Fit, try_term
+from .fit import Fit
 from .problem import Problem
 from .terms import Term
+from .trial import Base, try_term
 
 # candidates are tried on more and more steps of simulation, for more and more rounds,
 # and ever fewer of them; chosen for a minute a joint
