@@ -23,8 +23,9 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
 
     The sandwich of Huber (1967) and White (1980) over blocks of windows, or the usual
     estimate where that is larger; what is believed of stated values counts as one more
-    reading of each, off by its own standard deviation. And what the time step moves a
-    value by is one more error of it.
+    reading of each, off by its own standard deviation. What the time step, and not
+    knowing the clock better, move a value by are errors of it, too: those of parameters
+    that are considered and not estimated (Schmidt 1966).
     """
     jac, r = found.jacobian, found.residuals
     scale = np.sqrt((jac**2).sum(axis=0))
@@ -45,8 +46,10 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     usual = (curvature - belief) * float(r @ r) / max(len(r) - len(a.T), 1)
     robust = slopes.T @ slopes * len(slopes) / max(len(slopes) - 1, 1)
     covers = [np.diag(inverse @ (data + belief) @ inverse) for data in (usual, robust)]
-    of_step = inverse @ (a.T @ problem.of_step(found.terms, found.values, r))
-    out[live] = np.sqrt(np.max(covers, axis=0) + of_step**2) / scale[live]
+    for considered in (problem.of_step, problem.of_clock):
+        moved = inverse @ (a.T @ considered(found.terms, found.values, r))
+        covers = [cover + moved**2 for cover in covers]
+    out[live] = np.sqrt(np.max(covers, axis=0)) / scale[live]
     return out
 
 

@@ -29,6 +29,7 @@ class Log:
         start: time of its first sample [s].
         at: (T) sample times since then, in steps of the simulation.
         readings: (T, C) of all channels; NaN where missing.
+        sent: (T, nu) commands, each held to the next sample.
         ctrl: (G, nu) mean command of each step of the grid.
         centered: (G, nu) mean command from half a step before to half a step after.
         parabola: (T, C, 3) through the neighbors of each sample: value, slope [1/s],
@@ -41,6 +42,7 @@ class Log:
     start: float
     at: Floats
     readings: Floats
+    sent: Floats
     ctrl: Floats
     centered: Floats
     parabola: Floats
@@ -52,6 +54,21 @@ class Log:
         """Value and slope (..., C) of all channels at times `at` [steps]."""
         near = nearest(self.at, at)
         return _along(self.parabola[near], ((at - self.at[near]) * step)[..., None])
+
+    @property
+    def halved(self) -> "Log":
+        """The same, counted in steps of half the size."""
+        at = 2 * self.at
+        return replace(
+            self, at=at, ctrl=_means(at, self.sent), centered=_centered(at, self.sent)
+        )
+
+    def later(self, steps: float) -> "Log":
+        """The same with all commands but the first sent so many steps later."""
+        at = np.append(self.at[0], self.at[1:] + steps)
+        return replace(
+            self, ctrl=_means(at, self.sent), centered=_centered(at, self.sent)
+        )
 
     def until(self, step: int) -> "Log":
         """The same with the commands of no more than so many steps."""
@@ -199,7 +216,7 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             time, readings[:, c.columns]
         )
     return Log(
-        name, float(time[0]), at, readings, _means(at, episode.ctrl),
+        name, float(time[0]), at, readings, episode.ctrl, _means(at, episode.ctrl),
         _centered(at, episode.ctrl), parabola, np.sqrt(variance), episode.qpos0,
         episode.qvel0,
     )  # fmt: skip

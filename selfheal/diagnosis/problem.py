@@ -123,6 +123,10 @@ class Problem:
         finer = replace(self, world=self.world.halved, windows=self.windows.halved)
         return 2 * (at - finer.at(terms, values))
 
+    def of_clock(self, terms: Sequence[Term], values: Floats, at: Floats) -> Floats:
+        """(R) of residuals `at` (R) what commands make that act a little later."""
+        return replace(self, world=self.world.later).at(terms, values) - at
+
     def take(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
         if np.array_equal(chosen, np.arange(len(self.windows))):

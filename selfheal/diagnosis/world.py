@@ -21,6 +21,10 @@ from .windows import Windows
 
 VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
 WARM = 0.1  # [s] before a window in which a gear's inside settles; chosen
+ALIKE = 1e-6  # of a step, by which times that are the same may differ
+# of a step, as much as one cannot say when in it a command acts; chosen: half a step of
+# whoever simulates in quarters, a servo's bus is no better
+LATE = 0.125
 ROOM = 6e7  # numbers kept of one batch, copies too; chosen: 480 MB
 
 
@@ -95,17 +99,17 @@ class World:
     @cached_property
     def halved(self) -> "World":
         """The same, simulated in steps of half the size."""
-        logs = []
-        for log in self.logs:
-            # between two steps the command of the first holds
-            ctrl = np.repeat(log.ctrl, 2, axis=0)
-            centered = np.repeat(log.centered, 2, axis=0)
-            centered[1 : len(ctrl) : 2] = log.ctrl[: len(centered[1 : len(ctrl) : 2])]
-            logs.append(replace(log, at=2 * log.at, ctrl=ctrl, centered=centered))
-        return replace(
-            self, step=self.step / 2, logs=tuple(logs), memory=Memory(),
-            held=WeakKeyDictionary(),
-        )  # fmt: skip
+        logs = tuple(log.halved for log in self.logs)
+        return self._new(step=self.step / 2, logs=logs)
+
+    @cached_property
+    def later(self) -> "World":
+        """The same, where all commands act `LATE` of a step later."""
+        return self._new(logs=tuple(log.later(LATE) for log in self.logs))
+
+    def _new(self, **changes) -> "World":
+        """Changed, and with nothing worked out of it yet."""
+        return replace(self, memory=Memory(), held=WeakKeyDictionary(), **changes)
 
     @cached_property
     def _width(self) -> int:
@@ -134,36 +138,13 @@ class World:
         sensors = Sensors(plant, self.signals, terms)
         commands = self._commands(those, windows, centered, mean)
         told = simulated(those, windows, start, commands, sensors, step=self.step)
-        if centered:
-            self._of_now(told, those, windows, commands)
-        return self._sample(told, windows, reads, len(values), centered)
+        told = told.reshape(len(values), len(windows), *told.shape[1:])
+        return self._sample(told, those, windows, commands.reshape(*told.shape[:3], -1))
 
     def _start(self, those: Hypotheses, windows: Windows) -> States:
         return States(
             self, those.plant, those.terms, those.values, windows, those.reads
         )
-
-    def _of_now(
-        self, told: Floats, those: Hypotheses, windows: Windows, early: Floats
-    ) -> None:
-        """Let torques told be those of the command of now, not of the half step ago."""
-        torques = [c for c in self.signals if c.kind == "joint_torque"]
-        if not torques:
-            return
-        w = len(windows)
-        apart = self._commands(those, windows, False, False) - early
-        for c in torques:
-            a = those.plant.model.actuator(c.target).id
-            for i, model in enumerate(those.models):
-                if model.actuator_dyntype[a] == 0:
-                    gear = float(model.actuator_gear[a, 0])
-                    low, high = np.sort(gear * model.actuator_forcerange[a])
-                    rows = slice(i * w, (i + 1) * w)
-                    push = gear * model.actuator_gainprm[a, 0]
-                    torque = told[rows, :, c.first]
-                    torque += push * apart[rows, :, a]
-                    if model.actuator_forcelimited[a]:
-                        torque[:] = np.clip(torque, low, high)
 
     def _warm_up(self, those: Hypotheses, windows: Windows, start) -> None:
         """Let what no sensor reads, inside a gear, come from the time just before."""
@@ -253,22 +234,20 @@ class World:
                         ctrl[:, :, a] = np.where(there, middle, ctrl[:, :, a])
         return ctrl
 
-    def _sample(self, told: Floats, windows: Windows, reads, n: int, centered):
-        """Signals (n, M, C) at the samples' times, as the sensors would say them."""
-        told = told.reshape(n, len(windows), *told.shape[1:])
-        out = np.empty((n, len(windows.at), told.shape[-1]))
+    def _sample(self, told, those: Hypotheses, windows: Windows, used) -> Floats:
+        """Signals (n, M, C) at the samples' times, as the sensors would say them.
+
+        Of true ones (n, W, K, C) and the commands `used` (n, W, K, nu).
+        """
+        out = np.empty((len(told), len(windows.at), told.shape[-1]))
         for c in self.signals:
-            said = reads.get(c.name, {})
+            said = those.reads.get(c.name, {})
             delay = said.get("delay", np.zeros(1))[:, None] / self.step
-            early = 0.5 if centered and c.kind in VELOCITIES else 0.0
-            at = windows.at[None] - delay + early
-            low = np.clip(np.floor(at).astype(int), 0, told.shape[2] - 2)
-            share = (at - low)[..., None]
-            rows = np.arange(n)[:, None]
-            before, after = (
-                told[rows, windows.window[None], low + i, c.columns] for i in (0, 1)
-            )
-            value = before + share * (after - before)
+            early = 0.5 if those.centered and c.kind in VELOCITIES else 0.0
+            at = windows.at[None] - delay
+            value = _between(told[..., c.columns], windows, at + early)
+            if c.kind == "joint_torque":
+                self._of_now(value[..., 0], c, those, windows, at, used)
             gain = said.get("gain", np.ones(1))[:, None, None]
             bias = said.get("bias", np.zeros(1))[:, None, None]
             value = gain * value + bias
@@ -277,3 +256,45 @@ class World:
                 value = step * np.round(value / step)
             out[:, :, c.columns] = value
         return out
+
+    def _of_now(self, told: Floats, c: Channel, those, windows, at, used) -> None:
+        """Let torques (n, M) be of the commands that hold when they are read.
+
+        A step has the mean of what is sent in it, or half a step earlier.
+        """
+        model = those.plant.model
+        a = model.actuator(c.target).id
+        if model.actuator_dyntype[a] or model.actuator_delay[a]:
+            return
+        changed = [t for t in those.terms if does(t.effect, "command")]
+        if any(place["actuator"] == a for t in changed for place in t.places):
+            now = self._commands(those, windows, False, False).reshape(used.shape)
+            sent = _between(now[..., [a]], windows, at)[..., 0]
+        else:
+            sent = self._sent(windows, at, a)
+        apart = sent - _between(used[..., [a]], windows, at)[..., 0]
+        for i, own in enumerate(those.models):
+            gear = float(own.actuator_gear[a, 0])
+            told[i] += gear * own.actuator_gainprm[a, 0] * apart[i]
+            if own.actuator_forcelimited[a]:
+                low, high = np.sort(gear * own.actuator_forcerange[a])
+                told[i] = np.clip(told[i], low, high)
+
+    def _sent(self, windows: Windows, at: Floats, a: int) -> Floats:
+        """Command (1 or n, M) of an actuator that holds at times `at`."""
+        out = np.empty(at.shape)
+        for i, log in enumerate(self.logs):
+            rows = np.flatnonzero(windows.log[windows.window] == i)
+            when = windows.start[windows.window[rows]] + at[:, rows] + ALIKE
+            k = np.searchsorted(log.at, when, side="right") - 1
+            out[:, rows] = log.sent[np.maximum(k, 0), a]
+        return out
+
+
+def _between(grid: Floats, windows: Windows, at: Floats) -> Floats:
+    """Values (n, M, c) at times `at` (n, M) of what (n, W, K, c) has at each step."""
+    low = np.clip(np.floor(at).astype(int), 0, grid.shape[2] - 2)
+    share = (at - low)[..., None]
+    rows = np.arange(len(grid))[:, None]
+    before, after = (grid[rows, windows.window[None], low + i] for i in (0, 1))
+    return before + share * (after - before)
