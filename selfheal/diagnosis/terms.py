@@ -75,9 +75,10 @@ class Term:
         return np.array([p.scale for p in self.parameters], float)
 
     def is_faint(self, values: Floats) -> bool:
-        """Whether values (p) are too near to absent for a simulation to tell."""
+        """Whether values (p) are too near to absent to tell, or not what it says."""
         each = zip(self.parameters, values, strict=True)
-        return any(abs(v - p.absent) < p.least for p, v in each)
+        near = any(abs(v - p.absent) < p.least for p, v in each)
+        return near or not self.effect.is_sound(values)
 
     @property
     def key(self) -> tuple:
@@ -176,6 +177,10 @@ class Effect:
     def is_seen(self, term: Term) -> bool:
         """Whether readings show just that, and not only what some size of it does."""
         return False
+
+    def is_sound(self, values: Floats) -> bool:
+        """Whether values (p) together are what its sentence says."""
+        return True
 
     def edit(self, model: "mujoco.MjModel", place, values: Floats) -> None:
         """Change a compiled model; values (p)."""

@@ -149,6 +149,9 @@ class StribeckFriction(Friction):
             (now + t, now + 3 * t, 0.02 * v),
         )  # fmt: skip
 
+    def is_sound(self, values):
+        return bool(values[1] > values[0])
+
     def edit(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 
