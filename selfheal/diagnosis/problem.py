@@ -18,6 +18,9 @@ LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
 # rounds in which starts are sought, the shares of a step tried at once, and of the
 # squared residuals what a step of starts may leave that is not linear; chosen
 SOUGHT, SHORTER, BENT = 5, (1.0, 0.5, 0.2), 0.01
+# times the median of a reading's squared residual, above which a window's start is
+# sought at other speeds, and how many errors from the speed read; chosen
+ODD, SPEEDS = 4.0, 2.0
 GROWS = 2.0  # times what it causes in a shorter piece; chosen
 
 
@@ -221,8 +224,18 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     std = _start_error(problem.world, problem.windows)
     std = np.maximum(std, 1e-300)  # without noise; then no start moves
     plain = replace(problem.raw, shift=None)
-    off = np.zeros_like(std) if problem.shift is None else problem.shift / std
-    told = _sought(plain, terms, values, off, std)
+    off = np.zeros_like(std)
+    told, cost = _sought(plain, terms, values, off, std)
+    known = off, std, told, cost
+    if problem.shift is not None:
+        before = problem.shift / std
+        old = np.flatnonzero(before.any(axis=1))
+        _if_likelier(plain, terms, values, known, old, before[old])
+    each = cost / np.maximum(problem.by_window(np.ones(len(problem.window_of))), 1)
+    odd = np.flatnonzero(each > ODD * np.median(each))
+    if len(odd) and not problem.windows.is_single:
+        others = _by_other_speeds(plain, terms, values, std, odd)
+        _if_likelier(plain, terms, values, known, odd, others)
     whiten = []
     for _, moved in told:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
@@ -236,7 +249,7 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
 
 def _sought(
     problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
-) -> list[tuple[Floats, Floats]]:
+) -> tuple[list[tuple[Floats, Floats]], Floats]:
     """Move starts to where they are likeliest, as far as what they cause is not linear.
 
     Args:
@@ -248,9 +261,11 @@ def _sought(
 
     Returns:
         Of each window: residuals (R_w), and what one error of each state adds to them
-        (R_w, 2 nv).
+        (R_w, 2 nv). And what is left (W) of its squares with the likeliest start, that
+        start's own errors included.
     """
     told = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
+    cost = np.zeros(len(off))
     active = np.arange(len(off))
     for last in range(SOUGHT + 1):
         part, start, unit = problem.take(active), off[active], std[active]
@@ -270,11 +285,48 @@ def _sought(
         bent = part.by_window((after[0] - linear) ** 2) > BENT * before.mean()
         which = costs.argmin(axis=0), np.arange(len(active))
         gains = bent & (costs[which] < before)
+        straight = part.by_window(linear**2) + (tries[0] ** 2).sum(axis=1)
+        cost[active] = np.where(bent, np.minimum(costs[which], before), straight)
         active = active[gains]
         if not len(active):
             break
         off[active] = tries[which][gains]
-    return told
+    return told, cost
+
+
+def _if_likelier(problem, terms, values, known, which, begin: Floats) -> None:
+    """Let some windows start where others led that begin elsewhere, if likelier.
+
+    Args:
+        problem, terms, values: as in `_sought`.
+        known: `off` and `std` as there, and what it returned: all written to.
+        which: windows (v).
+        begin: (v, 2 nv), as `off`.
+    """
+    if not len(which):
+        return
+    off, std, told, cost = known
+    begin = begin.copy()
+    again, new = _sought(problem.take(which), terms, values, begin, std[which])
+    for i in np.flatnonzero(new < cost[which]):
+        w = which[i]
+        off[w], told[w], cost[w] = begin[i], again[i], new[i]
+
+
+def _by_other_speeds(problem, terms, values, std, which) -> Floats:
+    """Starts (v, 2 nv) of windows, in errors: the likeliest of some other speeds.
+
+    A robot with dry friction sticks or slips by how fast it was; from one side of that
+    no slope leads to the other.
+    """
+    width = std.shape[1]
+    speeds = SPEEDS * np.eye(width)[width // 2 :, None]
+    tries = np.concatenate([speeds, -speeds]).repeat(len(which), axis=1)
+    part = problem.take(which)
+    rows = np.tile(values, (len(tries), 1))
+    after = part.residuals(terms, rows, tries * std[which])
+    costs = np.array([part.by_window(r**2) for r in after]) + (tries**2).sum(axis=2)
+    return tries[costs.argmin(axis=0), np.arange(len(which))]
 
 
 def _answers(

@@ -20,7 +20,7 @@ from .evidence import (
     most,
     noise_of,
 )
-from .fit import CLOSE, Fit, fit, looked_about, rested
+from .fit import CLOSE, Fit, fit, looked_about, reseated, rested
 from .free_form import FreeForm
 from .name import Named, Naming
 from .plant import parts
@@ -74,6 +74,7 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
             if (start != final.values).any():
                 new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
                 final = min(final, new, key=lambda f: f.cost)
+        problem, final = reseated(problem, final)
     # where something touches, or is left, the cost is too rough for it
     if not problem.world.touches and above(problem, final.residuals) <= ABOVE:
         final = rested(problem, final)
