@@ -20,9 +20,7 @@ from .terms import Term, does
 from .windows import Windows
 
 VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
-WARM = (
-    0.5  # [s] before a window in which a gear's inside settles; chosen: as long as one
-)
+WARM = 0.3  # [s] before a window in which a gear's inside settles; chosen
 ALIKE = 1e-6  # of a step, by which times that are the same may differ
 # of a step, as much as one cannot say when in it a command acts; chosen: half a step of
 # whoever simulates in quarters, a servo's bus is no better
