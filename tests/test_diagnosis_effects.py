@@ -121,6 +121,12 @@ def test_every_effect_explains_itself(name):
     assert e.says.endswith(".") and e.equation and e.source and e.separate_by
 
 
+def test_a_friction_that_grows_with_speed_is_no_stribeck_friction(benches):
+    for term in effect("stribeck_friction").terms(benches["arm"].scene):
+        assert not term.is_faint(np.array([0.1, 0.3, 0.1]))
+        assert term.is_faint(np.array([0.3, 0.1, 0.1]))
+
+
 def test_an_unknown_effect_is_refused_with_those_there_are():
     with pytest.raises(UnknownNameError, match="coulomb_friction"):
         effect("friction")

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toys_diagnosis import bench
+from toys_diagnosis import ROBOTS, bench
 
 from selfheal.diagnosis.choose import relieving
 from selfheal.diagnosis.document import LEVEL, uncertainty
@@ -31,6 +31,7 @@ from selfheal.diagnosis.fit import (
     fit,
     jacobian,
     looked_about,
+    reseated,
     rested,
     step,
 )
@@ -44,6 +45,7 @@ from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, says_anew
 from selfheal.diagnosis.trial import Base, try_term
 from selfheal.diagnosis.windows import Windows, windows
+from selfheal.diagnosis.world import LATE
 from selfheal.recording import read
 
 NOISE = 1e-3
@@ -288,6 +290,40 @@ def test_the_steps_own_error_shrinks_with_the_step(arm):
     assert expected(problem, fit(problem, *nothing)) > whole**2
 
 
+def test_torques_are_read_of_the_command_that_holds_then(tmp_path):
+    """Also between two steps, in whole steps and in halves, and where it jumps."""
+    plain = ROBOTS["arm"].xml.replace('kp="10" kv="0.4"', 'kp="10"')
+    b = bench(replace(ROBOTS["arm"], xml=plain), tmp_path, episodes=1, seconds=0.5)
+    rng = np.random.default_rng(0)
+    (first,) = b.recording.episodes.values()
+    time = np.append(0, np.cumsum(rng.uniform(0.0047, 0.0062, first.time.size - 1)))
+    ctrl = rng.normal(size=first.ctrl.shape)
+    episode = replace(first, time=time, ctrl=ctrl)
+    workshop = Workshop(str(b.path))
+    world = world_of(workshop, [replace(b.recording, episodes={"jumps": episode})])
+    (c,) = [c for c in world.signals if c.kind == "joint_torque"]
+    a = workshop.given.actuator(c.target).id
+    gain = workshop.given.actuator_gainprm[a, 0]
+    q = next(i.first for i in world.signals if i.name == "elbow")
+    for own in (world, world.halved):
+        pieces = windows(own.logs, None)
+        told = own.simulate((), np.zeros((1, 0)), pieces, centered=True)[0]
+        servo = gain * (ctrl[:, a] - told[:, q])
+        np.testing.assert_allclose(told[:, c.first], servo, atol=1e-9)
+
+
+def test_intervals_consider_that_the_clock_is_not_known(arm, monkeypatch):
+    term = effect("command_delay").terms(arm.scene)[0]
+    problem = _problem(arm, (term,), (0.01,))
+    found = fit(problem, (term,), (0.01,))
+    told = found.terms, found.values, found.residuals
+    assert np.linalg.norm(problem.of_clock(*told)) > 0
+    late = uncertainty(problem, found)[0]
+    monkeypatch.setattr(Problem, "of_clock", lambda *_: 0 * found.residuals)
+    clock = np.sqrt(late**2 - uncertainty(problem, found)[0] ** 2)
+    assert 0.3 < clock / (LATE * arm.world.step) < 1.5
+
+
 def test_errors_shrink_with_more_readings(arm):
     term = effect("coulomb_friction").terms(arm.scene)[1]
     problem = _problem(arm, (term,), (0.1,))
@@ -467,6 +503,61 @@ def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
     # and from there they are not lost again
     again = whitened(sought, (), values).at((), values)
     assert again @ again < 1.01 * cost[1]
+
+
+@pytest.fixture(scope="module")
+def sticky(tmp_path_factory):
+    """A cart that sticks or slips by how fast it was, and the friction it has."""
+    b = bench("cart_pole", tmp_path_factory.mktemp("cart"), episodes=6, seconds=0.9)
+    (term, *_) = effect("stribeck_friction").terms(b.scene)
+    return b, term, np.array([0.1, 1.0, 0.03])
+
+
+def _off(b, term, values, speeds) -> Problem:
+    """Windows whose robots were so much faster (W, 2) than was read, in errors."""
+    plain = _problem(b, (term,), values)
+    kick = start_errors(b.world, plain.windows).sum(axis=0)[None]
+    kick[..., :2] = 0
+    kick[..., 2:] *= speeds
+    told = b.world.simulate(
+        (term,), values[None], plain.windows, kick=kick, centered=True
+    )[0]
+    noise = NOISE * np.random.default_rng(0).normal(size=told.shape)
+    return replace(plain, windows=replace(plain.windows, readings=told + noise))
+
+
+def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
+    sticky, monkeypatch
+):
+    b, term, values = sticky
+    count = len(_problem(b).windows)
+    speeds = np.zeros((count, 2))
+    speeds[::4, 0], speeds[2::4, 0] = -2, 2
+    problem = _off(b, term, values, speeds)
+    cost = []
+    for odd in (np.inf, 4.0):
+        monkeypatch.setattr("selfheal.diagnosis.problem.ODD", odd)
+        white = whitened(problem, (term,), values)
+        cost.append(white.by_window(white.at((term,), values) ** 2))
+    lost = cost[0] > 3 * np.median(cost[0])
+    assert lost.any() and (cost[1] < 3 * np.median(cost[0])).all()
+
+
+def test_a_start_that_holds_values_off_is_sought_anew(sticky):
+    b, term, values = sticky
+    speeds = np.zeros((len(_problem(b).windows), 2))
+    speeds[::4, 0], speeds[2::4, 0] = -2, 2
+    problem = _off(b, term, values, speeds)
+    begin = np.array([0.3, 0.6, 0.05])
+    seated = whitened(problem, (term,), begin)
+    bad = fit(seated, (term,), begin)
+    problem, good = reseated(seated, bad)
+    assert good.cost < 0.97 * bad.cost
+    apart = [np.linalg.norm((f.values - values) / values) for f in (bad, good)]
+    assert apart[1] < 0.5 * apart[0]
+    # where no window holds them, nothing changes
+    same, found = reseated(problem, good)
+    assert same is problem and found is good
 
 
 # divergence
