@@ -29,7 +29,7 @@ RESTS, FINE, WORTH = 3, 5e-4, 0.05
 # of `reseated`: share of the cost that all other windows would save without one, above
 # which its start may be wrong, and of the cost, what starts sought anew have to save;
 # and how many such windows are looked at; chosen
-HARMS, SEATS = 0.01, 5
+HARMS, SEATS = 0.01, 2
 
 
 @dataclass(frozen=True, eq=False)

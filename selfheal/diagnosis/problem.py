@@ -19,8 +19,9 @@ LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
 # squared residuals what a step of starts may leave that is not linear; chosen
 SOUGHT, SHORTER, BENT = 5, (1.0, 0.5, 0.2), 0.01
 # times the median of a reading's squared residual, above which a window's start is
-# sought at other speeds, and how many errors from the speed read; chosen
-ODD, SPEEDS = 4.0, 2.0
+# sought at other speeds, and how many errors from the speed read; and how many errors a
+# start may be away from what was read, before it is sought from there again; chosen
+ODD, SPEEDS, AWAY = 4.0, 2.0, 3.0
 GROWS = 2.0  # times what it causes in a shorter piece; chosen
 
 
@@ -224,18 +225,16 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     std = _start_error(problem.world, problem.windows)
     std = np.maximum(std, 1e-300)  # without noise; then no start moves
     plain = replace(problem.raw, shift=None)
-    off = np.zeros_like(std)
-    told, cost = _sought(plain, terms, values, off, std)
+    off = np.zeros_like(std) if problem.shift is None else problem.shift / std
+    told, cost, bent = _sought(plain, terms, values, off, std)
     known = off, std, told, cost
-    if problem.shift is not None:
-        before = problem.shift / std
-        old = np.flatnonzero(before.any(axis=1))
-        _if_likelier(plain, terms, values, known, old, before[old])
     each = cost / np.maximum(problem.by_window(np.ones(len(problem.window_of))), 1)
-    odd = np.flatnonzero(each > ODD * np.median(each))
-    if len(odd) and not problem.windows.is_single:
-        others = _by_other_speeds(plain, terms, values, std, odd)
-        _if_likelier(plain, terms, values, known, odd, others)
+    is_odd = bent & (each > ODD * np.median(each))
+    is_far = is_odd & off.any(axis=1) | ((off**2).sum(axis=1) > AWAY**2)
+    odd, far = np.flatnonzero(is_odd), np.flatnonzero(is_far)
+    _if_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))
+    others = _by_other_speeds(plain, terms, values, std, odd)
+    _if_likelier(plain, terms, values, known, odd, others)
     whiten = []
     for _, moved in told:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
@@ -249,7 +248,7 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
 
 def _sought(
     problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
-) -> tuple[list[tuple[Floats, Floats]], Floats]:
+) -> tuple[list[tuple[Floats, Floats]], Floats, np.ndarray]:
     """Move starts to where they are likeliest, as far as what they cause is not linear.
 
     Args:
@@ -262,10 +261,10 @@ def _sought(
     Returns:
         Of each window: residuals (R_w), and what one error of each state adds to them
         (R_w, 2 nv). And what is left (W) of its squares with the likeliest start, that
-        start's own errors included.
+        start's own errors included. And where (W) what starts cause is not linear.
     """
     told = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
-    cost = np.zeros(len(off))
+    cost, is_bent = np.zeros(len(off)), np.zeros(len(off), bool)
     active = np.arange(len(off))
     for last in range(SOUGHT + 1):
         part, start, unit = problem.take(active), off[active], std[active]
@@ -285,13 +284,14 @@ def _sought(
         bent = part.by_window((after[0] - linear) ** 2) > BENT * before.mean()
         which = costs.argmin(axis=0), np.arange(len(active))
         gains = bent & (costs[which] < before)
+        is_bent[active] |= bent
         straight = part.by_window(linear**2) + (tries[0] ** 2).sum(axis=1)
         cost[active] = np.where(bent, np.minimum(costs[which], before), straight)
         active = active[gains]
         if not len(active):
             break
         off[active] = tries[which][gains]
-    return told, cost
+    return told, cost, is_bent
 
 
 def _if_likelier(problem, terms, values, known, which, begin: Floats) -> None:
@@ -307,7 +307,7 @@ def _if_likelier(problem, terms, values, known, which, begin: Floats) -> None:
         return
     off, std, told, cost = known
     begin = begin.copy()
-    again, new = _sought(problem.take(which), terms, values, begin, std[which])
+    again, new, _ = _sought(problem.take(which), terms, values, begin, std[which])
     for i in np.flatnonzero(new < cost[which]):
         w = which[i]
         off[w], told[w], cost[w] = begin[i], again[i], new[i]
@@ -319,6 +319,8 @@ def _by_other_speeds(problem, terms, values, std, which) -> Floats:
     A robot with dry friction sticks or slips by how fast it was; from one side of that
     no slope leads to the other.
     """
+    if not len(which):
+        return np.zeros((0, std.shape[1]))
     width = std.shape[1]
     speeds = SPEEDS * np.eye(width)[width // 2 :, None]
     tries = np.concatenate([speeds, -speeds]).repeat(len(which), axis=1)
