@@ -14,6 +14,7 @@ FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets 
 # periods a turn of magnets or teeth; chosen: fewer are those of gravity, or of a spring
 FEWEST = 4.0
 SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
+STIFF = 5.0  # times the spring that shows, where another search begins; chosen
 
 
 class AtJoint(Friction):
@@ -73,7 +74,11 @@ class JointSpring(AtJoint):
         stiffness, ref = self.parameters(scene, joint)
         k = stiffness.absent + stiffness.scale
         ends = (joint.middle + joint.range, joint.middle - joint.range)
-        return tuple((k, q) for q in (ref.absent, *ends))
+        # a spring too stiff becomes softer in a few steps; one too soft puts its
+        # reference so far off that it takes many to become stiffer
+        stiff = stiffness.absent + STIFF * stiffness.scale
+        soft = tuple((k, q) for q in (ref.absent, *ends))
+        return (*soft, (stiff, ref.absent), (stiff, joint.middle))
 
     def edit(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
