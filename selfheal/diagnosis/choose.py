@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from .evidence import (
-    EQUAL,
     LEFT,
     Evidence,
     Scored,
@@ -25,7 +24,6 @@ from .screen import Progress
 from .terms import Term
 from .trial import Base, try_term
 
-FINISH = 8  # more rounds of fitting for those near the best of them; chosen
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
 WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
@@ -61,14 +59,6 @@ def finalists(
         new = scored(problem, old.fit.terms, at, rounds=3, known=near)
         if new.error < old.error:
             found[i] = new
-    # along a curved valley, as a spring and its reference have, those are not enough
-    least = min((s.error for s in found), default=0.0)
-    for i, old in enumerate(found[:FITTED]):
-        if old.error < EQUAL * least and not problem.windows.is_single:
-            at = old.fit.values
-            new = scored(problem, old.fit.terms, at, rounds=FINISH, gain=1e-4)
-            if new.error < old.error:
-                found[i] = new
     return found
 
 
