@@ -24,6 +24,7 @@ from selfheal.diagnosis.evidence import (
     held_out,
     most,
     refitted,
+    reseated,
 )
 from selfheal.diagnosis.fit import (
     Fit,
@@ -31,7 +32,6 @@ from selfheal.diagnosis.fit import (
     fit,
     jacobian,
     looked_about,
-    reseated,
     rested,
     step,
 )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .fit import Fit, bounds, fit, step
+from .fit import Fit, fit
 from .problem import Problem, whitened
 from .scene import by_column
 from .terms import Term
@@ -21,6 +21,10 @@ UNSCORED = 4.0  # times as far off may be what is not scored; chosen
 TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
 FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
 EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
+# of `reseated`: share of the cost that all other windows would save without one, above
+# which its start may be wrong, and of the cost, what starts sought anew have to save;
+# and how many such windows are looked at; chosen
+HARMS, SEATS = 0.01, 2
 FAINT = 0.1  # of the residuals' size, what is smaller is no smaller; chosen
 
 
@@ -94,22 +98,19 @@ def held_out(problem: Problem, found: Fit, of: np.ndarray | None = None) -> Floa
         found: its fit.
         of: (R) fold of each residual; by default one of `BLOCKS` stretches of time.
     """
-    low, high, scale = bounds(found.terms)
     x, jac, r = found.values, found.jacobian, found.residuals
     of = folds_of(problem) if of is None else of
     base = Base.of(problem, found)
-    h, g = base.curvature, base.slope(r)
     out = np.empty(len(r))
     for fold in np.unique(of):
         rows = of == fold
-        a = jac[rows]
-        move = step(h - a.T @ a, g - a.T @ r[rows], low - x, high - x, scale)
+        _, move = base.without(rows)
         own = np.unique(problem.window_of[rows])
         whole = np.isin(problem.window_of, own).sum() == rows.sum()
         if whole and not problem.windows.is_single:
             out[rows] = problem.take(own).at(found.terms, x + move) ** 2
         else:
-            out[rows] = (r[rows] + a @ move) ** 2
+            out[rows] = (r[rows] + jac[rows] @ move) ** 2
     return problem.by_window(out)
 
 
@@ -345,3 +346,25 @@ def reweighed(problem: Problem, found: Fit) -> Problem:
     sigma = np.maximum(left_in(problem, found), least)
     sigma = np.where(sigma > 0, sigma, problem.sigma)
     return whitened(replace(problem, sigma=sigma), found.terms, found.values)
+
+
+def reseated(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
+    """The fit with starts sought anew where a window holds its values off.
+
+    Whether a robot sticks or slips at first may hang on a start that was sought with
+    other values; those then stay where that window alone would have them. So starts are
+    sought with the values that all others ask for.
+    """
+    for _ in range(0 if problem.windows.is_single else SEATS):
+        base, windows = Base.of(problem, found), range(len(problem.windows))
+        each = [base.without(problem.window_of == w) for w in windows]
+        saved, move = max(each, key=lambda x: x[0])
+        if saved < HARMS * found.cost:
+            break
+        values = found.values + move
+        new = whitened(problem, found.terms, values)
+        tried = fit(new, found.terms, values, rounds=3, known=found.jacobian)
+        if tried.cost > (1 - HARMS) * found.cost:
+            break
+        problem, found = new, tried
+    return problem, found

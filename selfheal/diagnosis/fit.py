@@ -8,7 +8,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .memory import Answer
-from .problem import Problem, whitened
+from .problem import Problem
 from .terms import Term
 
 # of a parameter's scale, for differences; chosen: above solver noise; of a motion that
@@ -26,10 +26,6 @@ DAMPING, KEPT, TRIFLE = (1e-4, 1e-2, 1.0, 30.0), 0.75, 1e-3
 # of `rested`: steps at most, what it moves values by for slopes [of their scale], and
 # the gain [squared residuals] worth a step; chosen: a fifth of a standard deviation
 RESTS, FINE, WORTH = 3, 5e-4, 0.05
-# of `reseated`: share of the cost that all other windows would save without one, above
-# which its start may be wrong, and of the cost, what starts sought anew have to save;
-# and how many such windows are looked at; chosen
-HARMS, SEATS = 0.01, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,42 +251,6 @@ def rested(problem: Problem, found: Fit) -> Fit:
         x = x + move
         r = problem.at(terms, x)
     return best
-
-
-def reseated(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
-    """The fit with starts sought anew where a window holds its values off.
-
-    Whether a robot sticks or slips at first may hang on a start that was sought with
-    other values; those then stay where that window alone would have them. So starts are
-    sought with the values that all others ask for.
-    """
-    for _ in range(0 if problem.windows.is_single else SEATS):
-        saved, values = _without_worst(problem, found)
-        if saved < HARMS * found.cost:
-            break
-        new = whitened(problem, found.terms, values)
-        tried = fit(new, found.terms, values, rounds=3, known=found.jacobian)
-        if tried.cost > (1 - HARMS) * found.cost:
-            break
-        problem, found = new, tried
-    return problem, found
-
-
-def _without_worst(problem: Problem, found: Fit) -> tuple[float, Floats]:
-    """What most the cost of all windows but one could fall by, and where (P)."""
-    x, jac, r = found.values, found.jacobian, found.residuals
-    low, high, scale = bounds(found.terms)
-    weights = believed(found.terms)
-    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-    best, where = 0.0, x
-    for w in range(len(problem.windows)):
-        own = problem.window_of == w
-        a = jac[own]
-        rest, slope = h - a.T @ a, g - a.T @ r[own]
-        move = step(rest, slope, low - x, high - x, scale)
-        if (saved := -float((2 * slope + rest @ move) @ move)) > best:
-            best, where = saved, x + move
-    return best, where
 
 
 def looked_about(

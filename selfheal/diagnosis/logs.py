@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -59,16 +60,12 @@ class Log:
     def halved(self) -> "Log":
         """The same, counted in steps of half the size."""
         at = 2 * self.at
-        return replace(
-            self, at=at, ctrl=_means(at, self.sent), centered=_centered(at, self.sent)
-        )
+        return replace(self, at=at, **_grids(at, self.sent))
 
     def later(self, steps: float) -> "Log":
         """The same with all commands but the first sent so many steps later."""
         at = np.append(self.at[0], self.at[1:] + steps)
-        return replace(
-            self, ctrl=_means(at, self.sent), centered=_centered(at, self.sent)
-        )
+        return replace(self, **_grids(at, self.sent))
 
     def until(self, step: int) -> "Log":
         """The same with the commands of no more than so many steps."""
@@ -216,9 +213,9 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             time, readings[:, c.columns]
         )
     return Log(
-        name, float(time[0]), at, readings, episode.ctrl, _means(at, episode.ctrl),
-        _centered(at, episode.ctrl), parabola, np.sqrt(variance), episode.qpos0,
-        episode.qvel0,
+        id=name, start=float(time[0]), at=at, readings=readings, sent=episode.ctrl,
+        **_grids(at, episode.ctrl), parabola=parabola, scatter=np.sqrt(variance),
+        qpos0=episode.qpos0, qvel0=episode.qvel0,
     )  # fmt: skip
 
 
@@ -229,6 +226,11 @@ def _continuous(quaternion: Floats) -> Floats:
     dots = np.sum(out[known[1:]] * out[known[:-1]], axis=1)
     out[known[1:]] *= np.cumprod(np.where(dots < 0, -1.0, 1.0))[:, None]
     return out
+
+
+def _grids(at: Floats, ctrl: Floats) -> dict[str, Any]:
+    """The two grids of `Log` that hold what is sent at times `at`."""
+    return {"ctrl": _means(at, ctrl), "centered": _centered(at, ctrl)}
 
 
 def _means(at: Floats, ctrl: Floats) -> Floats:

@@ -231,10 +231,13 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     each = cost / np.maximum(problem.by_window(np.ones(len(problem.window_of))), 1)
     is_odd = bent & (each > ODD * np.median(each))
     is_far = is_odd & off.any(axis=1) | ((off**2).sum(axis=1) > AWAY**2)
-    odd, far = np.flatnonzero(is_odd), np.flatnonzero(is_far)
-    _if_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))
-    others = _by_other_speeds(plain, terms, values, std, odd)
-    _if_likelier(plain, terms, values, known, odd, others)
+    if is_far.any():
+        far = np.flatnonzero(is_far)
+        _if_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))
+    if is_odd.any():
+        odd = np.flatnonzero(is_odd)
+        others = _by_other_speeds(plain, terms, values, std, odd)
+        _if_likelier(plain, terms, values, known, odd, others)
     whiten = []
     for _, moved in told:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
@@ -301,12 +304,9 @@ def _if_likelier(problem, terms, values, known, which, begin: Floats) -> None:
         problem, terms, values: as in `_sought`.
         known: `off` and `std` as there, and what it returned: all written to.
         which: windows (v).
-        begin: (v, 2 nv), as `off`.
+        begin: (v, 2 nv), as `off`; written to.
     """
-    if not len(which):
-        return
     off, std, told, cost = known
-    begin = begin.copy()
     again, new, _ = _sought(problem.take(which), terms, values, begin, std[which])
     for i in np.flatnonzero(new < cost[which]):
         w = which[i]
@@ -319,8 +319,6 @@ def _by_other_speeds(problem, terms, values, std, which) -> Floats:
     A robot with dry friction sticks or slips by how fast it was; from one side of that
     no slope leads to the other.
     """
-    if not len(which):
-        return np.zeros((0, std.shape[1]))
     width = std.shape[1]
     speeds = SPEEDS * np.eye(width)[width // 2 :, None]
     tries = np.concatenate([speeds, -speeds]).repeat(len(which), axis=1)
@@ -334,7 +332,7 @@ def _by_other_speeds(problem, terms, values, std, which) -> Floats:
 def _answers(
     problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
 ) -> list[tuple[Floats, Floats]]:
-    """What `_sought` returns, of the starts as they are; arguments as there."""
+    """What `_sought` returns first, of starts as they are; arguments as there."""
     count, width = off.shape
     each = _one_each(width)
     rows = np.tile(values, (len(each), 1))

@@ -19,8 +19,9 @@ from .evidence import (
     for_score,
     most,
     noise_of,
+    reseated,
 )
-from .fit import CLOSE, Fit, fit, looked_about, reseated, rested
+from .fit import CLOSE, Fit, fit, looked_about, rested
 from .free_form import FreeForm
 from .name import Named, Naming
 from .plant import parts

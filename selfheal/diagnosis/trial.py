@@ -1,7 +1,7 @@
 """One more term beside a fit: takes a fit and a term, gives the best of both."""
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -46,6 +46,22 @@ class Base:
         return Base.of(
             self.problem.take(chosen), Fit(found.terms, found.values, r, jac)
         )
+
+    @cached_property
+    def gradient(self) -> Floats:
+        """(P) of the cost where the fit ended."""
+        return self.slope(self.fit.residuals)
+
+    def without(self, rows: np.ndarray) -> tuple[float, Floats]:
+        """What others' cost falls by without some residuals, and the move (P) to it.
+
+        By one Gauss-Newton step; `rows` (R) says which residuals go.
+        """
+        low, high, scale = bounds(self.fit.terms)
+        x, a = self.fit.values, self.fit.jacobian[rows]
+        h, g = self.curvature - a.T @ a, self.gradient - a.T @ self.fit.residuals[rows]
+        move = step(h, g, low - x, high - x, scale)
+        return -float((2 * g + h @ move) @ move), move
 
     def slope(self, r: Floats) -> Floats:
         """(P) of the cost at residuals r (R), with the pull of what is believed."""
