@@ -19,10 +19,8 @@ from selfheal.diagnosis.evidence import (
     carries_over,
     economy,
     effective,
-    expected,
     folds_of,
     held_out,
-    most,
     refitted,
     reseated,
 )
@@ -36,6 +34,7 @@ from selfheal.diagnosis.fit import (
     step,
 )
 from selfheal.diagnosis.name import Named, Naming
+from selfheal.diagnosis.noise import expected, most
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened

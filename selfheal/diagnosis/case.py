@@ -43,6 +43,18 @@ class Case:
     scene: Scene
     names: tuple[str, ...]
 
+    def heard(self, world: World) -> "Case":
+        """The same, with what another world of it knows of its readings' noise."""
+        told = {c.name: c for c in world.signals}
+        own = [
+            tuple(replace(c, noise=told[c.name].noise, memory=told[c.name].memory)
+                  if c.name in told else c for c in w.signals)
+            for w in (self.world, self.held)
+        ]  # fmt: skip
+        return replace(
+            self, world=self.world.hearing(own[0]), held=self.held.hearing(own[1])
+        )
+
 
 def prepare(
     model: str | os.PathLike[str],

@@ -10,7 +10,6 @@ from .evidence import (
     LEFT,
     Evidence,
     Scored,
-    above,
     as_good,
     better,
     carries_over,
@@ -19,6 +18,7 @@ from .evidence import (
     stability,
 )
 from .fit import Fit
+from .noise import above
 from .problem import Problem
 from .screen import Progress
 from .terms import Term

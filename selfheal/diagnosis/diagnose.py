@@ -70,6 +70,7 @@ def diagnose(
         case.scene, stated_terms(case.scene), catalogue().values(),
         rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
+    case = case.heard(namings[0].problem.world)
     say("fitting everything once more", 0.0)
     namings = [polished(case, n) for n in in_question(case, namings)]
     say("testing what was found on the held-out episodes", 0.0)

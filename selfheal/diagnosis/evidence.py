@@ -7,6 +7,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Fit, fit
+from .noise import above, heard, left_in
 from .problem import Problem, whitened
 from .scene import by_column
 from .terms import Term
@@ -288,38 +289,6 @@ def _correlation_time(x: Floats) -> float:
     return float(min(n, 1 + 2 * rho[1:end].sum()))
 
 
-def above(problem: Problem, residuals: Floats) -> float:
-    """Root mean square of residuals (R) over what the readings' noise would leave."""
-    return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
-
-
-def most(problem: Problem, residuals: Floats) -> float:
-    """Squared residuals that errors of the size of most of these (R) would leave.
-
-    Of single readings nothing else tells the noise. By the median (Huber 1981, 5.2).
-    """
-    known = np.isfinite(problem.windows.readings)
-    columns = zip(residuals.reshape(known.shape).T, known.T, strict=True)
-    of_each = [np.abs(r[there]) for r, there in columns if there.any()]
-    return float(sum(len(r) * (1.4826 * np.median(r)) ** 2 for r in of_each))
-
-
-def noise_of(problem: Problem) -> float:
-    """Squared residuals that the readings' noise alone would leave."""
-    noise = np.concatenate([
-        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
-        for c in problem.world.signals
-    ])  # fmt: skip
-    count = np.isfinite(problem.windows.readings).sum(axis=0)
-    return float((count * (noise / problem.sigma) ** 2).sum())
-
-
-def expected(problem: Problem, found: Fit) -> float:
-    """Squared residuals that the readings' noise and the time step would leave."""
-    of_step = problem.of_step(found.terms, found.values, found.residuals)
-    return noise_of(problem) + float(of_step @ of_step)
-
-
 def for_score(problem: Problem, found: Fit) -> Floats:
     """Sigma (C), larger where something stays unexplained for what is not scored.
 
@@ -331,21 +300,19 @@ def for_score(problem: Problem, found: Fit) -> Floats:
     return np.where(scored, problem.sigma, UNSCORED * problem.sigma)
 
 
-def left_in(problem: Problem, found: Fit) -> Floats:
-    """Root mean squares (C) [its unit] of what a fit leaves in each column."""
-    r = found.residuals.reshape(problem.windows.readings.shape)
-    known = np.isfinite(problem.windows.readings)
-    size = np.sqrt((r**2).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    return size * problem.sigma
-
-
 def reweighed(problem: Problem, found: Fit) -> Problem:
     """Each column's residuals measured by how large they are now."""
-    noise = np.concatenate([c.noise for c in problem.world.signals])
-    least = np.where(np.isfinite(noise), noise, 0.0)
-    sigma = np.maximum(left_in(problem, found), least)
-    sigma = np.where(sigma > 0, sigma, problem.sigma)
-    return whitened(replace(problem, sigma=sigma), found.terms, found.values)
+    residuals = found.residuals
+    for _ in range(2):  # starts that are believed too much leave what is no noise
+        world = heard(problem, residuals)
+        noise = np.concatenate([c.noise for c in world.signals])
+        least = np.where(np.isfinite(noise), noise, 0.0)
+        sigma = np.maximum(left_in(problem, residuals), least)
+        sigma = np.where(sigma > 0, sigma, problem.sigma)
+        problem = replace(problem, sigma=sigma, world=world)
+        problem = whitened(problem, found.terms, found.values)
+        residuals = problem.at(found.terms, found.values)
+    return problem
 
 
 def reseated(problem: Problem, found: Fit) -> tuple[Problem, Fit]:

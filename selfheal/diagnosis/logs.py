@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -98,7 +99,7 @@ def channels(
             for e in episodes
             if name in e.signals
         ]
-        stack = np.concatenate(values)
+        stack, scatter = np.concatenate(values), np.sqrt(_pooled(episodes, name))
         if not np.isfinite(stack).any():
             if not empty:
                 continue
@@ -109,7 +110,7 @@ def channels(
                 spread=float(np.sqrt(np.nanvar(stack, axis=0).sum())) or 1e-9,
                 reach=float(np.nanmax(np.abs(stack))) or 1e-9,
                 lattice=_lattice(stack) if width == 1 else 0.0,
-                noise=np.sqrt(_pooled(episodes, name)),
+                scatter=scatter, noise=scatter, memory=np.zeros(width),
             )
         )  # fmt: skip
         first += width
@@ -255,6 +256,31 @@ def neighbors(time: Floats) -> tuple[float, int]:
     """Usual distance [s] of samples, and how many on each side a parabola looks at."""
     gap = float(np.median(np.diff(time))) if time.size > 1 else 1.0
     return gap, max(LEAST, int(round(HALF_WIDTH / gap)))
+
+
+@cache
+def of_slow_noise(memory: float, m: int) -> tuple[float, float, float]:
+    """What noise of first order does to a parabola through m neighbors on each side.
+
+    Args:
+        memory: correlation with the sample before.
+        m: on each side.
+
+    Returns:
+        The error of the parabola's value and of its slope, over that of white noise as
+        large; and the share of the noise's variance that is left about it.
+    """
+    t = np.arange(-m, m + 1.0)
+    basis = np.stack([t**0, t, t**2], axis=1)
+    rows = np.linalg.pinv(basis)
+    cov = memory ** np.abs(t[:, None] - t)
+    of_value, of_slope, _ = np.diag(rows @ cov @ rows.T) / np.diag(rows @ rows.T)
+    left = len(t) - np.trace(rows @ cov @ basis)
+    return (
+        float(np.sqrt(of_value)),
+        float(np.sqrt(of_slope)),
+        float(left / (len(t) - 3)),
+    )
 
 
 def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:

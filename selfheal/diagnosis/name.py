@@ -11,18 +11,17 @@ from .evidence import (
     LEFT,
     Evidence,
     Scored,
-    above,
     as_good,
     better,
     blocks_of,
     effective,
-    expected,
     for_score,
     refitted,
     reweighed,
     scored,
 )
 from .fit import Fit, fit, looked_about
+from .noise import above, expected
 from .problem import Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
@@ -118,7 +117,10 @@ def name_effects(
     other = replace(
         start, claims=dict(search.claims), first=search.first, candidates=likely
     )
-    longer = replace(fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma)
+    longer = replace(
+        fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma,
+        world=search.problem.world,
+    )  # fmt: skip
     if not other.with_all_usual(longer, {t.key for t in search.named}):
         return [search.ended()]
     both = (other, search) if other.beats(search) else (search, other)

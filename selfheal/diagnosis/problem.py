@@ -110,8 +110,9 @@ class Problem:
             return *work_out(), np.array(counted[0] - before)
 
         windows, counted = self.windows, self.world.counted
+        noise = [(c.noise, c.memory) for c in self.world.signals]
         own = (windows.log, windows.start, windows.steps, windows.window, windows.at,
-               self.sigma, list(self.whiten), self.shift, self.pull,
+               noise, self.sigma, list(self.whiten), self.shift, self.pull,
                self.centered)  # fmt: skip
         before = counted[0]
         *answer, simulated = self.world.memory.recall((*own, *question), counting)

@@ -13,17 +13,14 @@ from .choose import STRAINED
 from .evidence import (
     ABOVE,
     Scored,
-    above,
     better,
-    expected,
     for_score,
-    most,
-    noise_of,
     reseated,
 )
 from .fit import CLOSE, Fit, fit, looked_about, rested
 from .free_form import FreeForm
 from .name import Named, Naming
+from .noise import above, expected, most, noise_of
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
 from .prune import without

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .evidence import Evidence, left_in
+from .evidence import Evidence
 from .name import Named, Naming
+from .noise import left_in
 from .scene import Channel, Scene
 from .terms import Effect, Term
 
@@ -23,11 +24,11 @@ def with_rounding(naming: Naming, scene: Scene, effects: Iterable[Effect]) -> Na
     step (Widrow 1956), is most of the readings' noise and much of what the fit leaves.
     """
     problem, final = naming.problem, naming.final
-    left = left_in(problem, final.fit) ** 2
+    left = left_in(problem, final.fit.residuals) ** 2
     by_name = {c.name: c for c in scene.signals}
     for term in (t for e in effects if e.rounds for t in e.terms(scene)):
         signal = by_name[term.places[0]["signal"]]
-        noise, column = float(signal.noise[0]), signal.first
+        noise, column = float(signal.scatter[0]), signal.first
         error = signal.lattice**2 / 12
         if error < MOST * noise**2 or error < SOME * left[column]:
             continue

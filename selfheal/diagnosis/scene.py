@@ -30,7 +30,10 @@ class Channel:
         spread: standard deviation of the readings [unit], over all columns.
         reach: largest magnitude [unit].
         lattice: the step of its values [unit] if they lie on one, else 0.
-        noise: (width) of a reading [unit], from its neighbors.
+        scatter: (width) of a reading about its neighbors' parabola [unit].
+        noise: (width) of a reading [unit]; larger where it is slow, for a parabola
+            takes that for motion.
+        memory: (width) correlation of that noise with the sample before; 0: white.
     """
 
     name: str
@@ -42,7 +45,9 @@ class Channel:
     spread: float
     reach: float
     lattice: float
+    scatter: Floats
     noise: Floats
+    memory: Floats
 
     @property
     def columns(self) -> slice:

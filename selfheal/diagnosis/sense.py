@@ -9,7 +9,7 @@ from .plant import Plant
 from .scene import Channel
 from .terms import Term
 
-NO_NOISE = np.zeros(1)
+NO_NOISE = np.zeros((3, 1))
 Bound = Mapping[str, Floats]
 
 
@@ -53,7 +53,7 @@ def hidden(plant: Plant, places) -> list[Channel]:
         name = plant.model.joint(place["extra_jnt"]).name
         for kind in ("joint_position", "joint_velocity"):
             found.append(
-                Channel(name, kind, name, "", 1, len(found), 1.0, 1.0, 0.0, NO_NOISE)
+                Channel(name, kind, name, "", 1, len(found), 1.0, 1.0, 0.0, *NO_NOISE)
             )
     return found
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..recording.data import Floats
-from .logs import nearest, neighbors
+from .logs import nearest, neighbors, of_slow_noise
 from .plant import Plant, parts
 from .scene import Channel
 from .terms import Term
@@ -99,9 +99,11 @@ class _Told:
         # a parabola reached over from beside missing readings
         near = np.where(np.isfinite(apart), near, 1)
         # where no parabola fits, at a jolt, it tells the state less well
-        noise = noise + JOLT * np.maximum(np.nan_to_num(apart) - 1.5 * noise, 0)
-        value = noise * np.sqrt(2.25 / n) * (1 + near)
-        slope = noise * np.sqrt(3.0 / n) / (m * gap) * (1 + 3 * near)
+        jolt = np.nan_to_num(apart) - 1.5 * np.nan_to_num(c.scatter)
+        noise = noise + JOLT * np.maximum(jolt, 0)
+        more = np.array([of_slow_noise(float(a), m)[:2] for a in c.memory]).T
+        value = noise * more[0] * np.sqrt(2.25 / n) * (1 + near)
+        slope = noise * more[1] * np.sqrt(3.0 / n) / (m * gap) * (1 + 3 * near)
         return value, slope
 
 

@@ -107,6 +107,10 @@ class World:
         """The same, where all commands act `LATE` of a step later."""
         return self._new(logs=tuple(log.later(LATE) for log in self.logs))
 
+    def hearing(self, signals: tuple[Channel, ...]) -> "World":
+        """The same, whose noise is known otherwise: states are read otherwise."""
+        return replace(self, signals=signals, held=WeakKeyDictionary())
+
     def _new(self, **changes) -> "World":
         """Changed, and with nothing worked out of it yet."""
         return replace(self, memory=Memory(), held=WeakKeyDictionary(), **changes)

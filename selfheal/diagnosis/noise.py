@@ -1,0 +1,106 @@
+"""How large the readings' noise is: takes a fit's residuals, gives what it leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..recording.data import Floats
+from .fit import Fit
+from .logs import neighbors, of_slow_noise
+from .problem import Problem
+from .world import World
+
+# of `_slow`: lags [samples] whose differences are compared; memories that are tried, of
+# which the longest is none of a noise; how far off [1] what is made of them may be; and
+# how much more noise there may be about a parabola than was found there; chosen
+LAGS, MEMORIES = np.array([1, 2, 3, 4, 6, 8]), np.linspace(0.02, 0.98, 49)
+ASTRAY, ROOM = 0.03, 1.3
+
+
+def heard(problem: Problem, residuals: Floats) -> World:
+    """The problem's world, knowing of its readings' noise what residuals (R) tell."""
+    world = problem.world
+    if problem.windows.is_single:
+        return world
+    variance, memory = _slow(problem, residuals)
+    return world.hearing(
+        tuple(
+            replace(
+                c, memory=memory[c.columns],
+                noise=np.fmax(c.scatter, np.sqrt(variance[c.columns])),
+            )
+            for c in world.signals
+        )
+    )  # fmt: skip
+
+
+def _slow(problem: Problem, residuals: Floats) -> tuple[Floats, Floats]:
+    """Variance (C) [its unit^2] and memory (C) of slow noise; 0 where there is none.
+
+    A parabola through neighbors takes most of a slow noise for motion. What a fit
+    leaves tells it: differences k samples apart have half the variance w + s (1 - a^k)
+    + q k^2, where w is white noise, s one of first order with memory a, and q what is
+    left of the motion: a variogram of nugget, exponential and drift (Cressie 1993,
+    2.3), by least squares of its relative errors.
+    """
+    from scipy.optimize import nnls
+
+    known, world = np.isfinite(problem.windows.readings), problem.world
+    x, window = residuals.reshape(known.shape), problem.windows.window
+    of_lags = np.empty((len(LAGS), known.shape[1]))
+    for i, k in enumerate(LAGS):
+        both = (window[k:] == window[:-k])[:, None] & known[k:] & known[:-k]
+        squares = np.where(both, (x[k:] - x[:-k]) ** 2, 0.0).sum(axis=0)
+        of_lags[i] = squares / 2 / np.maximum(both.sum(axis=0), 1)
+    parts = np.array([[LAGS**0, 1 - a**LAGS, LAGS**2] for a in MEMORIES])
+    _, m = neighbors(world.logs[0].at * world.step)
+    scatter = np.concatenate([c.scatter for c in world.signals]) / problem.sigma
+    variance, memory = np.zeros((2, known.shape[1]))
+    for c in np.flatnonzero(of_lags.all(axis=0)):
+        tries = [nnls((p / of_lags[:, c]).T, np.ones(len(LAGS))) for p in parts]
+        best = int(np.argmin([error for _, error in tries[:-1]]))
+        (white, slow, _), error = tries[best]
+        near = white + slow * of_slow_noise(MEMORIES[best], m)[2]
+        told = error < ASTRAY * np.sqrt(len(LAGS)) and error < tries[-1][1]
+        if told and near < ROOM * scatter[c] ** 2:
+            variance[c], memory[c] = white + slow, MEMORIES[best]
+    return variance * problem.sigma**2, memory
+
+
+def noise_of(problem: Problem) -> float:
+    """Squared residuals that the readings' noise alone would leave."""
+    noise = np.concatenate([
+        np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
+        for c in problem.world.signals
+    ])  # fmt: skip
+    count = np.isfinite(problem.windows.readings).sum(axis=0)
+    return float((count * (noise / problem.sigma) ** 2).sum())
+
+
+def above(problem: Problem, residuals: Floats) -> float:
+    """Root mean square of residuals (R) over what the readings' noise would leave."""
+    return float(np.sqrt((residuals**2).sum() / max(noise_of(problem), 1e-12)))
+
+
+def expected(problem: Problem, found: Fit) -> float:
+    """Squared residuals that the readings' noise and the time step would leave."""
+    of_step = problem.of_step(found.terms, found.values, found.residuals)
+    return noise_of(problem) + float(of_step @ of_step)
+
+
+def most(problem: Problem, residuals: Floats) -> float:
+    """Squared residuals that errors of the size of most of these (R) would leave.
+
+    Of single readings nothing else tells the noise. By the median (Huber 1981, 5.2).
+    """
+    known = np.isfinite(problem.windows.readings)
+    columns = zip(residuals.reshape(known.shape).T, known.T, strict=True)
+    of_each = [np.abs(r[there]) for r, there in columns if there.any()]
+    return float(sum(len(r) * (1.4826 * np.median(r)) ** 2 for r in of_each))
+
+
+def left_in(problem: Problem, residuals: Floats) -> Floats:
+    """Root mean squares (C) [its unit] of residuals (R) in each column."""
+    known = np.isfinite(problem.windows.readings)
+    squares = (residuals.reshape(known.shape) ** 2).sum(axis=0)
+    return np.sqrt(squares / np.maximum(known.sum(axis=0), 1)) * problem.sigma
