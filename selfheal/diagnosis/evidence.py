@@ -303,8 +303,10 @@ def for_score(problem: Problem, found: Fit) -> Floats:
 def reweighed(problem: Problem, found: Fit) -> Problem:
     """Each column's residuals measured by how large they are now."""
     residuals = found.residuals
-    for _ in range(2):  # starts that are believed too much leave what is no noise
+    for again in (False, True):  # starts believed too much leave what is no noise
         world = heard(problem, residuals)
+        if again and world is problem.world:
+            break
         noise = np.concatenate([c.noise for c in world.signals])
         least = np.where(np.isfinite(noise), noise, 0.0)
         sigma = np.maximum(left_in(problem, residuals), least)

@@ -12,26 +12,34 @@ from .world import World
 
 # of `_slow`: lags [samples] whose differences are compared; memories that are tried, of
 # which the longest is none of a noise; how far off [1] what is made of them may be; and
-# how much more noise there may be about a parabola than was found there; chosen
-LAGS, MEMORIES = np.array([1, 2, 3, 4, 6, 8]), np.linspace(0.02, 0.98, 49)
+# how much more noise [1] there may be about a parabola than was found there; chosen
+LAGS, MEMORIES = np.array([1, 2, 3, 4, 6, 8]), np.linspace(0.1, 0.98, 45)
 ASTRAY, ROOM = 0.03, 1.3
+SLOW, ALIKE = 1.2, 0.1  # times the scatter's variance, a noise that is not white; a
+# difference [1] of noises that is none; chosen
 
 
 def heard(problem: Problem, residuals: Floats) -> World:
-    """The problem's world, knowing of its readings' noise what residuals (R) tell."""
+    """The problem's world, knowing of its readings' noise what residuals (R) tell.
+
+    The same one where that is what it knew before.
+    """
     world = problem.world
     if problem.windows.is_single:
         return world
     variance, memory = _slow(problem, residuals)
-    return world.hearing(
-        tuple(
-            replace(
-                c, memory=memory[c.columns],
-                noise=np.fmax(c.scatter, np.sqrt(variance[c.columns])),
-            )
-            for c in world.signals
+    signals = tuple(
+        replace(
+            c, memory=memory[c.columns],
+            noise=np.fmax(c.scatter, np.sqrt(variance[c.columns])),
         )
+        for c in world.signals
     )  # fmt: skip
+    pairs = [(a, b) for s, t in zip(signals, world.signals, strict=True)
+             for a, b in ((s.noise, t.noise), (s.memory, t.memory))]  # fmt: skip
+    if all(np.allclose(a, b, rtol=ALIKE, equal_nan=True) for a, b in pairs):
+        return world
+    return world.hearing(signals)
 
 
 def _slow(problem: Problem, residuals: Floats) -> tuple[Floats, Floats]:
@@ -62,7 +70,8 @@ def _slow(problem: Problem, residuals: Floats) -> tuple[Floats, Floats]:
         (white, slow, _), error = tries[best]
         near = white + slow * of_slow_noise(MEMORIES[best], m)[2]
         told = error < ASTRAY * np.sqrt(len(LAGS)) and error < tries[-1][1]
-        if told and near < ROOM * scatter[c] ** 2:
+        told = told and near < ROOM * scatter[c] ** 2
+        if told and white + slow > SLOW * scatter[c] ** 2:
             variance[c], memory[c] = white + slow, MEMORIES[best]
     return variance * problem.sigma**2, memory
 
