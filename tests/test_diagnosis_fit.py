@@ -62,6 +62,12 @@ def pendulum(tmp_path_factory):
     return bench("pendulum", folder, episodes=3, seconds=1.5, seed=2)
 
 
+@pytest.fixture(scope="module")
+def cart_pole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cart_pole")
+    return bench("cart_pole", folder, episodes=4, seconds=2.0, seed=2)
+
+
 def _problem(b, terms=(), values=(), noise=NOISE) -> Problem:
     """Windows whose readings are what the terms would give, and noise."""
     pieces = windows(b.world.logs, PIECE)
@@ -199,6 +205,7 @@ PLANTED = [
     ("pendulum", "sensor_delay", 0, (0.012,)),
     ("arm", "cogging", 1, (0.02, 11.0, 4.0)),
     ("pendulum", "cogging", 0, (0.2, 7.0, 1.0)),
+    ("cart_pole", "cogging", 0, (1.0, 30.0, 1.0)),
 ]
 
 

@@ -11,8 +11,9 @@ from .actuator import least_inertia
 from .friction import Friction, strength
 
 FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
-# periods a turn of magnets or teeth; chosen: fewer are those of gravity, or of a spring
-FEWEST = 4.0
+# periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are those
+# of gravity, or of a spring
+FEWEST, ALONG = 4.0, 1.5
 SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
 STIFF = 5.0  # times the spring that shows, where another search begins; chosen
 
@@ -142,20 +143,31 @@ class Cogging(AtJoint):
 
     def parameters(self, scene, joint):
         scale, high = 0.1 * joint.torque, 3 * strength(scene, joint)
+        least, apart = self._counts(joint)
         return (
             Parameter("amplitude", joint.force, 0.0, 0.0, high, scale),
-            Parameter("poles", "1", 10.0, FEWEST, 200.0, 1.0 / max(joint.range, 0.05)),
+            Parameter("poles", "1", 2.5 * least, least, 50 * least, 0.5 * apart),
             Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
         )
 
     def starts(self, scene, joint):
-        # small, so that the answer is linear; so near each other that waves of two
-        # counts part by two radians within the joint's range
-        a, apart = 0.01 * joint.torque, max(1.0, 2.0 / max(joint.range, 0.05))
+        a = 0.01 * joint.torque  # small, so that the answer is linear
+        least, apart = self._counts(joint)
+        apart = max(1.0, apart) if joint.unit == "rad" else apart
+        few, many = 5 * least, 12.5 * least
         counts = np.append(
-            np.arange(FEWEST, 20.0, apart), np.arange(20.0, 50.0, 2 * apart)
+            np.arange(least, few, apart), np.arange(few, many, 2 * apart)
         )
         return tuple((a, n, p) for n in counts.tolist() for p in (0.0, np.pi / 2))
+
+    @staticmethod
+    def _counts(joint) -> tuple[float, float]:
+        """The fewest poles, and how far others lie apart.
+
+        So near each other that two waves part by two radians within the joint's range.
+        """
+        apart = 2.0 / max(joint.range, 0.05)
+        return (FEWEST if joint.unit == "rad" else ALONG * np.pi * apart), apart
 
     def act(self, moment, place, values):
         amplitude, poles, phase = values.T
@@ -165,9 +177,7 @@ class Cogging(AtJoint):
     def terms(self, scene):
         address = {j.id: j.qpos for j in scene.joints}
         return [
-            _with(t, qpos=address[t.places[0]["joint"]])
-            for t in super().terms(scene)
-            if scene.joint(t.places[0]["joint"]).unit == "rad"
+            _with(t, qpos=address[t.places[0]["joint"]]) for t in super().terms(scene)
         ]
 
 
