@@ -13,10 +13,9 @@ from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
 from .prepare import scene_of, world_of
-from .problem import Problem, whitened
+from .problem import Problem
 from .scene import Scene, by_column
 from .state import estimate
-from .stated import stated_terms
 from .windows import Windows, windows
 from .world import World
 
@@ -127,14 +126,13 @@ def problem_of(case: Case, seconds: float) -> Problem:
     """Windows of the fitted recordings, weighted by the given model's error."""
     world = case.world
     pieces = pieces_of(world, seconds)
-    stated = stated_terms(case.scene)
     apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
     sigma = np.sqrt(
         np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
     )
     spread = by_column(world.signals, "spread")
     sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
-    return whitened(Problem(world, pieces, sigma), stated, np.ones(len(stated)))
+    return Problem(world, pieces, sigma)
 
 
 def check_enough(world: World, problem: Problem) -> None:

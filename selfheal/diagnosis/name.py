@@ -25,7 +25,7 @@ from .noise import above, expected
 from .problem import Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
-from .screen import MANY, STEPS, Progress, fewer, screened, some_of
+from .screen import MANY, SEARCHED, STEPS, Progress, fewer, screened, some_of
 from .terms import Term, is_new, says_anew
 from .trial import Base
 
@@ -103,8 +103,10 @@ def name_effects(
     kinds = [effect for effect in effects if not effect.rounds]
     candidates = [term for effect in kinds for term in effect.terms(scene)]
     progress("refitting what the model states", 0.0)
-    problem = fewer(problem, STEPS[-1], rng)
-    found = fit(problem, stated, np.ones(len(stated)))
+    steps = min(STEPS[-1], int(SEARCHED / max(len(stated), 1)))
+    given = np.ones(len(stated))
+    problem = whitened(fewer(problem, steps, rng), stated, given)
+    found = fit(problem, stated, given)
     problem, now = _weighed_anew(problem, found, 8)
     search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
     start = replace(search)
@@ -118,7 +120,7 @@ def name_effects(
         start, claims=dict(search.claims), first=search.first, candidates=likely
     )
     longer = replace(
-        fewer(longer, STEPS[-1], rng), sigma=search.problem.sigma,
+        fewer(longer, steps, rng), sigma=search.problem.sigma,
         world=search.problem.world,
     )  # fmt: skip
     if not other.with_all_usual(longer, {t.key for t in search.named}):

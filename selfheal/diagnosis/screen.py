@@ -14,6 +14,9 @@ from .trial import Base, try_term
 # candidates are tried on more and more steps of simulation, for more and more rounds,
 # and ever fewer of them; chosen for a minute a joint
 STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
+# steps in all differences of a search's fit, about: who states much shows much at each
+# of them; chosen
+SEARCHED = 3e5
 SLIGHT = 0.005  # of the cost, a gain that is not worth more tries; chosen
 MANY = 100  # at most, tried again once something has a name; chosen
 
