@@ -304,7 +304,7 @@ def _gains(model, actuator: int) -> tuple[float, float]:
 class IntegralAction(AtActuator):
     name = "integral_action"
     says = "The servo sums up its error and pushes until it is gone."
-    equation = "tau += clip(ki integral(ctrl - q), imax)"
+    equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
     source = "MuJoCo actuator/pid ki, imax"
     separate_by = "hold a loaded pose for ten seconds"
     regime = "high_load"
@@ -330,12 +330,16 @@ class IntegralAction(AtActuator):
     def act(self, moment, place, values):
         # the sum since the episode began is that of the measured error up to the
         # window's start, and of the simulated one from there
-        ki, most = values.T
         error = moment.ctrl[:, place["actuator"]] - moment.qpos[:, place["qpos"]]
-        total = moment.sums[place["actuator"]]
-        torque = np.clip(ki * total, -most, most)
-        moment.applied[:, place["dof"]] += torque
-        total += error * moment.step
+        total, most = moment.sums[place["actuator"]], self.fullest(values)
+        moment.applied[:, place["dof"]] += values[:, 0] * total
+        total[:] = np.clip(total + error * moment.step, -most, most)
+
+    @staticmethod
+    def fullest(values: Floats) -> Floats:
+        """(n) sums [rad s] beyond which none goes, of values (n, 2)."""
+        ki, most = values.T
+        return np.divide(most, ki, out=np.full(len(ki), np.inf), where=ki > 0)
 
 
 def least_inertia(model, joint: int) -> float:
