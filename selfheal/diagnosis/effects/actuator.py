@@ -320,7 +320,9 @@ class IntegralAction(AtActuator):
 
     def starts(self, scene, actuator):
         kp, _ = _gains(scene.model, actuator.id)
-        return ((0.5 * kp, actuator.most), (5 * kp, 0.5 * actuator.most))
+        most = actuator.most
+        # one that is often full: from a limit that is never met no slope leads there
+        return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
 
     def fits(self, scene, actuator):
         # the sum of what was read is in the joint's unit, as the error without a gear
