@@ -12,6 +12,7 @@ from .problem import Problem, whitened
 from .scene import by_column
 from .terms import Term
 from .trial import Base, try_term
+from .world import World
 
 BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
 EPISODES = 3  # at least, each to be predicted from the others; chosen
@@ -301,20 +302,30 @@ def for_score(problem: Problem, found: Fit) -> Floats:
 
 
 def reweighed(problem: Problem, found: Fit) -> Problem:
-    """Each column's residuals measured by how large they are now."""
+    """Each column's residuals measured by how large they are now.
+
+    What is heard of the noise changes how far starts are believed, and starts that are
+    believed too much leave what is no noise: so it is heard once more.
+    """
     residuals = found.residuals
-    for again in (False, True):  # starts believed too much leave what is no noise
-        world = heard(problem, residuals)
-        if again and world is problem.world:
-            break
-        noise = np.concatenate([c.noise for c in world.signals])
-        least = np.where(np.isfinite(noise), noise, 0.0)
-        sigma = np.maximum(left_in(problem, residuals), least)
-        sigma = np.where(sigma > 0, sigma, problem.sigma)
-        problem = replace(problem, sigma=sigma, world=world)
-        problem = whitened(problem, found.terms, found.values)
-        residuals = problem.at(found.terms, found.values)
-    return problem
+    problem = _weighed(problem, found, residuals, heard(problem, residuals))
+    if problem.windows.is_single:
+        return problem
+    residuals = problem.at(found.terms, found.values)
+    world = heard(problem, residuals)
+    if world is problem.world:
+        return problem
+    return _weighed(problem, found, residuals, world)
+
+
+def _weighed(problem: Problem, found: Fit, residuals: Floats, world: World) -> Problem:
+    """The problem in a world that knows its noise, weighed by residuals (R)."""
+    noise = np.concatenate([c.noise for c in world.signals])
+    least = np.where(np.isfinite(noise), noise, 0.0)
+    sigma = np.maximum(left_in(problem, residuals), least)
+    sigma = np.where(sigma > 0, sigma, problem.sigma)
+    new = replace(problem, sigma=sigma, world=world)
+    return whitened(new, found.terms, found.values)
 
 
 def reseated(problem: Problem, found: Fit) -> tuple[Problem, Fit]:

@@ -99,11 +99,12 @@ def channels(
             for e in episodes
             if name in e.signals
         ]
-        stack, scatter = np.concatenate(values), np.sqrt(_pooled(episodes, name))
+        stack = np.concatenate(values)
         if not np.isfinite(stack).any():
             if not empty:
                 continue
             stack = np.ones_like(stack)
+        scatter = np.sqrt(_pooled(episodes, name))
         out.append(
             Channel(
                 name, kind, target, unit, width, first,
@@ -274,13 +275,9 @@ def of_slow_noise(memory: float, m: int) -> tuple[float, float, float]:
     basis = np.stack([t**0, t, t**2], axis=1)
     rows = np.linalg.pinv(basis)
     cov = memory ** np.abs(t[:, None] - t)
-    of_value, of_slope, _ = np.diag(rows @ cov @ rows.T) / np.diag(rows @ rows.T)
-    left = len(t) - np.trace(rows @ cov @ basis)
-    return (
-        float(np.sqrt(of_value)),
-        float(np.sqrt(of_slope)),
-        float(left / (len(t) - 3)),
-    )
+    value, slope, _ = np.sqrt(np.diag(rows @ cov @ rows.T) / np.diag(rows @ rows.T))
+    left = (len(t) - np.trace(rows @ cov @ basis)) / (len(t) - 3)
+    return float(value), float(slope), float(left)
 
 
 def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:
