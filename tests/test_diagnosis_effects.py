@@ -477,6 +477,30 @@ def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
     assert not effect("integral_action").terms(geared.scene)
 
 
+def test_a_servo_lets_go_as_soon_as_its_error_turns():
+    """As MuJoCo's pid does: what its sum cannot hold is forgotten."""
+    ki, imax, step = 2.0, 0.5, 0.01
+    place, values = {"actuator": 0, "qpos": 0, "dof": 0}, np.array([[ki, imax]])
+    sums = {0: np.zeros(1)}
+
+    def torque(error, steps):
+        for _ in range(steps):
+            now = SimpleNamespace(
+                ctrl=np.array([[error]]),
+                qpos=np.zeros((1, 1)),
+                applied=np.zeros((1, 1)),
+                sums=sums,
+                step=step,
+            )
+            effect("integral_action").act(now, place, values)
+        return now.applied[0, 0]  # fmt: skip
+
+    assert torque(1.0, 1000) == pytest.approx(imax)
+    turned = round(2 * imax / ki / step)
+    assert torque(-1.0, turned // 2 + 1) == pytest.approx(0.0, abs=1e-9)
+    assert torque(-1.0, 1000) == pytest.approx(-imax)
+
+
 def test_a_lag_keeps_the_range_that_a_servo_inherited(tmp_path):
     b = _pendulum(
         tmp_path,

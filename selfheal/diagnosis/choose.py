@@ -17,12 +17,12 @@ from .evidence import (
     scored,
     stability,
 )
-from .fit import Fit
+from .fit import Fit, fit, jacobian, rested
 from .noise import above
 from .problem import Problem
 from .screen import Progress
-from .terms import Term
-from .trial import Base, try_term
+from .terms import Term, replaced
+from .trial import Base
 
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
@@ -104,20 +104,21 @@ def relieving(
     problem = base.problem
     if above(problem, now.fit.residuals) >= LEFT:
         return None
+    before = rested(problem, now.fit)
     fits = []
     for i, term in enumerate(candidates):
         progress(f"trying {term.label}", i / len(candidates))
-        fits.append(try_term(base, term))
+        fits.append(_freed(problem, before, term))
     fits.sort(key=lambda f: f.cost + f.strain)
-    found = [
-        scored(problem, f.terms, f.values, rounds=3, known=f.jacobian)
-        for f in fits[:FITTED]
-    ]
-    relief = {s: now.fit.strain - s.fit.strain for s in found}
+    found = [Scored.of(problem, rested(problem, f)) for f in fits[:FITTED]]
+    relief = {
+        s: before.strain - s.fit.strain - max(s.fit.cost - before.cost, 0.0)
+        for s in found
+    }
     p_value = {
         s: float(len(candidates) * chi2.sf(relief[s], len(s.last.parameters)))
         for s in found
-        if s.fit.cost <= now.fit.cost and not s.last.is_faint(s.values)
+        if not s.last.is_faint(s.values)
     }
     best = min(p_value, key=lambda s: p_value[s], default=None)
     if best is None or p_value[best] >= SURE:
@@ -126,6 +127,22 @@ def relieving(
     rivals = tuple(s.last for s in p_value if p_value[s] < SURE and s is not best)
     sure = Evidence(gain, p_value[best], stability(problem, [now, *found], [best]))
     return best, Claim(sure, rivals, rivals)
+
+
+def _freed(problem: Problem, found: Fit, term: Term) -> Fit:
+    """One step from a fit, with what it made of the values that a term says anew.
+
+    The readings fit there; how far it has to go from there, belief tells.
+    """
+    factor = {t.targets[0]: v for t, v in zip(found.terms, found.values, strict=True)}
+    (target,) = term.targets
+    own = [p.absent * factor.get(f"{target}/{p.name}", 1.0) for p in term.parameters]
+    terms, start = (*found.terms, term), np.append(found.values, own)
+    r = problem.at(terms, start)
+    new = jacobian(problem, terms, start, r, len(found.values))
+    near = np.hstack([found.jacobian, new])
+    near[:, replaced(term, found.terms)] = 0.0
+    return fit(problem, terms, start, rounds=1, known=near)
 
 
 def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
@@ -141,18 +158,21 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
     least = min(s.fit.strain for s in near)
     near = [s for s in near if s.fit.strain < least + STRAINED]
     # of those that the data cannot rank, a usual one, with the least to choose
-    return min(
-        near, key=lambda s: (s.last.effect.rare, len(s.last.parameters), s.error)
-    )
+    return min(near, key=_oddity)
+
+
+def _oddity(s: Scored) -> tuple:
+    """By what those go that the data cannot rank, the least odd first."""
+    effect, term = s.last.effect, s.last
+    return effect.rare, len(term.parameters), not effect.is_usual(term), s.error
 
 
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
     """Whether an effect is usual enough for what it explains.
 
-    Where much stays unexplained beside other names, one that is rare, or says that the
-    model's own numbers are far off, is more likely to stand for something else.
+    Where much stays unexplained, one that is rare, or says that the model's own numbers
+    are far off, is more likely to stand for something else.
     """
     usual = not (new.last.effect.rare or new.last.effect.restates)
-    first = all(t.effect.name == "stated" for t in now.fit.terms)
     mostly = new.error < MOSTLY * now.error
-    return usual or first or mostly or above(problem, new.fit.residuals) < LEFT
+    return usual or mostly or above(problem, new.fit.residuals) < LEFT

@@ -16,11 +16,10 @@ from .prove import (
     Proof,
     bare,
     in_question,
+    is_little,
     judged,
     likeliest,
-    outlasting,
     polished,
-    removed_share,
     structure_of,
     upheld,
 )
@@ -30,7 +29,6 @@ from .stated import stated_terms
 from .usable import check_usable
 
 WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
-LITTLE = 0.1  # of what can be explained there: names that remove less are none; chosen
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 Progress = Callable[[str, float], None]
@@ -81,9 +79,7 @@ def diagnose(
     proof = Proof.of(case, naming)
     patched, refit = proof.numbers["patched"], proof.numbers["refit"]
     worse = not patched <= min(WORSE * refit, np.finfo(float).max)
-    single = proof.pieces.is_single
-    removed = outlasting(case, naming) if single else removed_share(proof.numbers)
-    if naming.named and (worse or (removed is not None and removed < LITTLE)):
+    if naming.named and (worse or is_little(case, naming, proof)):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in naming.named))
         naming, verdict = judged(bare(naming), structure)
@@ -94,6 +90,9 @@ def diagnose(
         verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
         proof = Proof.of(case, naming)
     # of single readings nothing tells the noise
-    if not single and proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]:
+    if (
+        not proof.pieces.is_single
+        and proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]
+    ):
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
     return answer_of(case, naming, verdict, proof, structure, refuted, begun)

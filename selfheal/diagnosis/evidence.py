@@ -22,6 +22,8 @@ LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 UNSCORED = 4.0  # times as far off may be what is not scored; chosen
 TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
 FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
+# nats of likelihood, and of a squared error, by which another fit is surely not as good
+CERTAIN, SLIGHTLY = 5.0, 0.02
 EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
 # of `reseated`: share of the cost that all other windows would save without one, above
 # which its start may be wrong, and of the cost, what starts sought anew have to save;
@@ -236,14 +238,29 @@ def economy(problem: Problem, fit: Scored) -> float:
 
 
 def as_good(problem: Problem, other: Scored, lead: Scored, errors: float = 1.0) -> bool:
-    """Whether the windows do not tell that `other` predicts worse than `lead`."""
+    """Whether the windows do not tell that `other` predicts worse than `lead`.
+
+    Where little but noise is left, likelihoods tell, if not by one window alone; a
+    model that is wrong for both has to be so by more than it varies.
+    """
     if problem.windows.is_single:
         return economy(problem, lead) - economy(problem, other) < errors
+    if _is_likelier(problem, lead, other):
+        return False
     apart = np.bincount(blocks_of(problem), other.held - lead.held)
     noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
     ratio = other.error / max(lead.error, 1e-300)
     nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
     return bool(apart.sum() <= errors * noise and ratio < EQUAL) or bool(nats < errors)
+
+
+def _is_likelier(problem: Problem, lead: Scored, other: Scored) -> bool:
+    """Whether `other` surely leaves more, by more than `lead` leaves beside noise."""
+    rest = np.arange(len(lead.held)) != np.argmax(other.held - lead.held)
+    ratio = other.held[rest].sum() / max(lead.held[rest].sum(), 1e-300)
+    left = above(problem, lead.fit.residuals) ** 2
+    nats = 0.5 * effective(problem, lead.fit.residuals) * np.log(max(ratio, 1e-300))
+    return bool(nats > CERTAIN and ratio > max(left, 1 + SLIGHTLY))
 
 
 def stability(

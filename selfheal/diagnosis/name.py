@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,10 +23,19 @@ from .evidence import (
 )
 from .fit import Fit, fit, looked_about
 from .noise import above, expected
-from .problem import Problem, is_told, whitened
+from .problem import ODD, Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
-from .screen import MANY, SEARCHED, STEPS, Progress, fewer, screened, some_of
+from .screen import (
+    MANY,
+    SEARCHED,
+    STEPS,
+    Progress,
+    drawn,
+    fewer,
+    screened,
+    some_of,
+)
 from .terms import Term, is_new, says_anew
 from .trial import Base
 
@@ -104,11 +114,14 @@ def name_effects(
     candidates = [term for effect in kinds for term in effect.terms(scene)]
     progress("refitting what the model states", 0.0)
     steps = min(STEPS[-1], int(SEARCHED / max(len(stated), 1)))
-    given = np.ones(len(stated))
-    problem = whitened(fewer(problem, steps, rng), stated, given)
-    found = fit(problem, stated, given)
-    problem, now = _weighed_anew(problem, found, 8)
-    search = _Search(problem, now, len(stated), candidates, rng, progress, claims={})
+    some = drawn(problem, steps, rng)
+    begin = partial(_Search.of, problem, stated, candidates, rng, progress)
+    search = begin(some)
+    if search.is_done:
+        odd = search.overlooked(
+            problem, np.setdiff1d(np.arange(len(problem.windows)), some)
+        )
+        search = begin(np.union1d(some, odd)) if len(odd) else search
     start = replace(search)
     search.forward()
     # poses do not show what most robots have
@@ -153,6 +166,15 @@ class _Search:
     claims: dict[tuple, Claim]
     first: tuple[tuple[Term, float], ...] = ()
 
+    @classmethod
+    def of(cls, problem, stated, candidates, rng, progress, some) -> "_Search":
+        """In some of the windows, where nothing has a name yet."""
+        given = np.ones(len(stated))
+        problem = whitened(problem.take(some), stated, given)
+        found = fit(problem, stated, given)
+        problem, now = _weighed_anew(problem, found, 8)
+        return cls(problem, now, len(stated), candidates, rng, progress, claims={})
+
     @property
     def named(self) -> tuple[Term, ...]:
         """The effects of now."""
@@ -192,6 +214,25 @@ class _Search:
         odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
         near = self.above <= (LEFT if odd else ABOVE)
         return self.is_white or near or self.is_of_step or self.is_enough
+
+    def overlooked(self, problem: Problem, others: np.ndarray) -> np.ndarray:
+        """Of other windows, by number, those that are not as well explained.
+
+        What shows rarely, as a stop does, may be in none of those that were drawn.
+        Where something touches, a window may be odd by an impact alone.
+        """
+        if problem.world.touches or problem.windows.is_single or not len(others):
+            return others[:0]
+        mine, found = self.problem, self.now.fit
+        rest = replace(problem.take(others), sigma=mine.sigma, world=mine.world)
+        rest = whitened(rest, found.terms, found.values)
+        told = rest.at(found.terms, found.values)
+        each, own = (
+            p.by_window(r**2) / np.maximum(p.by_window((r != 0).astype(float)), 1)
+            for p, r in ((rest, told), (mine, found.residuals))
+        )
+        worst = np.argsort(-each)[: len(own) // 2]
+        return others[worst[each[worst] > ODD * np.median(own)]]
 
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""

@@ -15,6 +15,7 @@ from .world import World
 # how much more noise [1] there may be about a parabola than was found there; chosen
 LAGS, MEMORIES = np.array([1, 2, 3, 4, 6, 8]), np.linspace(0.1, 0.98, 45)
 ASTRAY, ROOM = 0.03, 1.3
+JUMPS = 0.7  # of the scatter, less than which a fit does not leave if that is noise
 SLOW, ALIKE = 1.2, 0.1  # times the scatter's variance, a noise that is not white; a
 # difference [1] of noises that is none; chosen
 
@@ -28,18 +29,27 @@ def heard(problem: Problem, residuals: Floats) -> World:
     if problem.windows.is_single:
         return world
     variance, memory = _slow(problem, residuals)
+    scatter = np.concatenate([c.scatter for c in world.signals])
+    left = left_in(problem, residuals) / np.sqrt(_kept(problem))
+    # where commands jump, so do torques: about a parabola that is no noise
+    white = np.where(left < JUMPS * scatter, left, scatter)
+    noise = np.fmax(white, np.sqrt(variance))
     signals = tuple(
-        replace(
-            c, memory=memory[c.columns],
-            noise=np.fmax(c.scatter, np.sqrt(variance[c.columns])),
-        )
+        replace(c, memory=memory[c.columns], noise=noise[c.columns])
         for c in world.signals
-    )  # fmt: skip
+    )
     pairs = [(a, b) for s, t in zip(signals, world.signals, strict=True)
              for a, b in ((s.noise, t.noise), (s.memory, t.memory))]  # fmt: skip
     if all(np.allclose(a, b, rtol=ALIKE, equal_nan=True) for a, b in pairs):
         return world
     return world.hearing(signals)
+
+
+def _kept(problem: Problem) -> float:
+    """Share of the readings' noise that is left where uncertain starts take theirs."""
+    readings = np.isfinite(problem.windows.readings).sum()
+    starts = 2 * problem.world.workshop.given.nv * len(problem.windows)
+    return float(max(1 - starts / max(readings, 1), 0.5))
 
 
 def _slow(problem: Problem, residuals: Floats) -> tuple[Floats, Floats]:

@@ -34,6 +34,8 @@ from .windows import Windows
 POLISHED, SLOPES = 40000, 1e6
 STEPPED = 15000  # of them in a fit to the model's own time step; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
+LITTLE = 0.1  # of it in the held-out episodes: names that remove less are none; chosen
+ROOM = 0.05  # of an error, less than which cannot be explained (contract section 2)
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
 CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; chosen
 # least share of the squared error in held-out episodes that a name removes, and of what
@@ -164,17 +166,19 @@ def in_its_place(
     return instead, best
 
 
-def outlasting(case: Case, naming: Naming) -> float:
-    """Share of the explainable error that the names remove in held-out episodes.
+def _outlasting(case: Case, naming: Naming) -> float:
+    """Share of the explainable error that the names remove in held-out pieces.
 
     Signals weighed as in the fit: the contract's score, over their spread there, is of
-    little else than one that hardly moves in a few poses.
+    little else than one that hardly moves in a few poses; and of a chaotic robot's
+    replay it tells where that was when it began.
     """
-    sigma = naming.problem.sigma
+    sigma, found = naming.problem.sigma, naming.final.fit
     held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
-    before, after = (_error(held, s.fit) for s in (naming.stated, naming.final))
-    room = np.sqrt(before) - np.sqrt(noise_of(held))
-    return float((np.sqrt(before) - np.sqrt(after)) / max(room, 1e-12))
+    held = whitened(held, found.terms, found.values)
+    before, after = np.sqrt([_own_error(held, naming.stated.fit), _error(held, found)])
+    room = before - np.sqrt(noise_of(held))
+    return float((before - after) / max(room, ROOM * before))
 
 
 def _error(problem: Problem, found: Fit) -> float:
@@ -346,6 +350,16 @@ def _floor(case: Case, pieces: Windows, found: Fit) -> float:
 def removed_share(numbers: dict[str, float]) -> float | None:
     """The contract's explainable_removed; None where too little could be."""
     room = numbers["refit"] - numbers["floor"]
-    if not room >= 0.05 * numbers["refit"]:
+    if not room >= ROOM * numbers["refit"]:
         return None
     return (numbers["refit"] - numbers["patched"]) / room
+
+
+def is_little(case: Case, naming: Naming, proof: Proof) -> bool:
+    """Whether names remove next to nothing of what can be explained where held out."""
+    if proof.pieces.is_single:
+        return _outlasting(case, naming) < LITTLE
+    removed = removed_share(proof.numbers)
+    if removed is None or removed >= LITTLE:
+        return False
+    return _outlasting(case, naming) < EXPLAINED

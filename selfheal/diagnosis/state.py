@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 
@@ -270,17 +271,32 @@ class States:
 
     def _sums(self, n: int) -> Mapping[int, Floats]:
         """Of each integrating servo: the summed error (N) [rad s] at the start."""
-        world, windows = self.world, self.windows
         out = {}
-        for term in self.terms:
+        for term, part in zip(self.terms, parts(self.terms, self.values), strict=True):
             for place in term.places:
                 if term.effect.name == "integral_action":
-                    kept = world.held.setdefault(windows, {})
-                    key = "sum", place["actuator"]
-                    if key not in kept:
-                        kept[key] = _error_sums(world, windows, place)
-                    out[place["actuator"]] = np.tile(kept[key], n)
+                    each = [self._sum(place, m) for m in term.effect.fullest(part)]
+                    out[place["actuator"]] = np.concatenate(each)
         return out
+
+    def _sum(self, place, most: float) -> Floats:
+        """Summed error (W) of a servo where windows begin, never beyond `most`."""
+        world, windows = self.world, self.windows
+        kept = world.held.setdefault(windows, {})
+        errors = kept.setdefault(("errors", place["actuator"]), {})
+        total = np.zeros(len(windows))
+        for log in np.unique(windows.log[windows.start > 0]):
+            rows = np.flatnonzero(windows.log == log)
+            if log not in errors:
+                errors[log] = _errors(world, world.logs[log], place).tolist()
+            past = np.fromiter(
+                accumulate(
+                    errors[log], lambda s, e: min(max(s + e, -most), most), initial=0.0
+                ),
+                float,
+            )
+            total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
+        return total
 
 
 def start_of(world, log: int, start, reads) -> tuple[Floats, Floats, Floats]:
@@ -337,18 +353,8 @@ def filtered(model, ctrl: Floats, step: float) -> Floats:
     return out
 
 
-def _error_sums(world, windows, place) -> Floats:
-    """Summed error (W) of a servo where windows begin."""
-    total = np.zeros(len(windows))
-    for log in np.unique(windows.log[windows.start > 0]):
-        rows = np.flatnonzero(windows.log == log)
-        past = _error_sum(world, world.logs[log], place)
-        total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
-    return total
-
-
-def _error_sum(world, log, place) -> Floats:
-    """Summed error (G) of a servo along the grid, by what was commanded and read."""
+def _errors(world, log, place) -> Floats:
+    """What each step (G) of the grid adds to a servo's sum, as sent and read."""
     grid = np.arange(len(log.ctrl), dtype=float)
     model = world.workshop.given
     joint = next(j for j in range(model.njnt) if model.jnt_qposadr[j] == place["qpos"])
@@ -356,5 +362,4 @@ def _error_sum(world, log, place) -> Floats:
     c = next(c for c in world.signals if (c.kind, c.target) == ("joint_position", name))
     value, _ = log.smooth(grid, world.step)
     error = log.ctrl[:, place["actuator"]] - value[:, c.first]
-    error = np.where(np.isfinite(error), error, 0.0)
-    return np.concatenate([[0.0], np.cumsum(error)[:-1]]) * world.step
+    return np.where(np.isfinite(error), error, 0.0) * world.step

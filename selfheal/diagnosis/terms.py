@@ -106,6 +106,12 @@ def says_anew(term: Term, stated: Sequence[Term]) -> bool:
     return bool(own & said)
 
 
+def replaced(term: Term, terms: Sequence[Term]) -> list[int]:
+    """Which of the stated values (one a term, the first ones) an effect overrides."""
+    own = {f"{at}/{name}" for at in term.targets for name in term.effect.instead}
+    return [i for i, t in enumerate(terms) if own & set(t.targets)]
+
+
 def unrounded(terms: Sequence[Term], values: Floats) -> Floats:
     """Values (n, P) with which no reading is rounded."""
     each = [(t.effect.rounds, p.absent) for t in terms for p in t.parameters]
@@ -160,6 +166,7 @@ class Effect:
     common = False  # see `is_usual`
     # people measure lengths (2) better than loads (1), those than friction (0)
     rare = 0
+    instead: tuple[str, ...] = ()  # names of stated values whose place it takes
     restates = False  # says that a number which the model states is far off
     of_before = False  # gives a command as it was when a step began
     waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart

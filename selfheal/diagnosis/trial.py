@@ -1,6 +1,6 @@
 """One more term beside a fit: takes a fit and a term, gives the best of both."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -9,7 +9,7 @@ from ..recording.data import Floats
 from .fit import TRIFLE, WRONG, Fit, believed, bounds, jacobian, lowest, secant, step
 from .memory import Answer
 from .problem import FAR, Problem
-from .terms import Term
+from .terms import Term, replaced
 
 LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
 
@@ -46,6 +46,15 @@ class Base:
         return Base.of(
             self.problem.take(chosen), Fit(found.terms, found.values, r, jac)
         )
+
+    def beside(self, term: Term) -> "Base":
+        """The same fit, where stated values that a term overrides do nothing."""
+        idle = replaced(term, self.fit.terms)
+        if not idle:
+            return self
+        jac = self.fit.jacobian.copy()
+        jac[:, idle] = 0.0
+        return Base.of(self.problem, replace(self.fit, jacobian=jac))
 
     @cached_property
     def gradient(self) -> Floats:
@@ -91,6 +100,7 @@ def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
     Returns:
         All terms; residuals and Jacobian are those of the linear answer.
     """
+    base = base.beside(term)
     found = base.fit
     question = ("try", found.terms, found.values, found.residuals, found.jacobian,
                 term, rounds)  # fmt: skip

@@ -263,6 +263,7 @@ class SpeedTorqueLimit(AtActuator):
 class ServoGain(AtActuator):
     name = "servo_gain"
     restates = True
+    instead = ("kp", "kv")
     says = "The servo is stiffer or softer than stated."
     equation = "tau = kp (ctrl - q) - kv v"
     source = "MuJoCo actuator/position"
@@ -304,7 +305,7 @@ def _gains(model, actuator: int) -> tuple[float, float]:
 class IntegralAction(AtActuator):
     name = "integral_action"
     says = "The servo sums up its error and pushes until it is gone."
-    equation = "tau += clip(ki integral(ctrl - q), imax)"
+    equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
     source = "MuJoCo actuator/pid ki, imax"
     separate_by = "hold a loaded pose for ten seconds"
     regime = "high_load"
@@ -320,7 +321,9 @@ class IntegralAction(AtActuator):
 
     def starts(self, scene, actuator):
         kp, _ = _gains(scene.model, actuator.id)
-        return ((0.5 * kp, actuator.most), (5 * kp, 0.5 * actuator.most))
+        most = actuator.most
+        # one that is often full: from a limit that is never met no slope leads there
+        return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
 
     def fits(self, scene, actuator):
         # the sum of what was read is in the joint's unit, as the error without a gear
@@ -330,12 +333,16 @@ class IntegralAction(AtActuator):
     def act(self, moment, place, values):
         # the sum since the episode began is that of the measured error up to the
         # window's start, and of the simulated one from there
-        ki, most = values.T
         error = moment.ctrl[:, place["actuator"]] - moment.qpos[:, place["qpos"]]
-        total = moment.sums[place["actuator"]]
-        torque = np.clip(ki * total, -most, most)
-        moment.applied[:, place["dof"]] += torque
-        total += error * moment.step
+        total, most = moment.sums[place["actuator"]], self.fullest(values)
+        moment.applied[:, place["dof"]] += values[:, 0] * total
+        total[:] = np.clip(total + error * moment.step, -most, most)
+
+    @staticmethod
+    def fullest(values: Floats) -> Floats:
+        """(n) sums [rad s] beyond which none goes, of values (n, 2)."""
+        ki, most = values.T
+        return np.divide(most, ki, out=np.full(len(ki), np.inf), where=ki > 0)
 
 
 def least_inertia(model, joint: int) -> float:

@@ -53,6 +53,7 @@ def strength(scene: Scene, joint) -> float:
 class ViscousFriction(Friction):
     name = "viscous_friction"
     common = True
+    instead = ("damping",)
     says = "A torque against the motion, proportional to speed."
     equation = "tau = -damping v"
     source = "MuJoCo joint/damping"
@@ -96,6 +97,7 @@ class QuadraticDamping(Friction):
 class CoulombFriction(Friction):
     name = "coulomb_friction"
     common = True
+    instead = ("frictionloss",)
     says = "A constant torque against the motion; at rest it holds."
     equation = "tau = -frictionloss sign(v)"
     source = "MuJoCo joint/frictionloss"
@@ -124,6 +126,7 @@ class StribeckFriction(Friction):
     """A total, like `coulomb_friction`: absent, both torques are what is stated."""
 
     name = "stribeck_friction"
+    instead = ("frictionloss",)
     says = "Dry friction that is larger at rest and falls as the joint starts to move."
     equation = "tau = -(coulomb + (static - coulomb) exp(-(v/v_s)^2)) sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30"
@@ -191,6 +194,7 @@ class AsymmetricFriction(Friction):
     """A total, like `coulomb_friction`: absent, both torques are what is stated."""
 
     name = "asymmetric_friction"
+    instead = ("frictionloss",)
     says = "Dry friction of different size in the two directions."
     equation = "tau = -positive where v > 0, +negative where v < 0"
     source = "Corke 1996, A Robotics Toolbox for MATLAB: Link.Tc"

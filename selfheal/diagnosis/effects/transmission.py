@@ -27,6 +27,7 @@ class AtJoint(Friction):
 class Armature(AtJoint):
     name = "armature"
     common = True
+    instead = ("armature",)
     says = "Inertia of the rotor, seen through the gear."
     equation = "tau = -armature a"
     source = "MuJoCo joint/armature"
@@ -51,6 +52,7 @@ class JointSpring(AtJoint):
     """Stiffness and springref in the place of those that the model states."""
 
     name = "joint_spring"
+    instead = ("stiffness",)
     says = "A spring across the joint, a cable or a hose perhaps."
     equation = "tau = -stiffness (q - springref)"
     source = "MuJoCo joint/stiffness, springref"
@@ -346,7 +348,8 @@ class Backlash(Extra):
         return (Parameter("gap", joint.unit, 0.0, 0.0, joint.range, scale),)
 
     def starts(self, scene, joint):
-        return ((0.01 * joint.range,), (0.04 * joint.range,))
+        # one twice as wide as the robot's explains nothing, as does none
+        return tuple((share * joint.range,) for share in (0.003, 0.008, 0.02, 0.05))
 
     def numbers(self, model, values):
         half = max(float(values[0]) / 2, SHUT)
