@@ -164,7 +164,10 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
 def _oddity(s: Scored) -> tuple:
     """By what those go that the data cannot rank, the least odd first."""
     effect, term = s.last.effect, s.last
-    return effect.rare, len(term.parameters), not effect.is_usual(term), s.error
+    own = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
+    # what does nothing here, as a shift along a joint's axis, is no choice
+    free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
+    return effect.rare, free, not effect.is_usual(term), s.error
 
 
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:

@@ -190,23 +190,36 @@ def better(problem: Problem, old: Scored, new: Scored, tried: float) -> float:
     """p-value that `new` predicts better than `old`, paying for `tried` tries.
 
     A likelihood ratio of held-out residuals with as many samples as are independent,
-    and only where the gain is no single piece's; of single readings, the less of two.
+    and only where the gain is no single piece's; nor does one piece take a name away:
+    also without the block that speaks most for it and the one that does so most against
+    it. Of single readings, the less of two.
     """
     from scipy.stats import chi2
 
-    ratio = old.error / max(new.error, 1e-300)
-    gains = np.bincount(blocks_of(problem), old.held - new.held)
-    error = gains.std(ddof=1) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
-    sparse = problem.windows.is_single
-    if ratio <= 1 or (gains.sum() < STEADY * error and not sparse):
-        return 1.0
-    free = max(1, len(new.fit.values) - len(old.fit.values))
-    if sparse:
+    if problem.windows.is_single:
+        tries = 1
         nats = min(_likelihoods(problem, new) - _likelihoods(problem, old))
+        nats = nats if old.error > new.error else 0.0
     else:
-        # the larger residuals are the old ones, and the more alike their neighbors
-        nats = 0.5 * effective(problem, old.fit.residuals) * np.log(ratio)
-    return float(min(1.0, tried * chi2.sf(2 * max(nats, 0.0), free)))
+        block, gains = blocks_of(problem), old.held - new.held
+        each = np.bincount(block, gains)
+        trimmed = ~np.isin(block, [each.argmin(), each.argmax()])
+        tries = 2
+        nats = max(_gained(problem, old, new, w) for w in (block >= 0, trimmed))
+    free = max(1, len(new.fit.values) - len(old.fit.values))
+    return float(min(1.0, tries * tried * chi2.sf(2 * max(nats, 0.0), free)))
+
+
+def _gained(problem: Problem, old: Scored, new: Scored, of: np.ndarray) -> float:
+    """Nats by which `new` predicts some windows (W) better; 0 if that is not steady."""
+    _, block = np.unique(blocks_of(problem)[of], return_inverse=True)
+    gains = np.bincount(block, (old.held - new.held)[of])
+    if len(gains) < 2 or gains.sum() <= STEADY * gains.std(ddof=1) * len(gains) ** 0.5:
+        return 0.0
+    ratio = old.held[of].sum() / max(new.held[of].sum(), 1e-300)
+    # the larger residuals are the old ones, and the more alike their neighbors
+    r = old.fit.residuals * of[problem.window_of]
+    return float(0.5 * effective(problem, r) * np.log(ratio))
 
 
 def _likelihoods(problem: Problem, fit: Scored) -> Floats:
