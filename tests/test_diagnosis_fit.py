@@ -1,6 +1,7 @@
 """Fits: bounds, planted values, uncertain starts, divergence; what is held out."""
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,15 +34,15 @@ from selfheal.diagnosis.fit import (
     rested,
     step,
 )
-from selfheal.diagnosis.name import Named, Naming
-from selfheal.diagnosis.noise import expected, most
+from selfheal.diagnosis.name import Named, Naming, _Search
+from selfheal.diagnosis.noise import expected, most, noise_of
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
-from selfheal.diagnosis.prove import in_its_place, likeliest
+from selfheal.diagnosis.prove import in_its_place, is_little, likeliest
 from selfheal.diagnosis.screen import screened
 from selfheal.diagnosis.stated import stated_terms
-from selfheal.diagnosis.terms import Effect, Parameter, Term, says_anew
+from selfheal.diagnosis.terms import Effect, Parameter, Term, replaced, says_anew
 from selfheal.diagnosis.trial import Base, try_term
 from selfheal.diagnosis.windows import Windows, windows
 from selfheal.diagnosis.world import LATE
@@ -444,6 +445,31 @@ def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(ar
     assert likeliest(case, [far, near]) is near
     assert likeliest(case, [near, far]) is near
     assert likeliest(case, [near, alike]) is near
+
+
+@pytest.mark.parametrize("dry", [0.0, 0.1])
+def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
+    dry, tmp_path
+):
+    def change(model):
+        model.dof_frictionloss[1] = dry
+
+    b = bench("arm", tmp_path, episodes=3, seconds=1.2, seed=2, change=change)
+    pieces = windows(b.world.logs, PIECE)
+    sigma = np.full(pieces.readings.shape[1], 5 * NOISE)
+    problem = whitened(Problem(b.world, pieces, sigma), (), np.zeros(0))
+    term = effect("coulomb_friction").terms(b.scene)[1]
+    ends = fit(problem, (), np.zeros(0)), fit(problem, (term,), np.array([0.05]))
+    stated, final = (Scored.of(problem, found) for found in ends)
+    naming = Naming(problem, stated, final, (), ())
+
+    def little(patched: float) -> bool:
+        numbers = {"refit": 0.2, "patched": patched, "floor": 0.1}
+        proof = SimpleNamespace(numbers=numbers, pieces=pieces)
+        return is_little(SimpleNamespace(held=b.world), naming, proof)
+
+    assert not little(0.1)
+    assert little(0.2) == (dry == 0.0)
 
 
 def test_what_no_reading_tells_moves_as_the_model_does(tmp_path):
@@ -862,3 +888,62 @@ def test_what_one_piece_alone_gains_is_no_gain(arm):
     held[0] = -0.9 * now.held.sum()
     one = Scored(replace(found, values=np.zeros(4)), held)
     assert better(problem, now, one, 1) == 1.0
+
+
+def test_one_piece_does_not_take_a_gain_away(arm):
+    """As one does that a start makes odd, where all others are predicted better."""
+    problem, found, _ = _linear(arm, np.random.default_rng(0))
+    now = Scored(found, held_out(problem, found))
+    held = 0.5 * now.held
+    held[0] += 0.45 * now.held.sum()
+    more = Scored(replace(found, values=np.zeros(4)), held)
+    assert better(problem, now, more, 1) < 0.01
+    worse = 1.5 * now.held
+    worse[0] = 0.0
+    assert better(problem, now, Scored(more.fit, worse), 1) == 1.0
+
+
+@pytest.mark.parametrize("left", [1.0, 3.0])
+def test_where_only_noise_is_left_likelihoods_tell_what_is_as_good(arm, left):
+    """By a third of the windows, more than chance alone would have it."""
+    problem, found, _ = _linear(arm, np.random.default_rng(0))
+    size = np.sqrt(noise_of(problem) / found.cost)
+    found = replace(found, residuals=left * size * found.residuals)
+    lead = Scored(found, problem.by_window(found.residuals**2))
+    held = np.where(np.arange(len(lead.held)) % 3, 1.0, 2.5) * lead.held
+    assert as_good(problem, Scored(found, held), lead, 1e6) == (left > 1)
+    alone = lead.held.copy()
+    alone[0] *= 1 + len(alone) / 3
+    assert as_good(problem, Scored(found, alone), lead, 1e6)
+
+
+def test_beside_an_effect_the_stated_value_that_it_overrides_does_nothing(arm):
+    stated = _stated(arm)
+    rotor = effect("armature").terms(arm.scene)[1]
+    ones = np.ones(len(stated))
+    base = Base.of(_problem(arm), fit(_problem(arm), stated, ones))
+    idle = replaced(rotor, stated)
+    assert [stated[i].targets for i in idle] == [("joint:elbow/armature",)]
+    tried = try_term(base, rotor, rounds=1)
+    moved = tried.values.copy()
+    moved[idle] *= 1.1
+    a, b = (base.problem.at(tried.terms, v) for v in (tried.values, moved))
+    np.testing.assert_array_equal(a, b)
+    assert not tried.jacobian[:, idle].any()
+
+
+def test_a_window_in_which_something_shows_is_not_overlooked(arm):
+    problem = _problem(arm)
+    stop = effect("coulomb_friction").terms(arm.scene)[1]
+    told = arm.world.simulate((stop,), np.array([[0.1]]), problem.windows)[0]
+    readings = problem.windows.readings.copy()
+    rows = problem.windows.rows(np.array([5]))
+    readings[rows] = told[rows]
+    odd = replace(problem, windows=replace(problem.windows, readings=readings))
+    drawn, others = np.arange(5), np.arange(5, len(problem.windows))
+    stated = _stated(arm)
+    of = partial(_Search.of, stated=stated, candidates=(), rng=None, progress=None)
+    for p, found in ((problem, []), (odd, [5])):
+        search = of(p, some=drawn)
+        assert search.overlooked(p, others).tolist() == found
+    assert not len(search.overlooked(odd, others[:0]))

@@ -116,3 +116,10 @@ def test_where_noise_is_slow_a_start_is_known_less_well(arm):
         return start_of(arm.world.hearing(signals), 0, np.array([200.0]), {})[2]
 
     assert (errors(0.8) > 1.2 * errors(0.0)).all()
+
+
+def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(arm):
+    rng = np.random.default_rng(0)
+    problem, told = _left(arm, lambda shape: 0.2 * SIZE * rng.normal(size=shape), 0.0)
+    for c in heard(problem, told).signals:
+        np.testing.assert_allclose(c.noise, 0.2 * SIZE, rtol=0.1)
