@@ -1,14 +1,10 @@
 """What lies between motor and link."""
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 
-from ..patch import Insert, Set, number
 from ..terms import Effect, Parameter, Term
-from .actuator import least_inertia
 from .friction import Friction, strength
+from .second_joint import Extra, saying
 
 FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
 # periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are those
@@ -86,11 +82,6 @@ class JointSpring(AtJoint):
     def edit(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
         model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[1]
-
-
-def _with(term: Term, **more) -> Term:
-    """The same term whose place says more."""
-    return replace(term, places=tuple({**place, **more} for place in term.places))
 
 
 class HardStop(AtJoint):
@@ -179,7 +170,7 @@ class Cogging(AtJoint):
     def terms(self, scene):
         address = {j.id: j.qpos for j in scene.joints}
         return [
-            _with(t, qpos=address[t.places[0]["joint"]]) for t in super().terms(scene)
+            saying(t, qpos=address[t.places[0]["joint"]]) for t in super().terms(scene)
         ]
 
 
@@ -223,114 +214,6 @@ class JointCoupling(Effect):
         pull = stiffness * (q - ratio * moment.qpos[:, place["other_qpos"]])
         moment.applied[:, place["dof"]] -= pull
         moment.applied[:, place["other_dof"]] += ratio * pull
-
-
-class Extra(AtJoint):
-    """Effects that need a second joint behind the motor's.
-
-    The motor's side is the rotor's armature; where the model states less than the time
-    step can carry, it gets that much.
-    """
-
-    suffix = ""
-    light = 0.01  # least inertia of the motor's side, of the joint's; chosen
-
-    def terms(self, scene):
-        """Once for each side, motor's and link's, that the encoder may read.
-
-        At the last joint of a body only: MuJoCo would put the new one behind the others
-        and turn its axis with them.
-        """
-        found, body = [], scene.model.jnt_bodyid
-        for term in super().terms(scene):
-            joint = scene.joint(term.places[0]["joint"])
-            if body[joint.id] in body[joint.id + 1 :]:
-                continue
-            for side in ("motor", "link") if joint.measured else ("motor",):
-                more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
-                more |= {"inertia": joint.inertia}
-                found.append(replace(_with(term, **more), note={"measured": side}))
-        return found
-
-    def structure(self, spec, place):
-        """Add a joint of the same axis between the motor and the body it moves."""
-        if place.get("there"):
-            return  # a patched model's text has it already
-        given = [j for j in spec.joints if not j.name.endswith(ADDED)]
-        joint = given[place["joint"]]
-        extra = joint.parent.add_joint(
-            name=joint.name + self.suffix,
-            type=joint.type,
-            axis=joint.axis,
-            pos=joint.pos,
-            limited=0,
-            **ALONE,
-        )
-        if joint.frame:
-            extra.set_frame(joint.frame)
-        joint.armature = max(joint.armature, self.light * place["inertia"])
-
-    def edit(self, model, place, values):
-        if not place.get("there"):
-            model.dof_armature[place["dof"]] = self.rotor(model, place)
-        numbers = self.numbers(model, values)
-        model.jnt_limited[place["extra_jnt"]] = "range" in numbers
-        for name, value in numbers.items():
-            field = getattr(model, FIELDS[name])
-            at = place["extra_" + FIELDS[name][:3]]
-            field[at] = value if field.ndim > 1 else value[0]
-
-    def rotor(self, model, place) -> float:
-        """Inertia of the motor's side [kg m^2 or kg]: as stated, or what computes.
-
-        A stop knows nothing of an implicit damping: beside a side so light that its
-        servo's damping stops it in one step, it is too soft.
-        """
-        stated = float(model.dof_armature[place["dof"]])
-        servo = least_inertia(model, place["joint"])
-        return max(stated, servo, self.light * place["inertia"])
-
-    def numbers(self, model, values) -> dict[str, tuple[float, ...]]:
-        """MJCF attributes of the second joint, angles in rad."""
-        raise NotImplementedError
-
-    def changes(self, model, place, values):
-        joint = model.joint(place["joint"])
-        slide = model.jnt_type[joint.id] == 2
-        told = {
-            "name": joint.name + self.suffix,
-            "type": "slide" if slide else "hinge",
-            "axis": number(joint.axis),
-            "pos": number(joint.pos),
-            **{k: number(v) for k, v in (ALONE | self.numbers(model, values)).items()},
-        }
-        told["limited"] = "true" if "range" in told else "false"
-        xml = " ".join(f'{k}="{v}"' for k, v in told.items())
-        body = model.body(model.jnt_bodyid[joint.id]).name
-        return [
-            Set("joint", joint.name, {"armature": number(joint.armature)}),
-            Insert("body", body, f"<joint {xml}/>", angles=() if slide else ("range",)),
-        ]
-
-
-ADDED = ("_play", "_flex")  # what names of second joints end with (contract section 2)
-FIELDS = {
-    "range": "jnt_range",
-    "solreflimit": "jnt_solref",
-    "solimplimit": "jnt_solimp",
-    "stiffness": "jnt_stiffness",
-    "damping": "dof_damping",
-}
-# what a default class may say of joints and the second one must not inherit
-ALONE: dict[str, Any] = {
-    "damping": (0.0, 0.0, 0.0),
-    "stiffness": (0.0, 0.0, 0.0),
-    "springref": 0.0,
-    "armature": 0.0,
-    "frictionloss": 0.0,
-    "ref": 0.0,
-    "margin": 0.0,
-}
 
 
 class Backlash(Extra):
