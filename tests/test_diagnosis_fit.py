@@ -1,7 +1,6 @@
 """Fits: bounds, planted values, uncertain starts, divergence; what is held out."""
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,7 +39,7 @@ from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
 from selfheal.diagnosis.prove import in_its_place, is_little, likeliest
-from selfheal.diagnosis.screen import screened
+from selfheal.diagnosis.screen import overlooked, screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, replaced, says_anew
 from selfheal.diagnosis.trial import Base, try_term
@@ -940,10 +939,10 @@ def test_a_window_in_which_something_shows_is_not_overlooked(arm):
     rows = problem.windows.rows(np.array([5]))
     readings[rows] = told[rows]
     odd = replace(problem, windows=replace(problem.windows, readings=readings))
-    drawn, others = np.arange(5), np.arange(5, len(problem.windows))
-    stated = _stated(arm)
-    of = partial(_Search.of, stated=stated, candidates=(), rng=None, progress=None)
-    for p, found in ((problem, []), (odd, [5])):
-        search = of(p, some=drawn)
-        assert search.overlooked(p, others).tolist() == found
-    assert not len(search.overlooked(odd, others[:0]))
+    some, stated = np.arange(5), _stated(arm)
+    for p, numbers in ((problem, []), (odd, [5])):
+        search = _Search.of(p, stated, (), None, None, some)
+        found = overlooked(p, some, search.problem, search.now.fit)
+        assert found.tolist() == numbers
+    every = np.arange(len(odd.windows))
+    assert not len(overlooked(odd, every, search.problem, search.now.fit))

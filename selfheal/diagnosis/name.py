@@ -23,8 +23,8 @@ from .evidence import (
 )
 from .fit import Fit, fit, looked_about
 from .noise import above, expected
-from .problem import ODD, Problem, is_told, whitened
-from .prune import BETTER, prices_of, pruned, swapped, without
+from .problem import Problem, is_told, whitened
+from .prune import BETTER, merged, prices_of, pruned, swapped, without
 from .scene import Scene
 from .screen import (
     MANY,
@@ -33,6 +33,7 @@ from .screen import (
     Progress,
     drawn,
     fewer,
+    overlooked,
     screened,
     some_of,
 )
@@ -118,9 +119,7 @@ def name_effects(
     begin = partial(_Search.of, problem, stated, candidates, rng, progress)
     search = begin(some)
     if search.is_done:
-        odd = search.overlooked(
-            problem, np.setdiff1d(np.arange(len(problem.windows)), some)
-        )
+        odd = overlooked(problem, some, search.problem, search.now.fit)
         search = begin(np.union1d(some, odd)) if len(odd) else search
     start = replace(search)
     search.forward()
@@ -215,25 +214,6 @@ class _Search:
         near = self.above <= (LEFT if odd else ABOVE)
         return self.is_white or near or self.is_of_step or self.is_enough
 
-    def overlooked(self, problem: Problem, others: np.ndarray) -> np.ndarray:
-        """Of other windows, by number, those that are not as well explained.
-
-        What shows rarely, as a stop does, may be in none of those that were drawn.
-        Where something touches, a window may be odd by an impact alone.
-        """
-        if problem.world.touches or problem.windows.is_single or not len(others):
-            return others[:0]
-        mine, found = self.problem, self.now.fit
-        rest = replace(problem.take(others), sigma=mine.sigma, world=mine.world)
-        rest = whitened(rest, found.terms, found.values)
-        told = rest.at(found.terms, found.values)
-        each, own = (
-            p.by_window(r**2) / np.maximum(p.by_window((r != 0).astype(float)), 1)
-            for p, r in ((rest, told), (mine, found.residuals))
-        )
-        worst = np.argsort(-each)[: len(own) // 2]
-        return others[worst[each[worst] > ODD * np.median(own)]]
-
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
@@ -319,7 +299,24 @@ class _Search:
             if term.key in self.claims:
                 others = self.claims[term.key].others
                 self.now = swapped(self.problem, self.now, term, others)
-        return gone
+        return [*gone, *self._merge()]
+
+    def _merge(self) -> list[Term]:
+        """One name in the place of two, where a rival of one of them does as well.
+
+        Returns:
+            What went.
+        """
+        before = self.named
+        if self.problem.windows.is_single or len(before) < 2:
+            return []
+        for term in before:
+            rivals = self.claims[term.key].rivals if term.key in self.claims else ()
+            now = merged(self.problem, self.now, term, rivals, before)
+            if now is not self.now:
+                self.now = now
+                return [t for t in before if t not in self.named]
+        return []
 
     def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
         """Begin from all usual effects at once, in longer pieces if the starts allow.

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Fit
-from .problem import Problem
+from .problem import ODD, Problem, whitened
 from .terms import Term
 from .trial import Base, try_term
 
@@ -56,6 +56,34 @@ def drawn(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
 def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
     """As many of the windows, drawn at random, as simulate about so many steps."""
     return problem.take(drawn(problem, steps, rng))
+
+
+def overlooked(
+    problem: Problem, drawn: np.ndarray, part: Problem, found: Fit
+) -> np.ndarray:
+    """Numbers of windows that were not drawn and are not as well explained.
+
+    What shows rarely, as a stop does, may be in none of those that were drawn. Where
+    something touches, a window may be odd by an impact alone.
+
+    Args:
+        problem: all windows.
+        drawn: numbers of some of them.
+        part: these, weighed.
+        found: their fit.
+    """
+    others = np.setdiff1d(np.arange(len(problem.windows)), drawn)
+    if problem.world.touches or problem.windows.is_single or not len(others):
+        return others[:0]
+    rest = replace(problem.take(others), sigma=part.sigma, world=part.world)
+    rest = whitened(rest, found.terms, found.values)
+    told = rest.at(found.terms, found.values)
+    each, own = (
+        p.by_window(r**2) / np.maximum(p.by_window((r != 0).astype(float)), 1)
+        for p, r in ((rest, told), (part, found.residuals))
+    )
+    worst = np.argsort(-each)[: len(own) // 2]
+    return others[worst[each[worst] > ODD * np.median(own)]]
 
 
 def screened(
