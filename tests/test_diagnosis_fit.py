@@ -946,3 +946,13 @@ def test_a_window_in_which_something_shows_is_not_overlooked(arm):
         assert found.tolist() == numbers
     every = np.arange(len(odd.windows))
     assert not len(overlooked(odd, every, search.problem, search.now.fit))
+
+
+def test_a_spring_that_pulls_from_afar_is_odd(pendulum):
+    """It is a constant torque, that much else explains."""
+    (term,) = effect("joint_spring").terms(pendulum.scene)
+    middle, reach = pendulum.scene.joints[0].middle, pendulum.scene.joints[0].range
+    near, far = (
+        term.effect.oddity(term, np.array([1.0, middle + x * reach])) for x in (0.4, 3)
+    )
+    assert near == term.effect.rare < far

@@ -153,7 +153,7 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
     if problem.windows.is_single:
         return max(good, key=partial(economy, problem))
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
-    usual = [s for s in close if not s.last.effect.rare] or close
+    usual = [s for s in close if not _oddity(s)[0]] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
     least = min(s.fit.strain for s in near)
     near = [s for s in near if s.fit.strain < least + STRAINED]
@@ -167,7 +167,8 @@ def _oddity(s: Scored) -> tuple:
     own = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
     # what does nothing here, as a shift along a joint's axis, is no choice
     free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
-    return effect.rare, free, not effect.is_usual(term), s.error
+    rare = effect.oddity(term, s.values)
+    return rare, free, not effect.is_usual(term), s.error
 
 
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:

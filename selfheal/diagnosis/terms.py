@@ -185,6 +185,10 @@ class Effect:
         """Whether readings show just that, and not only what some size of it does."""
         return False
 
+    def oddity(self, term: Term, values: Floats) -> int:
+        """How rare (`rare`) what it says with values (p) is."""
+        return self.rare
+
     def is_sound(self, values: Floats) -> bool:
         """Whether values (p) together are what its sentence says."""
         return True

@@ -11,6 +11,7 @@ FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets 
 # of gravity, or of a spring
 FEWEST, ALONG = 4.0, 1.5
 SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
+REFERS = 0.3  # of a joint's range, what a spring's reference is known to; chosen
 STIFF = 5.0  # times the spring that shows, where another search begins; chosen
 
 
@@ -65,7 +66,7 @@ class JointSpring(AtJoint):
             Parameter("stiffness", unit, now, 0.0, high + 10 * now, scale),
             Parameter(
                 "springref", joint.unit, ref, min(ref, joint.middle) - reach,
-                max(ref, joint.middle) + reach, 0.3 * joint.range,
+                max(ref, joint.middle) + reach, REFERS * joint.range,
             ),
         )  # fmt: skip
 
@@ -78,6 +79,12 @@ class JointSpring(AtJoint):
         stiff = stiffness.absent + STIFF * stiffness.scale
         soft = tuple((k, q) for q in (ref.absent, *ends))
         return (*soft, (stiff, ref.absent), (stiff, joint.middle))
+
+    def oddity(self, term, values):
+        """A reference far from where the joint was stands for a constant torque."""
+        ref = term.parameters[1]
+        off = abs(values[1] - (ref.low + ref.high) / 2)
+        return int(off > ref.scale / REFERS)
 
     def edit(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
