@@ -104,13 +104,15 @@ def relieving(
     problem = base.problem
     if above(problem, now.fit.residuals) >= LEFT:
         return None
-    before = rested(problem, now.fit)
+    # where something touches, the cost is too rough to follow a valley
+    end = partial(rested, problem) if not problem.world.touches else lambda f: f
+    before = end(now.fit)
     fits = []
     for i, term in enumerate(candidates):
         progress(f"trying {term.label}", i / len(candidates))
         fits.append(_freed(problem, before, term))
     fits.sort(key=lambda f: f.cost + f.strain)
-    found = [Scored.of(problem, rested(problem, f)) for f in fits[:FITTED]]
+    found = [Scored.of(problem, end(f)) for f in fits[:FITTED]]
     relief = {
         s: before.strain - s.fit.strain - max(s.fit.cost - before.cost, 0.0)
         for s in found
@@ -135,7 +137,7 @@ def _freed(problem: Problem, found: Fit, term: Term) -> Fit:
     The readings fit there; how far it has to go from there, belief tells.
     """
     factor = {t.targets[0]: v for t, v in zip(found.terms, found.values, strict=True)}
-    (target,) = term.targets
+    target = term.targets[0]
     own = [p.absent * factor.get(f"{target}/{p.name}", 1.0) for p in term.parameters]
     terms, start = (*found.terms, term), np.append(found.values, own)
     r = problem.at(terms, start)

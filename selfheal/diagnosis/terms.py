@@ -100,7 +100,9 @@ def is_new(term: Term, kept: Sequence[Term]) -> bool:
 
 
 def says_anew(term: Term, stated: Sequence[Term]) -> bool:
-    """Whether an effect's parameter is one that the model states."""
+    """Whether an effect's parameters are those of the model, and one is stated."""
+    if not np.isfinite([p.absent for p in term.parameters]).all():
+        return False
     said = {target for t in stated for target in t.targets}
     own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
     return bool(own & said)

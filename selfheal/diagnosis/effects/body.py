@@ -162,6 +162,7 @@ class ComShift(AtBody):
 
 class LinkLength(AtBody):
     name = "link_length"
+    instead = ("length",)
     says = "The part is longer or shorter than stated."
     equation = "everything in the body scales along it by length / stated length"
     source = "Bongard, Zykov, Lipson 2006: part scales"
