@@ -165,12 +165,11 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
 
 def _oddity(s: Scored) -> tuple:
     """By what those go that the data cannot rank, the least odd first."""
-    effect, term = s.last.effect, s.last
+    term = s.last
     own = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
     # what does nothing here, as a shift along a joint's axis, is no choice
     free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
-    rare = effect.oddity(term, s.values)
-    return rare, free, not effect.is_usual(term), s.error
+    return term.effect.oddity(term, s.values), free, s.error
 
 
 def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:

@@ -24,7 +24,7 @@ from .evidence import (
 from .fit import Fit, fit, looked_about
 from .noise import above, expected
 from .problem import Problem, is_told, whitened
-from .prune import BETTER, merged, prices_of, pruned, swapped, without
+from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
 from .screen import (
     MANY,
@@ -299,24 +299,7 @@ class _Search:
             if term.key in self.claims:
                 others = self.claims[term.key].others
                 self.now = swapped(self.problem, self.now, term, others)
-        return [*gone, *self._merge()]
-
-    def _merge(self) -> list[Term]:
-        """One name in the place of two, where a rival of one of them does as well.
-
-        Returns:
-            What went.
-        """
-        before = self.named
-        if self.problem.windows.is_single or len(before) < 2:
-            return []
-        for term in before:
-            rivals = self.claims[term.key].rivals if term.key in self.claims else ()
-            now = merged(self.problem, self.now, term, rivals, before)
-            if now is not self.now:
-                self.now = now
-                return [t for t in before if t not in self.named]
-        return []
+        return gone
 
     def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
         """Begin from all usual effects at once, in longer pieces if the starts allow.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .choose import WORTH
-from .evidence import EQUAL, Scored, as_good, held_out, scored
+from .evidence import Scored, as_good, held_out, scored
 from .fit import Fit, fit
 from .problem import Problem
 from .terms import Term, is_new
@@ -60,31 +60,6 @@ def swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
             _plainer(full.last, term) and as_good(problem, full, now)
         ):
             return full
-    return now
-
-
-def merged(
-    problem: Problem, now: Scored, term: Term, rivals: Sequence[Term],
-    named: Sequence[Term],
-) -> Scored:  # fmt: skip
-    """The fit with a rival in the place of a term and of another, if it does as well.
-
-    Dry friction and a sensor's zero together are what friction that differs in the two
-    directions is alone.
-    """
-    less = without(problem, now.fit, term)
-    for rival in rivals:
-        if not is_new(rival, less.terms):
-            continue
-        for other in (t for t in named if t is not term):
-            base = Base.of(problem, without(problem, less, other))
-            found = try_term(base, rival)
-            if held_out(problem, found).sum() > EQUAL * now.error:
-                continue
-            near = found.jacobian
-            full = scored(problem, found.terms, found.values, rounds=6, known=near)
-            if full.error < (1 + WORTH) * now.error or as_good(problem, full, now):
-                return full
     return now
 
 
