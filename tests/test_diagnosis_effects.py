@@ -17,6 +17,7 @@ from selfheal.diagnosis.effects.body import add_mass, set_spatial, spatial
 from selfheal.diagnosis.fit import Fit
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.stated import stated_terms
+from selfheal.diagnosis.terms import is_new
 from selfheal.diagnosis.textual import native
 from selfheal.errors import UnknownNameError
 
@@ -270,6 +271,24 @@ def test_dry_friction_adds_to_that_of_the_load_in_any_order(name, stating):
     both = _told(b, load, own)
     np.testing.assert_allclose(both, _told(b, own, load), atol=1e-9)
     assert np.abs(both - _told(b, own)).max() > 1e-4
+
+
+def test_a_load_rubs_in_a_gear_whose_motor_gives_nothing(benches):
+    """Where the mean of both sides is meant, and not what the motor gives."""
+    b = benches["arm"]
+    motor = _of_elbow(b, "load_dependent_friction")
+    both = _of_elbow(b, "load_dependent_friction", side="both")
+    assert motor.key != both.key and not is_new(both, [motor])
+    still = SimpleNamespace(
+        actuator_torque=np.array([[0.0, 0.0], [0.3, 0.4], [0.0, -0.4]]),
+        bias=np.array([[0.5, -0.6], [0.3, 0.4], [0.0, 0.4]]),
+    )
+    for term, torque in (motor, [0.0, 0.4, 0.4]), (both, [0.3, 0.4, 0.0]):
+        still.frictionloss = np.full((3, 2), 0.1)
+        term.effect.act(still, term.places[0], np.full((3, 1), 0.2))
+        rubs = np.stack([np.full(3, 0.1), 0.1 + 0.2 * np.array(torque)], axis=1)
+        np.testing.assert_allclose(still.frictionloss, rubs)
+    assert _moved(b, (both,), (0.2,)) > 1e-3
 
 
 def test_what_the_ground_is_like_is_what_its_contact_is_like(stating):

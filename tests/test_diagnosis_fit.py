@@ -23,6 +23,7 @@ from selfheal.diagnosis.evidence import (
     held_out,
     refitted,
     reseated,
+    scored,
 )
 from selfheal.diagnosis.fit import (
     Fit,
@@ -39,6 +40,7 @@ from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
 from selfheal.diagnosis.prove import in_its_place, is_little, likeliest
+from selfheal.diagnosis.prune import swapped
 from selfheal.diagnosis.screen import overlooked, screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, replaced, says_anew
@@ -433,17 +435,40 @@ def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(ar
     told = arm.world.simulate((dry,), np.array([[0.1]]), problem.windows)[0]
     seen = replace(problem, windows=replace(problem.windows, readings=told))
 
-    def naming(value: float) -> Naming:
+    def naming(value: float, *says) -> Naming:
         at = fit(seen, (dry,), np.array([value]), rounds=0)
         scored = Scored.of(seen, at)
-        return Naming(seen, scored, scored, (), ())
+        return Naming(seen, scored, scored, tuple(map(_named, says)), ())
 
     # the held-out pieces are those of a robot without any friction
-    near, far, alike = ((naming(x), ()) for x in (0.001, 0.1, 0.0009))
+    near, far, alike = ((naming(x, dry), ()) for x in (0.001, 0.1, 0.0009))
     assert likeliest(case, [far]) is far
     assert likeliest(case, [far, near]) is near
     assert likeliest(case, [near, far]) is near
-    assert likeliest(case, [near, alike]) is near
+    assert likeliest(case, [near, alike]) is alike
+    # nor more things, nor rarer ones, for next to nothing
+    rare = effect("com_shift").terms(arm.scene)[0]
+    for says in (dry, dry), (rare,):
+        assert likeliest(case, [near, (naming(0.0009, *says), ())]) is near
+        assert likeliest(case, [far, (naming(0.0009, *says), ())])[0] is not far[0]
+
+
+def _named(term) -> Named:
+    return Named(term, Evidence(1.0, 1e-3, 1.0), ())
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.05])
+def test_a_rare_effect_takes_a_usual_ones_place_only_where_little_is_left(arm, hidden):
+    dry = effect("coulomb_friction").terms(arm.scene)[1]
+    rare = effect("com_shift").terms(arm.scene)[1]
+    bias = effect("sensor_bias").terms(arm.scene)[0]
+    problem = _problem(arm, (rare, bias), (0.01, 0.0, 0.0, hidden))
+    now = scored(problem, (dry,), np.array([0.01]), rounds=4)
+    rival = scored(problem, (rare,), np.zeros(3), rounds=4)
+    assert rival.error < 0.9 * now.error
+    new = swapped(problem, now, dry, [rare])
+    assert new.last is (dry if hidden else rare)
+    assert swapped(problem, rival, rare, [dry]) is rival
 
 
 @pytest.mark.parametrize("dry", [0.0, 0.1])

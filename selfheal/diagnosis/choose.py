@@ -73,7 +73,7 @@ def winner(
         if p_value[s] < SURE
         and not s.last.is_faint(s.values)
         and s.error < (1 - WORTH) * now.error
-        and _is_plausible(problem, now, s)
+        and is_plausible(problem, now, s)
         and carries_over(problem, now.fit, s.fit)
     ]
     if not good:
@@ -172,12 +172,17 @@ def _oddity(s: Scored) -> tuple:
     return term.effect.oddity(term, s.values), free, s.error
 
 
-def _is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
+def is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
     """Whether an effect is usual enough for what it explains.
 
     Where much stays unexplained, one that is rare, or says that the model's own numbers
     are far off, is more likely to stand for something else.
     """
-    usual = not (new.last.effect.rare or new.last.effect.restates)
     mostly = new.error < MOSTLY * now.error
-    return usual or mostly or above(problem, new.fit.residuals) < LEFT
+    little = above(problem, new.fit.residuals) < LEFT
+    return mostly or little or not is_odd(new.last)
+
+
+def is_odd(term: Term) -> bool:
+    """Whether an effect is rare, or says that a number of the model is far off."""
+    return bool(term.effect.rare or term.effect.restates)

@@ -296,10 +296,18 @@ class _Search:
             term, self.now = min(tries, key=lambda x: x[1].error)
             gone.append(term)
         for term in () if self.problem.windows.is_single else self.named[:-1]:
-            if term.key in self.claims:
-                others = self.claims[term.key].others
-                self.now = swapped(self.problem, self.now, term, others)
+            self.now = swapped(self.problem, self.now, term, self._others(term))
         return gone
+
+    def _others(self, term: Term) -> Sequence[Term]:
+        """What might take a name's place: what it was told from, or its other forms."""
+        if term.key in self.claims:
+            return self.claims[term.key].others
+        own = term.effect.name, term.targets
+        return [
+            t for t in self.candidates
+            if (t.effect.name, t.targets) == own and t.key != term.key
+        ]  # fmt: skip
 
     def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
         """Begin from all usual effects at once, in longer pieces if the starts allow.

@@ -84,12 +84,24 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
 
 
 def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:
-    """Of several the first, unless held-out episodes clearly speak for another."""
+    """Of several the first, unless held-out episodes speak for another.
+
+    Clearly, if that one says more or rarer things.
+    """
     if len(hypotheses) == 1:
         return hypotheses[0]
     errors = _errors(case, [naming for naming, _ in hypotheses])
     best = int(np.argmin(errors))
-    return hypotheses[best if errors[best] < CLEARLY * errors[0] else 0]
+    new, old = _sizes(hypotheses[best][0]), _sizes(hypotheses[0][0])
+    simpler = all(n <= o for n, o in zip(new, old, strict=True))
+    margin = 1.0 if simpler else CLEARLY
+    return hypotheses[best if errors[best] < margin * errors[0] else 0]
+
+
+def _sizes(naming: Naming) -> tuple[int, int]:
+    """How many rare effects a hypothesis names, and numbers of all of them."""
+    terms = [n.term for n in naming.named]
+    return sum(t.effect.rare for t in terms), sum(len(t.parameters) for t in terms)
 
 
 def in_question(case: Case, namings: Sequence[Naming]) -> list[Naming]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .choose import WORTH
+from .choose import WORTH, is_odd, is_plausible
 from .evidence import Scored, as_good, held_out, scored
 from .fit import Fit, fit
 from .problem import Problem
@@ -56,9 +56,10 @@ def swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
     for found in tried[:2]:
         near = found.jacobian
         full = scored(problem, found.terms, found.values, rounds=6, known=near)
-        if full.error < BETTER * now.error or (
-            _plainer(full.last, term) and as_good(problem, full, now)
-        ):
+        if full.error < BETTER * now.error:
+            if is_odd(term) or is_plausible(problem, now, full):
+                return full
+        elif _plainer(full.last, term) and as_good(problem, full, now):
             return full
     return now
 

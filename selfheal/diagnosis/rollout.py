@@ -222,7 +222,7 @@ class _Forces:
     def __init__(self, batch, acts, sums: Mapping[int, Floats], step: float) -> None:
         self.acts = acts
         self.applied = batch.bind("qfrc_applied")
-        self.torque = batch.bind("qfrc_actuator")
+        self.torque, self.bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
         self.loss = batch.expand("dof_frictionloss")
         self.usual_loss = self.loss.copy()
         self.limits: Floats | None = None
@@ -242,8 +242,8 @@ class _Forces:
         if self.limits is not None:
             self.limits[:] = self.usual_limits
         moment = Moment(
-            time, qpos, qvel, ctrl, self.torque, self.applied, self.loss,
-            self.limits, self.sums, self.dt,
+            time, qpos, qvel, ctrl, self.torque, self.bias, self.applied,
+            self.loss, self.limits, self.sums, self.dt,
         )  # fmt: skip
         for effect, place, values in self.acts:
             effect.act(moment, place, values)

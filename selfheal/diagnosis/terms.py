@@ -131,6 +131,7 @@ class Moment:
         qvel: (N, nv) now.
         ctrl: (N, nu) command of this step.
         actuator_torque: (N, nv) at the joints, of the step before.
+        bias: (N, nv) torque that weight and motion ask of the joints, of the same step.
         applied: (N, nv) force of effects, to be added to.
         frictionloss: (N, nv) dry friction of this step, to be changed.
         forcerange: (N, nu, 2) of the actuators, to be changed; None where no effect
@@ -144,6 +145,7 @@ class Moment:
     qvel: Floats
     ctrl: Floats
     actuator_torque: Floats
+    bias: Floats
     applied: Floats
     frictionloss: Floats
     forcerange: Floats | None

@@ -4,10 +4,14 @@ A parameter that MJCF has too (damping, frictionloss) is the joint's new total. 
 the place of what the model states, also of that value refitted.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..scene import Scene
 from ..terms import Effect, Parameter, Term
+
+BOTH = "both"  # sides of a gear
 
 
 class Friction(Effect):
@@ -166,9 +170,17 @@ class StribeckFriction(Friction):
 
 
 class LoadDependentFriction(Friction):
+    """Of what the motor gives, or of that and what the load asks for in the mean.
+
+    The mean (BAM's gearbox torque, halved) is of a gear that the load drives as well.
+    """
+
     name = "load_dependent_friction"
     common = True
-    says = "Dry friction of a gear that grows with the torque it transmits."
+    says = (
+        "Dry friction of a gear that grows with the torque it transmits: the motor's, "
+        'or with `"side": "both"` the mean of the motor\'s and the load\'s.'
+    )
     equation = "tau = -(frictionloss + load_coefficient |tau_transmitted|) sign(v)"
     source = "Rhoban BAM (Duclusaud 2024), load-dependent models"
     separate_by = "repeat the same motion with another payload"
@@ -178,12 +190,24 @@ class LoadDependentFriction(Friction):
         return (Parameter("load_coefficient", "1", 0.0, 0.0, 1.5, 0.1),)
 
     def terms(self, scene):
-        return [term for term in super().terms(scene) if _driven(scene, term)]
+        """At each driven joint; of both sides where nothing but its weight loads it."""
+        own = [term for term in super().terms(scene) if _driven(scene, term)]
+        return own if scene.touches else [*own, *map(_of_both_sides, own)]
+
+    def is_usual(self, term):
+        return super().is_usual(term) and not term.note
 
     def act(self, moment, place, values):
         dof = place["dof"]
-        load = np.abs(moment.actuator_torque[:, dof])
-        moment.frictionloss[:, dof] += values[:, 0] * load
+        load = moment.actuator_torque[:, dof]
+        if place.get("side") == BOTH:
+            load = (load + moment.bias[:, dof]) / 2
+        moment.frictionloss[:, dof] += values[:, 0] * np.abs(load)
+
+
+def _of_both_sides(term: Term) -> Term:
+    place = {**term.places[0], "side": BOTH}
+    return replace(term, places=(place,), note={"side": BOTH})
 
 
 def _driven(scene: Scene, term: Term) -> bool:
