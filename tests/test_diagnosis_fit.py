@@ -398,6 +398,7 @@ def test_a_jacobian_is_carried_to_other_weights(arm):
     at = np.array([0.15])
     here, there = (jacobian(p, (dry,), at, p.at((dry,), at)) for p in (white, other))
     np.testing.assert_allclose(white.carried(other, here), there, rtol=1e-6, atol=1e-6)
+    assert white.carried(other, here[:, :0]).shape == (len(here), 0)
 
 
 def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):

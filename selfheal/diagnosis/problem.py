@@ -94,7 +94,8 @@ class Problem:
         for i, (u, shrink) in enumerate(self.whiten):
             part = flat[:, edges[i] : edges[i + 1]]
             part += ((part @ u) * (shrink / (1 - shrink))) @ u.T
-        plain = flat.reshape(len(flat), -1, len(self.sigma)) * self.sigma
+        rows, width = len(self.window_of), len(self.sigma)
+        plain = flat.reshape(len(flat), rows // width, width) * self.sigma
         return other._whitened((plain / other.sigma).reshape(flat.shape)).T
 
     def recall(self, question: Sequence, work_out: Callable[[], Answer]) -> Answer:
