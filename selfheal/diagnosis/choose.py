@@ -184,5 +184,5 @@ def is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
 
 
 def is_odd(term: Term) -> bool:
-    """Whether an effect is rare, or says that a number of the model is far off."""
+    """Whether an effect is rare, or says that what the model states is not so."""
     return bool(term.effect.rare or term.effect.restates)

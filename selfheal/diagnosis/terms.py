@@ -171,7 +171,7 @@ class Effect:
     # people measure lengths (2) better than loads (1), those than friction (0)
     rare = 0
     instead: tuple[str, ...] = ()  # names of stated values whose place it takes
-    restates = False  # says that a number which the model states is far off
+    restates = False  # says that a number or a law which the model states is not so
     of_before = False  # gives a command as it was when a step began
     waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
     limits_actuators = False  # writes Moment.forcerange

@@ -304,6 +304,7 @@ def _gains(model, actuator: int) -> tuple[float, float]:
 
 class IntegralAction(AtActuator):
     name = "integral_action"
+    restates = True
     says = "The servo sums up its error and pushes until it is gone."
     equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
     source = "MuJoCo actuator/pid ki, imax"
