@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
-from selfheal.diagnosis.choose import relieving
+from selfheal.diagnosis.choose import Claim, relieving
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.evidence import (
@@ -456,6 +456,19 @@ def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(ar
 
 def _named(term) -> Named:
     return Named(term, Evidence(1.0, 1e-3, 1.0), ())
+
+
+def test_a_name_without_rivals_may_give_way_to_its_other_forms(arm):
+    forms = effect("load_dependent_friction").terms(arm.scene)
+    dry = effect("coulomb_friction").terms(arm.scene)[1]
+    at = [t for t in forms if t.targets == dry.targets]
+    search = SimpleNamespace(claims={}, candidates=[dry, *forms])
+    assert len(at) == 2
+    assert _Search._others(search, at[0]) == at[1:]
+    assert _Search._others(search, at[1]) == at[:1]
+    assert _Search._others(search, dry) == []
+    search.claims = {at[0].key: Claim(Evidence(1.0, 1e-3, 1.0), (), (dry,))}
+    assert _Search._others(search, at[0]) == (dry,)
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.05])
