@@ -429,6 +429,13 @@ def test_delays_of_a_step_are_faint_only_where_something_touches(name, tmp_path)
     assert not term.is_faint(np.array([3 * step]))
 
 
+def test_a_torque_that_only_bends_is_no_cogging(arm):
+    term = effect("cogging").terms(arm.scene)[1]
+    amplitude, least = term.scale[0], term.low[1]
+    assert term.is_faint(np.array([amplitude, least, 0.3]))
+    assert not term.is_faint(np.array([amplitude, 1.5 * least, 0.3]))
+
+
 def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(arm):
     dry = effect("coulomb_friction").terms(arm.scene)[1]
     problem = _problem(arm, (dry,), (0.1,))

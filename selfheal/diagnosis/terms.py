@@ -78,7 +78,9 @@ class Term:
         """Whether values (p) are too near to absent to tell, or not what it says."""
         each = zip(self.parameters, values, strict=True)
         near = any(abs(v - p.absent) < p.least for p, v in each)
-        return near or not self.effect.is_sound(values)
+        # a wave as slow as may be is a bend, of something else
+        bend = self.effect.waves and values[1] < 1.01 * self.low[1]
+        return bool(near or bend or not self.effect.is_sound(values))
 
     @property
     def key(self) -> tuple:
