@@ -178,9 +178,9 @@ def is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
     Where much stays unexplained, one that is rare, or says that the model's own numbers
     are far off, is more likely to stand for something else.
     """
+    usual = not is_odd(new.last)
     mostly = new.error < MOSTLY * now.error
-    little = above(problem, new.fit.residuals) < LEFT
-    return mostly or little or not is_odd(new.last)
+    return usual or mostly or above(problem, new.fit.residuals) < LEFT
 
 
 def is_odd(term: Term) -> bool:

@@ -59,7 +59,7 @@ def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
 
 
 def overlooked(
-    problem: Problem, drawn: np.ndarray, part: Problem, found: Fit
+    problem: Problem, some: np.ndarray, part: Problem, found: Fit
 ) -> np.ndarray:
     """Numbers of windows that were not drawn and are not as well explained.
 
@@ -68,11 +68,11 @@ def overlooked(
 
     Args:
         problem: all windows.
-        drawn: numbers of some of them.
+        some: numbers of those that were drawn.
         part: these, weighed.
         found: their fit.
     """
-    others = np.setdiff1d(np.arange(len(problem.windows)), drawn)
+    others = np.setdiff1d(np.arange(len(problem.windows)), some)
     if problem.world.touches or problem.windows.is_single or not len(others):
         return others[:0]
     rest = replace(problem.take(others), sigma=part.sigma, world=part.world)

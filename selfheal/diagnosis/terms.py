@@ -1,7 +1,7 @@
 """What a hypothesis is made of: an effect, the places it acts at, its parameters."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,6 +99,11 @@ def is_new(term: Term, kept: Sequence[Term]) -> bool:
         term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
         for t in kept
     )
+
+
+def saying(term: Term, **more) -> Term:
+    """The same term whose place says more."""
+    return replace(term, places=tuple({**place, **more} for place in term.places))
 
 
 def says_anew(term: Term, stated: Sequence[Term]) -> bool:

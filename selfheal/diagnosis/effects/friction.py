@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..scene import Scene
-from ..terms import Effect, Parameter, Term
+from ..terms import Effect, Parameter, Term, saying
 
 BOTH = "both"  # sides of a gear
 
@@ -206,8 +206,7 @@ class LoadDependentFriction(Friction):
 
 
 def _of_both_sides(term: Term) -> Term:
-    place = {**term.places[0], "side": BOTH}
-    return replace(term, places=(place,), note={"side": BOTH})
+    return replace(saying(term, side=BOTH), note={"side": BOTH})
 
 
 def _driven(scene: Scene, term: Term) -> bool:

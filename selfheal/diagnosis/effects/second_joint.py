@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..patch import Insert, Set, number
-from ..terms import Term
+from ..terms import saying
 from ..textual import ADDED
 from .actuator import least_inertia
 from .friction import Friction
@@ -26,11 +26,6 @@ ALONE: dict[str, Any] = {
     "ref": 0.0,
     "margin": 0.0,
 }
-
-
-def saying(term: Term, **more) -> Term:
-    """The same term whose place says more."""
-    return replace(term, places=tuple({**place, **more} for place in term.places))
 
 
 class Extra(Friction):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..terms import Effect, Parameter, Term
+from ..terms import Effect, Parameter, Term, saying
 from .friction import Friction, strength
-from .second_joint import Extra, saying
+from .second_joint import Extra
 
 FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
 # periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are those
