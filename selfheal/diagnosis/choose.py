@@ -17,7 +17,7 @@ from .evidence import (
     scored,
     stability,
 )
-from .fit import Fit, fit, jacobian, rested
+from .fit import Fit, believed, fit, jacobian, rested
 from .noise import above
 from .problem import Problem
 from .screen import Progress
@@ -157,8 +157,8 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not _oddity(s)[0]] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
-    least = min(s.fit.strain for s in near)
-    near = [s for s in near if s.fit.strain < least + STRAINED]
+    most = min(s.fit.strain for s in near) + strain_of_note(problem, near[0].fit)
+    near = [s for s in near if s.fit.strain < most]
     # of those that the data cannot rank, a usual one, with the least to choose
     return min(near, key=_oddity)
 
@@ -170,6 +170,15 @@ def _oddity(s: Scored) -> tuple:
     # what does nothing here, as a shift along a joint's axis, is no choice
     free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
     return term.effect.oddity(term, s.values), free, s.error
+
+
+def strain_of_note(problem: Problem, found: Fit) -> float:
+    """Strain [variances] that is no accident.
+
+    Impacts make the cost rough, which drives every stated value some way.
+    """
+    values = np.count_nonzero(believed(found.terms))
+    return STRAINED + (values if problem.world.touches else 0)
 
 
 def is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:

@@ -168,6 +168,9 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.at(terms, x)
     jac = jacobian(problem, terms, x, r) if known is None else known
+    # where something touches, what it was wrong by is mostly the cost's roughness
+    rough = problem.world.touches and not problem.windows.is_single
+    stated = int(np.count_nonzero(weights))  # the first ones
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         before = float(r @ r + weights @ (x - 1) ** 2)
@@ -185,6 +188,9 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         wrong = change - jac @ move
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = secant(jac, move, change, scale)
+        elif rough:
+            jac = secant(jac, move, change, scale)[:, :stated]
+            jac = known = np.hstack([jac, jacobian(problem, terms, x, r, stated)])
         else:
             jac, known = jacobian(problem, terms, x, r), None
         if gained < gain * before:

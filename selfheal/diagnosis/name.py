@@ -6,7 +6,15 @@ from functools import partial
 
 import numpy as np
 
-from .choose import STRAINED, SURE, WORTH, Claim, finalists, relieving, winner
+from .choose import (
+    SURE,
+    WORTH,
+    Claim,
+    finalists,
+    relieving,
+    strain_of_note,
+    winner,
+)
 from .evidence import (
     ABOVE,
     LEFT,
@@ -42,7 +50,9 @@ from .trial import Base
 
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
-QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
+# times the noise, a residual in which no name beside others is looked for, nor, if
+# something touches, any
+QUIET = 1.1
 LITTLE = 0.1  # of the held-out squared error, of a robot that touches; chosen
 CHEAPEST = 3  # of several names, that are tried without; chosen
 
@@ -192,6 +202,14 @@ class _Search:
         return found.cost <= expected(self.problem, found)
 
     @property
+    def is_quiet(self) -> bool:
+        """Whether what is left is as little as noise, or impacts' roughness, leaves."""
+        touches = self.problem.world.touches
+        if not self.named:
+            return touches and self.above < QUIET
+        return self.above < (ABOVE if touches else QUIET)
+
+    @property
     def is_enough(self) -> bool:
         """Whether the names left little, of a robot whose cost is rough anyway."""
         nats = sum(self.claims[t.key].evidence.gain for t in self.named)
@@ -200,7 +218,8 @@ class _Search:
     @property
     def is_strained(self) -> bool:
         """Whether stated values alone are so far off that a name might mend it."""
-        return not self.named and self.now.fit.strain > STRAINED
+        found = self.now.fit
+        return not self.named and found.strain > strain_of_note(self.problem, found)
 
     @property
     def above(self) -> float:
@@ -211,15 +230,16 @@ class _Search:
     def is_done(self) -> bool:
         """Whether nothing is left that another hypothesis could explain."""
         odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
-        near = self.above <= (LEFT if odd else ABOVE)
+        strict = odd and not self.problem.world.touches
+        near = self.above <= (LEFT if strict else ABOVE)
         return self.is_white or near or self.is_of_step or self.is_enough
 
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
         for _ in range(MOST):
-            quiet = self.is_white or (self.named and self.above < QUIET)
-            if (quiet or self.is_of_step) and not self.is_strained:
+            quiet = self.is_white or self.is_quiet or self.is_of_step
+            if quiet and not self.is_strained:
                 break
             won = self._round(tabu)
             if won is None and tabu:

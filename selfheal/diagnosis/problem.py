@@ -228,11 +228,12 @@ def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem
     std = np.maximum(std, 1e-300)  # without noise; then no start moves
     plain = replace(problem.raw, shift=None)
     off = np.zeros_like(std) if problem.shift is None else problem.shift / std
+    begun = off.any(axis=1)  # elsewhere than from what was read
     told, cost, bent = _sought(plain, terms, values, off, std)
     known = off, std, told, cost
     each = cost / np.maximum(problem.by_window(np.ones(len(problem.window_of))), 1)
     is_odd = bent & (each > ODD * np.median(each))
-    is_far = is_odd & off.any(axis=1) | ((off**2).sum(axis=1) > AWAY**2)
+    is_far = begun & (is_odd | ((off**2).sum(axis=1) > AWAY**2))
     if is_far.any():
         far = np.flatnonzero(is_far)
         _if_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))

@@ -9,7 +9,7 @@ import numpy as np
 from ..recording.data import Floats
 from . import score
 from .case import LONG, WINDOW, Case, pieces_of
-from .choose import STRAINED
+from .choose import strain_of_note
 from .evidence import (
     ABOVE,
     Scored,
@@ -74,7 +74,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
             if (start != final.values).any():
                 new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
                 final = min(final, new, key=lambda f: f.cost)
-        problem, final = reseated(problem, final)
+        else:
+            problem, final = reseated(problem, final)
     # where something touches, or is left, the cost is too rough for it
     if not problem.world.touches and above(problem, final.residuals) <= ABOVE:
         final = rested(problem, final)
@@ -142,7 +143,8 @@ def upheld(case: Case, naming: Naming) -> Upheld:
             if name.term.is_faint(values[name.term]):
                 weakest = -np.inf, name, less
                 break
-            if less.strain - found.strain > STRAINED and gain > -least:
+            relief = less.strain - found.strain
+            if relief > strain_of_note(held, found) and gain > -least:
                 continue
             changed = float(((other - told) ** 2).sum()) / error
             if changed < UNSEEN * (less.cost / found.cost - 1):
