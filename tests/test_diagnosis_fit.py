@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
-from selfheal.diagnosis.choose import Claim, relieving
+from selfheal.diagnosis.choose import STRAINED, Claim, relieving, strain_of_note
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.evidence import (
@@ -386,6 +386,53 @@ def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):
     for known in (plain.jacobian, rng.normal(size=plain.jacobian.shape)):
         found = fit(problem, (dry,), (0.3,), rounds=20, known=known)
         assert found.cost == pytest.approx(plain.cost, rel=1e-3)
+
+
+def _touching(problem: Problem) -> Problem:
+    return replace(problem, world=replace(problem.world, touches=True))
+
+
+def test_where_something_touches_slopes_of_stated_values_are_kept(
+    tmp_path, monkeypatch
+):
+    b = bench("box", tmp_path, episodes=4, seconds=0.6)
+    stated, (slip, *_) = _stated(b), effect("ground_friction").terms(b.scene)
+    terms, truth = (*stated, slip), np.append(np.ones(len(stated)), 0.3)
+    problem = _touching(_problem(b, terms, truth))
+    asked = []
+
+    def counted(problem, terms, values, at, first=0, **more):
+        asked.append(first)
+        return jacobian(problem, terms, values, at, first, **more)
+
+    monkeypatch.setattr("selfheal.diagnosis.fit.jacobian", counted)
+    start = np.append(np.full(len(stated), 0.99), 0.33)
+    before = problem.at(terms, start)
+    found = fit(problem, terms, start)
+    assert found.cost < 0.3 * (before @ before)
+    assert asked[0] == 0 and len(stated) in asked
+    assert asked.count(0) < len(asked)
+
+
+def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
+    problem, terms = _problem(arm), _stated(arm)
+    none = fit(problem, terms, np.ones(len(terms)), rounds=0)
+    assert strain_of_note(problem, none) == STRAINED
+    assert strain_of_note(_touching(problem), none) == STRAINED + len(terms)
+
+
+@pytest.mark.parametrize(
+    ("touches", "names", "above", "quiet"),
+    [
+        (True, 0, 1.05, True), (True, 0, 1.5, False), (True, 1, 1.5, True),
+        (True, 1, 2.5, False), (False, 0, 1.05, False), (False, 1, 1.05, True),
+        (False, 1, 1.5, False),
+    ],
+)  # fmt: skip
+def test_what_impacts_roughness_may_leave_is_no_finding(touches, names, above, quiet):
+    problem = SimpleNamespace(world=SimpleNamespace(touches=touches))
+    search = SimpleNamespace(problem=problem, named=("a",) * names, above=above)
+    assert _Search.is_quiet.fget(search) is quiet
 
 
 def test_a_jacobian_is_carried_to_other_weights(arm):
