@@ -406,10 +406,11 @@ def test_where_something_touches_slopes_of_stated_values_are_kept(
         return jacobian(problem, terms, values, at, first, **more)
 
     monkeypatch.setattr("selfheal.diagnosis.fit.jacobian", counted)
-    start = np.append(np.full(len(stated), 0.99), 0.33)
+    rng = np.random.default_rng(4)
+    start = truth + 0.01 * rng.normal(size=len(truth))
     before = problem.at(terms, start)
     found = fit(problem, terms, start)
-    assert found.cost < 0.3 * (before @ before)
+    assert found.cost < 2 * len(before) < 0.5 * (before @ before)
     assert asked[0] == 0 and len(stated) in asked
     assert asked.count(0) < len(asked)
 
