@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
-from selfheal.diagnosis.choose import STRAINED, Claim, relieving, strain_of_note
+from selfheal.diagnosis.choose import (
+    STRAINED,
+    Claim,
+    _likeliest,
+    relieving,
+    strain_of_note,
+)
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.evidence import (
@@ -940,6 +946,22 @@ def test_of_single_readings_a_large_one_counts_and_small_ones_do_not_outvote_it(
     assert not as_good(problem, now, Scored(more, tips))
     # one that predicts as well with fewer numbers is the likelier
     assert economy(problem, now) > economy(problem, Scored(more, now.held))
+
+
+def test_of_poses_read_once_what_acts_at_rest_goes_before_a_delay(arm):
+    problem, rng = _poses(arm, 12), np.random.default_rng(0)
+    held, rows = rng.normal(size=12) ** 2, problem.windows.readings.size
+
+    def tried(name: str, held) -> Scored:
+        term = effect(name).terms(arm.scene)[0]
+        at = Fit((term,), np.array(term.starts[0]), np.zeros(rows), np.zeros((rows, 1)))
+        return Scored(at, held)
+
+    late, stopped = tried("actuator_lag", held), tried("hard_stop", 1.01 * held)
+    assert _likeliest(problem, late, [late, stopped]) is stopped
+    # unless the poses speak against it
+    worse = tried("hard_stop", 3 * held)
+    assert _likeliest(problem, late, [late, worse]) is late
 
 
 def test_errors_of_most_single_readings_are_their_noise(arm):

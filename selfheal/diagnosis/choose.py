@@ -21,7 +21,7 @@ from .fit import Fit, believed, fit, jacobian, rested
 from .noise import above
 from .problem import Problem
 from .screen import Progress
-from .terms import Term, replaced
+from .terms import Term, does, replaced
 from .trial import Base
 
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
@@ -153,7 +153,11 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
         if s.last.effect.is_seen(s.last) and s.error < MOSTLY * now.error:
             return s
     if problem.windows.is_single:
-        return max(good, key=partial(economy, problem))
+        value = {s: economy(problem, s) for s in good}
+        first = max(good, key=value.__getitem__)
+        # a pose that is read once tells nothing of when a command arrives
+        near = [s for s in good if as_good(problem, s, first, 2.0)]
+        return min(near, key=lambda s: (does(s.last.effect, "command"), -value[s]))
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not _oddity(s)[0]] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
