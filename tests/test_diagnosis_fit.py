@@ -13,6 +13,7 @@ from selfheal.diagnosis.choose import (
     _likeliest,
     relieving,
     strain_of_note,
+    winner,
 )
 from selfheal.diagnosis.document import LEVEL, uncertainty
 from selfheal.diagnosis.effects import effect
@@ -428,18 +429,14 @@ def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
     assert strain_of_note(_touching(problem), none) == STRAINED + len(terms)
 
 
-@pytest.mark.parametrize(
-    ("touches", "names", "above", "quiet"),
-    [
-        (True, 0, 1.05, True), (True, 0, 1.5, False), (True, 1, 1.5, True),
-        (True, 1, 2.5, False), (False, 0, 1.05, False), (False, 1, 1.05, True),
-        (False, 1, 1.5, False),
-    ],
-)  # fmt: skip
-def test_what_impacts_roughness_may_leave_is_no_finding(touches, names, above, quiet):
-    problem = SimpleNamespace(world=SimpleNamespace(touches=touches))
-    search = SimpleNamespace(problem=problem, named=("a",) * names, above=above)
-    assert _Search.is_quiet.fget(search) is quiet
+@pytest.mark.parametrize(("left", "rough", "smooth"), [(0.8, 1, 1), (0.92, 0, 1)])
+def test_a_small_gain_is_no_name_where_something_touches(arm, left, rough, smooth):
+    (_, dry, *_) = effect("coulomb_friction").terms(arm.scene)
+    problem = _problem(arm, (dry,), (0.001,))
+    now = scored(problem, (), np.zeros(0))
+    best = Scored(fit(problem, (dry,), np.array([0.001])), left * now.held)
+    for p, earns in (problem, smooth), (_touching(problem), rough):
+        assert (winner(p, now, [best], 1) is not None) == earns
 
 
 def test_a_jacobian_is_carried_to_other_weights(arm):

@@ -26,7 +26,9 @@ from .trial import Base
 
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
-WORTH = 0.02  # least share of the held-out squared error that a name removes; chosen
+# least share of the held-out squared error that a name removes; and where impacts make
+# the cost rough; chosen
+WORTH, ROUGH = 0.02, 0.1
 STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
 MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
 
@@ -67,12 +69,13 @@ def winner(
 ) -> tuple[Scored, Claim] | None:
     """The candidate that earns a name, and its claim to it."""
     p_value = {s: better(problem, now, s, tried) for s in finals}
+    rough = problem.world.touches and not problem.windows.is_single
     good = [
         s
         for s in finals
         if p_value[s] < SURE
         and not s.last.is_faint(s.values)
-        and s.error < (1 - WORTH) * now.error
+        and s.error < (1 - (ROUGH if rough else WORTH)) * now.error
         and is_plausible(problem, now, s)
         and carries_over(problem, now.fit, s.fit)
     ]

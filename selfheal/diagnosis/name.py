@@ -6,15 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from .choose import (
-    SURE,
-    WORTH,
-    Claim,
-    finalists,
-    relieving,
-    strain_of_note,
-    winner,
-)
+from .choose import STRAINED, SURE, WORTH, Claim, finalists, relieving, winner
 from .evidence import (
     ABOVE,
     LEFT,
@@ -29,7 +21,7 @@ from .evidence import (
     reweighed,
     scored,
 )
-from .fit import Fit, fit, looked_about
+from .fit import Fit, bounds, fit, looked_about
 from .noise import above, expected
 from .problem import Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
@@ -50,9 +42,8 @@ from .trial import Base
 
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
-# times the noise, a residual in which no name beside others is looked for, nor, if
-# something touches, any
-QUIET = 1.1
+QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
+BOUND = 1e-3  # of the way between its bounds, where a stated value is at one; chosen
 LITTLE = 0.1  # of the held-out squared error, of a robot that touches; chosen
 CHEAPEST = 3  # of several names, that are tried without; chosen
 
@@ -202,14 +193,6 @@ class _Search:
         return found.cost <= expected(self.problem, found)
 
     @property
-    def is_quiet(self) -> bool:
-        """Whether what is left is as little as noise, or impacts' roughness, leaves."""
-        touches = self.problem.world.touches
-        if not self.named:
-            return touches and self.above < QUIET
-        return self.above < (ABOVE if touches else QUIET)
-
-    @property
     def is_enough(self) -> bool:
         """Whether the names left little, of a robot whose cost is rough anyway."""
         nats = sum(self.claims[t.key].evidence.gain for t in self.named)
@@ -218,8 +201,22 @@ class _Search:
     @property
     def is_strained(self) -> bool:
         """Whether stated values alone are so far off that a name might mend it."""
+        if self.named:
+            return False
+        if self.problem.world.touches:  # roughness drives all of them some way
+            return bool(self.relievers)
+        return self.now.fit.strain > STRAINED
+
+    @property
+    def relievers(self) -> list[Term]:
+        """What says a stated value anew; where something touches, one at its bound."""
         found = self.now.fit
-        return not self.named and found.strain > strain_of_note(self.problem, found)
+        stated = list(found.terms[: self.stated])
+        if self.problem.world.touches:
+            low, high, _ = bounds(found.terms)
+            room = np.minimum(found.values - low, high - found.values) / (high - low)
+            stated = [t for t, own in zip(stated, room, strict=False) if own < BOUND]
+        return [t for t in self.candidates if says_anew(t, stated)]
 
     @property
     def above(self) -> float:
@@ -238,8 +235,8 @@ class _Search:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
         for _ in range(MOST):
-            quiet = self.is_white or self.is_quiet or self.is_of_step
-            if quiet and not self.is_strained:
+            quiet = self.is_white or (self.named and self.above < QUIET)
+            if (quiet or self.is_of_step) and not self.is_strained:
                 break
             won = self._round(tabu)
             if won is None and tabu:
@@ -279,7 +276,7 @@ class _Search:
         now = Scored.of(part.problem, part.fit)
         won = winner(part.problem, now, finals, independent)
         if won is None and self.is_strained:
-            anew = [t for t in open_to if says_anew(t, now.fit.terms)]
+            anew = [t for t in self.relievers if t.key not in taken]
             won = relieving(part, now, anew, self.progress)
         return won
 
