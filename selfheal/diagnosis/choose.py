@@ -69,13 +69,13 @@ def winner(
 ) -> tuple[Scored, Claim] | None:
     """The candidate that earns a name, and its claim to it."""
     p_value = {s: better(problem, now, s, tried) for s in finals}
-    rough = problem.world.touches and not problem.windows.is_single
+    least = ROUGH if problem.is_rough else WORTH
     good = [
         s
         for s in finals
         if p_value[s] < SURE
         and not s.last.is_faint(s.values)
-        and s.error < (1 - (ROUGH if rough else WORTH)) * now.error
+        and s.error < (1 - least) * now.error
         and is_plausible(problem, now, s)
         and carries_over(problem, now.fit, s.fit)
     ]
@@ -156,11 +156,10 @@ def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
         if s.last.effect.is_seen(s.last) and s.error < MOSTLY * now.error:
             return s
     if problem.windows.is_single:
-        value = {s: economy(problem, s) for s in good}
-        first = max(good, key=value.__getitem__)
+        good = sorted(good, key=partial(economy, problem), reverse=True)
+        near = [s for s in good if as_good(problem, s, good[0], 2.0)]
         # a pose that is read once tells nothing of when a command arrives
-        near = [s for s in good if as_good(problem, s, first, 2.0)]
-        return min(near, key=lambda s: (does(s.last.effect, "command"), -value[s]))
+        return min(near, key=lambda s: does(s.last.effect, "command"))
     close = [s for s in good if as_good(problem, s, good[0], 2.0)]
     usual = [s for s in close if not _oddity(s)[0]] or close
     near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]

@@ -125,8 +125,7 @@ def jacobian(
     own = values[first:]
     if not len(own):
         return np.zeros((len(at), 0))
-    rough = problem.world.touches and not problem.windows.is_single
-    moves = (moved or (COARSE if rough else NUDGE)) * scale
+    moves = (moved or (COARSE if problem.is_rough else NUDGE)) * scale
     moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
     points[:, first:] += np.diag(moves)
@@ -168,8 +167,6 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.at(terms, x)
     jac = jacobian(problem, terms, x, r) if known is None else known
-    # where something touches, what it was wrong by is mostly the cost's roughness
-    rough = problem.world.touches and not problem.windows.is_single
     stated = int(np.count_nonzero(weights))  # the first ones
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
@@ -188,7 +185,7 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         wrong = change - jac @ move
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = secant(jac, move, change, scale)
-        elif rough:
+        elif problem.is_rough:  # and that is most of what it was wrong by
             jac = secant(jac, move, change, scale)[:, :stated]
             jac = known = np.hstack([jac, jacobian(problem, terms, x, r, stated)])
         else:

@@ -52,6 +52,11 @@ class Problem:
         """(R) window of each residual."""
         return np.repeat(self.windows.window, self.windows.readings.shape[1])
 
+    @property
+    def is_rough(self) -> bool:
+        """Whether something touches as the robot moves, so that readings jump."""
+        return self.world.touches and not self.windows.is_single
+
     def residuals(
         self, terms: Sequence[Term], values: Floats, kick: Floats | None = None
     ) -> Floats:
