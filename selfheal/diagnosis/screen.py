@@ -108,7 +108,9 @@ def screened(
         fits = []
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
-            fits.append(try_term(base, term, rounds=rounds))
+            tried = try_term(base, term, rounds=rounds)
+            # hundreds of Jacobians would fill the memory; the first ones are not used
+            fits.append(tried if rounds > 1 else replace(tried, jacobian=np.empty(0)))
         answers = answers or [base.fit.residuals - f.residuals for f in fits]
         readings = np.count_nonzero(base.fit.residuals)
         # few readings do not hold a large term back: each number costs (BIC)

@@ -1,0 +1,158 @@
+"""How long one diagnosis takes and how much memory: arms of one and of seven joints.
+
+    python benchmarks/diagnose_time.py [--joints 1 7]
+
+Sixty seconds of log, dry friction at one joint that the given model lacks; makes
+docs/results/diagnose-time.md. Run it on an otherwise idle machine.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from _common import Section, parser, publish
+
+from selfheal.recording import Episode, Recording, Signal, write
+
+EPISODES, SECONDS, RATE = 10, 6.0, 100  # episodes, [s] of each, [Hz] of their samples
+STEP, FINER = 0.002, 4  # [s] of the given model's step; the hidden one's are finer
+NOISE, FRICTION = 5e-4, 0.3  # [rad]; of the hidden friction, of the load
+OFF = {"mass": 0.08, "damping": 0.15}  # shares by which stated values are wrong
+LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
+ASKED = {1: "45 s", 7: "360 s"}
+
+
+def arm(joints: int) -> str:
+    """MJCF of a hanging chain whose joints turn about y and z in turns."""
+    bodies, servos = "", ""
+    for k in range(joints, 0, -1):
+        axis = "0 1 0" if k % 2 else "0 0 1"
+        load = MASS * 9.81 * LENGTH * (joints - k + 1)
+        bodies = f"""<body name="link{k}" pos="0 0 {-LENGTH if k > 1 else 0}">
+<joint name="j{k}" axis="{axis}" damping="{0.05 * load:.4g}" armature="0.01"/>
+<inertial pos="0.02 0 {-LENGTH / 2}" mass="{MASS}" diaginertia="1e-3 1e-3 1e-4"/>
+{bodies}</body>
+"""
+        servos += f'<position name="m{k}" joint="j{k}" kp="{8 * load:.4g}" kv="0.2"/>\n'
+    return f"""<mujoco>
+<compiler angle="radian"/>
+<option timestep="{STEP}" integrator="implicitfast"/>
+<worldbody>
+{bodies}</worldbody>
+<actuator>
+{servos}</actuator>
+</mujoco>
+"""
+
+
+def hidden(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
+    """The robot that is recorded: finer steps, wrong values, dry friction."""
+    spec = mujoco.MjSpec.from_string(arm(joints))
+    spec.option.timestep = STEP / FINER
+    for body in spec.bodies[1:]:
+        body.mass *= 1 + OFF["mass"] * rng.uniform(-1, 1)
+    for joint in spec.joints:
+        joint.damping[0] *= 1 + OFF["damping"] * rng.uniform(-1, 1)
+    k = (joints + 1) // 2
+    load = MASS * 9.81 * LENGTH * (joints - k + 1)
+    spec.joint(f"j{k}").frictionloss = FRICTION * load
+    return spec.compile()
+
+
+def recorded(joints: int, seed: int) -> Recording:
+    """What its sensors say while it follows sines and steps."""
+    rng = np.random.default_rng(seed)
+    model = hidden(joints, rng)
+    episodes = {f"{n:03d}": _episode(model, rng) for n in range(EPISODES)}
+    return Recording(episodes, file="recording.h5")
+
+
+def _episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
+    each = round(1 / RATE / model.opt.timestep)
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    f, p = rng.uniform(0.2, 1.0, (2, model.nu)), rng.uniform(0, 6.3, (2, model.nu))
+    ctrl = 0.5 * np.sin(2 * np.pi * f[0] * t[:, None] + p[0])
+    ctrl += 0.2 * np.sign(np.sin(2 * np.pi * f[1] * t[:, None] + p[1]))
+    data, told = mujoco.MjData(model), np.empty((len(t), model.nq))
+    for row, u in enumerate(ctrl):
+        told[row], data.ctrl[:] = data.qpos, u
+        mujoco.mj_step(model, data, each)
+    told += NOISE * rng.normal(size=told.shape)
+    signals = {
+        f"j{k + 1}_position": Signal(told[:, k], "joint_position", f"j{k + 1}", "rad")
+        for k in range(model.nq)
+    }
+    return Episode(t, ctrl, tuple(f"m{k + 1}" for k in range(model.nu)), signals)
+
+
+def plain(joints: int) -> float:
+    """Wall time [s] in which MuJoCo alone simulates the log once, on one core."""
+    model = mujoco.MjModel.from_xml_string(arm(joints))
+    data = mujoco.MjData(model)
+    start = time.perf_counter()
+    mujoco.mj_step(model, data, round(EPISODES * SECONDS / STEP))
+    return time.perf_counter() - start
+
+
+def measured(joints: int, seed: int) -> dict[str, Any]:
+    """One diagnosis by the command: time, memory, and what it says."""
+    with tempfile.TemporaryDirectory() as folder:
+        room = Path(folder)
+        (room / "model.xml").write_text(arm(joints))
+        write(recorded(joints, seed), room / "recording.h5")
+        words = ["selfheal", "diagnose", "model.xml", "recording.h5", "--out", "d"]
+        start = time.perf_counter()
+        process = subprocess.Popen(words, cwd=room, stdout=subprocess.DEVNULL)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - start
+        if status:
+            sys.exit(f"{' '.join(words)}: exit {os.waitstatus_to_exitcode(status)}")
+        said = json.loads((room / "d" / "diagnosis.json").read_text())
+    named = [f"{f['effect']} {f['target']}" for f in said["findings"]]
+    return {
+        "joints": joints, "seconds": seconds, "plain": plain(joints),
+        "cpu": usage.ru_utime + usage.ru_stime, "megabytes": usage.ru_maxrss / 1024,
+        "verdict": said["verdict"], "named": named,
+    }  # fmt: skip
+
+
+def section(rows: list[dict[str, Any]]) -> Section:
+    """The table."""
+    shown = [
+        [r["joints"], f"{r['seconds']:.0f} s", ASKED.get(r["joints"], ""),
+         f"{r['cpu']:.0f} s", f"{r['megabytes']:.0f} MB",
+         f"{r['seconds'] / r['plain']:.0f}", r["verdict"], ", ".join(r["named"])]
+        for r in rows
+    ]  # fmt: skip
+    header = ["joints", "wall", "asked", "CPU", "memory", "wall : plain MuJoCo",
+              "verdict", "named"]  # fmt: skip
+    text = (
+        f"Chains with position servos; {EPISODES} episodes of {SECONDS:g} s at {RATE} "
+        f"Hz with {1000 * NOISE:g} mrad of noise. Hidden: dry friction of "
+        f"{FRICTION:g} of the load at the middle joint; masses off by up to "
+        f"{100 * OFF['mass']:.0f} %, dampings by {100 * OFF['damping']:.0f} %. Plain "
+        "MuJoCo: the same log simulated once on one core with the given model."
+    )
+    return Section("Sixty seconds of log", text, header, shown)
+
+
+def main() -> None:
+    """Measure and publish."""
+    line = parser(__doc__ or "")
+    line.add_argument("--joints", type=int, nargs="+", default=[1, 7])
+    line.add_argument("--seed", type=int, default=0)
+    options = line.parse_args()
+    rows = [measured(joints, options.seed) for joints in options.joints]
+    title = "Time and memory of `selfheal diagnose`"
+    publish(options.root, "diagnose-time", title, [section(rows)], {"rows": rows})
+
+
+if __name__ == "__main__":
+    main()
