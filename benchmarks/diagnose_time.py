@@ -40,7 +40,8 @@ def arm(joints: int) -> str:
 <inertial pos="0.02 0 {-LENGTH / 2}" mass="{MASS}" diaginertia="1e-3 1e-3 1e-4"/>
 {bodies}</body>
 """
-        servos += f'<position name="m{k}" joint="j{k}" kp="{8 * load:.4g}" kv="0.2"/>\n'
+        servo = f'<position name="m{k}" joint="j{k}" kp="{8 * load:.4g}" kv="0.2"/>\n'
+        servos = servo + servos
     return f"""<mujoco>
 <compiler angle="radian"/>
 <option timestep="{STEP}" integrator="implicitfast"/>
