@@ -14,10 +14,10 @@ from selfheal.diagnosis.logs import (
     _continuous,
     _lattice,
     _means,
-    _parabola,
     channels,
     log,
 )
+from selfheal.diagnosis.parabolas import parabolas
 from selfheal.diagnosis.prepare import in_order
 from selfheal.diagnosis.state import start_of
 from selfheal.diagnosis.windows import Windows, windows
@@ -144,10 +144,31 @@ def test_noise_is_told_from_motion():
     rng = np.random.default_rng(1)
     time = np.arange(400) * 0.005
     clean = np.sin(3 * time)
-    _, parts = _parabola(time, (clean + 0.01 * rng.normal(size=400))[:, None])
-    assert np.sqrt(np.nanmean(parts)) == pytest.approx(0.01, rel=0.15)
+    near = parabolas(time, (clean + 0.01 * rng.normal(size=400))[:, None])
+    assert np.sqrt(np.mean(near.scatter**2)) == pytest.approx(0.01, rel=0.15)
     _, found = _log(_recording(time, knee=clean + 0.01 * rng.normal(size=400)))
     assert found[0].noise == pytest.approx(0.01, rel=0.15)
+
+
+@pytest.mark.parametrize("rate", [100, 250, 1000])
+def test_a_robot_let_go_at_its_first_sample_is_told_to_be_at_rest(rate):
+    rng = np.random.default_rng(1)
+    time = np.arange(2 * rate) / rate
+    swing = np.cos(60 * time) + np.sin(60 * time) * 8 / 60  # its rate is 0 at 0
+    angle = 0.3 * np.exp(-8 * time) * swing + 3e-4 * rng.normal(size=len(time))
+    episode, found = _log(_recording(time, knee=angle))
+    given = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='knee'/><geom size='1'/></body>"
+        "</worldbody></mujoco>"
+    )
+    world = SimpleNamespace(
+        logs=[episode], signals=found, step=STEP, workshop=SimpleNamespace(given=given)
+    )
+    _, qvel, std = start_of(world, 0, np.zeros(1, int), {})
+    assert abs(qvel[0, 0]) < 4 * std[0, 1]
+    if rate > 100:  # of its five samples in 50 ms none can be spared
+        told = parabolas(time, episode.readings).coefficients[0, 0, 1]
+        assert abs(qvel[0, 0]) < 0.5 * abs(told)
 
 
 @pytest.mark.parametrize("step", [0.004, 0.02])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from toys_diagnosis import bench
 
-from selfheal.diagnosis.logs import neighbors, of_slow_noise
 from selfheal.diagnosis.noise import heard
+from selfheal.diagnosis.parabolas import neighbors, of_slow_noise
 from selfheal.diagnosis.problem import Problem
 from selfheal.diagnosis.state import start_of
 from selfheal.diagnosis.windows import windows

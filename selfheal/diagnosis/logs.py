@@ -2,22 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import RecordingError
 from ..recording import Episode, Recording
 from ..recording.data import Floats, Place
+from .parabolas import Parabolas, nearest, parabolas, turning
 from .scene import IGNORED, Channel
 
-# half width [s] of the parabola that says where the robot was and how fast, and the
-# least of samples on each side; chosen: 50 ms in all, as the contract's score has it
-HALF_WIDTH, LEAST = 0.022, 2
-REACH = 3.0  # times that, the farthest that irregular samples may lie; chosen
-INSTANT = 1e-4  # [s] over which a turn's rate is told
 LARGEST = 1e10  # of any number, in SI units: beyond it MuJoCo calls a state lost
 LONGEST = 2e7  # steps of an episode; chosen: 0.2 GB an actuator
 
@@ -34,9 +28,7 @@ class Log:
         sent: (T, nu) commands, each held to the next sample.
         ctrl: (G, nu) mean command of each step of the grid.
         centered: (G, nu) mean command from half a step before to half a step after.
-        parabola: (T, C, 3) through the neighbors of each sample: value, slope [1/s],
-            half the curvature; NaN where too few.
-        scatter: (T, C) standard deviation of those neighbors about it.
+        near: through the neighbors of each sample.
         qpos0, qvel0: given state at the first sample, or None.
     """
 
@@ -47,15 +39,14 @@ class Log:
     sent: Floats
     ctrl: Floats
     centered: Floats
-    parabola: Floats
-    scatter: Floats
+    near: Parabolas
     qpos0: Floats | None
     qvel0: Floats | None
 
     def smooth(self, at: Floats, step: float) -> tuple[Floats, Floats]:
         """Value and slope (..., C) of all channels at times `at` [steps]."""
-        near = nearest(self.at, at)
-        return _along(self.parabola[near], ((at - self.at[near]) * step)[..., None])
+        rows = nearest(self.at, at)
+        return self.near.at(rows, (at - self.at[rows]) * step)
 
     @property
     def halved(self) -> "Log":
@@ -71,19 +62,6 @@ class Log:
     def until(self, step: int) -> "Log":
         """The same with the commands of no more than so many steps."""
         return replace(self, ctrl=self.ctrl[:step], centered=self.centered[:step])
-
-
-def _along(a: Floats, dt: Floats) -> tuple[Floats, Floats]:
-    """Value and slope (...) of parabolas (..., 3), `dt` [s] from where they stand."""
-    return a[..., 0] + dt * (a[..., 1] + dt * a[..., 2]), a[..., 1] + 2 * dt * a[..., 2]
-
-
-def nearest(times: Floats, at: Floats) -> np.ndarray:
-    """Number of the sample nearest in time."""
-    right = np.clip(np.searchsorted(times, at), 1, max(len(times) - 1, 1))
-    right = np.minimum(right, len(times) - 1)
-    left = np.maximum(right - 1, 0)
-    return np.where(at - times[left] <= times[right] - at, left, right)
 
 
 def channels(
@@ -178,7 +156,8 @@ def _pooled(episodes: Sequence[Episode], name: str) -> Floats:
     for episode in episodes:
         if name in episode.signals:
             values = episode.signals[name].values.reshape(episode.time.size, -1)
-            scatter.append(_parabola(episode.time, values)[1])
+            found = parabolas(episode.time, values)
+            scatter.append(np.where(found.borrowed, np.nan, found.scatter**2))
     both = np.concatenate(scatter)
     if not np.isfinite(both).any():
         return np.full(both.shape[1], np.nan)
@@ -208,15 +187,16 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             if c.kind == "body_orientation":
                 readings[:, c.columns] = _continuous(values)
     at = (time - time[0]) / step
-    parabola, variance = np.empty((*readings.shape, 3)), np.empty(readings.shape)
+    parts = []
     for c in signals:
-        through = _turning if c.kind == "body_orientation" else _parabola
-        parabola[:, c.columns], variance[:, c.columns] = through(
-            time, readings[:, c.columns]
-        )
+        own = readings[:, c.columns]
+        if c.kind == "body_orientation":
+            parts.append(turning(time, own))
+        else:
+            parts.append(parabolas(time, own).begun(time, own, c.scatter))
     return Log(
         id=name, start=float(time[0]), at=at, readings=readings, sent=episode.ctrl,
-        **_grids(at, episode.ctrl), parabola=parabola, scatter=np.sqrt(variance),
+        **_grids(at, episode.ctrl), near=Parabolas.joined(parts),
         qpos0=episode.qpos0, qvel0=episode.qvel0,
     )  # fmt: skip
 
@@ -251,146 +231,3 @@ def _means(at: Floats, ctrl: Floats) -> Floats:
 def _centered(at: Floats, ctrl: Floats) -> Floats:
     """As `_means`, half a step earlier; before the first sample its command holds."""
     return _means(np.append(-0.5, at[1:]) + 0.5, ctrl)
-
-
-def neighbors(time: Floats) -> tuple[float, int]:
-    """Usual distance [s] of samples, and how many on each side a parabola looks at."""
-    gap = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-    return gap, max(LEAST, int(round(HALF_WIDTH / gap)))
-
-
-@cache
-def of_slow_noise(memory: float, m: int) -> tuple[float, float, float]:
-    """What noise of first order does to a parabola through m neighbors on each side.
-
-    Args:
-        memory: correlation with the sample before.
-        m: on each side.
-
-    Returns:
-        The error of the parabola's value and of its slope, over that of white noise as
-        large; and the share of the noise's variance that is left about it.
-    """
-    t = np.arange(-m, m + 1.0)
-    basis = np.stack([t**0, t, t**2], axis=1)
-    rows = np.linalg.pinv(basis)
-    cov = memory ** np.abs(t[:, None] - t)
-    value, slope, _ = np.sqrt(np.diag(rows @ cov @ rows.T) / np.diag(rows @ rows.T))
-    left = (len(t) - np.trace(rows @ cov @ basis)) / (len(t) - 3)
-    return float(value), float(slope), float(left)
-
-
-def _parabola(time: Floats, readings: Floats) -> tuple[Floats, Floats]:
-    """Through the neighbors of each sample: coefficients (T, C, 3), variance (T, C)."""
-    coefficients = np.full((*readings.shape, 3), np.nan)
-    variance = np.full(readings.shape, np.nan)
-    _, m = neighbors(time)
-    if len(time) < 2 * m + 1:
-        return coefficients, variance
-    for c in range(readings.shape[1]):
-        y = sliding_window_view(readings[:, c], 2 * m + 1)
-        own, variance[:, c] = _through(time, y)
-        coefficients[:, c] = own
-        lost, source, dt = _reached(time, own)
-        a = own[source]
-        coefficients[lost, c] = np.stack([*_along(a, dt), a[:, 2]], axis=1)
-    return coefficients, variance
-
-
-def _turning(time: Floats, quaternion: Floats) -> tuple[Floats, Floats]:
-    """As `_parabola` of an orientation (T, 4), through rotations from each sample.
-
-    Those of a body that turns evenly lie on a line, however fast it turns; quaternions
-    do not.
-    """
-    from scipy.spatial.transform import Rotation
-
-    coefficients = np.full((*quaternion.shape, 3), np.nan)
-    variance = np.full(quaternion.shape, np.nan)
-    _, m = neighbors(time)
-    known = np.asarray(np.isfinite(quaternion).all(axis=1))
-    if len(time) < 2 * m + 1:
-        return coefficients, variance
-    whole = np.where(known[:, None], quaternion, [1.0, 0, 0, 0])
-    near = sliding_window_view(np.arange(len(time)), 2 * m + 1)
-    width = near.shape[1]
-    origin = np.repeat(near[:, m], width)
-    turn = Rotation.from_quat(whole, scalar_first=True)
-    away = (turn[origin].inv() * turn[near.ravel()]).as_rotvec()
-    told = known[near] & known[near[:, m]][:, None]
-    away = np.where(told[..., None], away.reshape(len(near), width, 3), np.nan)
-    found = [_through(time, away[..., k]) for k in range(3)]
-    own = np.stack([a for a, _ in found], axis=1)  # (T, 3, 3)
-    each = np.stack([v for _, v in found], axis=1) / 4  # of a quaternion's vector part
-    variance[:] = np.column_stack([each.mean(axis=1), each])
-    lost, source, dt = _reached(time, own[:, 0])
-    good = np.flatnonzero(np.isfinite(own[:, 0, 0]))
-    rows, source = np.append(good, lost), np.append(good, source)
-    dt = np.append(np.zeros(len(good)), dt)
-    before, now, after = (
-        _turned(whole[source], _along(own[source], (dt + k * INSTANT)[:, None])[0])
-        for k in (-1, 0, 1)
-    )
-    slope = (after - before) / (2 * INSTANT)
-    bend = (after - 2 * now + before) / (2 * INSTANT**2)
-    coefficients[rows] = np.stack([now, slope, bend], axis=-1)
-    return coefficients, variance
-
-
-def _turned(quaternion: Floats, by: Floats) -> Floats:
-    """Orientations (n, 4) turned by rotation vectors (n, 3) of their own frames."""
-    from scipy.spatial.transform import Rotation
-
-    if not len(by):
-        return quaternion
-    start = Rotation.from_quat(quaternion, scalar_first=True)
-    turned = (start * Rotation.from_rotvec(by)).as_quat(scalar_first=True)
-    return turned * np.where((turned * quaternion).sum(axis=1) < 0, -1, 1)[:, None]
-
-
-def _through(time: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Parabolas through neighbors: coefficients (T, 3), variance (T); NaN at the ends.
-
-    Args:
-        time: (T) [s].
-        y: (T - 2 m, 2 m + 1), the neighbors of each sample but the first and last m.
-    """
-    gap, m = neighbors(time)
-    coefficients, variance = np.full((len(time), 3), np.nan), np.full(len(time), np.nan)
-    t = sliding_window_view(time, 2 * m + 1) - time[m : len(time) - m, None]
-    near = np.abs(t) <= REACH * gap * m  # what lies beyond a pause tells nothing here
-    scale = np.array([1, gap * m, (gap * m) ** 2])
-    known = np.isfinite(y) & near
-    good = known.sum(axis=1) >= max(4, m)
-    if not good.any():
-        return coefficients, variance
-    basis = np.stack([np.ones_like(t), t, t**2], axis=-1) / scale
-    a = basis[good] * known[good][..., None]
-    y = np.where(known[good], y[good], 0.0)
-    normal = np.einsum("tki,tkj->tij", a, a) + 1e-9 * np.eye(3)
-    x = np.linalg.solve(normal, np.einsum("tki,tk->ti", a, y)[..., None])[..., 0]
-    left = y - np.einsum("tki,ti->tk", a, x)
-    free = known[good].sum(axis=1) - 3
-    rows = np.flatnonzero(good) + m
-    variance[rows] = (left**2).sum(axis=1) / np.maximum(free, 1)
-    coefficients[rows] = x / scale
-    return coefficients, variance
-
-
-def _reached(time: Floats, own: Floats) -> tuple[np.ndarray, np.ndarray, Floats]:
-    """Samples without a parabola (T, 3) for which the nearest whole one may speak.
-
-    Those near an episode's ends, and those around which readings are missing.
-
-    Returns:
-        Which (n), the nearest one with a parabola (n), and how far it is (n) [s].
-    """
-    gap, m = neighbors(time)
-    whole = np.isfinite(own[:, 0])
-    good, lost = np.flatnonzero(whole), np.flatnonzero(~whole)
-    if not good.size:
-        return lost[:0], lost[:0], np.zeros(0)
-    source = good[nearest(time[good], time[lost])]
-    dt = time[lost] - time[source]
-    close = np.abs(dt) <= 1.5 * gap * m
-    return lost[close], source[close], dt[close]

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Fit
-from .logs import neighbors, of_slow_noise
+from .parabolas import neighbors, of_slow_noise
 from .problem import Problem
 from .world import World
 

@@ -7,7 +7,7 @@ from itertools import accumulate
 import numpy as np
 
 from ..recording.data import Floats
-from .logs import nearest, neighbors, of_slow_noise
+from .parabolas import nearest, neighbors, of_slow_noise
 from .plant import Plant, parts
 from .scene import Channel
 from .terms import Term
@@ -74,37 +74,50 @@ class _Told:
                     self._smooth[late] = self.log.smooth(self.at + late, self.step)
                 value, slope = self._smooth[late]
                 gain = said.get("gain", 1.0)
-                value = (value[:, c.columns] - said.get("bias", 0.0)) / gain
-                s, r = self._std(c)
+                value, (s, r) = value[:, c.columns], self._std(c)
+                if not late:
+                    value, s = self._or_as_read(c, value, s)
+                value = (value - said.get("bias", 0.0)) / gain
                 return value, slope[:, c.columns] / gain, s, r
         lost = np.full((len(self.at), 4), np.nan)
         return lost, lost, lost, lost
 
+    def _or_as_read(self, c: Channel, value: Floats, s: Floats):
+        """Values and errors; an episode's first ones as read, if a jolt hides them."""
+        first, noise = self.log.readings[0, c.columns], np.nan_to_num(c.noise)
+        own = (self.at == 0)[:, None] & np.isfinite(first) & (s > noise)
+        return np.where(own, first, value), np.where(own, noise, s)
+
     @cached_property
-    def _there(self) -> tuple[float, int, Floats, Floats]:
-        """Distance of samples [s], how many on a side; at an end (W, 1), scatter."""
+    def _there(self) -> tuple[float, Floats, np.ndarray]:
+        """Distance of samples [s]; time to an end (W, 1) [s]; nearest samples (W)."""
         times = self.log.at * self.step
-        gap, m = neighbors(times)
+        gap, _ = neighbors(times)
         inside = np.minimum(
             self.at * self.step - times[0], times[-1] - self.at * self.step
         )
-        near = np.clip(1 - inside / (m * gap), 0, 1)[:, None]  # 1 at an end
-        return gap, m, near, self.log.scatter[nearest(self.log.at, self.at)]
+        return gap, inside[:, None], nearest(self.log.at, self.at)
 
     def _std(self, c: Channel) -> tuple[Floats, Floats]:
         """Standard deviations of a parabola's value and slope, larger at an end."""
-        gap, m, near, scatter = self._there
-        n = 2 * m + 1
+        gap, inside, rows = self._there
+        own = self.log.near
+        scatter, sides, borrowed = (
+            x[rows, c.columns] for x in (own.scatter, own.sides, own.borrowed)
+        )
+        n = 2 * sides + 1
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
-        apart = scatter[:, c.columns]
-        # a parabola reached over from beside missing readings
-        near = np.where(np.isfinite(apart), near, 1)
+        near = np.clip(1 - inside / (sides * gap), 0, 1)  # 1 at an end
+        near = np.where(borrowed | np.isnan(scatter), 1, near)
         # where no parabola fits, at a jolt, it tells the state less well
-        jolt = np.nan_to_num(apart) - 1.5 * np.nan_to_num(c.scatter)
+        jolt = np.nan_to_num(scatter) - 1.5 * np.nan_to_num(c.scatter)
         noise = noise + JOLT * np.maximum(jolt, 0)
-        more = np.array([of_slow_noise(float(a), m)[:2] for a in c.memory]).T
+        more = np.ones((2, *sides.shape))
+        for m in np.unique(sides):
+            slow = [of_slow_noise(float(a), int(m))[:2] for a in c.memory]
+            more = np.where(sides == m, np.array(slow).T[:, None], more)
         value = noise * more[0] * np.sqrt(2.25 / n) * (1 + near)
-        slope = noise * more[1] * np.sqrt(3.0 / n) / (m * gap) * (1 + 3 * near)
+        slope = noise * more[1] * np.sqrt(3.0 / n) / (sides * gap) * (1 + 3 * near)
         return value, slope
 
 
