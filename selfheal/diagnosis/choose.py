@@ -1,7 +1,7 @@
 """Which of some candidates earns a name: takes their fits, gives one or none."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from .evidence import (
     carries_over,
     economy,
     scored,
+    seated,
     stability,
 )
 from .fit import Fit, believed, fit, jacobian, rested
@@ -61,7 +62,19 @@ def finalists(
         new = scored(problem, old.fit.terms, at, rounds=3, known=near)
         if new.error < old.error:
             found[i] = new
+        found[i] = _in_seat(problem, found[i])
     return found
+
+
+def _in_seat(problem: Problem, found: Scored) -> Scored:
+    """The same with the starts that its values ask for, if it is better there."""
+    terms, values = found.fit.terms, found.fit.values
+    seat = seated(problem, terms, values)
+    if seat is problem:
+        return found
+    near = problem.carried(seat, found.fit.jacobian)
+    new = replace(scored(seat, terms, values, rounds=4, known=near), seat=seat)
+    return new if new.error < found.error else found
 
 
 def winner(
@@ -77,7 +90,7 @@ def winner(
         and not s.last.is_faint(s.values)
         and s.error < (1 - least) * now.error
         and is_plausible(problem, now, s)
-        and carries_over(problem, now.fit, s.fit)
+        and carries_over(problem, now.fit, s.fit, s.seat)
     ]
     if not good:
         return None

@@ -39,10 +39,12 @@ class Scored:
     Attributes:
         fit: of all windows.
         held: (W) squared residuals of each window, predicted from the other folds.
+        seat: the problem with the starts that its values ask for; None: as it was.
     """
 
     fit: Fit
     held: Floats
+    seat: Problem | None = None
 
     @classmethod
     def of(cls, problem: Problem, found: Fit) -> "Scored":
@@ -126,8 +128,10 @@ def folds_of(problem: Problem) -> np.ndarray:
     return np.arange(rows) * BLOCKS // rows
 
 
-def carries_over(problem: Problem, old: Fit, new: Fit) -> bool:
-    """Whether `new` predicts whole episodes from the others better than `old`.
+def carries_over(
+    problem: Problem, old: Fit, new: Fit, seat: Problem | None = None
+) -> bool:
+    """Whether `new`, in its seat, predicts whole episodes from the others better.
 
     Pieces next to each other share what is peculiar to an episode; that also holds a
     name that explains nothing else. Each episode counts by the logarithm of its error:
@@ -138,7 +142,8 @@ def carries_over(problem: Problem, old: Fit, new: Fit) -> bool:
     if len(np.unique(log)) < EPISODES:
         return True
     of = problem.windows.log
-    before, after = (np.bincount(of, held_out(problem, f, log)) for f in (old, new))
+    before = np.bincount(of, held_out(problem, old, log))
+    after = np.bincount(of, held_out(seat or problem, new, log))
     if problem.windows.is_single:
         return bool(after.sum() < before.sum())
     there = before > 0
@@ -356,6 +361,18 @@ def _weighed(problem: Problem, found: Fit, residuals: Floats, world: World) -> P
     sigma = np.where(sigma > 0, sigma, problem.sigma)
     new = replace(problem, sigma=sigma, world=world)
     return whitened(new, found.terms, found.values)
+
+
+def seated(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
+    """The problem with starts sought with these values, if any had to be sought.
+
+    A start that was sought without a friction is where a robot without it would have
+    begun; a chaotic one then leaves no way to what is true. Where something touches,
+    that takes too long.
+    """
+    if problem.shift is None or problem.is_rough or problem.windows.is_single:
+        return problem
+    return whitened(problem, terms, values)
 
 
 def reseated(problem: Problem, found: Fit) -> tuple[Problem, Fit]:

@@ -20,6 +20,7 @@ from .evidence import (
     refitted,
     reweighed,
     scored,
+    seated,
 )
 from .fit import Fit, bounds, fit, looked_about
 from .noise import above, expected
@@ -288,8 +289,10 @@ class _Search:
         """
         same = len(best.fit.residuals) == len(self.now.fit.residuals)
         near = best.fit.jacobian if same else None
-        found = fit(self.problem, best.fit.terms, best.fit.values, rounds=6, known=near)
-        self.problem, self.now = _weighed_anew(self.problem, found, 4)
+        problem, at = self.problem, (best.fit.terms, best.fit.values)
+        problem = seated(problem, *at) if best.seat else problem
+        found = fit(problem, *at, rounds=6, known=near)
+        self.problem, self.now = _weighed_anew(problem, found, 4)
         return self._undo()
 
     def _undo(self) -> list[Term]:
@@ -303,9 +306,8 @@ class _Search:
             tries = []
             prices = prices_of(Base.of(self.problem, self.now.fit), self.stated)
             for term in sorted(self.named, key=lambda t: prices[t])[:CHEAPEST]:
-                less = Scored.of(
-                    self.problem, without(self.problem, self.now.fit, term)
-                )
+                own = without(self.problem, self.now.fit, term)
+                less = Scored.of(self.problem, own)
                 if less.error < (1 + WORTH) * self.now.error:
                     tries.append((term, less))
             if not tries:

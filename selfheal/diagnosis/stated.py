@@ -82,6 +82,10 @@ def _kp(model, place, factor):
     model.actuator_biasprm[place["at"], 1] *= factor
 
 
+def _gear(model, place, factor):
+    model.actuator_gear[place["at"]] *= factor
+
+
 def _kv(model, place, factor):
     model.actuator_biasprm[place["at"], 2] *= factor
 
@@ -181,6 +185,14 @@ def _of_actuators(scene: Scene) -> list[Term]:
             unit = f"{a.force}/{a.unit}" if a.servo else f"{a.force}/ctrl"
             word = "kp" if a.servo else "gain"
             found.append(_term(_kp, f"{name}/{word}", REST, float(gain), unit, at=a.id))
+        gear = float(model.actuator_gear[a.id, 0])
+        if (
+            gain == 1.0
+            and not bias.any()
+            and a.dof >= 0
+            and abs(gear) not in (0.0, 1.0)
+        ):
+            found.append(_term(_gear, f"{name}/gear", REST, gear, "1", at=a.id))
         if bias[2]:
             unit = f"{a.force} s/{a.unit}"
             scale = _speed if speed else _kv

@@ -171,6 +171,9 @@ def _of_actuators(source: Source, old, new, before: Sequence[Edit]) -> Iterator[
         if to == tag and _differs(old.actuator_dynprm[a, 0], new.actuator_dynprm[a, 0]):
             attribute = "dynprm" if tag == "general" else "timeconst"
             told[attribute] = number(new.actuator_dynprm[a, 0])
+        if _differs(old.actuator_gear[a], new.actuator_gear[a]):
+            used = np.flatnonzero(new.actuator_gear[a])
+            told["gear"] = number(new.actuator_gear[a, : used[-1] + 1])
         limits = [
             (m.actuator_forcelimited[a], *m.actuator_forcerange[a]) for m in (old, new)
         ]

@@ -263,38 +263,44 @@ class SpeedTorqueLimit(AtActuator):
 class ServoGain(AtActuator):
     name = "servo_gain"
     restates = True
-    instead = ("kp", "kv")
-    says = "The servo is stiffer or softer than stated."
-    equation = "tau = kp (ctrl - q) - kv v"
+    instead = ("kp", "kv", "gain", "gear")
+    says = "The servo is stiffer or softer, a motor stronger or weaker than stated."
+    equation = "tau = kp (ctrl - q) - kv v; of a motor, tau = kp ctrl"
     source = "MuJoCo actuator/position"
     separate_by = "load the held joint with a known weight"
     regime = "high_load"
 
     def parameters(self, scene, actuator):
         kp, kv = _gains(scene.model, actuator.id)
-        unit = f"{actuator.force}/{actuator.unit}"
+        unit = f"{actuator.force}/{actuator.unit if actuator.servo else 'ctrl'}"
+        stiffness = Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp)
+        if not actuator.servo:
+            return (stiffness,)
         joint = scene.joint_at(actuator.dof)
         high = 10 * kv + 0.5 * kp
         scale = 0.2 * kv + 0.05 * joint.torque / joint.speed
         return (
-            Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp),
+            stiffness,
             Parameter(
                 "kv", f"{actuator.force} s/{actuator.unit}", kv, 0.0, high, scale
             ),
         )
 
     def starts(self, scene, actuator):
-        kp, kv = _gains(scene.model, actuator.id)
-        return ((0.6 * kp, kv), (1.6 * kp, kv))
+        kp, *kv = (p.absent for p in self.parameters(scene, actuator))
+        return ((0.6 * kp, *kv), (1.6 * kp, *kv))
 
     def fits(self, scene, actuator):
-        return actuator.servo
+        model, a = scene.model, actuator.id
+        law = model.actuator_gaintype[a], model.actuator_biastype[a]
+        return actuator.servo or (max(law) == 0 and model.actuator_gainprm[a, 0] > 0)
 
     def edit(self, model, place, values):
         a = place["actuator"]
         model.actuator_gainprm[a, 0] = values[0]
-        model.actuator_biasprm[a, 1] = -values[0]
-        model.actuator_biasprm[a, 2] = -values[1]
+        if len(values) > 1:  # not of a motor
+            model.actuator_biasprm[a, 1] = -values[0]
+            model.actuator_biasprm[a, 2] = -values[1]
 
 
 def _gains(model, actuator: int) -> tuple[float, float]:
