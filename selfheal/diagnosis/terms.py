@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
+NIL = 1e-6  # of a parameter's scale: as good as absent
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of an effect.
@@ -77,7 +80,9 @@ class Term:
     def is_faint(self, values: Floats) -> bool:
         """Whether values (p) are too near to absent to tell, or not what it says."""
         each = zip(self.parameters, values, strict=True)
-        near = any(abs(v - p.absent) < p.least for p, v in each)
+        apart = [(abs(v - p.absent), p) for p, v in each]
+        near = any(off < p.least for off, p in apart)
+        near |= bool(apart) and all(off <= NIL * p.scale for off, p in apart)
         # a wave as slow as may be is a bend, of something else
         bend = self.effect.waves and values[1] < 1.01 * self.low[1]
         return bool(near or bend or not self.effect.is_sound(values))

@@ -12,6 +12,7 @@ from ..scene import Scene
 from ..terms import Effect, Parameter, Term, saying
 
 BOTH = "both"  # sides of a gear
+ALIKE = 0.05  # of a friction, by which its two directions may differ; chosen
 
 
 class Friction(Effect):
@@ -230,6 +231,9 @@ class AsymmetricFriction(Friction):
             Parameter("positive", joint.force, now, 0.0, high, scale),
             Parameter("negative", joint.force, now, 0.0, high, scale),
         )
+
+    def is_sound(self, values):
+        return bool(np.ptp(values) > ALIKE * np.max(values))
 
     def starts(self, scene, joint):
         now, t, _ = _dry(scene, joint)
