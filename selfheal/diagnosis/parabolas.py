@@ -15,7 +15,7 @@ HALF_WIDTH, LEAST = 0.022, 2
 REACH = 3.0  # times that, the farthest that irregular samples may lie; chosen
 INSTANT = 1e-4  # [s] over which a turn's rate is told
 SAFE = 0.6  # of the neighbors that one seems to fit: what is not seen is bent too
-JOLTED = 2.0  # standard deviations of a scatter, with which no parabola fits; chosen
+JOLTED = 4.0  # standard deviations of a scatter, with which no parabola fits; chosen
 
 
 @dataclass(frozen=True, eq=False)

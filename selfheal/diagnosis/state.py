@@ -13,6 +13,7 @@ from .scene import Channel
 from .terms import Term
 
 JOLT = 3.0  # times the neighbors' scatter, a state's error at a jolt; chosen
+HIDDEN = 2.0  # times the noise, a state's error by a jolt and not by noise; chosen
 GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
 
 
@@ -85,7 +86,7 @@ class _Told:
     def _or_as_read(self, c: Channel, value: Floats, s: Floats):
         """Values and errors; an episode's first ones as read, if a jolt hides them."""
         first, noise = self.log.readings[0, c.columns], np.nan_to_num(c.noise)
-        own = (self.at == 0)[:, None] & np.isfinite(first) & (s > noise)
+        own = (self.at == 0)[:, None] & np.isfinite(first) & (s > HIDDEN * noise)
         return np.where(own, first, value), np.where(own, noise, s)
 
     @cached_property
