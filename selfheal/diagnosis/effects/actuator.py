@@ -295,6 +295,10 @@ class ServoGain(AtActuator):
         law = model.actuator_gaintype[a], model.actuator_biastype[a]
         return actuator.servo or (max(law) == 0 and model.actuator_gainprm[a, 0] > 0)
 
+    def oddity(self, term, values):
+        """A motor is weak more seldom than what it moves is heavy."""
+        return self.rare if len(term.parameters) > 1 else 2
+
     def edit(self, model, place, values):
         a = place["actuator"]
         model.actuator_gainprm[a, 0] = values[0]
