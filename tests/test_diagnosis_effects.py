@@ -555,3 +555,27 @@ def test_a_rod_that_bears_more_keeps_its_axes():
         add_mass(model, 1, mass, np.array([0.2, 0.0, 0.0]))  # on its axis
         np.testing.assert_allclose(model.body_iquat[1], axes, atol=1e-12)
     assert model.body_mass[1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("name", "faint", "told"),
+    [
+        ("slope", (1.0, 0.3), (0.2, 0.3)),  # as steep as may be
+        ("asymmetric_friction", (0.1, 0.101), (0.1, 0.2)),  # alike both ways
+        ("backlash", (0.0,), (0.01,)),  # absent
+    ],
+)
+def test_what_stands_for_another_thing_or_for_nothing_is_faint(
+    name, faint, told, benches
+):
+    for term in effect(name).terms(benches["arm"].scene):
+        assert term.is_faint(np.array(faint))
+        assert not term.is_faint(np.array(told))
+
+
+def test_a_motor_is_weak_more_seldom_than_its_load_is_heavy(benches):
+    (weak, *_) = effect("servo_gain").terms(benches["cart_pole"].scene)
+    (heavy, *_) = effect("payload").terms(benches["cart_pole"].scene)
+    assert [p.name for p in weak.parameters] == ["kp"]
+    own, other = (t.effect.oddity(t, np.zeros(9)) for t in (weak, heavy))
+    assert own > other

@@ -31,6 +31,7 @@ from selfheal.diagnosis.evidence import (
     refitted,
     reseated,
     scored,
+    seated,
 )
 from selfheal.diagnosis.fit import (
     Fit,
@@ -669,6 +670,20 @@ def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
         cost.append(white.by_window(white.at((term,), values) ** 2))
     lost = cost[0] > 3 * np.median(cost[0])
     assert lost.any() and (cost[1] < 3 * np.median(cost[0])).all()
+
+
+def test_a_candidate_is_judged_with_the_starts_that_its_values_ask_for(sticky):
+    b, term, values = sticky
+    plain = _off(b, term, values, np.zeros((len(_problem(b).windows), 2)))
+    errors = start_errors(b.world, plain.windows)[1:].sum(axis=0)
+    without = replace(plain, shift=5 * errors)  # where something else would have begun
+    seat = seated(without, (term,), values)
+    cost = [float((p.at((term,), values) ** 2).sum()) for p in (without, seat)]
+    assert cost[1] < 0.5 * cost[0]
+    # where no start had to be sought, or something touches, all stays as it is
+    assert seated(plain, (term,), values) is plain
+    touching = _touching(without)
+    assert seated(touching, (term,), values) is touching
 
 
 def test_a_start_that_holds_values_off_is_sought_anew(sticky):

@@ -108,6 +108,7 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
         ),
         {},
     ),
+    "a geared motor": (_driven("motor", 'gear="20"'), {}),
     "a velocity servo": (_driven("velocity", 'kv="0.4"'), {}),
     "an integrated velocity": (
         _driven("intvelocity", 'kp="10" kv="0.4" actrange="-3 3"'),

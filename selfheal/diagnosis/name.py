@@ -38,7 +38,7 @@ from .screen import (
     screened,
     some_of,
 )
-from .terms import Term, is_new, says_anew
+from .terms import Term, is_new, other_forms, says_anew
 from .trial import Base
 
 MOST = 6  # effects at once
@@ -322,11 +322,7 @@ class _Search:
         """What might take a name's place: what it was told from, or its other forms."""
         if term.key in self.claims:
             return self.claims[term.key].others
-        own = term.effect.name, term.targets
-        return [
-            t for t in self.candidates
-            if (t.effect.name, t.targets) == own and t.key != term.key
-        ]  # fmt: skip
+        return other_forms(term, self.candidates)
 
     def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
         """Begin from all usual effects at once, in longer pieces if the starts allow.

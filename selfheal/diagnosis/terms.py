@@ -106,6 +106,13 @@ def is_new(term: Term, kept: Sequence[Term]) -> bool:
     )
 
 
+def other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
+    """The same effect at the same place by other laws."""
+    own = term.effect.name, term.targets
+    same = [t for t in among if (t.effect.name, t.targets) == own]
+    return [t for t in same if t.key != term.key]
+
+
 def saying(term: Term, **more) -> Term:
     """The same term whose place says more."""
     return replace(term, places=tuple({**place, **more} for place in term.places))

@@ -5,6 +5,8 @@ import numpy as np
 from ..scene import Scene
 from ..terms import Effect, Floats, Parameter, Term
 
+STEEPEST = 1.0  # [rad] of a slope that nobody saw; chosen
+
 
 class OfWorld(Effect):
     """What all of them share: one place, the world."""
@@ -27,11 +29,14 @@ class Slope(OfWorld):
         if not np.linalg.norm(scene.model.opt.gravity):
             return []
         parameters = (
-            Parameter("tilt", "rad", 0.0, 0.0, 1.0, 0.03),
+            Parameter("tilt", "rad", 0.0, 0.0, STEEPEST, 0.03),
             Parameter("azimuth", "rad", 0.0, -10.0, 10.0, 0.5),
         )
         turns = np.deg2rad((0, 90, 180, -90))
         return [self.whole(parameters, tuple((0.05, float(a)) for a in turns))]
+
+    def is_sound(self, values):
+        return bool(values[0] < 0.99 * STEEPEST)  # else it stands for another thing
 
     def edit(self, model, place, values):
         tilt, azimuth = values
