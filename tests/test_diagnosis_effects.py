@@ -391,6 +391,28 @@ def test_two_joints_with_play_are_one_each(benches, tmp_path):
     _check_replay(b, terms, tmp_path / "both", 3e-6)
 
 
+def test_a_joints_own_name_may_end_as_an_added_ones(tmp_path):
+    """As a robot's elbow_flex; what a patch adds to it is known all the same."""
+    text, robot = ROBOTS["arm"].xml, ROBOTS["arm"]
+    for old, name in (("shoulder", "shoulder_play"), ("elbow", "elbow_flex")):
+        text = text.replace(f'name="{old}" type', f'name="{name}" type')
+        text = text.replace(f'joint="{old}"', f'joint="{name}"')
+    signals = {"elbow": ("joint_position", "elbow_flex", "rad")}
+    b = _bench(replace(robot, xml=text, signals=signals), tmp_path)
+    terms = [effect(name).terms(b.scene) for name in ("backlash", "compliance")]
+    assert len(terms[0]) == len(terms[1]) == 3
+    for n, own in enumerate(terms):
+        _check_replay(b, [own[0], own[1]], tmp_path / str(n), 3e-6)
+
+
+def test_a_second_joint_takes_no_name_that_the_model_has(tmp_path):
+    text = ROBOTS["arm"].xml.replace('"shoulder"', '"elbow_flex"')
+    signals = {"elbow": ("joint_position", "elbow", "rad")}
+    b = _bench(replace(ROBOTS["arm"], xml=text, signals=signals), tmp_path)
+    found = {t.targets for t in effect("compliance").terms(b.scene)}
+    assert found == {("joint:elbow_flex",)}
+
+
 def _check_replay(b, own, folder, limit) -> None:
     """That a patch with these effects says what simulating them did, and a replay."""
     stated = tuple(stated_terms(b.scene))

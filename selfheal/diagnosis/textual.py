@@ -14,7 +14,6 @@ from .plant import Plant, parts
 from .terms import Term, does
 
 Edit = Set | Insert | Rename
-ADDED = ("_play", "_flex")  # joints that an effect adds (contract section 2)
 # other ways to say how something is turned
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # what the kinds of actuators say, and a <general> one cannot
@@ -126,6 +125,7 @@ def _name(thing, index: int):
 
 
 def _of_joints(source: Source, old, new) -> Iterator[Edit]:
+    given = {j.name for j in source.spec.joints}
     for j in range(new.njnt):
         name = old.joint(j).name
         if new.jnt_type[j] not in (2, 3):
@@ -150,7 +150,7 @@ def _of_joints(source: Source, old, new) -> Iterator[Edit]:
         if _differs(old.jnt_range[j], new.jnt_range[j]):
             told["range"] = number(_angle(new.jnt_range[j], turn))
             told["limited"] = "true"
-        if name.endswith(ADDED):  # its effect has said the rest
+        if name not in given:  # its effect has said the rest
             told = {k: v for k, v in told.items() if k in ("range", "limited")}
         if told:
             yield Set("joint", _name(old.joint, j), told)

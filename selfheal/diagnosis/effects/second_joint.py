@@ -5,7 +5,6 @@ from typing import Any
 
 from ..patch import Insert, Set, number
 from ..terms import saying
-from ..textual import ADDED
 from .actuator import least_inertia
 from .friction import Friction
 
@@ -43,12 +42,14 @@ class Extra(Friction):
         """Once for each side, motor's and link's, that the encoder may read.
 
         At the last joint of a body only: MuJoCo would put the new one behind the others
-        and turn its axis with them.
+        and turn its axis with them. And where its name is not taken.
         """
         found, body = [], scene.model.jnt_bodyid
+        taken = {j.name for j in scene.joints}
         for term in super().terms(scene):
             joint = scene.joint(term.places[0]["joint"])
-            if body[joint.id] in body[joint.id + 1 :]:
+            last = body[joint.id] not in body[joint.id + 1 :]
+            if not last or joint.name + self.suffix in taken:
                 continue
             for side in ("motor", "link") if joint.measured else ("motor",):
                 more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
@@ -60,8 +61,7 @@ class Extra(Friction):
         """Add a joint of the same axis between the motor and the body it moves."""
         if place.get("there"):
             return  # a patched model's text has it already
-        given = [j for j in spec.joints if not j.name.endswith(ADDED)]
-        joint = given[place["joint"]]
+        joint = spec.joints[place["joint"]]  # those before it are as they were
         extra = joint.parent.add_joint(
             name=joint.name + self.suffix,
             type=joint.type,
