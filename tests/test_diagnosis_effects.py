@@ -505,6 +505,23 @@ def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
         assert term.high[0] >= sum(body.mass for body in b.scene.bodies)
 
 
+def test_a_robot_that_touches_itself_needs_no_ground(tmp_path):
+    signals = {"pole": ("joint_position", "pivot", "rad")}
+    robot = replace(ROBOTS["cart_pole"], xml=CLAPPER, signals=signals)
+    b = _bench(robot, tmp_path)
+    assert b.scene.touches
+    for name in ("ground_friction", "ground_compliance"):
+        assert effect(name).terms(b.scene) == []
+
+
+CLAPPER = """<mujoco><option timestep="0.002"/><worldbody>
+  <body name="left" pos="-0.02 0 1"><joint name="pivot" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/></body>
+  <body name="right" pos="0.02 0 1"><joint name="other" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/></body>
+  </worldbody><actuator><motor name="push" joint="pivot"/></actuator></mujoco>"""
+
+
 def test_wind_needs_something_that_blows(tmp_path):
     still = _pendulum(tmp_path)
     assert not effect("wind").terms(still.scene)

@@ -19,6 +19,7 @@ from ..recording import (
 )
 from ..recording.data import Floats
 from .effects import effect
+from .effects.world import OfGround, ground
 from .folder import read
 from .logs import channels, log
 from .plant import Workshop
@@ -156,10 +157,12 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
         elif sort == "geom":
             place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
         elif sort == "world":
-            fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
-            solid = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
-            place["geoms"] = tuple(int(g) for g in fixed[solid > 0])
-            place["field"] = (*names, "")[0]
+            place |= {"field": (*names, "")[0], **(ground(model) or {})}
+            if isinstance(kind, OfGround) and "geoms" not in place:
+                raise InputError(
+                    f"the model has no ground, whose {kind.name} the diagnosis names; "
+                    "would fit: a geom of the world that something can touch"
+                )
         else:
             raise InputError(
                 f"the diagnosis has the target {finding['target']!r}; would fit: "
