@@ -391,6 +391,15 @@ def test_two_joints_with_play_are_one_each(benches, tmp_path):
     _check_replay(b, terms, tmp_path / "both", 3e-6)
 
 
+def test_a_joint_with_play_may_bend_too(benches, tmp_path):
+    """What lies between has some inertia: MuJoCo warns where it has none."""
+    b = benches["arm"]
+    own = [_of_elbow(b, n, measured="motor") for n in ("compliance", "backlash")]
+    plant = b.world.workshop.plant(own)
+    assert (plant.model.dof_armature > 0).sum() == plant.model.nv - 1
+    _check_replay(b, own, tmp_path / "both", 3e-5)
+
+
 def test_a_joints_own_name_may_end_as_an_added_ones(tmp_path):
     """As a robot's elbow_flex; what a patch adds to it is known all the same."""
     text, robot = ROBOTS["arm"].xml, ROBOTS["arm"]

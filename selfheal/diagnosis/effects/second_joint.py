@@ -62,17 +62,20 @@ class Extra(Friction):
         if place.get("there"):
             return  # a patched model's text has it already
         joint = spec.joints[place["joint"]]  # those before it are as they were
+        light = self.light * place["inertia"]
+        # what lies between two added ones has some inertia, or none could be computed
+        third = joint.parent.joints[-1].name != joint.name
         extra = joint.parent.add_joint(
             name=joint.name + self.suffix,
             type=joint.type,
             axis=joint.axis,
             pos=joint.pos,
             limited=0,
-            **ALONE,
+            **ALONE | {"armature": light if third else 0.0},
         )
         if joint.frame:
             extra.set_frame(joint.frame)
-        joint.armature = max(joint.armature, self.light * place["inertia"])
+        joint.armature = max(joint.armature, light)
 
     def edit(self, model, place, values):
         if not place.get("there"):
@@ -101,12 +104,13 @@ class Extra(Friction):
     def changes(self, model, place, values):
         joint = model.joint(place["joint"])
         slide = model.jnt_type[joint.id] == 2
+        own = ALONE | {"armature": model.dof_armature[place["extra_dof"]]}
         told = {
             "name": joint.name + self.suffix,
             "type": "slide" if slide else "hinge",
             "axis": number(joint.axis),
             "pos": number(joint.pos),
-            **{k: number(v) for k, v in (ALONE | self.numbers(model, values)).items()},
+            **{k: number(v) for k, v in (own | self.numbers(model, values)).items()},
         }
         told["limited"] = "true" if "range" in told else "false"
         xml = " ".join(f'{k}="{v}"' for k, v in told.items())
