@@ -53,6 +53,29 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "two compilers": (_put(RADIAN, f'<compiler autolimits="true"/>{RADIAN}'), {}),
     "two sections of actuators": (_put(ELBOW, f"</actuator><actuator>{ELBOW}"), {}),
+    "a muscle": (
+        _driven("muscle", 'ctrlrange="0 1" force="5" lengthrange="-1 1"'),
+        {},
+    ),
+    "a DC motor": (_driven("dcmotor", 'resistance="2" motorconst="0.05"'), {}),
+    "a law of the user's": (
+        _driven("general", 'gaintype="user" biastype="user" gainprm="3"'),
+        {},
+    ),
+    "a sticky body": (
+        _put(
+            ELBOW,
+            '<adhesion name="elbow_servo" body="lower" ctrlrange="0 1" gain="3"/>',
+        ),
+        {},
+    ),
+    "a propeller": (
+        _put(
+            ELBOW,
+            '<general name="elbow_servo" site="tip" gear="0 0 2 0 0 0" gainprm="3"/>',
+        ),
+        {},
+    ),
     "degrees": (_put(RADIAN, ""), {}),
     "masses of the geoms": (
         _put(
@@ -131,13 +154,14 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
 }
 EFFECTS = (
     "coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload",
-    "link_length",
+    "link_length", "torque_saturation",
 )  # fmt: skip
 FIELDS = (
     "body_pos", "body_quat", "body_mass", "body_ipos", "jnt_range", "qpos_spring",
     "jnt_stiffness", "dof_damping", "dof_frictionloss", "dof_armature", "geom_pos",
     "geom_size", "site_pos", "actuator_dyntype", "actuator_gaintype",
     "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_actrange",
+    "actuator_forcerange",
 )  # fmt: skip
 
 

@@ -18,8 +18,11 @@ Edit = Set | Insert | Rename
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # what the kinds of actuators say, and a <general> one cannot
 SHORT = dict.fromkeys(
-    ("kp", "kv", "dampratio", "timeconst", "inheritrange", "diameter", "area", "bias")
-)
+    (
+        "kp", "kv", "gain", "dampratio", "timeconst", "inheritrange", "diameter",
+        "area", "bias",
+    )
+)  # fmt: skip
 
 DYNAMICS = {1: "integrator", 2: "filter", 3: "filterexact"}  # mjtDyn
 

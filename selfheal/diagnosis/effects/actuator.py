@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..patch import Rename, Set, number
-from ..scene import Scene
+from ..scene import Scene, is_affine
 from ..terms import Effect, Floats, Parameter, Term
 
 
@@ -120,8 +120,7 @@ class ActuatorLag(AtActuator):
 
     def fits(self, scene, actuator):
         model, a = scene.model, actuator.id
-        law = model.actuator_gaintype[a], model.actuator_biastype[a]
-        return model.actuator_dyntype[a] == 0 and max(law) <= 1  # fixed, none, affine
+        return model.actuator_dyntype[a] == 0 and is_affine(model, a)
 
     def command(self, ctrl, step, place, values):
         u = ctrl[..., place["actuator"]]
@@ -209,6 +208,11 @@ class TorqueSaturation(AtActuator):
 
     def starts(self, scene, actuator):
         return tuple((s * actuator.most,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05))
+
+    def fits(self, scene, actuator):
+        # at a site the gear is a direction
+        geared = scene.model.actuator_gear[actuator.id, 0] != 0
+        return geared and is_affine(scene.model, actuator.id)
 
     def edit(self, model, place, values):
         a = place["actuator"]
