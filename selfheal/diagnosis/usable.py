@@ -13,6 +13,7 @@ from .windows import Windows
 from .world import World
 
 LOST = 0.5  # share of pieces that the given model may not survive; chosen
+LISTED = 6  # of what has no name; chosen
 AS_GIVEN = np.zeros(0)  # values of no terms
 
 
@@ -49,9 +50,10 @@ def _check_names(case: Case) -> None:
             body = int(model.jnt_bodyid[j])
             unnamed.append(f"a joint of body {model.body(body).name or body!r}")
     if unnamed:
+        more = f" and {len(unnamed) - LISTED} more" if len(unnamed) > LISTED else ""
         raise ModelError(
-            f"{case.workshop.path}: no name has {', '.join(unnamed)}; would fit: a "
-            "name for every body that moves and for every hinge and slide"
+            f"{case.workshop.path}: no name has {', '.join(unnamed[:LISTED])}{more}; "
+            "would fit: a name for every body that moves and for every hinge and slide"
         )
 
 
