@@ -11,7 +11,7 @@ import pytest
 from toys_diagnosis import ROBOTS, bench, places
 
 from selfheal.diagnosis import score
-from selfheal.diagnosis.answer import patch_of
+from selfheal.diagnosis.answer import patch_of, patch_or_given
 from selfheal.diagnosis.effects import GROUPS, catalogue, effect
 from selfheal.diagnosis.effects.body import add_mass, set_spatial, spatial
 from selfheal.diagnosis.fit import Fit
@@ -420,6 +420,26 @@ def test_a_second_joint_takes_no_name_that_the_model_has(tmp_path):
     b = _bench(replace(ROBOTS["arm"], xml=text, signals=signals), tmp_path)
     found = {t.targets for t in effect("compliance").terms(b.scene)}
     assert found == {("joint:elbow_flex",)}
+
+
+def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
+    """Balls that are made have no text of their own; a longer link moves them."""
+    ball = '<geom size="0.01" pos="0.1 0 0" mass="0.01"/>'
+    made = f'<replicate count="2" offset="0 0 0.01">{ball}</replicate>'
+    text = ROBOTS["arm"].xml.replace("<site", f"{made}<site")
+    b = _bench(replace(ROBOTS["arm"], xml=text), tmp_path)
+    own = [_of_elbow(b, "compliance", measured="motor")]
+    stated = tuple(stated_terms(b.scene))
+    factors, present = _factors(stated), [_present(t) for t in own]
+    terms, values = (*stated, *own), np.concatenate([factors, *present])
+    case = SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+    found = Fit(terms, values, np.zeros(0), np.zeros((0, 0)))
+    same, diff, edits, unpatched = patch_or_given(case, found)
+    assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
+    document = _document(stated, factors, own, present) | {"unpatched": unpatched}
+    _write(tmp_path / "out", same, document)
+    told = b.world.simulate(terms, values[None], b.pieces)[0]
+    assert _apart(b, replay(tmp_path / "out", b.recording), told) < 3e-6
 
 
 def _check_replay(b, own, folder, limit) -> None:

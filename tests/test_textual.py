@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from toys_diagnosis import ARM, ROBOTS, record
 
-from selfheal.diagnosis.answer import patch_of
+from selfheal.diagnosis import answer
+from selfheal.diagnosis.answer import patch_of, patch_or_given
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.effects.body import spatial
 from selfheal.diagnosis.fit import Fit
+from selfheal.diagnosis.patch import Set
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.stated import stated_terms
@@ -245,3 +247,12 @@ def test_a_change_of_one_number_changes_one_line(written, tmp_path):
     _, diff, _ = patch_of(case, found)
     changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
     assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
+
+
+def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
+    wrong = [Set("joint", "elbow", {"stickiness": "much"})]
+    monkeypatch.setattr(answer, "edits", lambda *_: wrong)
+    case, found = written("plain"), Fit((), *np.zeros((2, 0)), np.zeros((0, 0)))
+    text, diff, edits, unpatched = patch_or_given(case, found)
+    assert (text, diff, edits) == (ARM, "", [])
+    assert "MuJoCo refuses the patch" in unpatched and "stickiness" in unpatched

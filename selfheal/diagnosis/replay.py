@@ -53,7 +53,8 @@ def replay(
     """
     document = read(folder)
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
-    workshop, patched = Workshop(path), model is None
+    workshop = Workshop(path)
+    patched = model is None and not document.get("unpatched")
     added = _added(document, workshop.given) if patched else []
     check_against_model(recording, _names(workshop, len(added)))
     terms, values = _terms(document, workshop, patched)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ModelError
 from ..recording.data import Floats
 from .patch import Insert, Rename, Set, number, patched, tags
 from .plant import Plant, parts
@@ -37,13 +38,7 @@ class Source:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """`path`: of the MJCF or URDF."""
-        import mujoco
-
-        with tempfile.TemporaryDirectory() as folder:
-            given = Path(folder) / "model.xml"
-            given.write_bytes(patched(path, (), folder).encode())  # MJCF of a URDF
-            self.spec = mujoco.MjSpec.from_file(str(given))
-            self.spec.compile()  # now its bodies are numbered as in a model
+        self.spec = compiled(path, ())
         self.degree = bool(self.spec.compiler.degree)
         self._actuators = tags(path, "actuator")
         self._inertials = {name for name, _ in tags(path, "inertial")}
@@ -86,6 +81,26 @@ class Source:
             place += element.pos
             mujoco.mju_mulQuat(turn, its, turn.copy())
         return place, turn
+
+
+def compiled(path: str | os.PathLike[str], changes: Sequence[Edit]) -> Any:
+    """The edited text as MuJoCo's spec, whose bodies are numbered as in a model.
+
+    Raises:
+        ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.
+    """
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        new = Path(folder) / "model.xml"
+        new.write_bytes(patched(path, changes, folder).encode())  # MJCF of a URDF
+        try:
+            spec = mujoco.MjSpec.from_file(str(new))
+            spec.compile()
+        except ValueError as error:
+            said = " ".join(str(error).split())
+            raise ModelError(f"MuJoCo refuses the patch: {said}") from error
+    return spec
 
 
 def edits(
