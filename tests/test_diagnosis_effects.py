@@ -508,6 +508,20 @@ def _apart(b, played, told) -> float:
     return worst
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
+@pytest.mark.parametrize("stated", ["", 'delay="0.004" nsample="4" interp="linear"'])
+def test_a_delay_is_replayed_as_it_was_found(share, stated, tmp_path):
+    """Though MuJoCo makes a whole step of a part of one; beside a stated delay too."""
+    servo = '<position name="servo" '
+    b = _pendulum(tmp_path, **{servo: f"{servo}{stated} "})
+    (term,) = effect("command_delay").terms(b.scene)
+    values = np.array([share * b.world.step])
+    told = b.world.simulate((term,), values[None], b.pieces)[0]
+    document = _document((), (), [term], [values])
+    _write(tmp_path / "out", _patch(b, (term,), values), document)
+    assert _apart(b, replay(tmp_path / "out", b.recording), told) < 3e-6
+
+
 # bounds and places
 
 

@@ -89,15 +89,17 @@ def _terms(
             terms.append(term)
             values.append(np.array([factor]))
     for finding in document["findings"]:
-        if patched and finding.get("native") and not _reads_link(finding):
+        if patched and _is_there(finding):
             continue
         terms.append(restored(finding, workshop, patched))
         values.append(_numbers(finding))
     return terms, np.concatenate([*values, np.zeros(0)])
 
 
-def _reads_link(finding: Mapping[str, Any]) -> bool:
-    return finding.get("measured") == "link"
+def _is_there(finding: Mapping[str, Any]) -> bool:
+    """Whether a patched model says all of a finding without help."""
+    helped = finding.get("measured") == "link" or effect(finding["effect"]).in_steps
+    return bool(finding.get("native") and not helped)
 
 
 def _refitted(document, workshop: Workshop) -> Iterator[tuple[Term, float]]:

@@ -58,6 +58,7 @@ class CommandDelay(AtActuator):
     separate_by = "move the joint by hand: a late sensor shows then, a late command not"
     regime = "after_step"
     together = True
+    in_steps = True
 
     def parameters(self, scene, actuator):
         return (Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, scene.vague),)
@@ -67,6 +68,12 @@ class CommandDelay(AtActuator):
 
     def command(self, ctrl, step, place, values):
         return _changed(ctrl, place, _late(ctrl[..., place["actuator"]], values / step))
+
+    def edit(self, model, place, values):
+        if place.get("there"):  # out of a patched model: `command` does it
+            rest = model.actuator_delay[place["actuator"]] - values[0]
+            least = 1e-6 * model.opt.timestep  # a text's last digit
+            model.actuator_delay[place["actuator"]] = rest if rest > least else 0.0
 
     def changes(self, model, place, values):
         delay = float(model.actuator_delay[place["actuator"]]) + values[0]
