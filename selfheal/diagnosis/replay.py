@@ -55,9 +55,9 @@ def replay(
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
     workshop = Workshop(path)
     patched = model is None and not document.get("unpatched")
+    terms, values = _terms(document, workshop, patched)
     added = _added(document, workshop.given) if patched else []
     check_against_model(recording, _names(workshop, len(added)))
-    terms, values = _terms(document, workshop, patched)
     episodes = {
         name: _played(workshop, recording, name, terms, values, added)
         for name in recording.episodes
