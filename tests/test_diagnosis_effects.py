@@ -11,7 +11,7 @@ import pytest
 from toys_diagnosis import ROBOTS, bench, places
 
 from selfheal.diagnosis import score
-from selfheal.diagnosis.answer import patch_of
+from selfheal.diagnosis.answer import patch_of, patch_or_given
 from selfheal.diagnosis.effects import GROUPS, catalogue, effect
 from selfheal.diagnosis.effects.body import add_mass, set_spatial, spatial
 from selfheal.diagnosis.fit import Fit
@@ -393,6 +393,57 @@ def test_two_joints_with_play_are_one_each(benches, tmp_path):
     _check_replay(b, terms, tmp_path / "both", 3e-6)
 
 
+def test_a_joint_with_play_may_bend_too(benches, tmp_path):
+    """What lies between has some inertia: MuJoCo warns where it has none."""
+    b = benches["arm"]
+    own = [_of_elbow(b, n, measured="motor") for n in ("compliance", "backlash")]
+    plant = b.world.workshop.plant(own)
+    assert (plant.model.dof_armature > 0).sum() == plant.model.nv - 1
+    _check_replay(b, own, tmp_path / "both", 3e-5)
+
+
+def test_a_joints_own_name_may_end_as_an_added_ones(tmp_path):
+    """As a robot's elbow_flex; what a patch adds to it is known all the same."""
+    text, robot = ROBOTS["arm"].xml, ROBOTS["arm"]
+    for old, name in (("shoulder", "shoulder_play"), ("elbow", "elbow_flex")):
+        text = text.replace(f'name="{old}" type', f'name="{name}" type')
+        text = text.replace(f'joint="{old}"', f'joint="{name}"')
+    signals = {"elbow": ("joint_position", "elbow_flex", "rad")}
+    b = _bench(replace(robot, xml=text, signals=signals), tmp_path)
+    terms = [effect(name).terms(b.scene) for name in ("backlash", "compliance")]
+    assert len(terms[0]) == len(terms[1]) == 3
+    for n, own in enumerate(terms):
+        _check_replay(b, [own[0], own[1]], tmp_path / str(n), 3e-6)
+
+
+def test_a_second_joint_takes_no_name_that_the_model_has(tmp_path):
+    text = ROBOTS["arm"].xml.replace('"shoulder"', '"elbow_flex"')
+    signals = {"elbow": ("joint_position", "elbow", "rad")}
+    b = _bench(replace(ROBOTS["arm"], xml=text, signals=signals), tmp_path)
+    found = {t.targets for t in effect("compliance").terms(b.scene)}
+    assert found == {("joint:elbow_flex",)}
+
+
+def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
+    """Balls that are made have no text of their own; a longer link moves them."""
+    ball = '<geom size="0.01" pos="0.1 0 0" mass="0.01"/>'
+    made = f'<replicate count="2" offset="0 0 0.01">{ball}</replicate>'
+    text = ROBOTS["arm"].xml.replace("<site", f"{made}<site")
+    b = _bench(replace(ROBOTS["arm"], xml=text), tmp_path)
+    own = [_of_elbow(b, "compliance", measured="motor")]
+    stated = tuple(stated_terms(b.scene))
+    factors, present = _factors(stated), [_present(t) for t in own]
+    terms, values = (*stated, *own), np.concatenate([factors, *present])
+    case = SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+    found = Fit(terms, values, np.zeros(0), np.zeros((0, 0)))
+    same, diff, edits, unpatched = patch_or_given(case, found)
+    assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
+    document = _document(stated, factors, own, present) | {"unpatched": unpatched}
+    _write(tmp_path / "out", same, document)
+    told = b.world.simulate(terms, values[None], b.pieces)[0]
+    assert _apart(b, replay(tmp_path / "out", b.recording), told) < 3e-6
+
+
 def _check_replay(b, own, folder, limit) -> None:
     """That a patch with these effects says what simulating them did, and a replay."""
     stated = tuple(stated_terms(b.scene))
@@ -459,6 +510,20 @@ def _apart(b, played, told) -> float:
     return worst
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
+@pytest.mark.parametrize("stated", ["", 'delay="0.004" nsample="4" interp="linear"'])
+def test_a_delay_is_replayed_as_it_was_found(share, stated, tmp_path):
+    """Though MuJoCo makes a whole step of a part of one; beside a stated delay too."""
+    servo = '<position name="servo" '
+    b = _pendulum(tmp_path, **{servo: f"{servo}{stated} "})
+    (term,) = effect("command_delay").terms(b.scene)
+    values = np.array([share * b.world.step])
+    told = b.world.simulate((term,), values[None], b.pieces)[0]
+    document = _document((), (), [term], [values])
+    _write(tmp_path / "out", _patch(b, (term,), values), document)
+    assert _apart(b, replay(tmp_path / "out", b.recording), told) < 3e-6
+
+
 # bounds and places
 
 
@@ -483,6 +548,23 @@ def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
     b = benches["arm"]
     for term in effect("payload").terms(b.scene):
         assert term.high[0] >= sum(body.mass for body in b.scene.bodies)
+
+
+def test_a_robot_that_touches_itself_needs_no_ground(tmp_path):
+    signals = {"pole": ("joint_position", "pivot", "rad")}
+    robot = replace(ROBOTS["cart_pole"], xml=CLAPPER, signals=signals)
+    b = _bench(robot, tmp_path)
+    assert b.scene.touches
+    for name in ("ground_friction", "ground_compliance"):
+        assert effect(name).terms(b.scene) == []
+
+
+CLAPPER = """<mujoco><option timestep="0.002"/><worldbody>
+  <body name="left" pos="-0.02 0 1"><joint name="pivot" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/></body>
+  <body name="right" pos="0.02 0 1"><joint name="other" axis="0 1 0"/>
+    <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.2"/></body>
+  </worldbody><actuator><motor name="push" joint="pivot"/></actuator></mujoco>"""
 
 
 def test_wind_needs_something_that_blows(tmp_path):

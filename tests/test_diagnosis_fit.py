@@ -48,7 +48,7 @@ from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
 from selfheal.diagnosis.prove import in_its_place, is_little, likeliest
-from selfheal.diagnosis.prune import swapped
+from selfheal.diagnosis.prune import prices_of, swapped
 from selfheal.diagnosis.screen import overlooked, screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, replaced, says_anew
@@ -1042,6 +1042,16 @@ def test_where_only_noise_is_left_likelihoods_tell_what_is_as_good(arm, left):
     alone = lead.held.copy()
     alone[0] *= 1 + len(alone) / 3
     assert as_good(problem, Scored(found, alone), lead, 1e6)
+
+
+def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
+    """Though it is absent at infinity only."""
+    problem, limit = _problem(arm), effect("torque_saturation").terms(arm.scene)[0]
+    prices = []
+    for value in (limit.high, 0.05 * limit.high):
+        found = fit(problem, (limit,), value, rounds=0)
+        prices.append(prices_of(Base.of(problem, found), 0)[limit])
+    assert prices[0] == pytest.approx(1) and 1 < prices[1] < np.inf
 
 
 def test_beside_an_effect_the_stated_value_that_it_overrides_does_nothing(arm):

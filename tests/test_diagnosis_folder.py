@@ -282,6 +282,7 @@ DAMAGED = "is damaged; would fit: findings as a list"
         ({"target": "joint:wrist"}, InputError, "no joint 'wrist'"),
         ({"target": "elbow"}, InputError, "'elbow'; would fit: joint:"),
         ({"effect": "gremlins"}, UnknownNameError, "gremlins"),
+        ({"effect": "ground_friction", "target": "world"}, InputError, "no ground"),
         ({"parameters": None}, InputError, DAMAGED),
         ({"parameters": [{"name": "frictionloss"}]}, InputError, DAMAGED),
         ({"parameters": [{"name": "frictionloss", "value": None}]}, InputError,

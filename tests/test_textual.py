@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from toys_diagnosis import ARM, ROBOTS, record
 
-from selfheal.diagnosis.answer import patch_of
+from selfheal.diagnosis import answer
+from selfheal.diagnosis.answer import patch_of, patch_or_given
 from selfheal.diagnosis.effects import effect
 from selfheal.diagnosis.effects.body import spatial
 from selfheal.diagnosis.fit import Fit
+from selfheal.diagnosis.patch import Set
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.stated import stated_terms
@@ -53,6 +55,29 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "two compilers": (_put(RADIAN, f'<compiler autolimits="true"/>{RADIAN}'), {}),
     "two sections of actuators": (_put(ELBOW, f"</actuator><actuator>{ELBOW}"), {}),
+    "a muscle": (
+        _driven("muscle", 'ctrlrange="0 1" force="5" lengthrange="-1 1"'),
+        {},
+    ),
+    "a DC motor": (_driven("dcmotor", 'resistance="2" motorconst="0.05"'), {}),
+    "a law of the user's": (
+        _driven("general", 'gaintype="user" biastype="user" gainprm="3"'),
+        {},
+    ),
+    "a sticky body": (
+        _put(
+            ELBOW,
+            '<adhesion name="elbow_servo" body="lower" ctrlrange="0 1" gain="3"/>',
+        ),
+        {},
+    ),
+    "a propeller": (
+        _put(
+            ELBOW,
+            '<general name="elbow_servo" site="tip" gear="0 0 2 0 0 0" gainprm="3"/>',
+        ),
+        {},
+    ),
     "degrees": (_put(RADIAN, ""), {}),
     "masses of the geoms": (
         _put(
@@ -132,13 +157,14 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
 }
 EFFECTS = (
     "coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload",
-    "link_length",
+    "link_length", "torque_saturation",
 )  # fmt: skip
 FIELDS = (
     "body_pos", "body_quat", "body_mass", "body_ipos", "jnt_range", "qpos_spring",
     "jnt_stiffness", "dof_damping", "dof_frictionloss", "dof_armature", "geom_pos",
     "geom_size", "site_pos", "actuator_dyntype", "actuator_gaintype",
     "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_actrange",
+    "actuator_forcerange",
 )  # fmt: skip
 
 
@@ -222,3 +248,12 @@ def test_a_change_of_one_number_changes_one_line(written, tmp_path):
     _, diff, _ = patch_of(case, found)
     changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
     assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
+
+
+def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
+    wrong = [Set("joint", "elbow", {"stickiness": "much"})]
+    monkeypatch.setattr(answer, "edits", lambda *_: wrong)
+    case, found = written("plain"), Fit((), *np.zeros((2, 0)), np.zeros((0, 0)))
+    text, diff, edits, unpatched = patch_or_given(case, found)
+    assert (text, diff, edits) == (ARM, "", [])
+    assert "MuJoCo refuses the patch" in unpatched and "stickiness" in unpatched

@@ -148,6 +148,44 @@ def test_a_number_that_no_robot_has_is_refused(what, diagnose, usable):
         diagnose(_each(usable, LARGE[what], "000"))
 
 
+# names
+
+
+def _beside(text: str) -> str:
+    """The arm with something more in its world."""
+    return ARM.xml.replace("</worldbody>", f"{text}</worldbody>")
+
+
+def _stateless(episode):
+    return replace(episode, qpos0=None, qvel0=None)
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ('<body name="bell"><joint/><geom size="0.01"/></body>',
+         "no name has a joint of body 'bell'; would fit: a name for every"),
+        ('<body><joint name="clapper"/><geom size="0.01"/></body>',
+         "no name has body 3; would fit"),
+    ],
+)  # fmt: skip
+def test_what_moves_must_have_a_name(text, said, diagnose, usable):
+    with pytest.raises(ModelError, match=said):
+        diagnose(_each(usable, _stateless), _beside(text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<body><geom size="0.01"/><site/></body>',
+        '<body name="ball"><freejoint/><geom size="0.01"/></body>',
+    ],
+)
+def test_what_no_finding_speaks_of_needs_no_name(text, diagnose, usable):
+    with pytest.raises(Reached):
+        diagnose(_each(usable, _stateless), _beside(text))
+
+
 # divergence
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ModelError
 from ..recording.data import Floats
 from . import document as doc
 from . import locate, score
@@ -21,12 +22,17 @@ from .result import Candidate, Diagnosis, Located, SignalFit, Trace
 from .scene import Channel
 from .stated import is_loose
 from .terms import Term
-from .textual import Edit, Source, edits
+from .textual import Edit, Source, compiled, edits
 from .usable import divergence
 from .windows import Windows
 from .world import World
 
 FEW = 6  # names that a remark lists; chosen
+UNPATCHED = (
+    "patched.xml is the model as given, for its text cannot say what was found; "
+    "selfheal replay applies all of it. {}. Of a model without such elements, as "
+    "mujoco.MjSpec.to_xml writes one, a patch could be made: diagnose that."
+)
 STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
@@ -45,7 +51,7 @@ def answer_of(
     errors = doc.uncertainty(naming.problem, naming.final.fit)
     refit = doc.refit_of(found, errors)
     remarks = _remarks(case, naming, structure, refuted, refit)
-    text, diff, changes = patch_of(case, found)
+    text, diff, changes, unpatched = patch_or_given(case, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -55,6 +61,9 @@ def answer_of(
         "fit": {"held_out": list(case.names), **numbers,
                 "explainable_removed": removed_share(numbers)},
     }  # fmt: skip
+    if unpatched:
+        document["unpatched"] = unpatched  # a replay then makes up for it
+        remarks = (UNPATCHED.format(unpatched), *remarks)
     return Diagnosis(
         os.path.abspath(case.workshop.path), doc.plain(document), changes, text, diff,
         _traces(case, proof.pieces, stated, found),
@@ -143,12 +152,26 @@ def _window(world: World, pieces: Windows, w: int) -> dict[str, Any]:
             "end": start + pieces.steps[w] * world.step}  # fmt: skip
 
 
+def patch_or_given(case: Case, found: Fit) -> tuple[str, str, list[Edit], str]:
+    """What `patch_of` gives; or the given text, and why there is no patch."""
+    try:
+        return *patch_of(case, found), ""
+    except ModelError as error:
+        path = Path(case.workshop.path)
+        return patched(path, (), path.resolve().parent), "", [], str(error)
+
+
 def patch_of(case: Case, found: Fit) -> tuple[str, str, list[Edit]]:
-    """Text of patched.xml beside the given model, its difference, and the edits."""
+    """Text of patched.xml beside the given model, its difference, and the edits.
+
+    Raises:
+        ModelError: what was found has no place in the text, or MuJoCo refuses it.
+    """
     path = Path(case.workshop.path)
     home = path.resolve().parent
     plant = case.workshop.plant(found.terms)
     changes = edits(Source(path), plant, found.terms, found.values)
+    compiled(path, changes)
     text = patched(path, changes, home)
     return text, difference(patched(path, (), home), text), changes
 

@@ -177,7 +177,7 @@ class Workshop:
             mujoco.mjtDisableBit.mjDSBL_AUTORESET
             | mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # its boxes do not follow an edit
         )
-        joint = np.array(_same_joints(spec, given, model), int)
+        joint = np.array(_same_joints(given, model), int)
         dof, qpos = np.zeros(given.nv, int), np.zeros(given.nq, int)
         for old, new in enumerate(joint):
             width = {0: (7, 6), 1: (4, 3)}.get(int(given.jnt_type[old]), (1, 1))
@@ -188,12 +188,10 @@ class Workshop:
         return Plant(model, dof, qpos, joint)
 
 
-def _same_joints(spec, given, model) -> list[int]:
+def _same_joints(given, model) -> list[int]:
     """Where each joint of the given model is in the new one."""
-    if model.njnt == given.njnt:
-        return list(range(given.njnt))
-    added = {j.name for j in spec.joints if j.name.endswith(("_play", "_flex"))}
-    return [j for j in range(model.njnt) if model.joint(j).name not in added]
+    own = {given.joint(j).name for j in range(given.njnt)}
+    return [j for j in range(model.njnt) if model.joint(j).name in own]
 
 
 def _open_up(spec) -> None:

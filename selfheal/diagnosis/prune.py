@@ -15,13 +15,17 @@ BETTER = 0.97  # of the held-out error, below which another hypothesis is better
 
 
 def prices_of(base: Base, stated: int) -> dict[Term, float]:
-    """What each effect's absence would make of the cost, of 1, if all were linear."""
+    """What each effect's absence would make of the cost, of 1, if all were linear.
+
+    What is absent at infinity (a limit) is as good as absent at its bound.
+    """
     found = base.fit
     ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
     prices = {}
     for i, term in enumerate(found.terms[stated:], stated):
         own = np.arange(ends[i], ends[i + 1])
         absent = np.array([p.absent for p in term.parameters])
+        absent = np.clip(absent, term.low, term.high)
         back = found.jacobian[:, own] @ (absent - found.values[own])
         left, _ = base.settle(found.residuals + back, hold=own)
         prices[term] = left / found.cost

@@ -19,6 +19,7 @@ from ..recording import (
 )
 from ..recording.data import Floats
 from .effects import effect
+from .effects.world import OfGround, ground
 from .folder import read
 from .logs import channels, log
 from .plant import Workshop
@@ -27,7 +28,6 @@ from .result import Diagnosis
 from .scene import Scene, bodies_of, joints_of
 from .stated import stated_terms
 from .terms import Parameter, Term
-from .textual import ADDED
 from .usable import divergence
 from .windows import windows
 from .world import World
@@ -54,10 +54,12 @@ def replay(
     document = read(folder)
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
     workshop = Workshop(path)
-    check_against_model(recording, _names(workshop))
-    terms, values = _terms(document, workshop, patched=model is None)
+    patched = model is None and not document.get("unpatched")
+    terms, values = _terms(document, workshop, patched)
+    added = _added(document, workshop.given) if patched else []
+    check_against_model(recording, _names(workshop, len(added)))
     episodes = {
-        name: _played(workshop, recording, name, terms, values)
+        name: _played(workshop, recording, name, terms, values, added)
         for name in recording.episodes
     }
     return replace(recording, episodes=episodes)
@@ -87,15 +89,17 @@ def _terms(
             terms.append(term)
             values.append(np.array([factor]))
     for finding in document["findings"]:
-        if patched and finding.get("native") and not _reads_link(finding):
+        if patched and _is_there(finding):
             continue
         terms.append(restored(finding, workshop, patched))
         values.append(_numbers(finding))
     return terms, np.concatenate([*values, np.zeros(0)])
 
 
-def _reads_link(finding: Mapping[str, Any]) -> bool:
-    return finding.get("measured") == "link"
+def _is_there(finding: Mapping[str, Any]) -> bool:
+    """Whether a patched model says all of a finding without help."""
+    helped = finding.get("measured") == "link" or effect(finding["effect"]).in_steps
+    return bool(finding.get("native") and not helped)
 
 
 def _refitted(document, workshop: Workshop) -> Iterator[tuple[Term, float]]:
@@ -156,10 +160,12 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
         elif sort == "geom":
             place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
         elif sort == "world":
-            fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
-            solid = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
-            place["geoms"] = tuple(int(g) for g in fixed[solid > 0])
-            place["field"] = (*names, "")[0]
+            place |= {"field": (*names, "")[0], **(ground(model) or {})}
+            if isinstance(kind, OfGround) and "geoms" not in place:
+                raise InputError(
+                    f"the model has no ground, whose {kind.name} the diagnosis names; "
+                    "would fit: a geom of the world that something can touch"
+                )
         else:
             raise InputError(
                 f"the diagnosis has the target {finding['target']!r}; would fit: "
@@ -188,9 +194,14 @@ def bare_scene(workshop: Workshop) -> Scene:
 
 
 def _played(
-    workshop: Workshop, recording: Recording, name: str, terms, values: Floats
+    workshop: Workshop,
+    recording: Recording,
+    name: str,
+    terms: Sequence[Term],
+    values: Floats,
+    added: Sequence[int],
 ) -> Episode:
-    """One episode, filled in."""
+    """One episode, filled in; `added` joints are not in its state."""
     episode = recording.episodes[name]
     if episode.qpos0 is None:
         raise RecordingError(
@@ -198,7 +209,7 @@ def _played(
             "state that it starts from"
         )
     model = workshop.given
-    begun = in_order(_with_added(episode, model), model)
+    begun = in_order(_with_added(episode, model, added), model)
     one = replace(recording, episodes={name: begun})
     signals = channels([one], empty=True)
     step = float(model.opt.timestep)
@@ -219,23 +230,27 @@ def _played(
     return replace(episode, signals=filled)
 
 
-def _added(model) -> list[int]:
-    """Joints that a patch added, each with one degree of freedom."""
-    return [j for j in range(model.njnt) if model.joint(j).name.endswith(ADDED)]
+def _added(document: Mapping[str, Any], model) -> list[int]:
+    """Joints that a patch added to a model, each with one degree of freedom."""
+    names = {
+        finding["target"].partition(":")[2] + suffix
+        for finding in document["findings"]
+        if (suffix := getattr(effect(finding["effect"]), "suffix", ""))
+    }
+    return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
-def _names(workshop: Workshop) -> ModelNames:
-    """What a recording may say of the model, to which a patch added nothing."""
-    names, more = names_of(workshop.given), len(_added(workshop.given))
-    return replace(names, nq=names.nq - more, nv=names.nv - more)
+def _names(workshop: Workshop, added: int) -> ModelNames:
+    """What a recording may say of the model, to which a patch added joints."""
+    names = names_of(workshop.given)
+    return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 
-def _with_added(episode: Episode, model) -> Episode:
+def _with_added(episode: Episode, model, added: Sequence[int]) -> Episode:
     """The episode with a place in its state for joints that a patch added.
 
     They start at 0, and so does every velocity where none is given.
     """
-    added = _added(model)
     qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
     qpos[np.delete(np.arange(model.nq), model.jnt_qposadr[added])] = episode.qpos0
     if episode.qvel0 is not None:

@@ -215,6 +215,15 @@ class Scene:
         }
 
 
+def is_affine(model: "mujoco.MjModel", actuator: int) -> bool:
+    """Whether a force is affine in length and speed, by numbers that a text states.
+
+    That of a muscle, of a DC motor and of a user's own law is not.
+    """
+    law = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
+    return bool(max(law) <= 1)  # mjtGain: fixed, affine; mjtBias: none, affine
+
+
 def along(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
     """Direction (3) in which a body reaches from its origin, and how far [m].
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .effects.body import stretch
-from .scene import Moving, Scene, along, extent
+from .scene import Moving, Scene, along, extent, is_affine
 from .terms import Effect, Floats, Parameter, Term
 
 MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
@@ -178,6 +178,8 @@ def _of_joints(scene: Scene) -> list[Term]:
 def _of_actuators(scene: Scene) -> list[Term]:
     model, found = scene.model, []
     for a in scene.actuators:
+        if not is_affine(model, a.id):
+            continue
         name = f"actuator:{a.name}"
         gain, bias = model.actuator_gainprm[a.id, 0], model.actuator_biasprm[a.id]
         speed = bool(gain and bias[2] == -gain and not bias[1])  # <velocity>: one kv

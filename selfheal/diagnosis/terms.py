@@ -194,6 +194,7 @@ class Effect:
     of_before = False  # gives a command as it was when a step began
     waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
     limits_actuators = False  # writes Moment.forcerange
+    in_steps = False  # MuJoCo does it by whole time steps, and a replay exactly
     rounds = False  # its readings jump; fits are made to what they were before
 
     def terms(self, scene: "Scene") -> list[Term]:

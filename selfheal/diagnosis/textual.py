@@ -8,19 +8,22 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ModelError
 from ..recording.data import Floats
 from .patch import Insert, Rename, Set, number, patched, tags
 from .plant import Plant, parts
 from .terms import Term, does
 
 Edit = Set | Insert | Rename
-ADDED = ("_play", "_flex")  # joints that an effect adds (contract section 2)
 # other ways to say how something is turned
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # what the kinds of actuators say, and a <general> one cannot
 SHORT = dict.fromkeys(
-    ("kp", "kv", "dampratio", "timeconst", "inheritrange", "diameter", "area", "bias")
-)
+    (
+        "kp", "kv", "gain", "dampratio", "timeconst", "inheritrange", "diameter",
+        "area", "bias",
+    )
+)  # fmt: skip
 
 DYNAMICS = {1: "integrator", 2: "filter", 3: "filterexact"}  # mjtDyn
 
@@ -35,13 +38,7 @@ class Source:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         """`path`: of the MJCF or URDF."""
-        import mujoco
-
-        with tempfile.TemporaryDirectory() as folder:
-            given = Path(folder) / "model.xml"
-            given.write_bytes(patched(path, (), folder).encode())  # MJCF of a URDF
-            self.spec = mujoco.MjSpec.from_file(str(given))
-            self.spec.compile()  # now its bodies are numbered as in a model
+        self.spec = compiled(path, ())
         self.degree = bool(self.spec.compiler.degree)
         self._actuators = tags(path, "actuator")
         self._inertials = {name for name, _ in tags(path, "inertial")}
@@ -86,6 +83,26 @@ class Source:
         return place, turn
 
 
+def compiled(path: str | os.PathLike[str], changes: Sequence[Edit]) -> Any:
+    """The edited text as MuJoCo's spec, whose bodies are numbered as in a model.
+
+    Raises:
+        ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.
+    """
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        new = Path(folder) / "model.xml"
+        new.write_bytes(patched(path, changes, folder).encode())  # MJCF of a URDF
+        try:
+            spec = mujoco.MjSpec.from_file(str(new))
+            spec.compile()
+        except ValueError as error:
+            said = " ".join(str(error).split())
+            raise ModelError(f"MuJoCo refuses the patch: {said}") from error
+    return spec
+
+
 def edits(
     source: Source, plant: Plant, terms: Sequence[Term], values: Floats
 ) -> list[Edit]:
@@ -126,6 +143,7 @@ def _name(thing, index: int):
 
 
 def _of_joints(source: Source, old, new) -> Iterator[Edit]:
+    given = {j.name for j in source.spec.joints}
     for j in range(new.njnt):
         name = old.joint(j).name
         if new.jnt_type[j] not in (2, 3):
@@ -150,7 +168,7 @@ def _of_joints(source: Source, old, new) -> Iterator[Edit]:
         if _differs(old.jnt_range[j], new.jnt_range[j]):
             told["range"] = number(_angle(new.jnt_range[j], turn))
             told["limited"] = "true"
-        if name.endswith(ADDED):  # its effect has said the rest
+        if name not in given:  # its effect has said the rest
             told = {k: v for k, v in told.items() if k in ("range", "limited")}
         if told:
             yield Set("joint", _name(old.joint, j), told)

@@ -13,6 +13,7 @@ from .windows import Windows
 from .world import World
 
 LOST = 0.5  # share of pieces that the given model may not survive; chosen
+LISTED = 6  # of what has no name; chosen
 AS_GIVEN = np.zeros(0)  # values of no terms
 
 
@@ -21,8 +22,10 @@ def check_usable(case: Case) -> None:
 
     Raises:
         RecordingError: too short, without a reading to be judged on, or nothing moves.
-        ModelError: it diverges nearly everywhere; the message says where and when.
+        ModelError: what moves has no name, or the model diverges nearly everywhere;
+            the message says where and when.
     """
+    _check_names(case)
     pieces = pieces_of(case.world, WINDOW)
     _check_length(case, pieces)
     _check_motion(case)
@@ -33,6 +36,24 @@ def check_usable(case: Case) -> None:
             f"at {time:.4g} s, in {count} of {len(pieces)} pieces; would fit: a "
             "smaller timestep, another integrator, or commands and initial states "
             "that it can stand"
+        )
+
+
+def _check_names(case: Case) -> None:
+    """Refuse joints and bodies of which neither a finding nor a replay could speak."""
+    model = case.workshop.given
+    bodies, (slide, hinge) = range(1, model.nbody), (2, 3)  # mjtJoint
+    moving = [b for b in bodies if model.body_weldid[b] != 0]
+    unnamed = [f"body {b}" for b in moving if not model.body(b).name]
+    for j in range(model.njnt):
+        if model.jnt_type[j] in (slide, hinge) and not model.joint(j).name:
+            body = int(model.jnt_bodyid[j])
+            unnamed.append(f"a joint of body {model.body(body).name or body!r}")
+    if unnamed:
+        more = f" and {len(unnamed) - LISTED} more" if len(unnamed) > LISTED else ""
+        raise ModelError(
+            f"{case.workshop.path}: no name has {', '.join(unnamed[:LISTED])}{more}; "
+            "would fit: a name for every body that moves and for every hinge and slide"
         )
 
 

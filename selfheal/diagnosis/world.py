@@ -266,7 +266,7 @@ class World:
 
         A step has the mean of what is sent in it, or half a step earlier.
         """
-        model = those.plant.model
+        model = those.models[0]
         a = model.actuator(c.target).id
         if model.actuator_dyntype[a] or model.actuator_delay[a]:
             return

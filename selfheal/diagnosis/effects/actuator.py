@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..patch import Rename, Set, number
-from ..scene import Scene
+from ..scene import Scene, is_affine
 from ..terms import Effect, Floats, Parameter, Term
 
 
@@ -58,6 +58,7 @@ class CommandDelay(AtActuator):
     separate_by = "move the joint by hand: a late sensor shows then, a late command not"
     regime = "after_step"
     together = True
+    in_steps = True
 
     def parameters(self, scene, actuator):
         return (Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, scene.vague),)
@@ -67,6 +68,12 @@ class CommandDelay(AtActuator):
 
     def command(self, ctrl, step, place, values):
         return _changed(ctrl, place, _late(ctrl[..., place["actuator"]], values / step))
+
+    def edit(self, model, place, values):
+        if place.get("there"):  # out of a patched model: `command` does it
+            rest = model.actuator_delay[place["actuator"]] - values[0]
+            least = 1e-6 * model.opt.timestep  # a text's last digit
+            model.actuator_delay[place["actuator"]] = rest if rest > least else 0.0
 
     def changes(self, model, place, values):
         delay = float(model.actuator_delay[place["actuator"]]) + values[0]
@@ -120,8 +127,7 @@ class ActuatorLag(AtActuator):
 
     def fits(self, scene, actuator):
         model, a = scene.model, actuator.id
-        law = model.actuator_gaintype[a], model.actuator_biastype[a]
-        return model.actuator_dyntype[a] == 0 and max(law) <= 1  # fixed, none, affine
+        return model.actuator_dyntype[a] == 0 and is_affine(model, a)
 
     def command(self, ctrl, step, place, values):
         u = ctrl[..., place["actuator"]]
@@ -209,6 +215,11 @@ class TorqueSaturation(AtActuator):
 
     def starts(self, scene, actuator):
         return tuple((s * actuator.most,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05))
+
+    def fits(self, scene, actuator):
+        # at a site the gear is a direction
+        geared = scene.model.actuator_gear[actuator.id, 0] != 0
+        return geared and is_affine(scene.model, actuator.id)
 
     def edit(self, model, place, values):
         a = place["actuator"]

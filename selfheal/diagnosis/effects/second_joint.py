@@ -5,7 +5,6 @@ from typing import Any
 
 from ..patch import Insert, Set, number
 from ..terms import saying
-from ..textual import ADDED
 from .actuator import least_inertia
 from .friction import Friction
 
@@ -43,12 +42,14 @@ class Extra(Friction):
         """Once for each side, motor's and link's, that the encoder may read.
 
         At the last joint of a body only: MuJoCo would put the new one behind the others
-        and turn its axis with them.
+        and turn its axis with them. And where its name is not taken.
         """
         found, body = [], scene.model.jnt_bodyid
+        taken = {j.name for j in scene.joints}
         for term in super().terms(scene):
             joint = scene.joint(term.places[0]["joint"])
-            if body[joint.id] in body[joint.id + 1 :]:
+            last = body[joint.id] not in body[joint.id + 1 :]
+            if not last or joint.name + self.suffix in taken:
                 continue
             for side in ("motor", "link") if joint.measured else ("motor",):
                 more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
@@ -60,19 +61,21 @@ class Extra(Friction):
         """Add a joint of the same axis between the motor and the body it moves."""
         if place.get("there"):
             return  # a patched model's text has it already
-        given = [j for j in spec.joints if not j.name.endswith(ADDED)]
-        joint = given[place["joint"]]
+        joint = spec.joints[place["joint"]]  # those before it are as they were
+        light = self.light * place["inertia"]
+        # what lies between two added ones has some inertia, or none could be computed
+        third = joint.parent.joints[-1].name != joint.name
         extra = joint.parent.add_joint(
             name=joint.name + self.suffix,
             type=joint.type,
             axis=joint.axis,
             pos=joint.pos,
             limited=0,
-            **ALONE,
+            **ALONE | {"armature": light if third else 0.0},
         )
         if joint.frame:
             extra.set_frame(joint.frame)
-        joint.armature = max(joint.armature, self.light * place["inertia"])
+        joint.armature = max(joint.armature, light)
 
     def edit(self, model, place, values):
         if not place.get("there"):
@@ -101,12 +104,13 @@ class Extra(Friction):
     def changes(self, model, place, values):
         joint = model.joint(place["joint"])
         slide = model.jnt_type[joint.id] == 2
+        own = ALONE | {"armature": model.dof_armature[place["extra_dof"]]}
         told = {
             "name": joint.name + self.suffix,
             "type": "slide" if slide else "hinge",
             "axis": number(joint.axis),
             "pos": number(joint.pos),
-            **{k: number(v) for k, v in (ALONE | self.numbers(model, values)).items()},
+            **{k: number(v) for k, v in (own | self.numbers(model, values)).items()},
         }
         told["limited"] = "true" if "range" in told else "false"
         xml = " ".join(f'{k}="{v}"' for k, v in told.items())

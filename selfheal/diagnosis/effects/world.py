@@ -121,16 +121,20 @@ class OfGround(OfWorld):
 
     def at(self, scene: Scene) -> dict | None:
         """The place: the world's geoms that touch anything; None where nothing can."""
-        model = scene.model
-        fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
-        touch = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
-        place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
-        return place if scene.touches and _sides(model, place)[1].size else None
+        return ground(scene.model) if scene.touches else None
+
+
+def ground(model) -> dict[str, tuple[int, ...]] | None:
+    """The world's geoms that something which moves can touch; None without any."""
+    fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
+    touch = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
+    place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
+    return place if _sides(model, place)[1].size else None
 
 
 def _sides(model, place) -> tuple[np.ndarray, np.ndarray]:
     """The ground's geoms, and those of bodies that move which it can touch."""
-    a = np.array(place["geoms"])
+    a = np.array(place["geoms"], int)
     b = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     meets = model.geom_contype[a][:, None] & model.geom_conaffinity[b]
     meets |= model.geom_conaffinity[a][:, None] & model.geom_contype[b]
