@@ -40,20 +40,21 @@ def check_usable(case: Case) -> None:
 
 
 def _check_names(case: Case) -> None:
-    """Refuse joints and bodies of which neither a finding nor a replay could speak."""
+    """Refuse joints of which neither a finding nor a replay could speak."""
     model = case.workshop.given
-    bodies, (slide, hinge) = range(1, model.nbody), (2, 3)  # mjtJoint
-    moving = [b for b in bodies if model.body_weldid[b] != 0]
-    unnamed = [f"body {b}" for b in moving if not model.body(b).name]
-    for j in range(model.njnt):
-        if model.jnt_type[j] in (slide, hinge) and not model.joint(j).name:
-            body = int(model.jnt_bodyid[j])
-            unnamed.append(f"a joint of body {model.body(body).name or body!r}")
+    slide, hinge = 2, 3  # mjtJoint
+    unnamed = [
+        int(model.jnt_bodyid[j])
+        for j in range(model.njnt)
+        if model.jnt_type[j] in (slide, hinge) and not model.joint(j).name
+    ]
     if unnamed:
-        more = f" and {len(unnamed) - LISTED} more" if len(unnamed) > LISTED else ""
+        where = ", ".join(
+            f"a joint of body {model.body(b).name or b!r}" for b in unnamed
+        )
         raise ModelError(
-            f"{case.workshop.path}: no name has {', '.join(unnamed[:LISTED])}{more}; "
-            "would fit: a name for every body that moves and for every hinge and slide"
+            f"{case.workshop.path}: no name has {where}; would fit: a name for every "
+            "hinge and slide"
         )
 
 
