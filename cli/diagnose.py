@@ -60,10 +60,10 @@ def diagnose(
     # numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import diagnose as find
-    from selfheal.diagnosis.folder import check_folder
+    from selfheal.diagnosis.folder import check_folder, unfinished
 
     out = check_folder(out, force)
-    memory = out.with_name(f".{out.name}.unfinished")
+    memory = unfinished(out)
     if not resume:
         shutil.rmtree(memory, ignore_errors=True)
     with Live("reading", quiet=as_json) as live:

@@ -203,6 +203,18 @@ def test_an_earlier_diagnosis_is_overwritten_by_force_only(doctor, files, tmp_pa
     assert document["verdict"] == "nothing"
 
 
+def test_the_folder_one_stands_in_is_taken_and_stays(
+    doctor, files, tmp_path, monkeypatch
+):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for extra in ([], ["--force"]):
+        result = _run("diagnose", *files, "--out", ".", *extra)
+        assert result.exit_code == 0, result.output
+        assert _names(Path()) == ["diagnosis.json", "patched.xml", "report.html"]
+    assert _names(tmp_path) == ["a.h5", "arm.xml", "b.h5", "here"]
+
+
 @pytest.mark.parametrize("error, code", [(KeyboardInterrupt(), 130), (OSError(), 1)])
 def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
     error, code, doctor, files, tmp_path

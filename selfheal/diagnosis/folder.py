@@ -46,6 +46,12 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     return folder
 
 
+def unfinished(folder: str | os.PathLike[str]) -> Path:
+    """The hidden folder beside it, in which a killed diagnosis goes on."""
+    real = Path(folder).resolve()  # "." has no name
+    return real.with_name(f".{real.name}.unfinished")
+
+
 def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> None:
     """Write diagnosis.json, patched.xml and report.html, all or nothing.
 
@@ -60,13 +66,22 @@ def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> 
         (new / "diagnosis.json").write_text(text_of(diagnosis.document))
         (new / "patched.xml").write_bytes(text.encode())
         (new / "report.html").write_text(diagnosis.page, encoding="utf-8")
-        old = new.with_suffix(".old")
-        if folder.exists():
-            os.replace(folder, old)
-        os.replace(new, folder)
-        shutil.rmtree(old, ignore_errors=True)
+        _put(new, folder)
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def _put(new: Path, folder: Path) -> None:
+    """Let a new folder take the place of one that may be there."""
+    if folder == Path.cwd():  # who stands in it would stand in a deleted one
+        for name in FILES:
+            os.replace(new / name, folder / name)
+        return
+    old = new.with_suffix(".old")
+    if folder.exists():
+        os.replace(folder, old)
+    os.replace(new, folder)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _patched(diagnosis: Diagnosis, folder: Path) -> str:
