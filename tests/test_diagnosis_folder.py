@@ -12,10 +12,11 @@ from toys_diagnosis import ROBOTS, record
 
 from selfheal.diagnosis import folder
 from selfheal.diagnosis.document import plain, text_of
+from selfheal.diagnosis.patch import patched
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.result import Diagnosis, Located
 from selfheal.errors import InputError, RecordingError, UnknownNameError
-from selfheal.recording import Signal
+from selfheal.recording import Signal, load_model, names_of
 
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
 
@@ -213,6 +214,26 @@ def test_a_motor_torque_is_told_at_the_joint(tmp_path):
             e.signals["elbow_torque"].values for e in (episode, played.episodes[key])
         ]
         np.testing.assert_allclose(*both, atol=1e-6)
+
+
+@pytest.mark.parametrize("end", [".mjcf", ".XML", ".txt", ""])
+def test_a_model_may_have_any_name(end, arm, tmp_path):
+    """Files that it speaks of are found from where it lies."""
+    out, recording = arm
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "still.xml").write_text(
+        '<mujoco><option gravity="0 0 0"/></mujoco>'
+    )
+    still = ROBOTS["arm"].xml.replace(
+        "</mujoco>", '<include file="more/still.xml"/></mujoco>'
+    )
+    (tmp_path / f"other{end}").write_text(still)
+    (tmp_path / "usual.xml").write_text(still)
+    told = [replay(out, recording, model=tmp_path / n).episodes["000"].signals["elbow"]
+            for n in (f"other{end}", "usual.xml")]  # fmt: skip
+    np.testing.assert_array_equal(told[0].values, told[1].values)
+    texts = [patched(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")]
+    assert texts[0] == texts[1] and names_of(load_model(tmp_path / f"other{end}"))
 
 
 def test_supply_voltage_and_temperature_stay_unread(arm):

@@ -3,7 +3,7 @@
 from .check import validate
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
-from .names import load_model, names_of, read_names
+from .names import load_model, names_of, read_names, read_spec
 from .split import split
 from .store import opened, read, write
 
@@ -20,6 +20,7 @@ __all__ = [
     "opened",
     "read",
     "read_names",
+    "read_spec",
     "split",
     "validate",
     "write",

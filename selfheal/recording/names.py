@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import ModelError
@@ -10,6 +11,7 @@ from .model import ModelNames, Target
 if TYPE_CHECKING:
     import mujoco
 
+_KNOWN = (".xml", ".urdf")  # ends of names, by which MuJoCo tells what a file is
 # by MuJoCo's name of the sensor, without mjSENS_; a sensor that is not here may have
 # any unit: MuJoCo does not say one
 SENSOR_UNITS: Mapping[str, str] = {
@@ -51,8 +53,11 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     """
     import mujoco
 
+    name = os.fspath(path)
     try:
-        return mujoco.MjModel.from_xml_path(os.fspath(path))
+        if name.endswith(_KNOWN):
+            return mujoco.MjModel.from_xml_path(name)
+        return read_spec(name).compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         if "package:/" in reason:
@@ -60,8 +65,22 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
                 '; would fit: <mujoco><compiler strippath="true" meshdir="..."/>'
                 "</mujoco> in the URDF, with the folder of its meshes"
             )
-        message = f"{os.fspath(path)}: MuJoCo cannot load it: {reason}"
-        raise ModelError(message) from error
+        raise ModelError(f"{name}: MuJoCo cannot load it: {reason}") from error
+
+
+def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":
+    """An MJCF or URDF file, whatever its name ends in.
+
+    Raises:
+        ValueError: MuJoCo's, of what it cannot read.
+    """
+    import mujoco
+
+    name = os.fspath(path)
+    if name.endswith(_KNOWN):
+        return mujoco.MjSpec.from_file(name)
+    beside = f"{name}.xml"  # the same text, from where the same files are found
+    return mujoco.MjSpec.from_file(beside, include={beside: Path(name).read_bytes()})
 
 
 def names_of(model: "mujoco.MjModel") -> ModelNames:
