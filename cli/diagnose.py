@@ -181,6 +181,9 @@ def replay(
         Path | None,
         typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what is at --out.")
+    ] = False,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
@@ -188,7 +191,7 @@ def replay(
     from selfheal.recording import read, write
 
     start = time.perf_counter()
-    _check_replay(folder, inputs, out, model)
+    _check_replay(folder, inputs, out, model, force)
     predicted = predict(folder, read(inputs), model=model)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
@@ -214,7 +217,9 @@ def replay(
         )
 
 
-def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> None:
+def _check_replay(
+    folder: Path, inputs: Path, out: Path, model: Path | None, force: bool
+) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.errors import InputError
     from selfheal.files import check_file, check_writable
@@ -233,6 +238,10 @@ def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> 
     if out.is_dir():
         raise InputError(f"cannot write {out}: it is a folder")
     check_writable(out)
+    if out.exists() and not force:
+        raise InputError(
+            f"{out} is there already; --force replaces it, or give another name"
+        )
 
 
 def effects(as_json: Annotated[bool, _JSON] = False) -> None:

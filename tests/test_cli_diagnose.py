@@ -277,7 +277,7 @@ def test_replay_writes_a_recording(doctor, diagnosed, files, tmp_path):
     }  # fmt: skip
     assert doctor.asked == [{"folder": diagnosed, "file": str(a), "model": model}]
     assert set(read(out).episodes) == {"zeta", "alpha"}
-    plain = _run("replay", diagnosed, a, "--out", out)
+    plain = _run("replay", diagnosed, a, "--out", out, "--force")
     assert plain.exit_code == 0 and "samples predicted in" in plain.stdout
 
 
@@ -290,6 +290,8 @@ def test_replay_refuses_before_any_work(doctor, diagnosed, files, tmp_path):
         ([diagnosed, model, "--out", good], "it is damaged or not HDF5"),
         ([diagnosed, a, "--out", a], "would overwrite"),
         ([diagnosed, a, "--out", diagnosed / "patched.xml"], "would overwrite"),
+        ([diagnosed, a, "--out", a, "--force"], "would overwrite"),
+        ([diagnosed, a, "--out", b], "b.h5 is there already; --force replaces it"),
         ([diagnosed, a, "--out", tmp_path], "it is a folder"),
         ([diagnosed, a, "--out", "/proc/x/p.h5"], "cannot write"),
         (
