@@ -8,16 +8,19 @@ import mujoco
 import numpy as np
 import pytest
 from test_diagnosis_score import undiagnosed
-from toys_diagnosis import ROBOTS, record
+from toys_diagnosis import ROBOTS, bench, places, record
 
 from selfheal.diagnosis import folder
 from selfheal.diagnosis.document import plain, text_of
+from selfheal.diagnosis.effects import catalogue
+from selfheal.diagnosis.entries import check_entries
 from selfheal.diagnosis.patch import patched
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.result import Diagnosis, Located
 from selfheal.errors import InputError, RecordingError, UnknownNameError
 from selfheal.recording import Signal, load_model, names_of
 
+NAN = float("nan")
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
 
 
@@ -122,6 +125,7 @@ BAD = [
     (None, "cannot read"),
     ("{", "is not JSON"),
     ("[]", "is not a selfheal-diagnosis"),
+    ("[" * 100_000, "is nested too deeply"),
     ('{"format": "selfheal-diagnosis", "version": 2}', "of version 1"),
     ('{"format": "selfheal-run", "version": 1}', "is not a selfheal-diagnosis"),
 ]
@@ -294,7 +298,8 @@ def _find(out, **finding) -> None:
     path.write_text(json.dumps(document))
 
 
-DAMAGED = "is damaged; would fit: findings as a list"
+LOSS = {"name": "frictionloss", "value": 0.1}
+HUGE = 10**400
 
 
 @pytest.mark.parametrize(
@@ -303,12 +308,28 @@ DAMAGED = "is damaged; would fit: findings as a list"
         ({"target": "joint:wrist"}, InputError, "no joint 'wrist'"),
         ({"target": "elbow"}, InputError, "'elbow'; would fit: joint:"),
         ({"effect": "gremlins"}, UnknownNameError, "gremlins"),
-        ({"parameters": None}, InputError, DAMAGED),
-        ({"parameters": [{"name": "frictionloss"}]}, InputError, DAMAGED),
-        ({"parameters": [{"name": "frictionloss", "value": None}]}, InputError,
-         DAMAGED),
-        ({"parameters": [{"name": "frictionloss", "value": "much"}]}, InputError,
-         DAMAGED),
+        ({"target": "world"}, InputError, "'world'; would fit: joint: and a name"),
+        ({"target": "body:forearm"}, InputError, "target is 'body:forearm'; would"),
+        ({"target": 3}, InputError, r"json, findings\[0\]: target is 3; would fit"),
+        ({"effect": 3}, InputError, "effect is 3; would fit: a name"),
+        ({"effect": "gremlins", "native": True}, UnknownNameError, "gremlins"),
+        ({"parameters": None}, InputError, "parameters is None; would fit: a list"),
+        ({"parameters": []}, InputError, r"is \[\]; would fit: frictionloss"),
+        ({"parameters": [{"value": 1.0}]}, InputError, "would fit: frictionloss"),
+        ({"effect": "asymmetric_friction"}, InputError, "fit: positive, negative"),
+        *(({"parameters": [{**LOSS, "value": value}]}, InputError, "fit: a number")
+          for value in (None, "much", [], HUGE, NAN, True)),
+        ({"effect": "joint_coupling", "parameters": [
+            {"name": "stiffness", "value": 1.0}, {"name": "ratio", "value": 1.0}]},
+         InputError, "other is None; would fit: joint: and a name"),
+        ({"effect": "hard_stop", "parameters": [{"name": "range", "value": 1.0}]},
+         InputError, "side is None; would fit: -1 or 1"),
+        ({"effect": "backlash", "native": True, "measured": "motor",
+          "parameters": [{"name": "gap", "value": 0.1}]}, InputError,
+         "patched.xml has no joint 'elbow_play'"),
+        ({"effect": "command_delay", "target": "actuator:elbow_servo",
+          "parameters": [{"name": "delay", "value": -0.1}]}, InputError,
+         "value of delay is -0.1; would fit: 0 or more"),
     ],
 )  # fmt: skip
 def test_a_finding_that_says_nothing_of_this_model_is_refused(finding, kind, said, arm):
@@ -316,6 +337,37 @@ def test_a_finding_that_says_nothing_of_this_model_is_refused(finding, kind, sai
     _find(out, **finding)
     with pytest.raises(kind, match=said):
         replay(out, recording)
+
+
+@pytest.mark.parametrize(
+    "entry, said",
+    [
+        ({"given": "x"}, "given is 'x'; would fit: a number"),
+        ({"value": None}, "value is None; would fit: a number"),
+        ({"parameter": 7}, r"refit\[0\]: parameter is 7; would fit: a text"),
+    ],
+)
+def test_a_refitted_value_that_is_none_is_refused(entry, said, arm):
+    out, recording = arm
+    document = json.loads((out / "diagnosis.json").read_text())
+    own = {"parameter": "joint:elbow/damping", "given": 1.0, "value": 1.0}
+    document["refit"] = [{**own, **entry}]
+    (out / "diagnosis.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=said):
+        replay(out, recording)
+
+
+@pytest.mark.parametrize("robot", places())
+def test_what_a_diagnosis_writes_is_what_a_replay_takes(robot, tmp_path):
+    scene = bench(robot, tmp_path).scene
+    for effect in catalogue().values():
+        for term in effect.terms(scene)[:1]:
+            told = [{"name": p.name, "value": 1.0} for p in term.parameters]
+            if effect.name == "payload":
+                told[1:] = [{"name": "position", "value": [0.0, 0.0, 1.0]}]
+            entry = {"effect": effect.name, "target": term.targets[0], **term.note}
+            entries = {"findings": [{**entry, "parameters": told}], "refit": []}
+            check_entries("diagnosis.json", entries)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -11,15 +10,11 @@ from uuid import uuid4
 from ..errors import InputError
 from ..files import check_writable
 from .document import text_of
+from .entries import check_entries
 from .patch import patched
 from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
-# what a replay reads of diagnosis.json
-ENTRIES = {
-    "findings": ("effect", "target", "parameters"),
-    "refit": ("parameter", "given", "value"),
-}
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -107,29 +102,12 @@ def read(folder: str | os.PathLike[str]) -> dict[str, Any]:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:
         raise InputError(f"{path} is not JSON: {error}") from error
+    except RecursionError as error:
+        raise InputError(
+            f"{path} is nested too deeply; would fit: a diagnosis"
+        ) from error
     kind = document.get("format") if isinstance(document, dict) else None
     if kind != "selfheal-diagnosis" or document.get("version") != 1:
         raise InputError(f"{path} is not a selfheal-diagnosis of version 1")
-    for key, fields in ENTRIES.items():
-        entries = document.get(key)
-        if not isinstance(entries, list) or not all(_holds(e, fields) for e in entries):
-            raise InputError(
-                f"{path} is damaged; would fit: {key} as a list, each of it with "
-                f"{', '.join(fields)}, and numbers as values"
-            )
+    check_entries(path, document)
     return document
-
-
-def _holds(entry: Any, fields: Sequence[str]) -> bool:
-    """Whether an entry of diagnosis.json has what a replay needs."""
-    if not isinstance(entry, dict) or not set(fields) <= set(entry):
-        return False
-    told = entry.get("parameters", [entry])
-    return isinstance(told, list) and all(
-        isinstance(p, dict) and _are_numbers(p.get("value")) for p in told
-    )
-
-
-def _are_numbers(value: Any) -> bool:
-    values = value if isinstance(value, list) else [value]
-    return all(isinstance(v, int | float) for v in values)
