@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
+from selfheal.diagnosis.answer import _helped
 from selfheal.diagnosis.effects import catalogue
 from selfheal.diagnosis.result import Candidate, Diagnosis, Located, SignalFit, Trace
+from selfheal.diagnosis.windows import Windows
 from selfheal.report import diagnose, figures, tables
 from selfheal.report.diagnose import page, sentence
 from selfheal.report.page import bars, write_page
@@ -334,6 +336,18 @@ def test_the_page_asks_for_nothing_from_anywhere():
     addresses = re.findall(r'\b(?:src|href|action|data|poster)="([^"]*)"', made)
     assert [a for a in addresses if not a.startswith(("#", "data:"))] == []
     assert "@import" not in made and "url(http" not in made
+
+
+def test_what_no_test_told_has_no_p():
+    """Five windows cannot say that an effect helps there."""
+    at = np.arange(6)
+    pieces = Windows(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
+    assert _helped(pieces, np.array([0.0, 1, 1, 1, 1, 1])) is None
+    assert _helped(pieces, np.ones(6)) == 1 / 64
+    signal = {"name": "knee_position", "share_of_error": 0.81, "p_value": None}
+    found = {**FINDING, "where": {**FINDING["where"], "signals": [signal]}}
+    told = tables.findings(_document(findings=(found,)))
+    assert "knee_position (81\N{NO-BREAK SPACE}%)" in told
 
 
 def test_missing_numbers_have_a_page():

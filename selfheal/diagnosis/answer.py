@@ -26,6 +26,7 @@ from .usable import divergence
 from .windows import Windows
 from .world import World
 
+TESTED = 6  # windows, fewer of which cannot be told from chance at p < 0.02; chosen
 FEW = 6  # names that a remark lists; chosen
 STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
@@ -113,13 +114,15 @@ def _where(case: Case, pieces: Windows, masks, gain: Floats) -> dict[str, Any]:
     }
 
 
-def _helped(pieces: Windows, gain: Floats) -> float:
-    """p-value that an effect lowers a signal's error, over windows."""
+def _helped(pieces: Windows, gain: Floats) -> float | None:
+    """p-value that an effect lowers a signal's error, over windows; None: too few."""
     from scipy.stats import wilcoxon
 
     each = np.bincount(pieces.window, gain, minlength=len(pieces))
     each = each[each != 0]
-    return float(wilcoxon(each, alternative="greater").pvalue) if len(each) > 5 else 1.0
+    if len(each) < TESTED:
+        return None
+    return float(wilcoxon(each, alternative="greater").pvalue)
 
 
 def _regime(masks: np.ndarray, gain: Floats) -> str:
