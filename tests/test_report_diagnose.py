@@ -14,7 +14,7 @@ from selfheal.diagnosis.answer import _helped
 from selfheal.diagnosis.effects import catalogue
 from selfheal.diagnosis.result import Candidate, Diagnosis, Located, SignalFit, Trace
 from selfheal.diagnosis.windows import Windows
-from selfheal.report import diagnose, figures, tables
+from selfheal.report import diagnose, figures, phrases, tables
 from selfheal.report.diagnose import page, sentence
 from selfheal.report.page import bars, write_page
 
@@ -239,10 +239,31 @@ def test_what_a_finding_is_worth_is_said(removed, says):
     assert says in sentence(document)
 
 
+def test_what_is_said_of_the_rest_is_so():
+    noise, more = "is as large as noise", "nine tenths or more of what exceeds"
+    words = _told(made_up())
+    assert noise in words and more not in words and "times the floor" not in words
+    words = _told(replace(made_up(), more_than_noise=True))
+    assert noise not in words and more in words
+    document = _document()
+    document["fit"] |= {"patched": 0.1, "floor": 0.02}
+    assert "off by 0.1, 5 times the floor" in _told(
+        replace(made_up(), document=document)
+    )
+
+
+def test_what_patched_xml_has_of_an_effect_is_said():
+    for effect, said in (("asymmetric_friction", "only a part"), ("cogging", "not in")):
+        words = _told(
+            made_up(findings=({**FINDING, "effect": effect, "native": False},))
+        )
+        assert said in words
+
+
 def test_every_effect_has_its_own_words():
-    assert set(catalogue()) <= set(diagnose._SAYS)
-    for effect, words in diagnose._SAYS.items():
-        names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *diagnose._COMMON}
+    assert set(catalogue()) <= set(phrases.SAYS)
+    for effect, words in phrases.SAYS.items():
+        names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *phrases.COMMON}
         stated = [{"name": n, "value": 1.5, "unit": "1"} for n in names]
         found = {"effect": effect, "target": "joint:a", "parameters": stated}
         said = sentence(_document(findings=(found,)))
@@ -385,7 +406,7 @@ def test_nothing_at_all_has_a_page():
     )
     assert "<figure>" not in _page(made)
     words = _told(made)
-    for said in ("no held-out stretch", "could be located", "Remarks None."):
+    for said in ("no held-out stretch", "cannot tell where", "Remarks None."):
         assert said in words
 
 

@@ -62,6 +62,7 @@ def answer_of(
         located, _signals(case, proof.squares, proof.count), _candidates(naming),
         remarks, time.monotonic() - begun,
         int(case.world.counted[0] + case.held.counted[0]),
+        more_than_noise=structure.left,
     )  # fmt: skip
 
 
