@@ -3,6 +3,7 @@
 import json
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -11,12 +12,14 @@ from test_diagnosis_score import undiagnosed
 from toys_diagnosis import ROBOTS, bench, places, record
 
 from selfheal.diagnosis import folder
-from selfheal.diagnosis.document import plain, text_of
+from selfheal.diagnosis.document import plain, refit_of, text_of
 from selfheal.diagnosis.effects import catalogue
 from selfheal.diagnosis.entries import check_entries
 from selfheal.diagnosis.patch import patched
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.result import Diagnosis, Located
+from selfheal.diagnosis.stated import is_loose
+from selfheal.diagnosis.terms import Parameter
 from selfheal.errors import InputError, RecordingError, UnknownNameError
 from selfheal.recording import Signal, load_model, names_of
 
@@ -146,6 +149,18 @@ def test_json_has_no_nan_and_no_numpy():
     assert told == {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x",
                     "e": None}  # fmt: skip
     assert plain(thing) == told
+
+
+def test_the_interval_of_a_negative_value_is_in_order():
+    term = SimpleNamespace(
+        effect=SimpleNamespace(name="stated"), targets=("joint:a/springref",),
+        parameters=(Parameter("x", "1", 1.0, 0.7, 1.3, 0.1),),
+        note={"value": -2.0, "unit": "rad"},
+    )  # fmt: skip
+    (told,) = refit_of(
+        SimpleNamespace(terms=(term,), values=np.array([1.1])), np.array([0.01])
+    )
+    assert told["low"] < told["value"] < told["high"] < 0 and not is_loose(told)
 
 
 # replay
