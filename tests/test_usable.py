@@ -126,6 +126,13 @@ def test_what_no_fit_could_make_sense_of_is_refused(case, diagnose, usable):
         diagnose(_each(usable, change, only))
 
 
+def test_joints_that_no_signal_tells_are_named(diagnose):
+    """Their episodes are not cut into pieces, so that these are few."""
+    blind = record(ROBOTS["half_seen_arm"], episodes=3, seconds=1.5, finer=1)
+    with pytest.raises(RecordingError, match="position of joint 'elbow', .* and 2 are"):
+        diagnose(blind)
+
+
 def test_a_pause_in_an_episode_is_no_matter(diagnose, usable):
     """A minute without a sample, and the parabola of neither side crosses it."""
     late = _each(usable, lambda e: replace(e, time=e.time + 60 * (e.time > 0.7)), "001")

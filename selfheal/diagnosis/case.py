@@ -141,6 +141,12 @@ def check_enough(world: World, problem: Problem) -> None:
     Raises:
         RecordingError: too short, or nothing moved.
     """
+    if len(problem.windows) < SHORT and (lost := _untold(world)):
+        raise RecordingError(
+            f"no signal tells the position of {', '.join(lost)}, so that an episode is "
+            f"one piece, and {len(world.logs)} are too few to decide anything; would "
+            f"fit: record it, or at least {SHORT} episodes beside what is held out"
+        )
     if len(problem.windows) < SHORT:
         raise RecordingError(
             f"{len(problem.windows)} pieces of {WINDOW} s are too few to decide "
@@ -168,6 +174,22 @@ def pieces_of(world: World, seconds: float) -> Windows:
             own = own.take(np.flatnonzero(_is_read(world, i, own.start)))
         parts.append(own)
     return Windows.joined(parts)
+
+
+def _untold(world: World) -> list[str]:
+    """Joints whose position no signal tells for most of the time."""
+    model = world.workshop.given
+    told = np.vstack([
+        estimate(model, world.signals, log, np.linspace(0, log.at[-1], 9)[1:-1],
+                 world.step, {})[0]
+        for log in world.logs
+    ])  # fmt: skip
+    known = np.isfinite(told).mean(axis=0) > 0.5
+    return [
+        f"joint {model.joint(j).name!r}"
+        for j in range(model.njnt)
+        if not known[model.jnt_qposadr[j]]
+    ]
 
 
 def _is_read(world: World, log: int, at: np.ndarray) -> np.ndarray:
