@@ -12,7 +12,7 @@ from test_report_diagnose import DELAY, FINDING, made_up
 from typer.testing import CliRunner
 
 from selfheal.cli import app
-from selfheal.recording import read, write
+from selfheal.recording import read, short_names, write
 
 
 def _run(*arguments):
@@ -154,6 +154,30 @@ def test_an_episode_of_several_recordings_is_not_guessed(doctor, files, tmp_path
     given = ["--held-out", "alpha[0.1,0.2]", "--out", tmp_path / "out"]
     said = _refused(_run("diagnose", *files, *given))
     assert f"{a}:alpha[0.1,0.2], {b}:alpha[0.1,0.2]" in said and doctor.asked == []
+
+
+@pytest.mark.parametrize(
+    "told", ["fb/r.h5", "./fb/r.h5", "{}/fb/r.h5", "fa/../fb/r.h5"]
+)
+def test_a_folder_tells_recordings_of_one_name_apart(
+    told, doctor, files, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("fa", "fb"):
+        (tmp_path / folder).mkdir()
+        write(read(files[1]), tmp_path / folder / "r.h5")
+    given = ["--held-out", told.format(tmp_path) + ":zeta", "--out", "out"]
+    result = _run("diagnose", files[0], "fa/r.h5", "fb/r.h5", *given)
+    assert result.exit_code == 0, result.output
+    assert doctor.asked[0]["held_out"] == ["fb/r.h5:zeta"]
+    assert short_names(["fa/r.h5", "fb/r.h5", "x.h5"]) == ["fa/r.h5", "fb/r.h5", "x.h5"]
+
+
+def test_a_file_to_hold_out_may_end_in_hdf5(doctor, files, tmp_path):
+    files[2].rename(tmp_path / "b.hdf5")
+    given = ["--held-out", tmp_path / "b.hdf5", "--out", tmp_path / "out"]
+    assert _run("diagnose", *files[:2], *given).exit_code == 0
+    assert len(doctor.asked[0]["held_out"]) == 2
 
 
 BAD = [

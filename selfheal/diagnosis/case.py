@@ -3,12 +3,11 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from ..errors import RecordingError, UnknownNameError
-from ..recording import Recording, split
+from ..recording import Recording, short_names, split, without_file
 from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
@@ -71,8 +70,11 @@ def prepare(
     held = world_of(workshop, [h for _, h in pairs if h.episodes])
     if not world.signals:
         raise RecordingError("no signal holds a reading that the model can predict")
+    files = short_names([r.file for r in recordings])
     names = tuple(
-        f"{Path(h.file).name}:{name}" for _, h in pairs for name in h.episodes
+        f"{file}:{name}"
+        for file, (_, h) in zip(files, pairs, strict=True)
+        for name in h.episodes
     )
     scene = scene_of(world)
     world, held = (replace(w, touches=scene.touches) for w in (world, held))
@@ -95,8 +97,7 @@ def _parted(
         own[_owner(recordings, entry)].append(entry)
     pairs = []
     for recording, entries in zip(recordings, own, strict=True):
-        whole = {e.removeprefix(f"{recording.file}:") for e in entries}
-        whole = {e.removeprefix(f"{Path(recording.file).name}:") for e in whole}
+        whole = {without_file(entry, recording.file) for entry in entries}
         none = replace(recording, episodes={})
         if not entries:
             pairs.append((recording, none))
@@ -111,14 +112,16 @@ def _parted(
 
 def _owner(recordings: Sequence[Recording], entry: str) -> int:
     """Which of several recordings a held-out name speaks of."""
-    for i, recording in enumerate(recordings):
-        for file in (recording.file, Path(recording.file).name):
-            if entry.startswith(f"{file}:"):
-                return i
+    exact = [entry.startswith(f"{r.file}:") for r in recordings]
+    called = [without_file(entry, r.file) != entry for r in recordings]
+    if any(fits := exact if any(exact) else called):
+        return fits.index(True)
     for i, recording in enumerate(recordings):
         if any(entry == n or entry.startswith(f"{n}[") for n in recording.episodes):
             return i
-    valid = [f"{Path(r.file).name}:{n}" for r in recordings for n in r.episodes]
+    files = short_names([r.file for r in recordings])
+    each = zip(files, recordings, strict=True)
+    valid = [f"{file}:{name}" for file, r in each for name in r.episodes]
     raise UnknownNameError("held-out episode", entry, valid)
 
 
