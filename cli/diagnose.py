@@ -224,7 +224,7 @@ def _check_replay(
     from selfheal.errors import InputError
     from selfheal.files import check_file, check_writable
 
-    if not (folder / _FILES[0]).is_file():
+    if not os.path.isfile(folder / _FILES[0]):
         raise InputError(
             f"{folder} is no diagnosis: it has no {_FILES[0]}; make one by 'selfheal "
             "diagnose'"
@@ -232,12 +232,12 @@ def _check_replay(
     if model is not None:
         check_file(model)
     check_file(inputs)
+    check_writable(out)
     used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
     if out.resolve() in [path.resolve() for path in used]:
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.is_dir():
         raise InputError(f"cannot write {out}: it is a folder")
-    check_writable(out)
     if out.exists() and not force:
         raise InputError(
             f"{out} is there already; --force replaces it, or give another name"

@@ -191,6 +191,15 @@ BAD = [
     (["arm.xml", "a.h5", "--out", "/proc/x/y"], "cannot write"),
     (["arm.xml", "a.h5", "--out", "x" * 300], "name too long"),
     (["arm.xml", "no.h5", "--out", "new/folder/out"], "no.h5: there is no such file"),
+    (["arm.xml", "a.h5", "--out", "x" * 245], "name too long"),
+    (["arm.xml", "a.h5", "--out", "x/" * 3000], "name too long"),
+    (["arm.xml", "a.h5", "--out", "loop"], "levels of symbolic links"),
+    (["x" * 300, "a.h5"], "cannot be read: File name too long"),
+    (["loop", "a.h5"], "loop: it cannot be read: Too many levels"),
+    (["arm.xml", "x" * 300], "cannot be read: File name too long"),
+    (["arm.xml", "/tmp"], "/tmp: it is a folder"),
+    (["arm.xml", "/dev/null"], "/dev/null: it is no regular file"),
+    (["arm.xml", "a.h5/b.h5"], "a.h5/b.h5: there is no such file"),
     ([".", "a.h5"], ".: it is a folder"),
     (["arm.xml", "a.h5", "--out", "."], "no part of a diagnosis"),
     (["arm.xml", "a.h5", "--out", ".", "--force"], "no part of a diagnosis"),
@@ -198,11 +207,12 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("arguments, said", BAD, ids=[" ".join(a) for a, _ in BAD])
+@pytest.mark.parametrize("arguments, said", BAD, ids=[" ".join(a)[:40] for a, _ in BAD])
 def test_bad_input_is_refused_before_any_work(
     arguments, said, doctor, files, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
     before = _names(tmp_path)
     out = [] if "--out" in arguments else ["--out", "out"]
     for extra in ([], ["--json"]):
@@ -317,6 +327,8 @@ def test_replay_refuses_before_any_work(doctor, diagnosed, files, tmp_path):
         ([diagnosed, a, "--out", a, "--force"], "would overwrite"),
         ([diagnosed, a, "--out", b], "b.h5 is there already; --force replaces it"),
         ([diagnosed, a, "--out", tmp_path], "it is a folder"),
+        ([diagnosed, a, "--out", "x" * 245], "name too long"),
+        (["x" * 300, a, "--out", good], "is no diagnosis"),
         ([diagnosed, a, "--out", "/proc/x/p.h5"], "cannot write"),
         (
             [diagnosed, a, "--out", good, "--model", "no.xml"],

@@ -298,14 +298,14 @@ def test_what_is_no_hdf5_is_refused(tmp_path, text):
 
 
 def test_a_missing_file_or_a_folder_is_refused(tmp_path):
-    for path in (tmp_path, tmp_path / "nothing.h5"):
-        with pytest.raises(RecordingError, match="no such file"):
-            read(path)
+    for name, said in (("", "it is a folder"), ("nothing.h5", "no such file")):
+        with pytest.raises(RecordingError, match=said):
+            read(tmp_path / name)
 
 
 def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.h5")
-    with pytest.raises(RecordingError, match="no such file"):
+    with pytest.raises(RecordingError, match="it is no regular file"):
         read(tmp_path / "pipe.h5")
 
 

@@ -126,6 +126,14 @@ def test_what_no_fit_could_make_sense_of_is_refused(case, diagnose, usable):
         diagnose(_each(usable, change, only))
 
 
+@pytest.mark.parametrize("step", ["0", "-0.002", "nan"])
+def test_a_time_step_that_is_none_is_refused(step, usable, tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(ARM.xml.replace('timestep="0.002"', f'timestep="{step}"'))
+    with pytest.raises(ModelError, match="timestep is .* s; would fit: more than 0"):
+        selfheal.diagnose(path, usable)
+
+
 def test_joints_that_no_signal_tells_are_named(diagnose):
     """Their episodes are not cut into pieces, so that these are few."""
     blind = record(ROBOTS["half_seen_arm"], episodes=3, seconds=1.5, finer=1)

@@ -27,7 +27,10 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     check_writable(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; would fit: a folder to be made")
-    held = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
+    try:
+        held = sorted(os.listdir(folder)) if folder.is_dir() else []
+    except OSError as error:
+        raise InputError(f"cannot look into {folder}: {error.strerror}") from error
     if others := [name for name in held if name not in FILES]:
         raise InputError(
             f"{folder} holds {', '.join(others[:3])}, which is no part of a diagnosis "

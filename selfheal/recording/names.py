@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..errors import ModelError
 from .model import ModelNames, Target
 
@@ -56,8 +58,9 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     name = os.fspath(path)
     try:
         if name.endswith(_KNOWN):
-            return mujoco.MjModel.from_xml_path(name)
-        return read_spec(name).compile()
+            model = mujoco.MjModel.from_xml_path(name)
+        else:
+            model = read_spec(name).compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         if "package:/" in reason:
@@ -66,6 +69,9 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
                 "</mujoco> in the URDF, with the folder of its meshes"
             )
         raise ModelError(f"{name}: MuJoCo cannot load it: {reason}") from error
+    if not 0 < (step := model.opt.timestep) < np.inf:
+        raise ModelError(f"{name}: its timestep is {step:g} s; would fit: more than 0")
+    return model
 
 
 def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":

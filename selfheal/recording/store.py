@@ -3,13 +3,12 @@
 import math
 import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from ..files import atomic_path
+from ..files import atomic_path, unreadable
 from .check import listed, validate
 from .data import Episode, Floats, Place, Recording, Signal
 
@@ -28,8 +27,8 @@ def read(path: str | os.PathLike[str]) -> Recording:
             fit. The size is checked from the headers, before any array is read.
     """
     file = Place(os.fspath(path))
-    if not Path(path).is_file():
-        raise file.error("there is no such file")
+    if reason := unreadable(path):
+        raise file.error(reason)
     try:
         with h5py.File(path, "r") as root:
             recording = _recording(root, file)
