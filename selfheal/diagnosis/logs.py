@@ -187,7 +187,7 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             if c.kind == "body_orientation":
                 readings[:, c.columns] = _continuous(values)
     at = (time - time[0]) / step
-    parts = []
+    parts = [parabolas(time, readings[:, :0])]  # of no signal, if there is none
     for c in signals:
         own = readings[:, c.columns]
         if c.kind == "body_orientation":
