@@ -77,6 +77,13 @@ def _only(*kinds):
     )
 
 
+def _meaning(**more):
+    """An elbow that means something else."""
+    return lambda e: replace(
+        e, signals={**e.signals, "elbow": replace(e.signals["elbow"], **more)}
+    )
+
+
 def _cut(samples):
     return lambda episode: replace(
         _signals(lambda values: values[:samples])(episode),
@@ -110,6 +117,16 @@ BAD = {
         ),
         "001",
         "signal 'elbow': body_position of 'lower' in 'm' here and joint_position",
+    ),
+    "another joint": (
+        _meaning(target="elbwo"),
+        "001",
+        "'001', signal 'elbow': the model has no joint 'elbwo'.*'shoulder', 'elbow'",
+    ),
+    "another unit": (
+        _meaning(unit="m"),
+        "001",
+        "unit 'm' does not fit joint 'elbow'; .*: 'rad'",
     ),
     "years": (
         lambda e: replace(e, time=e.time * 1e6),

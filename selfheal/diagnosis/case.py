@@ -7,7 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import RecordingError, UnknownNameError
-from ..recording import Recording, short_names, split, without_file
+from ..recording import (
+    Recording,
+    check_against_model,
+    names_of,
+    short_names,
+    split,
+    without_file,
+)
 from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
@@ -62,6 +69,8 @@ def prepare(
 ) -> Case:
     """A model and its recordings, parted; arguments and errors as of `diagnose`."""
     workshop = Workshop(os.fspath(model))
+    for recording in recordings:  # what does not fit the model is the plainer fault
+        check_against_model(recording, names_of(workshop.given))
     meanings(recordings)  # one in all, whichever part of them they come to lie in
     pairs = _parted(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
