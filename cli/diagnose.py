@@ -69,8 +69,13 @@ def diagnose(
     with Live("reading", quiet=as_json) as live:
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
-        found = find(model, recordings, held_out=held_out or (), seed=seed,
-                     memory=memory, progress=_Stages(live))  # fmt: skip
+        try:
+            found = find(model, recordings, held_out=held_out or (), seed=seed,
+                         memory=memory, progress=_Stages(live))  # fmt: skip
+        except KeyboardInterrupt:
+            if memory.exists():
+                typer.echo("selfheal: --resume goes on where this was", err=True)
+            raise
     found.save(out, force=force)
     shutil.rmtree(memory, ignore_errors=True)
     if as_json:

@@ -255,7 +255,9 @@ def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
 ):
     answer, doctor.answer, before = doctor.answer, error, _names(tmp_path)
     words = ["diagnose", *files, "--out", tmp_path / "out"]
-    assert _run(*words).exit_code == code
+    result = _run(*words)
+    assert result.exit_code == code
+    assert ("--resume goes on" in result.stderr) == (code == 130)
     assert set(_names(tmp_path)) - set(before) == {doctor.memory.name}
     doctor.answer = answer
     assert _run(*words, "--resume").exit_code == 0
