@@ -227,7 +227,7 @@ def _check_replay(
 ) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.errors import InputError
-    from selfheal.files import check_file, check_writable
+    from selfheal.files import check_file, check_writable, unreadable
 
     if not os.path.isfile(folder / _FILES[0]):
         raise InputError(
@@ -241,8 +241,8 @@ def _check_replay(
     used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
     if out.resolve() in [path.resolve() for path in used]:
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
-    if out.is_dir():
-        raise InputError(f"cannot write {out}: it is a folder")
+    if out.exists() and (reason := unreadable(out)):
+        raise InputError(f"cannot write {out}: {reason}")
     if out.exists() and not force:
         raise InputError(
             f"{out} is there already; --force replaces it, or give another name"

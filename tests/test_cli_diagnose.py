@@ -330,6 +330,7 @@ def test_replay_refuses_before_any_work(doctor, diagnosed, files, tmp_path):
         ([diagnosed, a, "--out", b], "b.h5 is there already; --force replaces it"),
         ([diagnosed, a, "--out", tmp_path], "it is a folder"),
         ([diagnosed, a, "--out", "x" * 245], "name too long"),
+        ([diagnosed, a, "--out", "/dev/null", "--force"], "it is no regular file"),
         (["x" * 300, a, "--out", good], "is no diagnosis"),
         ([diagnosed, a, "--out", "/proc/x/p.h5"], "cannot write"),
         (
