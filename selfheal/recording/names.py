@@ -61,7 +61,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
             model = mujoco.MjModel.from_xml_path(name)
         else:
             model = read_spec(name).compile()
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         if "package:/" in reason:
             reason += (
