@@ -60,17 +60,22 @@ def diagnose(
     # numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import diagnose as find
-    from selfheal.diagnosis.folder import check_folder
+    from selfheal.diagnosis.folder import check_folder, unfinished
 
     out = check_folder(out, force)
-    memory = out.with_name(f".{out.name}.unfinished")
+    memory = unfinished(out)
     if not resume:
         shutil.rmtree(memory, ignore_errors=True)
     with Live("reading", quiet=as_json) as live:
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
-        found = find(model, recordings, held_out=held_out or (), seed=seed,
-                     memory=memory, progress=_Stages(live))  # fmt: skip
+        try:
+            found = find(model, recordings, held_out=held_out or (), seed=seed,
+                         memory=memory, progress=_Stages(live))  # fmt: skip
+        except KeyboardInterrupt:
+            if memory.exists():
+                typer.echo("selfheal: --resume goes on where this was", err=True)
+            raise
     found.save(out, force=force)
     shutil.rmtree(memory, ignore_errors=True)
     if as_json:
@@ -181,6 +186,9 @@ def replay(
         Path | None,
         typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what is at --out.")
+    ] = False,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
@@ -188,7 +196,7 @@ def replay(
     from selfheal.recording import read, write
 
     start = time.perf_counter()
-    _check_replay(folder, inputs, out, model)
+    _check_replay(folder, inputs, out, model, force)
     predicted = predict(folder, read(inputs), model=model)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
@@ -214,12 +222,14 @@ def replay(
         )
 
 
-def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> None:
+def _check_replay(
+    folder: Path, inputs: Path, out: Path, model: Path | None, force: bool
+) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.errors import InputError
-    from selfheal.files import check_file, check_writable
+    from selfheal.files import check_file, check_writable, unreadable
 
-    if not (folder / _FILES[0]).is_file():
+    if not os.path.isfile(folder / _FILES[0]):
         raise InputError(
             f"{folder} is no diagnosis: it has no {_FILES[0]}; make one by 'selfheal "
             "diagnose'"
@@ -227,12 +237,16 @@ def _check_replay(folder: Path, inputs: Path, out: Path, model: Path | None) -> 
     if model is not None:
         check_file(model)
     check_file(inputs)
+    check_writable(out)
     used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
     if out.resolve() in [path.resolve() for path in used]:
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
-    if out.is_dir():
-        raise InputError(f"cannot write {out}: it is a folder")
-    check_writable(out)
+    if out.exists() and (reason := unreadable(out)):
+        raise InputError(f"cannot write {out}: {reason}")
+    if out.exists() and not force:
+        raise InputError(
+            f"{out} is there already; --force replaces it, or give another name"
+        )
 
 
 def effects(as_json: Annotated[bool, _JSON] = False) -> None:

@@ -4,13 +4,12 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from .diagnosis.result import Diagnosis
 from .errors import InputError, check_seed
 from .files import check_file
-from .recording import Recording, opened
+from .recording import Recording, opened, without_file
 
 Given = Recording | str | os.PathLike[str]
 
@@ -74,7 +73,7 @@ def _several(given: Any) -> list[Any]:
 
 def _is_file(name: str) -> bool:
     """Whether a name to hold out is that of a file, not of an episode."""
-    return name.endswith(".h5") and Path(name).is_file()
+    return name.lower().endswith((".h5", ".hdf5")) and os.path.isfile(name)
 
 
 def _opened(given: Sequence[Given], spare: int) -> list[Recording]:
@@ -118,8 +117,6 @@ def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
 
 def _full(entry: str, recording: Recording) -> str:
     """The entry with the recording's file before it; empty where it is no episode."""
-    name = entry
-    for file in (recording.file, Path(recording.file).name):
-        name = name.removeprefix(f"{file}:")
+    name = without_file(entry, recording.file)
     known = {name, re.sub(r"\[[^\[\]]*\]$", "", name)} & set(recording.episodes)
     return f"{recording.file}:{name}" if known else ""

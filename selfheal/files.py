@@ -1,8 +1,9 @@
 """Files that are whole or absent: paths in; safe places to write, open runs out."""
 
 import os
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -34,9 +35,12 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: nothing can be made there; the message says why.
     """
+    real = Path(os.path.realpath(path))
     try:
-        Path(path).exists()  # a name that is too long says so here
-        home = Path(path).resolve().parent
+        _look_up(real)  # a name that is too long, or a link to itself, says so here
+        if real.name:
+            _look_up(_temporary(real))
+        home = real.parent
         while not home.exists():
             home = home.parent
     except OSError as error:
@@ -46,15 +50,33 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     check_writable_folder(home)
 
 
+def _look_up(path: Path) -> None:
+    """Ask the system for a path that need not be there; OSError: it never can be."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        os.stat(path)
+
+
+def unreadable(path: str | os.PathLike[str]) -> str:
+    """Why there is no file to read at a path; empty where there is one."""
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return "there is no such file"
+    except OSError as error:
+        return f"it cannot be read: {_reason(error)}"
+    if stat.S_ISDIR(mode):
+        return "it is a folder"
+    return "" if stat.S_ISREG(mode) else "it is no regular file"
+
+
 def check_file(path: str | os.PathLike[str]) -> None:
     """Refuse a path at which there is no file to read.
 
     Raises:
-        InputError: there is none, or it is a folder.
+        InputError: there is none, or something else.
     """
-    if not Path(path).is_file():
-        what = "it is a folder" if Path(path).is_dir() else "there is no such file"
-        raise InputError(f"{os.fspath(path)}: {what}")
+    if reason := unreadable(path):
+        raise InputError(f"{os.fspath(path)}: {reason}")
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from test_report_diagnose import DELAY, FINDING, made_up
 from typer.testing import CliRunner
 
 from selfheal.cli import app
-from selfheal.recording import read, write
+from selfheal.recording import read, short_names, write
 
 
 def _run(*arguments):
@@ -156,6 +156,30 @@ def test_an_episode_of_several_recordings_is_not_guessed(doctor, files, tmp_path
     assert f"{a}:alpha[0.1,0.2], {b}:alpha[0.1,0.2]" in said and doctor.asked == []
 
 
+@pytest.mark.parametrize(
+    "told", ["fb/r.h5", "./fb/r.h5", "{}/fb/r.h5", "fa/../fb/r.h5"]
+)
+def test_a_folder_tells_recordings_of_one_name_apart(
+    told, doctor, files, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("fa", "fb"):
+        (tmp_path / folder).mkdir()
+        write(read(files[1]), tmp_path / folder / "r.h5")
+    given = ["--held-out", told.format(tmp_path) + ":zeta", "--out", "out"]
+    result = _run("diagnose", files[0], "fa/r.h5", "fb/r.h5", *given)
+    assert result.exit_code == 0, result.output
+    assert doctor.asked[0]["held_out"] == ["fb/r.h5:zeta"]
+    assert short_names(["fa/r.h5", "fb/r.h5", "x.h5"]) == ["fa/r.h5", "fb/r.h5", "x.h5"]
+
+
+def test_a_file_to_hold_out_may_end_in_hdf5(doctor, files, tmp_path):
+    files[2].rename(tmp_path / "b.hdf5")
+    given = ["--held-out", tmp_path / "b.hdf5", "--out", tmp_path / "out"]
+    assert _run("diagnose", *files[:2], *given).exit_code == 0
+    assert len(doctor.asked[0]["held_out"]) == 2
+
+
 BAD = [
     (["no.xml", "a.h5"], "no.xml: there is no such file"),
     (["arm.xml", "no.h5"], "no.h5: there is no such file"),
@@ -167,6 +191,15 @@ BAD = [
     (["arm.xml", "a.h5", "--out", "/proc/x/y"], "cannot write"),
     (["arm.xml", "a.h5", "--out", "x" * 300], "name too long"),
     (["arm.xml", "no.h5", "--out", "new/folder/out"], "no.h5: there is no such file"),
+    (["arm.xml", "a.h5", "--out", "x" * 245], "name too long"),
+    (["arm.xml", "a.h5", "--out", "x/" * 3000], "name too long"),
+    (["arm.xml", "a.h5", "--out", "loop"], "levels of symbolic links"),
+    (["x" * 300, "a.h5"], "cannot be read: File name too long"),
+    (["loop", "a.h5"], "loop: it cannot be read: Too many levels"),
+    (["arm.xml", "x" * 300], "cannot be read: File name too long"),
+    (["arm.xml", "/tmp"], "/tmp: it is a folder"),
+    (["arm.xml", "/dev/null"], "/dev/null: it is no regular file"),
+    (["arm.xml", "a.h5/b.h5"], "a.h5/b.h5: there is no such file"),
     ([".", "a.h5"], ".: it is a folder"),
     (["arm.xml", "a.h5", "--out", "."], "no part of a diagnosis"),
     (["arm.xml", "a.h5", "--out", ".", "--force"], "no part of a diagnosis"),
@@ -174,11 +207,12 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize("arguments, said", BAD, ids=[" ".join(a) for a, _ in BAD])
+@pytest.mark.parametrize("arguments, said", BAD, ids=[" ".join(a)[:40] for a, _ in BAD])
 def test_bad_input_is_refused_before_any_work(
     arguments, said, doctor, files, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
     before = _names(tmp_path)
     out = [] if "--out" in arguments else ["--out", "out"]
     for extra in ([], ["--json"]):
@@ -203,13 +237,27 @@ def test_an_earlier_diagnosis_is_overwritten_by_force_only(doctor, files, tmp_pa
     assert document["verdict"] == "nothing"
 
 
+def test_the_folder_one_stands_in_is_taken_and_stays(
+    doctor, files, tmp_path, monkeypatch
+):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for extra in ([], ["--force"]):
+        result = _run("diagnose", *files, "--out", ".", *extra)
+        assert result.exit_code == 0, result.output
+        assert _names(Path()) == ["diagnosis.json", "patched.xml", "report.html"]
+    assert _names(tmp_path) == ["a.h5", "arm.xml", "b.h5", "here"]
+
+
 @pytest.mark.parametrize("error, code", [(KeyboardInterrupt(), 130), (OSError(), 1)])
 def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
     error, code, doctor, files, tmp_path
 ):
     answer, doctor.answer, before = doctor.answer, error, _names(tmp_path)
     words = ["diagnose", *files, "--out", tmp_path / "out"]
-    assert _run(*words).exit_code == code
+    result = _run(*words)
+    assert result.exit_code == code
+    assert ("--resume goes on" in result.stderr) == (code == 130)
     assert set(_names(tmp_path)) - set(before) == {doctor.memory.name}
     doctor.answer = answer
     assert _run(*words, "--resume").exit_code == 0
@@ -265,7 +313,7 @@ def test_replay_writes_a_recording(doctor, diagnosed, files, tmp_path):
     }  # fmt: skip
     assert doctor.asked == [{"folder": diagnosed, "file": str(a), "model": model}]
     assert set(read(out).episodes) == {"zeta", "alpha"}
-    plain = _run("replay", diagnosed, a, "--out", out)
+    plain = _run("replay", diagnosed, a, "--out", out, "--force")
     assert plain.exit_code == 0 and "samples predicted in" in plain.stdout
 
 
@@ -278,7 +326,12 @@ def test_replay_refuses_before_any_work(doctor, diagnosed, files, tmp_path):
         ([diagnosed, model, "--out", good], "it is damaged or not HDF5"),
         ([diagnosed, a, "--out", a], "would overwrite"),
         ([diagnosed, a, "--out", diagnosed / "patched.xml"], "would overwrite"),
+        ([diagnosed, a, "--out", a, "--force"], "would overwrite"),
+        ([diagnosed, a, "--out", b], "b.h5 is there already; --force replaces it"),
         ([diagnosed, a, "--out", tmp_path], "it is a folder"),
+        ([diagnosed, a, "--out", "x" * 245], "name too long"),
+        ([diagnosed, a, "--out", "/dev/null", "--force"], "it is no regular file"),
+        (["x" * 300, a, "--out", good], "is no diagnosis"),
         ([diagnosed, a, "--out", "/proc/x/p.h5"], "cannot write"),
         (
             [diagnosed, a, "--out", good, "--model", "no.xml"],

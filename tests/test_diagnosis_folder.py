@@ -3,20 +3,27 @@
 import json
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
 from test_diagnosis_score import undiagnosed
-from toys_diagnosis import ROBOTS, record
+from toys_diagnosis import ROBOTS, bench, places, record
 
 from selfheal.diagnosis import folder
-from selfheal.diagnosis.document import plain, text_of
+from selfheal.diagnosis.document import plain, refit_of, text_of
+from selfheal.diagnosis.effects import catalogue
+from selfheal.diagnosis.entries import check_entries
+from selfheal.diagnosis.patch import patched
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.result import Diagnosis, Located
+from selfheal.diagnosis.stated import is_loose
+from selfheal.diagnosis.terms import Parameter
 from selfheal.errors import InputError, RecordingError, UnknownNameError
-from selfheal.recording import Signal
+from selfheal.recording import Signal, load_model, names_of
 
+NAN = float("nan")
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
 
 
@@ -121,6 +128,7 @@ BAD = [
     (None, "cannot read"),
     ("{", "is not JSON"),
     ("[]", "is not a selfheal-diagnosis"),
+    ("[" * 100_000, "is nested too deeply"),
     ('{"format": "selfheal-diagnosis", "version": 2}', "of version 1"),
     ('{"format": "selfheal-run", "version": 1}', "is not a selfheal-diagnosis"),
 ]
@@ -141,6 +149,18 @@ def test_json_has_no_nan_and_no_numpy():
     assert told == {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x",
                     "e": None}  # fmt: skip
     assert plain(thing) == told
+
+
+def test_the_interval_of_a_negative_value_is_in_order():
+    term = SimpleNamespace(
+        effect=SimpleNamespace(name="stated"), targets=("joint:a/springref",),
+        parameters=(Parameter("x", "1", 1.0, 0.7, 1.3, 0.1),),
+        note={"value": -2.0, "unit": "rad"},
+    )  # fmt: skip
+    (told,) = refit_of(
+        SimpleNamespace(terms=(term,), values=np.array([1.1])), np.array([0.01])
+    )
+    assert told["low"] < told["value"] < told["high"] < 0 and not is_loose(told)
 
 
 # replay
@@ -215,6 +235,26 @@ def test_a_motor_torque_is_told_at_the_joint(tmp_path):
         np.testing.assert_allclose(*both, atol=1e-6)
 
 
+@pytest.mark.parametrize("end", [".mjcf", ".XML", ".txt", ""])
+def test_a_model_may_have_any_name(end, arm, tmp_path):
+    """Files that it speaks of are found from where it lies."""
+    out, recording = arm
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "still.xml").write_text(
+        '<mujoco><option gravity="0 0 0"/></mujoco>'
+    )
+    still = ROBOTS["arm"].xml.replace(
+        "</mujoco>", '<include file="more/still.xml"/></mujoco>'
+    )
+    (tmp_path / f"other{end}").write_text(still)
+    (tmp_path / "usual.xml").write_text(still)
+    told = [replay(out, recording, model=tmp_path / n).episodes["000"].signals["elbow"]
+            for n in (f"other{end}", "usual.xml")]  # fmt: skip
+    np.testing.assert_array_equal(told[0].values, told[1].values)
+    texts = [patched(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")]
+    assert texts[0] == texts[1] and names_of(load_model(tmp_path / f"other{end}"))
+
+
 def test_supply_voltage_and_temperature_stay_unread(arm):
     out, recording = arm
     (first, *_) = recording.episodes
@@ -273,7 +313,8 @@ def _find(out, **finding) -> None:
     path.write_text(json.dumps(document))
 
 
-DAMAGED = "is damaged; would fit: findings as a list"
+LOSS = {"name": "frictionloss", "value": 0.1}
+HUGE = 10**400
 
 
 @pytest.mark.parametrize(
@@ -283,12 +324,28 @@ DAMAGED = "is damaged; would fit: findings as a list"
         ({"target": "elbow"}, InputError, "'elbow'; would fit: joint:"),
         ({"effect": "gremlins"}, UnknownNameError, "gremlins"),
         ({"effect": "ground_friction", "target": "world"}, InputError, "no ground"),
-        ({"parameters": None}, InputError, DAMAGED),
-        ({"parameters": [{"name": "frictionloss"}]}, InputError, DAMAGED),
-        ({"parameters": [{"name": "frictionloss", "value": None}]}, InputError,
-         DAMAGED),
-        ({"parameters": [{"name": "frictionloss", "value": "much"}]}, InputError,
-         DAMAGED),
+        ({"target": "world"}, InputError, "'world'; would fit: joint: and a name"),
+        ({"target": "body:forearm"}, InputError, "target is 'body:forearm'; would"),
+        ({"target": 3}, InputError, r"json, findings\[0\]: target is 3; would fit"),
+        ({"effect": 3}, InputError, "effect is 3; would fit: a name"),
+        ({"effect": "gremlins", "native": True}, UnknownNameError, "gremlins"),
+        ({"parameters": None}, InputError, "parameters is None; would fit: a list"),
+        ({"parameters": []}, InputError, r"is \[\]; would fit: frictionloss"),
+        ({"parameters": [{"value": 1.0}]}, InputError, "would fit: frictionloss"),
+        ({"effect": "asymmetric_friction"}, InputError, "fit: positive, negative"),
+        *(({"parameters": [{**LOSS, "value": value}]}, InputError, "fit: a number")
+          for value in (None, "much", [], HUGE, NAN, True)),
+        ({"effect": "joint_coupling", "parameters": [
+            {"name": "stiffness", "value": 1.0}, {"name": "ratio", "value": 1.0}]},
+         InputError, "other is None; would fit: joint: and a name"),
+        ({"effect": "hard_stop", "parameters": [{"name": "range", "value": 1.0}]},
+         InputError, "side is None; would fit: -1 or 1"),
+        ({"effect": "backlash", "native": True, "measured": "motor",
+          "parameters": [{"name": "gap", "value": 0.1}]}, InputError,
+         "patched.xml has no joint 'elbow_play'"),
+        ({"effect": "command_delay", "target": "actuator:elbow_servo",
+          "parameters": [{"name": "delay", "value": -0.1}]}, InputError,
+         "value of delay is -0.1; would fit: 0 or more"),
     ],
 )  # fmt: skip
 def test_a_finding_that_says_nothing_of_this_model_is_refused(finding, kind, said, arm):
@@ -296,6 +353,37 @@ def test_a_finding_that_says_nothing_of_this_model_is_refused(finding, kind, sai
     _find(out, **finding)
     with pytest.raises(kind, match=said):
         replay(out, recording)
+
+
+@pytest.mark.parametrize(
+    "entry, said",
+    [
+        ({"given": "x"}, "given is 'x'; would fit: a number"),
+        ({"value": None}, "value is None; would fit: a number"),
+        ({"parameter": 7}, r"refit\[0\]: parameter is 7; would fit: a text"),
+    ],
+)
+def test_a_refitted_value_that_is_none_is_refused(entry, said, arm):
+    out, recording = arm
+    document = json.loads((out / "diagnosis.json").read_text())
+    own = {"parameter": "joint:elbow/damping", "given": 1.0, "value": 1.0}
+    document["refit"] = [{**own, **entry}]
+    (out / "diagnosis.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=said):
+        replay(out, recording)
+
+
+@pytest.mark.parametrize("robot", places())
+def test_what_a_diagnosis_writes_is_what_a_replay_takes(robot, tmp_path):
+    scene = bench(robot, tmp_path).scene
+    for effect in catalogue().values():
+        for term in effect.terms(scene)[:1]:
+            told = [{"name": p.name, "value": 1.0} for p in term.parameters]
+            if effect.name == "payload":
+                told[1:] = [{"name": "position", "value": [0.0, 0.0, 1.0]}]
+            entry = {"effect": effect.name, "target": term.targets[0], **term.note}
+            entries = {"findings": [{**entry, "parameters": told}], "refit": []}
+            check_entries("diagnosis.json", entries)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from toys_diagnosis import bench
 
 from selfheal.diagnosis.noise import heard
-from selfheal.diagnosis.parabolas import neighbors, of_slow_noise
+from selfheal.diagnosis.parabolas import MOST, neighbors, of_slow_noise
 from selfheal.diagnosis.problem import Problem
 from selfheal.diagnosis.state import start_of
 from selfheal.diagnosis.windows import windows
@@ -123,3 +123,13 @@ def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(arm):
     problem, told = _left(arm, lambda shape: 0.2 * SIZE * rng.normal(size=shape), 0.0)
     for c in heard(problem, told).signals:
         np.testing.assert_allclose(c.noise, 0.2 * SIZE, rtol=0.1)
+
+
+@pytest.mark.parametrize("gap", [1e-9, 1e-7, 1e-5])
+def test_a_parabola_looks_at_a_bounded_number_of_neighbors(gap):
+    """Of a clock in days, and of samples that come in bursts."""
+    even = np.arange(1000.0)
+    assert neighbors(gap * even) == (pytest.approx(gap), MOST)
+    bursts = 0.1 * (even // 10) + gap * (even % 10)
+    assert neighbors(bursts)[1] < 5
+    assert neighbors(0.005 * even) == (pytest.approx(0.005), 4)

@@ -182,6 +182,26 @@ def _no_kind(root):
     del root["episodes/alpha/signals/up"].attrs["kind"]
 
 
+def _without(name, value=None):
+    """A signal without an attribute, or with one that is no text."""
+
+    def damage(root):
+        attrs = root["episodes/alpha/signals/up"].attrs
+        del attrs[name]
+        if value is not None:
+            attrs[name] = value
+
+    return damage
+
+
+def _numbered(root):
+    root["episodes/alpha/ctrl"].attrs["names"] = [1, 2]
+
+
+def _together(root):
+    root["episodes/alpha/ctrl"].attrs["names"] = "servo,b"
+
+
 def _other_version(root):
     root.attrs["version"] = 2
 
@@ -243,7 +263,12 @@ def _huge_chunk(root):
         (_no_time, "episode 'alpha': time is missing; .* holds 'ctrl'"),
         (_no_signals, "episode 'alpha': signals is missing"),
         (_no_names, "episode 'alpha': ctrl lacks the attribute names"),
-        (_no_kind, "signal 'up': attribute kind is None"),
+        (_no_kind, "signal 'up': it lacks the attribute kind; .* 'joint_position', "),
+        (_without("unit"), "'up': it lacks the attribute unit; would fit: that of the"),
+        (_without("target"), "lacks the attribute target; would fit: the name of a s"),
+        (_without("kind", 5), "attribute kind is 5, no text; would fit: 'joint_posi"),
+        (_numbered, r"names of ctrl is \[1, 2\]; it must be texts"),
+        (_together, "columns and the names 'servo,b'; would fit"),
         (_other_version, "version is .*2.*; this program reads 1"),
         (_other_format, "format is 'rosbag'; would fit: 'selfheal-recording'"),
         (_typing_error, "unknown member 'control'; would fit: time, ctrl"),
@@ -298,14 +323,14 @@ def test_what_is_no_hdf5_is_refused(tmp_path, text):
 
 
 def test_a_missing_file_or_a_folder_is_refused(tmp_path):
-    for path in (tmp_path, tmp_path / "nothing.h5"):
-        with pytest.raises(RecordingError, match="no such file"):
-            read(path)
+    for name, said in (("", "it is a folder"), ("nothing.h5", "no such file")):
+        with pytest.raises(RecordingError, match=said):
+            read(tmp_path / name)
 
 
 def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.h5")
-    with pytest.raises(RecordingError, match="no such file"):
+    with pytest.raises(RecordingError, match="it is no regular file"):
         read(tmp_path / "pipe.h5")
 
 

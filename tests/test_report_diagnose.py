@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
+from selfheal.diagnosis.answer import _helped
 from selfheal.diagnosis.effects import catalogue
 from selfheal.diagnosis.result import Candidate, Diagnosis, Located, SignalFit, Trace
-from selfheal.report import diagnose, figures, tables
+from selfheal.diagnosis.windows import Windows
+from selfheal.report import diagnose, figures, phrases, tables
 from selfheal.report.diagnose import page, sentence
 from selfheal.report.page import bars, write_page
 
@@ -237,10 +239,31 @@ def test_what_a_finding_is_worth_is_said(removed, says):
     assert says in sentence(document)
 
 
+def test_what_is_said_of_the_rest_is_so():
+    noise, more = "is as large as noise", "nine tenths or more of what exceeds"
+    words = _told(made_up())
+    assert noise in words and more not in words and "times the floor" not in words
+    words = _told(replace(made_up(), more_than_noise=True))
+    assert noise not in words and more in words
+    document = _document()
+    document["fit"] |= {"patched": 0.1, "floor": 0.02}
+    assert "off by 0.1, 5 times the floor" in _told(
+        replace(made_up(), document=document)
+    )
+
+
+def test_what_patched_xml_has_of_an_effect_is_said():
+    for effect, said in (("asymmetric_friction", "only a part"), ("cogging", "not in")):
+        words = _told(
+            made_up(findings=({**FINDING, "effect": effect, "native": False},))
+        )
+        assert said in words
+
+
 def test_every_effect_has_its_own_words():
-    assert set(catalogue()) <= set(diagnose._SAYS)
-    for effect, words in diagnose._SAYS.items():
-        names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *diagnose._COMMON}
+    assert set(catalogue()) <= set(phrases.SAYS)
+    for effect, words in phrases.SAYS.items():
+        names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *phrases.COMMON}
         stated = [{"name": n, "value": 1.5, "unit": "1"} for n in names]
         found = {"effect": effect, "target": "joint:a", "parameters": stated}
         said = sentence(_document(findings=(found,)))
@@ -336,6 +359,18 @@ def test_the_page_asks_for_nothing_from_anywhere():
     assert "@import" not in made and "url(http" not in made
 
 
+def test_what_no_test_told_has_no_p():
+    """Five windows cannot say that an effect helps there."""
+    at = np.arange(6)
+    pieces = Windows(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
+    assert _helped(pieces, np.array([0.0, 1, 1, 1, 1, 1])) is None
+    assert _helped(pieces, np.ones(6)) == 1 / 64
+    signal = {"name": "knee_position", "share_of_error": 0.81, "p_value": None}
+    found = {**FINDING, "where": {**FINDING["where"], "signals": [signal]}}
+    told = tables.findings(_document(findings=(found,)))
+    assert "knee_position (81\N{NO-BREAK SPACE}%)" in told
+
+
 def test_missing_numbers_have_a_page():
     given = made_up()
     none = {"value": None, "low": None, "high": None, "unit": None}
@@ -371,7 +406,7 @@ def test_nothing_at_all_has_a_page():
     )
     assert "<figure>" not in _page(made)
     words = _told(made)
-    for said in ("no held-out stretch", "could be located", "Remarks None."):
+    for said in ("no held-out stretch", "cannot tell where", "Remarks None."):
         assert said in words
 
 

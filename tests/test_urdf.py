@@ -127,11 +127,12 @@ def test_it_is_replayed_on_the_patch_and_on_the_urdf(
             assert np.sqrt(np.mean(apart**2)) < 2 * SWINGING.noise
 
 
-def test_the_mjcf_of_a_urdf_is_the_same_model(tmp_path):
-    (tmp_path / "robot.urdf").write_text(URDF)
-    text = patched(tmp_path / "robot.urdf", (), tmp_path)
+@pytest.mark.parametrize("name", ["robot.urdf", "robot.URDF", "robot"])
+def test_the_mjcf_of_a_urdf_is_the_same_model(name, tmp_path):
+    (tmp_path / name).write_text(URDF)
+    text = patched(tmp_path / name, (), tmp_path)
     new = mujoco.MjModel.from_xml_string(text)
-    given = load_model(tmp_path / "robot.urdf")
+    given = load_model(tmp_path / name)
     kinds = ("body_", "jnt_", "dof_", "geom_", "qpos")
     for field in [f for f in dir(given) if f.startswith(kinds)]:
         both = [np.asarray(getattr(m, field), float) for m in (new, given)]

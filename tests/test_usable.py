@@ -77,6 +77,13 @@ def _only(*kinds):
     )
 
 
+def _meaning(**more):
+    """An elbow that means something else."""
+    return lambda e: replace(
+        e, signals={**e.signals, "elbow": replace(e.signals["elbow"], **more)}
+    )
+
+
 def _cut(samples):
     return lambda episode: replace(
         _signals(lambda values: values[:samples])(episode),
@@ -111,6 +118,16 @@ BAD = {
         "001",
         "signal 'elbow': body_position of 'lower' in 'm' here and joint_position",
     ),
+    "another joint": (
+        _meaning(target="elbwo"),
+        "001",
+        "'001', signal 'elbow': the model has no joint 'elbwo'.*'shoulder', 'elbow'",
+    ),
+    "another unit": (
+        _meaning(unit="m"),
+        "001",
+        "unit 'm' does not fit joint 'elbow'; .*: 'rad'",
+    ),
     "years": (
         lambda e: replace(e, time=e.time * 1e6),
         "001",
@@ -124,6 +141,21 @@ def test_what_no_fit_could_make_sense_of_is_refused(case, diagnose, usable):
     change, only, said = BAD[case]
     with pytest.raises(RecordingError, match=said):
         diagnose(_each(usable, change, only))
+
+
+@pytest.mark.parametrize("step", ["0", "-0.002", "nan"])
+def test_a_time_step_that_is_none_is_refused(step, usable, tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(ARM.xml.replace('timestep="0.002"', f'timestep="{step}"'))
+    with pytest.raises(ModelError, match="timestep is .* s; would fit: more than 0"):
+        selfheal.diagnose(path, usable)
+
+
+def test_joints_that_no_signal_tells_are_named(diagnose):
+    """Their episodes are not cut into pieces, so that these are few."""
+    blind = record(ROBOTS["half_seen_arm"], episodes=3, seconds=1.5, finer=1)
+    with pytest.raises(RecordingError, match="position of joint 'elbow', .* and 2 are"):
+        diagnose(blind)
 
 
 def test_a_pause_in_an_episode_is_no_matter(diagnose, usable):

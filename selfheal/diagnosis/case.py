@@ -3,12 +3,18 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from ..errors import RecordingError, UnknownNameError
-from ..recording import Recording, split
+from ..recording import (
+    Recording,
+    check_against_model,
+    names_of,
+    short_names,
+    split,
+    without_file,
+)
 from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
@@ -63,6 +69,8 @@ def prepare(
 ) -> Case:
     """A model and its recordings, parted; arguments and errors as of `diagnose`."""
     workshop = Workshop(os.fspath(model))
+    for recording in recordings:  # what does not fit the model is the plainer fault
+        check_against_model(recording, names_of(workshop.given))
     meanings(recordings)  # one in all, whichever part of them they come to lie in
     pairs = _parted(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
@@ -71,8 +79,11 @@ def prepare(
     held = world_of(workshop, [h for _, h in pairs if h.episodes])
     if not world.signals:
         raise RecordingError("no signal holds a reading that the model can predict")
+    files = short_names([r.file for r in recordings])
     names = tuple(
-        f"{Path(h.file).name}:{name}" for _, h in pairs for name in h.episodes
+        f"{file}:{name}"
+        for file, (_, h) in zip(files, pairs, strict=True)
+        for name in h.episodes
     )
     scene = scene_of(world)
     world, held = (replace(w, touches=scene.touches) for w in (world, held))
@@ -95,8 +106,7 @@ def _parted(
         own[_owner(recordings, entry)].append(entry)
     pairs = []
     for recording, entries in zip(recordings, own, strict=True):
-        whole = {e.removeprefix(f"{recording.file}:") for e in entries}
-        whole = {e.removeprefix(f"{Path(recording.file).name}:") for e in whole}
+        whole = {without_file(entry, recording.file) for entry in entries}
         none = replace(recording, episodes={})
         if not entries:
             pairs.append((recording, none))
@@ -111,14 +121,16 @@ def _parted(
 
 def _owner(recordings: Sequence[Recording], entry: str) -> int:
     """Which of several recordings a held-out name speaks of."""
-    for i, recording in enumerate(recordings):
-        for file in (recording.file, Path(recording.file).name):
-            if entry.startswith(f"{file}:"):
-                return i
+    exact = [entry.startswith(f"{r.file}:") for r in recordings]
+    called = [without_file(entry, r.file) != entry for r in recordings]
+    if any(fits := exact if any(exact) else called):
+        return fits.index(True)
     for i, recording in enumerate(recordings):
         if any(entry == n or entry.startswith(f"{n}[") for n in recording.episodes):
             return i
-    valid = [f"{Path(r.file).name}:{n}" for r in recordings for n in r.episodes]
+    files = short_names([r.file for r in recordings])
+    each = zip(files, recordings, strict=True)
+    valid = [f"{file}:{name}" for file, r in each for name in r.episodes]
     raise UnknownNameError("held-out episode", entry, valid)
 
 
@@ -141,6 +153,12 @@ def check_enough(world: World, problem: Problem) -> None:
     Raises:
         RecordingError: too short, or nothing moved.
     """
+    if len(problem.windows) < SHORT and (lost := _untold(world)):
+        raise RecordingError(
+            f"no signal tells the position of {', '.join(lost)}, so that an episode is "
+            f"one piece, and {len(world.logs)} are too few to decide anything; would "
+            f"fit: record it, or at least {SHORT} episodes beside what is held out"
+        )
     if len(problem.windows) < SHORT:
         raise RecordingError(
             f"{len(problem.windows)} pieces of {WINDOW} s are too few to decide "
@@ -168,6 +186,22 @@ def pieces_of(world: World, seconds: float) -> Windows:
             own = own.take(np.flatnonzero(_is_read(world, i, own.start)))
         parts.append(own)
     return Windows.joined(parts)
+
+
+def _untold(world: World) -> list[str]:
+    """Joints whose position no signal tells for most of the time."""
+    model = world.workshop.given
+    told = np.vstack([
+        estimate(model, world.signals, log, np.linspace(0, log.at[-1], 9)[1:-1],
+                 world.step, {})[0]
+        for log in world.logs
+    ])  # fmt: skip
+    known = np.isfinite(told).mean(axis=0) > 0.5
+    return [
+        f"joint {model.joint(j).name!r}"
+        for j in range(model.njnt)
+        if not known[model.jnt_qposadr[j]]
+    ]
 
 
 def _is_read(world: World, log: int, at: np.ndarray) -> np.ndarray:

@@ -122,11 +122,11 @@ def refit_of(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
         (factor,), (error,) = value, error
         given = term.note["value"]
         (p,) = term.parameters
-        low, high = (
-            np.clip(factor + k * LEVEL * error, p.low, p.high) for k in (-1, 1)
+        low, high = sorted(
+            given * np.clip(factor + k * LEVEL * error, p.low, p.high) for k in (-1, 1)
         )
         out.append({"parameter": term.targets[0], "given": given,
-                    "value": given * factor, "low": given * low, "high": given * high,
+                    "value": given * factor, "low": low, "high": high,
                     "unit": term.note["unit"]})  # fmt: skip
     return out
 

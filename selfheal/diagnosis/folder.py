@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -11,15 +10,11 @@ from uuid import uuid4
 from ..errors import InputError
 from ..files import check_writable
 from .document import text_of
+from .entries import check_entries
 from .patch import patched
 from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
-# what a replay reads of diagnosis.json
-ENTRIES = {
-    "findings": ("effect", "target", "parameters"),
-    "refit": ("parameter", "given", "value"),
-}
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -32,7 +27,10 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     check_writable(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; would fit: a folder to be made")
-    held = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
+    try:
+        held = sorted(os.listdir(folder)) if folder.is_dir() else []
+    except OSError as error:
+        raise InputError(f"cannot look into {folder}: {error.strerror}") from error
     if others := [name for name in held if name not in FILES]:
         raise InputError(
             f"{folder} holds {', '.join(others[:3])}, which is no part of a diagnosis "
@@ -44,6 +42,12 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
             "another folder"
         )
     return folder
+
+
+def unfinished(folder: str | os.PathLike[str]) -> Path:
+    """The hidden folder beside it, in which a killed diagnosis goes on."""
+    real = Path(folder).resolve()  # "." has no name
+    return real.with_name(f".{real.name}.unfinished")
 
 
 def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> None:
@@ -60,13 +64,22 @@ def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> 
         (new / "diagnosis.json").write_text(text_of(diagnosis.document))
         (new / "patched.xml").write_bytes(text.encode())
         (new / "report.html").write_text(diagnosis.page, encoding="utf-8")
-        old = new.with_suffix(".old")
-        if folder.exists():
-            os.replace(folder, old)
-        os.replace(new, folder)
-        shutil.rmtree(old, ignore_errors=True)
+        _put(new, folder)
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def _put(new: Path, folder: Path) -> None:
+    """Let a new folder take the place of one that may be there."""
+    if folder == Path.cwd():  # who stands in it would stand in a deleted one
+        for name in FILES:
+            os.replace(new / name, folder / name)
+        return
+    old = new.with_suffix(".old")
+    if folder.exists():
+        os.replace(folder, old)
+    os.replace(new, folder)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _patched(diagnosis: Diagnosis, folder: Path) -> str:
@@ -92,29 +105,12 @@ def read(folder: str | os.PathLike[str]) -> dict[str, Any]:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:
         raise InputError(f"{path} is not JSON: {error}") from error
+    except RecursionError as error:
+        raise InputError(
+            f"{path} is nested too deeply; would fit: a diagnosis"
+        ) from error
     kind = document.get("format") if isinstance(document, dict) else None
     if kind != "selfheal-diagnosis" or document.get("version") != 1:
         raise InputError(f"{path} is not a selfheal-diagnosis of version 1")
-    for key, fields in ENTRIES.items():
-        entries = document.get(key)
-        if not isinstance(entries, list) or not all(_holds(e, fields) for e in entries):
-            raise InputError(
-                f"{path} is damaged; would fit: {key} as a list, each of it with "
-                f"{', '.join(fields)}, and numbers as values"
-            )
+    check_entries(path, document)
     return document
-
-
-def _holds(entry: Any, fields: Sequence[str]) -> bool:
-    """Whether an entry of diagnosis.json has what a replay needs."""
-    if not isinstance(entry, dict) or not set(fields) <= set(entry):
-        return False
-    told = entry.get("parameters", [entry])
-    return isinstance(told, list) and all(
-        isinstance(p, dict) and _are_numbers(p.get("value")) for p in told
-    )
-
-
-def _are_numbers(value: Any) -> bool:
-    values = value if isinstance(value, list) else [value]
-    return all(isinstance(v, int | float) for v in values)

@@ -12,6 +12,7 @@ from ..recording.data import Floats
 # half width [s] of the parabola that says where the robot was and how fast, and the
 # least of samples on each side; chosen: 50 ms in all, as the contract's score has it
 HALF_WIDTH, LEAST = 0.022, 2
+MOST = 300  # samples on each side, as of 14 kHz: memory grows with them; chosen
 REACH = 3.0  # times that, the farthest that irregular samples may lie; chosen
 INSTANT = 1e-4  # [s] over which a turn's rate is told
 SAFE = 0.6  # of the neighbors that one seems to fit: what is not seen is bent too
@@ -98,8 +99,11 @@ def nearest(times: Floats, at: Floats) -> np.ndarray:
 
 def neighbors(time: Floats) -> tuple[float, int]:
     """Usual distance [s] of samples, and how many on each side a parabola looks at."""
-    gap = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-    return gap, max(LEAST, int(round(HALF_WIDTH / gap)))
+    gaps = np.diff(time) if time.size > 1 else np.ones(1)
+    gap = float(np.median(gaps))
+    if HALF_WIDTH / gap > MOST:  # perhaps of samples that come in bursts
+        gap = float(gaps.mean())
+    return gap, int(np.clip(round(HALF_WIDTH / gap), LEAST, MOST))
 
 
 @cache

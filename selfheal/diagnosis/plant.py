@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..recording import load_model
+from ..recording import load_model, read_spec
 from ..recording.data import Floats
 from .terms import Term, does
 
@@ -165,7 +165,7 @@ class Workshop:
         from ..body.mjcf import ignore_warnings
 
         ignore_warnings()
-        spec = mujoco.MjSpec.from_file(self.path)
+        spec = read_spec(self.path)
         given = self.given
         # the last joint first: an added one shifts what follows it
         sites = [(t.effect, place) for t in adds for place in t.places]

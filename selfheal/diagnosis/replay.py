@@ -89,9 +89,10 @@ def _terms(
             terms.append(term)
             values.append(np.array([factor]))
     for finding in document["findings"]:
+        term = restored(finding, workshop, patched)
         if patched and _is_there(finding):
             continue
-        terms.append(restored(finding, workshop, patched))
+        terms.append(term)
         values.append(_numbers(finding))
     return terms, np.concatenate([*values, np.zeros(0)])
 
@@ -127,11 +128,24 @@ def restored(finding: Mapping[str, Any], workshop: Workshop, patched: bool) -> T
     place = place_of(workshop.given, finding, names)
     if patched:
         place["there"] = True  # the joint that it adds is in the text already
+        if "suffix" in place:
+            _check_added(workshop, place)
     parameters = tuple(
         Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
         for i in range(len(_numbers(finding)))
     )
     return Term(kind, (finding["target"],), (place,), parameters, ())
+
+
+def _check_added(workshop: Workshop, place: Mapping[str, Any]) -> None:
+    """Refuse a patched model without the joint that a finding says is in it."""
+    joint, model = place["joint"], workshop.given
+    name = f"{model.joint(joint).name}{place['suffix']}"
+    if name not in [model.joint(j).name for j in range(model.njnt)]:
+        raise InputError(
+            f"{workshop.path} has no joint {name!r}, which the diagnosis says is in "
+            "it; would fit: the patched.xml that was written with it"
+        )
 
 
 def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
@@ -166,11 +180,6 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
                     f"the model has no ground, whose {kind.name} the diagnosis names; "
                     "would fit: a geom of the world that something can touch"
                 )
-        else:
-            raise InputError(
-                f"the diagnosis has the target {finding['target']!r}; would fit: "
-                "joint: actuator: body: geom: sensor: and a name, or world"
-            )
     except KeyError as error:
         raise InputError(f"the model has no {sort} {name!r}, which the diagnosis names"
                          ) from error  # fmt: skip

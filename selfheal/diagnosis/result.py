@@ -106,6 +106,7 @@ class Diagnosis:
         seconds: that it took.
         simulations: how many windows were simulated.
         page: report.html; empty where none was drawn.
+        more_than_noise: whether the findings leave of short pieces more than noise.
     """
 
     model: str
@@ -121,6 +122,7 @@ class Diagnosis:
     seconds: float
     simulations: int
     page: str = ""
+    more_than_noise: bool = False
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write diagnosis.json, patched.xml and report.html, all or nothing.

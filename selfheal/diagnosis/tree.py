@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 
 from ..errors import ModelError, UnknownNameError
+from ..recording import read_spec
 from .markup import (
     Element,
     after_note,
@@ -249,7 +250,7 @@ def _read(path: str) -> str:
 def _from_urdf(path: str) -> str:
     """A URDF as MuJoCo writes it in MJCF."""
     try:
-        spec = mujoco.MjSpec.from_file(path)
+        spec = read_spec(path)
         spec.compile()
         return spec.to_xml()
     except ValueError as error:

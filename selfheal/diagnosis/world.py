@@ -250,6 +250,8 @@ class World:
             early = 0.5 if those.centered and c.kind in VELOCITIES else 0.0
             at = windows.at[None] - delay
             value = _between(told[..., c.columns], windows, at + early)
+            if c.kind == "body_orientation" and "delay" in said:
+                value /= np.linalg.norm(value, axis=-1, keepdims=True)
             if c.kind == "joint_torque":
                 self._of_now(value[..., 0], c, those, windows, at, used)
             gain = said.get("gain", np.ones(1))[:, None, None]

@@ -3,8 +3,8 @@
 from .check import validate
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
-from .names import load_model, names_of, read_names
-from .split import split
+from .names import load_model, names_of, read_names, read_spec
+from .split import short_names, split, without_file
 from .store import opened, read, write
 
 __all__ = [
@@ -20,7 +20,10 @@ __all__ = [
     "opened",
     "read",
     "read_names",
+    "read_spec",
+    "short_names",
     "split",
     "validate",
+    "without_file",
     "write",
 ]

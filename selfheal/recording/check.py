@@ -31,7 +31,7 @@ def validate(recording: Recording) -> None:
 
 def listed(names: Iterable[str]) -> str:
     """The names as a message shows them."""
-    return ", ".join(repr(name) for name in names) or "none"
+    return ", ".join(repr(str(name)) for name in names) or "none"
 
 
 def _check_id(name: str, place: Place) -> None:

@@ -2,7 +2,10 @@
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..errors import ModelError
 from .model import ModelNames, Target
@@ -10,6 +13,7 @@ from .model import ModelNames, Target
 if TYPE_CHECKING:
     import mujoco
 
+_KNOWN = (".xml", ".urdf")  # ends of names, by which MuJoCo tells what a file is
 # by MuJoCo's name of the sensor, without mjSENS_; a sensor that is not here may have
 # any unit: MuJoCo does not say one
 SENSOR_UNITS: Mapping[str, str] = {
@@ -51,17 +55,38 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     """
     import mujoco
 
+    name = os.fspath(path)
     try:
-        return mujoco.MjModel.from_xml_path(os.fspath(path))
-    except ValueError as error:
+        if name.endswith(_KNOWN):
+            model = mujoco.MjModel.from_xml_path(name)
+        else:
+            model = read_spec(name).compile()
+    except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         if "package:/" in reason:
             reason += (
                 '; would fit: <mujoco><compiler strippath="true" meshdir="..."/>'
                 "</mujoco> in the URDF, with the folder of its meshes"
             )
-        message = f"{os.fspath(path)}: MuJoCo cannot load it: {reason}"
-        raise ModelError(message) from error
+        raise ModelError(f"{name}: MuJoCo cannot load it: {reason}") from error
+    if not 0 < (step := model.opt.timestep) < np.inf:
+        raise ModelError(f"{name}: its timestep is {step:g} s; would fit: more than 0")
+    return model
+
+
+def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":
+    """An MJCF or URDF file, whatever its name ends in.
+
+    Raises:
+        ValueError: MuJoCo's, of what it cannot read.
+    """
+    import mujoco
+
+    name = os.fspath(path)
+    if name.endswith(_KNOWN):
+        return mujoco.MjSpec.from_file(name)
+    beside = f"{name}.xml"  # the same text, from where the same files are found
+    return mujoco.MjSpec.from_file(beside, include={beside: Path(name).read_bytes()})
 
 
 def names_of(model: "mujoco.MjModel") -> ModelNames:

@@ -1,5 +1,6 @@
 """Held-out parts (contract section 2): takes a Recording, gives two of them."""
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -49,6 +50,30 @@ def split(
     if not fit:
         raise Place(recording.file).error("held out is everything; nothing is left")
     return replace(recording, episodes=fit), replace(recording, episodes=held)
+
+
+def without_file(entry: str, file: str) -> str:
+    """A held-out name without the file before it: its path, or the end of that."""
+    own = Path(os.path.abspath(file)).parts
+    for colon in re.finditer(":", entry):
+        told = entry[: colon.start()]
+        parts = Path(os.path.normpath(told)).parts if told else ()
+        same = told == file or os.path.realpath(told) == os.path.realpath(file)
+        if told and (same or own[-len(parts) :] == parts):
+            return entry[colon.end() :]
+    return entry
+
+
+def short_names(files: Sequence[str]) -> list[str]:
+    """Of each file the shortest end of its path that no other one of them has."""
+    every = [Path(os.path.abspath(file)).parts for file in files]
+    found = []
+    for own in every:
+        others, k = set(every) - {own}, 1
+        while any(parts[-k:] == own[-k:] for parts in others):
+            k += 1
+        found.append(os.path.join(*own[-k:]))
+    return found
 
 
 _Windows = dict[str, list[tuple[float, float] | None]]  # None: the whole episode
@@ -127,9 +152,7 @@ def _windows(recording: Recording, held_out: Sequence[str]) -> _Windows:
 
 def _parse(entry: str, recording: Recording) -> tuple[str, tuple[float, float] | None]:
     """The episode that an entry names, and its window if it names one."""
-    name = entry
-    for prefix in (f"{recording.file}:", f"{Path(recording.file).name}:"):
-        name = name.removeprefix(prefix)
+    name = without_file(entry, recording.file)
     if name in recording.episodes:
         return name, None
     piece = _PIECE.fullmatch(name)

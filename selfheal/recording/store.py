@@ -3,15 +3,14 @@
 import math
 import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from ..files import atomic_path
+from ..files import atomic_path, unreadable
 from .check import listed, validate
-from .data import Episode, Floats, Place, Recording, Signal
+from .data import KINDS, Episode, Floats, Place, Recording, Signal
 
 FORMAT = "selfheal-recording"
 VERSION = 1
@@ -28,8 +27,8 @@ def read(path: str | os.PathLike[str]) -> Recording:
             fit. The size is checked from the headers, before any array is read.
     """
     file = Place(os.fspath(path))
-    if not Path(path).is_file():
-        raise file.error("there is no such file")
+    if reason := unreadable(path):
+        raise file.error(reason)
     try:
         with h5py.File(path, "r") as root:
             recording = _recording(root, file)
@@ -103,8 +102,9 @@ def _recording(root: h5py.File, file: Place) -> Recording:
         raise file.error(f"format is {found!r}; would fit: {FORMAT!r}")
     version = root.attrs.get("version")
     if not isinstance(version, (int, np.integer)) or version != VERSION:
-        version = version.item() if isinstance(version, np.generic) else version
-        raise file.error(f"version is {version!r}; this program reads {VERSION}")
+        raise file.error(
+            f"version is {_plain(version)!r}; this program reads {VERSION}"
+        )
     episodes = _group(root, "episodes", file)
     opened = [_open(episodes, name, Place(file.file, name)) for name in episodes]
     _check_size(opened, file)
@@ -175,7 +175,12 @@ def _episode(opened: _Opened) -> Episode:
 
 
 def _signal(dataset: h5py.Dataset, place: Place) -> Signal:
-    kind, target, unit = (_text(dataset, n, place) for n in ("kind", "target", "unit"))
+    kind = _text(dataset, "kind", place, listed(KINDS))
+    known = KINDS.get(kind)  # one that is none is refused later
+    thing = f"the name of a {known.target}" if known else "the name of what it is of"
+    units = listed(known.units) if known and known.units else "that of the sensor"
+    target = _text(dataset, "target", place, thing)
+    unit = _text(dataset, "unit", place, units)
     return Signal(_floats(dataset), kind, target, unit)
 
 
@@ -218,13 +223,22 @@ def _label(item: Any, name: str, place: Place) -> str | None:
     return _text(item, name, place) if name in item.attrs else None
 
 
-def _text(item: Any, name: str, place: Place) -> str:
+def _text(item: Any, name: str, place: Place, fits: str = "a text") -> str:
     value = item.attrs.get(name)
     if isinstance(value, bytes):
         return value.decode()
+    if value is None:
+        raise place.error(f"it lacks the attribute {name}; would fit: {fits}")
     if not isinstance(value, str):
-        raise place.error(f"attribute {name} is {value!r}; it must be a text")
-    return value
+        raise place.error(
+            f"attribute {name} is {_plain(value)!r}, no text; would fit: {fits}"
+        )
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """What numpy holds, as Python says it."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 def _names(ctrl: h5py.Dataset, place: Place) -> tuple[str, ...]:
@@ -233,5 +247,7 @@ def _names(ctrl: h5py.Dataset, place: Place) -> tuple[str, ...]:
         raise place.error("ctrl lacks the attribute names: the actuator of each column")
     texts = [n.decode() if isinstance(n, bytes) else n for n in np.atleast_1d(names)]
     if not all(isinstance(text, str) for text in texts):
-        raise place.error(f"attribute names of ctrl is {names!r}; it must be texts")
-    return tuple(texts)
+        raise place.error(
+            f"attribute names of ctrl is {_plain(names)!r}; it must be texts"
+        )
+    return tuple(map(str, texts))

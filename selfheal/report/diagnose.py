@@ -10,74 +10,19 @@ import numpy as np
 from ..diagnosis.effects import catalogue
 from ..diagnosis.result import Diagnosis, Located
 from ..diagnosis.stated import is_loose
+from ..diagnosis.terms import does
 from . import figures, tables
 from .facts import percent
 from .page import Html, Section, bars, bullets, diff, join, mark, paragraph, table
 from .page import page as whole
+from .phrases import COMMON, MEANS, SAYS, UNTOLD
 from .picture import figure, style
 from .tables import given_number, quantity, short
 
 _MOST_TRACES, _MOST_NAMED, _NEAREST = 6, 3, 3  # drawn, in a sentence, advised; chosen
 _MOST_PLACES = 4  # that a sentence names; chosen
+_NOISE = 1.5  # times the floor, an error that is called as large as noise; chosen
 _ALL = 0.995  # share of the explainable error that is called all of it; chosen
-
-# what is the case at {at}, by effect; {all} are all parameters, by name
-_SAYS = {
-    "viscous_friction": "{at} has viscous friction of {damping} {lacks}",
-    "coulomb_friction": "{at} has dry friction of {frictionloss} {lacks}",
-    "stribeck_friction": "{at} has dry friction {lacks}: {static} at rest, {coulomb} "
-    "in motion",
-    "load_dependent_friction": "{at} has friction {lacks}: {load_coefficient} of the "
-    "torque that it passes on",
-    "asymmetric_friction": "{at} has dry friction {lacks}: {positive} one way, "
-    "{negative} the other",
-    "quadratic_damping": "{at} has drag of {damping2} {lacks}",
-    "backlash": "{at} has play of {gap} {lacks}",
-    "compliance": "{at} gives way, with a stiffness of {stiffness} {lacks}",
-    "cogging": "{at} has a torque of {amplitude} {lacks}, rippling with its angle",
-    "armature": "{at} has a rotor inertia of {armature}, {other}",
-    "joint_spring": "{at} has a spring of {stiffness} {lacks}",
-    "joint_coupling": "{at} is coupled to another joint by {stiffness} {lacks}",
-    "hard_stop": "{at} has a hard stop at {range} {lacks}",
-    "command_delay": "{at} acts on its commands {delay} late",
-    "actuator_lag": "{at} follows its commands with a time constant of {timeconst} "
-    "{lacks}",
-    "torque_saturation": "{at} cannot give more than {limit}",
-    "speed_torque_limit": "{at} gives less torque the faster it turns: {stall_torque} "
-    "at rest, none at {no_load_speed}",
-    "rate_limit": "{at} follows its commands at {rate} at most",
-    "servo_gain": "{at} has gains {other} ({all})",
-    "integral_action": "{at} sums up its error with a gain of {ki}",
-    "payload": "{at} carries a mass of {mass} {lacks}",
-    "com_shift": "{at} has its center of mass elsewhere than in the model ({all})",
-    "link_length": "{at} has a length of {length}, {other}",
-    "mount_shift": "{at} is attached elsewhere than in the model ({all})",
-    "limb_loss": "{at} is lost",
-    "joint_jam": "{at} is stuck at {angle}",
-    "slope": "the ground slopes by {tilt}, {other}",
-    "fluid_drag": "a fluid {lacks} drags at {at} ({all})",
-    "wind": "a wind {lacks} blows ({all})",
-    "ground_friction": "contact has a friction of {friction}, {other}",
-    "ground_compliance": "contact gives way, {other} ({all})",
-    "sensor_bias": "{at} is off by {bias}",
-    "sensor_gain": "{at} reads {gain} times what is true",
-    "sensor_delay": "{at} comes {delay} late",
-    "quantization": "{at} comes in steps of {step}",
-}
-_COMMON = {"lacks": "that the model lacks", "other": "other than in the model"}
-_MEANS = {
-    "explained": "What remains is as large as noise.",
-    "partly": "The findings help on recordings that the fit did not see, but what "
-    "remains is not noise, and no further effect of the catalogue earns its place. "
-    "Use the patched model where its error is small enough, and look at the map below "
-    "for where the rest lies.",
-    "unlisted": "The re-fitted model is wrong in a way that is no noise, yet no effect "
-    "of the catalogue predicts recordings better that the fit did not see. The map "
-    "below tells where to look.",
-    "nothing": "After re-fitting what the model states, what remains on recordings "
-    "that the fit did not see is as large as noise. That holds for motions like these; "
-    "what was never excited cannot be seen, and stands under Remarks.",
-}
 
 
 def page(diagnosis: Diagnosis, model: str, recordings: Sequence[str]) -> str:
@@ -167,10 +112,10 @@ def _clause(finding: Mapping[str, Any], place: str) -> str:
     """A finding in plain words, without a capital and a full stop."""
     parameters = {p["name"]: quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
-    words = {**_COMMON, **parameters, "at": place, "all": every}
+    words = {**COMMON, **parameters, "at": place, "all": every}
     effect = finding["effect"]
     try:
-        return _SAYS[effect].format_map(words)
+        return SAYS[effect].format_map(words)
     except KeyError:  # another package's effect, or its parameters
         known = f" ({every})" if every else ""
         return f"{place} shows {_plain(effect)}{known} that the model lacks"
@@ -211,11 +156,31 @@ def _missing(diagnosis: Diagnosis) -> Section:
     document = diagnosis.document
     found, verdict = document["findings"], document["verdict"]
     body = [tables.findings(document)] if found else []
-    body.append(paragraph(_MEANS.get(verdict, f"The verdict is {verdict}.")))
+    body.append(paragraph(_meaning(diagnosis)))
     body.append(bullets(note for f in found for note in _notes(f)))
     if verdict in ("partly", "unlisted") and (tries := _experiments(diagnosis)):
         body += [paragraph("Experiments that would show more:"), bullets(tries)]
     return Section("What is missing" if found else "What this means", tuple(body))
+
+
+def _meaning(diagnosis: Diagnosis) -> str:
+    """The verdict in sentences that hold for this diagnosis."""
+    verdict, fit = diagnosis.document["verdict"], diagnosis.document["fit"]
+    means = MEANS.get(verdict, f"The verdict is {verdict}.")
+    if verdict != "explained":
+        return means
+    if diagnosis.more_than_noise:
+        means = (
+            "The findings remove nine tenths or more of what exceeds the noise; the "
+            "rest is not all noise."
+        )
+    patched, floor = (given_number(fit.get(key)) for key in ("patched", "floor"))
+    if floor > 0 and patched > _NOISE * floor:
+        means += (
+            f" Replayed open loop, the held-out recordings are off by {short(patched)}"
+            f", {short(patched / floor, 2)} times the floor."
+        )
+    return means
 
 
 def _notes(finding: Mapping[str, Any]) -> Iterable[Html]:
@@ -241,8 +206,21 @@ def _notes(finding: Mapping[str, Any]) -> Iterable[Html]:
                    f"{measured}'s side.")  # fmt: skip
 
     if finding.get("native") is False:
-        yield join(mark(named, "right"), ": plain MuJoCo cannot express it, so it is "
-                   "not in patched.xml; selfheal replay applies it.")  # fmt: skip
+        yield join(mark(named, "right"), _by_replay(finding["effect"]))
+
+
+def _by_replay(effect: str) -> str:
+    """What patched.xml has of an effect that plain MuJoCo cannot express."""
+    known = catalogue().get(effect)
+    if known is not None and does(known, "edit"):
+        return (
+            ": plain MuJoCo can express only a part of it; patched.xml has that part, "
+            "and selfheal replay applies all of it."
+        )
+    return (
+        ": plain MuJoCo cannot express it, so it is not in patched.xml; selfheal "
+        "replay applies it."
+    )
 
 
 def _windows(where: Mapping[str, Any]) -> str:
@@ -309,7 +287,7 @@ def _located(located: Located) -> Section:
     title = "Where the re-fitted model is wrong"
     share = np.asarray(located.share)
     if not share.size or not np.isfinite(share).any():
-        return Section(title, ("There is no error that could be located.",))
+        return Section(title, (UNTOLD,))
     caption = (
         "Share of the squared error in percent, by signal and regime. Framed: more "
         "than elsewhere, p below 0.01, corrected for the whole map. A dash: never "
@@ -400,8 +378,9 @@ def _computed(diagnosis: Diagnosis, model: str, recordings: Sequence[str]) -> Se
         "re-fitted within its bounds; then every effect of the catalogue was tried "
         "everywhere it could be, together with that re-fit. A name is given only to "
         "what predicts windows better that its fit did not see, after paying for all "
-        "that was tried. The held-out recordings were replayed once, open loop, at the "
-        "end."
+        "that was tried. The held-out recordings were seen by no fit; they were asked "
+        "which of two hypotheses stays and which names do not help there and are taken "
+        "back, and the result was replayed on them, open loop."
     )
     body = table(("what", "which"), rows, "ll")
     return Section("How this was computed", (said, body))
