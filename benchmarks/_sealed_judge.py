@@ -217,7 +217,7 @@ def _intervals(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
         middle, low, high = stated[name]
         if name in TURNS:
             value += 2 * math.pi * round((middle - value) / (2 * math.pi))
-        error = abs(middle - value) / max(abs(value), 1e-12)
+        error = abs(middle - value) / abs(value) if value else None
         label = f"{truth['effect']} {name}"
         inside = bool(low <= value <= high)
         found.append({"parameter": label, "inside": inside, "error": error})
