@@ -191,6 +191,7 @@ FURUTA = Robot(
     seconds=6,
     episodes=8,
     rate=100,
+    piece=2.0,  # a stick that whirls does so at another moment
 )
 
 FURUTA_IMU = Robot(
@@ -221,6 +222,7 @@ FURUTA_IMU = Robot(
     seconds=6,
     episodes=8,
     rate=100,
+    piece=2.0,  # a stick that whirls does so at another moment
 )
 
 _HOPPER_JOINTS = ("pitch", "f_hip", "f_knee", "b_hip", "b_knee")
