@@ -54,8 +54,11 @@ def read_places(case: Path) -> Places:
         same[name] = frozenset({name, *joints})
         same |= {joint: frozenset({joint, name}) for joint in joints}
     for a in range(model.nu):
-        joint = f"joint:{model.joint(model.actuator_trnid[a, 0]).name}"
-        same[f"actuator:{model.actuator(a).name}"] = same[joint]
+        name, at = f"actuator:{model.actuator(a).name}", model.actuator_trnid[a, 0]
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE:
+            same[name] = frozenset({name})  # one body may have several
+        else:
+            same[name] = same[f"joint:{model.joint(at).name}"]
     for g in range(model.ngeom):
         body = model.geom_bodyid[g]
         name = f"body:{model.body(body).name}"
@@ -214,7 +217,7 @@ def _intervals(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
         middle, low, high = stated[name]
         if name in TURNS:
             value += 2 * math.pi * round((middle - value) / (2 * math.pi))
-        error = abs(middle - value) / max(abs(value), 1e-12)
+        error = abs(middle - value) / abs(value) if value else None
         label = f"{truth['effect']} {name}"
         inside = bool(low <= value <= high)
         found.append({"parameter": label, "inside": inside, "error": error})

@@ -13,7 +13,7 @@ SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
 
 
 def open_loop(model: Any, recording: Recording) -> dict[str, dict[str, np.ndarray]]:
-    """Joint positions and body poses of a model, by episode and signal.
+    """Joint positions, body poses and sensors of a model, by episode and signal.
 
     Args:
         model: compiled, with the coordinates of qpos0.
@@ -24,6 +24,7 @@ def open_loop(model: Any, recording: Recording) -> dict[str, dict[str, np.ndarra
 
 def _episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
+    there = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
     order = [episode.ctrl_names.index(model.actuator(a).name) for a in range(model.nu)]
     since, done, found = episode.time - episode.time[0], 0, []
@@ -34,12 +35,16 @@ def _episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
         done += steps
         qpos = data.qpos.copy()
         mujoco.mj_integratePos(model, qpos, data.qvel, at - done * step)
-        found.append(qpos)
-        data.ctrl[:] = episode.ctrl[i, order]
-    return _signals(model, episode, np.array(found))
+        there.qpos[:], there.qvel[:] = qpos, data.qvel
+        there.ctrl[:] = data.ctrl[:] = episode.ctrl[i, order]
+        if model.nsensor:
+            mujoco.mj_forward(model, there)
+        found.append((qpos, there.sensordata.copy()))
+    qpos, sensed = (np.array(rows) for rows in zip(*found, strict=True))
+    return _signals(model, episode, qpos, sensed)
 
 
-def _signals(model: Any, episode: Episode, qpos: np.ndarray) -> dict[str, np.ndarray]:
+def _signals(model: Any, episode: Episode, qpos, sensed) -> dict[str, np.ndarray]:
     found = {}
     for name, signal in episode.signals.items():
         if signal.kind == "joint_position":
@@ -48,6 +53,9 @@ def _signals(model: Any, episode: Episode, qpos: np.ndarray) -> dict[str, np.nda
             found[name] = qpos[:, :3]
         elif signal.kind == "body_orientation":
             found[name] = qpos[:, 3:7]
+        elif signal.kind == "sensor":
+            sensor = model.sensor(signal.target)
+            found[name] = sensed[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
     return found
 
 

@@ -6,7 +6,7 @@
 
 `make` simulates robots that differ from the model as given; `run` diagnoses each case
 in a folder that holds its model and its recording alone, and goes on where it was
-interrupted; `score` opens the keys and gives docs/results/sealed.md. Seeds below 5000
+interrupted; `score` opens the keys and gives docs/results/NAME.md. Seeds below 5000
 are for development, those from 5000 on for the reported run.
 """
 
@@ -72,8 +72,8 @@ def score(options) -> int:
         "confusion": confusion(cases),
         "cases": cases,
     }
-    title = "The sealed benchmark of diagnose"
-    publish(options.root, "sealed", title, sections(cases), data)
+    title = f"The {options.name} benchmark of diagnose"
+    publish(options.root, options.name, title, sections(cases), data)
     return 0
 
 
@@ -99,6 +99,7 @@ def main() -> int:
     scoring = commands.add_parser("score", help="open the keys")
     scoring.add_argument("--cases", type=Path, required=True)
     scoring.add_argument("--keys", type=Path, required=True)
+    scoring.add_argument("--name", default="sealed", help="of the page")
     scoring.add_argument(
         "--replay",
         default="selfheal replay",

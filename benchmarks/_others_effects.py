@@ -1,0 +1,154 @@
+"""What is wrong with the other cases' robots: edits of a specification, key entries."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from _others_motions import GRAVITY
+
+Change = Callable[[Any], None]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What the key says of one effect.
+
+    Attributes:
+        name: of contract section 4.
+        target: where.
+        values: (value, unit) of its parameters; those that the motion cannot show
+            are left out.
+        measured: side of a play that is measured; "" of others.
+    """
+
+    name: str
+    target: str
+    values: dict[str, tuple[float, str]]
+    measured: str = ""
+
+
+# ---------------------------------------------------------------- edits
+
+
+def on_joint(name: str, **values: Any) -> Change:
+    """Other values of a joint."""
+
+    def change(spec: Any) -> None:
+        for key, value in values.items():
+            setattr(spec.joint(name), key, value)
+
+    return change
+
+
+def on_actuator(name: str, **values: Any) -> Change:
+    """Other values of an actuator."""
+
+    def change(spec: Any) -> None:
+        for key, value in values.items():
+            setattr(spec.actuator(name), key, value)
+
+    return change
+
+
+def weight(body: str, mass: float, place: Sequence[float]) -> Change:
+    """A small ball of this mass [kg], at this place [m] of a body."""
+    ball = mujoco.mjtGeom.mjGEOM_SPHERE
+
+    def change(spec: Any) -> None:
+        spec.body(body).add_geom(type=ball, size=[0.01, 0, 0], pos=place, mass=mass)
+
+    return change
+
+
+def tilt(angle: float) -> Change:
+    """Gravity of a floor that falls by `angle` [rad] towards +x."""
+
+    def change(spec: Any) -> None:
+        spec.option.gravity = [GRAVITY * np.sin(angle), 0, -GRAVITY * np.cos(angle)]
+
+    return change
+
+
+def half_stiff(spec: Any) -> None:
+    """Half the stiffness of the hopper's front knee servo."""
+    servo = spec.actuator("fk")
+    servo.gainprm[0] *= 0.5
+    servo.biasprm[1] *= 0.5
+
+
+def stiff_and_late(spec: Any) -> None:
+    """Dry friction at SCARA's q2, and a first-order lag at ar."""
+    spec.joint("q2").frictionloss = 0.5
+    servo = spec.actuator("ar")
+    servo.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+    servo.dynprm[0] = 0.04
+
+
+def play(spec: Any) -> None:
+    """Play between the motor of b, which is measured, and its link."""
+    spec.body("l2").add_joint(
+        name="b_gap",
+        axis=[0, 0, 1],
+        range=[-0.02, 0.02],
+        limited=1,
+        damping=[0.005, 0, 0],
+        armature=0.0005,
+    )
+
+
+def longer(spec: Any) -> None:
+    """The planar arm's second link is 0.29 m long, its mass as it was."""
+    spec.body("l3").pos = [0.29, 0, 0]
+    spec.body("l2").geoms[0].fromto = [0, 0, 0, 0.29, 0, 0]
+
+
+def off_center(spec: Any) -> None:
+    """The drone's mass lies ahead of its middle."""
+    spec.body("drone").geoms[0].pos = [0.012, 0, 0]
+
+
+def thick_air(spec: Any) -> None:
+    """A medium of four times the density of air."""
+    spec.option.density = 4.8
+
+
+# ---------------------------------------------------------------- key entries
+
+
+def viscous(joint: str, damping: float, unit: str) -> Effect:
+    """Of a joint, in its own unit."""
+    return Effect("viscous_friction", f"joint:{joint}", {"damping": (damping, unit)})
+
+
+def dry(joint: str, loss: float) -> Effect:
+    """Of a hinge."""
+    values = {"frictionloss": (loss, "N m")}
+    return Effect("coulomb_friction", f"joint:{joint}", values)
+
+
+def late(actuator: str, delay: float) -> Effect:
+    """Of a command."""
+    return Effect("command_delay", f"actuator:{actuator}", {"delay": (delay, "s")})
+
+
+def bias(signal: str, bias: float) -> Effect:
+    """Of an angle's reading."""
+    return Effect("sensor_bias", f"sensor:{signal}", {"bias": (bias, "rad")})
+
+
+def slope(tilt: float) -> Effect:
+    """Downhill is +x."""
+    return Effect("slope", "world", {"tilt": (tilt, "rad"), "azimuth": (0.0, "rad")})
+
+
+def payload(body: str, mass: float, **place: float) -> Effect:
+    """At a place of a body, as far as it shows."""
+    values = {f"position_{axis}": (value, "m") for axis, value in place.items()}
+    return Effect("payload", f"body:{body}", {"mass": (mass, "kg"), **values})
+
+
+def gain(actuator: str, kp: float, unit: str) -> Effect:
+    """Of a servo or a motor, in its own unit."""
+    return Effect("servo_gain", f"actuator:{actuator}", {"kp": (kp, unit)})

@@ -1,0 +1,202 @@
+"""The other cases made: takes a case, gives model, recording, test and key."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from _others_cases import Other
+from _others_motions import Rng
+from _others_robots import Reading, Robot
+from _sealed_make import Case
+from _sealed_measure import pieces
+from _sealed_proof import open_loop, score, values
+
+from selfheal.recording import Episode, Recording, Signal
+
+STATED = 0.06  # share that a stated mass is off at most; a damping twice that
+TEST = 1000  # added to the seed of a recording
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the robot did.
+
+    Attributes:
+        time: (T) [s] of each sample.
+        ctrl: (T, nu) commands as sent.
+        qpos: (T, nq), qvel: (T, nv) in the given model's coordinates.
+        seen: by signal: (T) or (T, d), biases included, noise not.
+    """
+
+    time: np.ndarray
+    ctrl: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    seen: dict[str, np.ndarray]
+
+
+def hidden(case: Other) -> Any:
+    """The hidden robot's specification, effects included, at the given step."""
+    rng = np.random.default_rng(case.stated)
+    spec = mujoco.MjSpec.from_string(case.robot.xml)
+    for body in spec.bodies[1:]:
+        for geom in body.geoms:
+            if geom.mass > 0:
+                geom.mass *= 1 + STATED * rng.uniform(-1, 1)
+    for joint in spec.joints:
+        joint.damping = np.array(joint.damping) * (1 + 2 * STATED * rng.uniform(-1, 1))
+    case.change(spec)
+    return spec
+
+
+def truth(case: Other) -> Any:
+    """The hidden robot, compiled."""
+    spec = hidden(case)
+    spec.option.timestep = case.robot.fine or spec.option.timestep / 5
+    return spec.compile()
+
+
+def _true(reading: Reading, data: Any) -> Any:
+    """What a sensor would say without noise."""
+    if reading.kind == "joint_position":
+        value = data.joint(reading.target).qpos[0]
+    elif reading.kind == "joint_velocity":
+        value = data.joint(reading.target).qvel[0]
+    elif reading.kind == "body_position":
+        value = data.body(reading.target).xpos
+    elif reading.kind == "body_orientation":
+        value = data.body(reading.target).xquat
+    else:
+        found = data.sensor(reading.target).data
+        value = found if len(found) > 1 else found[0]
+    return value + np.array(reading.bias)
+
+
+def simulate(case: Other, model: Any, rng: Rng) -> Run:
+    """One episode; the command that is sent takes `case.delay` to arrive."""
+    robot, data = case.robot, mujoco.MjData(model)
+    if robot.start:
+        robot.start(data, rng)
+    mujoco.mj_forward(model, data)
+    command, rows, sent = robot.motion(rng, model), [], []
+    step, due = model.opt.timestep, 0.0
+    for i in range(int(robot.seconds / step)):
+        now = i * step
+        if now >= due - 1e-12:
+            ctrl = np.asarray(command(now, data), float)
+            sent.append((now + case.delay, ctrl))
+            seen = {k: _true(r, data) for k, r in robot.signals.items()}
+            rows.append((now, ctrl, data.qpos.copy(), data.qvel.copy(), seen))
+            due += 1 / robot.rate * (1 + case.jitter * rng.uniform(-1, 1))
+        while sent and sent[0][0] <= now + 1e-12:
+            data.ctrl[:] = sent.pop(0)[1]
+        mujoco.mj_step(model, data)
+    return _run(case.robot, model, rows)
+
+
+def _run(robot: Robot, model: Any, rows: Sequence[Any]) -> Run:
+    """The samples as arrays, without the joints that the given model does not have."""
+    time, ctrl, qpos, qvel, seen = zip(*rows, strict=True)
+    given = mujoco.MjModel.from_xml_string(robot.xml)
+    names = {given.joint(j).name for j in range(given.njnt)}
+    extra = [j for j in range(model.njnt) if model.joint(j).name not in names]
+    return Run(
+        np.array(time),
+        np.array(ctrl).reshape(len(time), model.nu),
+        np.delete(np.array(qpos), model.jnt_qposadr[extra], axis=1),
+        np.delete(np.array(qvel), model.jnt_dofadr[extra], axis=1),
+        {k: np.array([row[k] for row in seen]) for k in robot.signals},
+    )
+
+
+def _noisy(case: Other, reading: Reading, seen: np.ndarray, rng: Rng) -> np.ndarray:
+    """A signal as recorded."""
+    if reading.step:
+        seen = np.round(seen / reading.step) * reading.step
+    seen = seen + reading.noise * rng.normal(size=seen.shape)
+    if reading.kind == "body_orientation":
+        seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    if case.missing:
+        seen[rng.random(len(seen)) < case.missing] = np.nan
+    return seen
+
+
+def _episode(case: Other, model: Any, run: Run, seen, *, state: bool) -> Episode:
+    readings = case.robot.signals
+    signals = {
+        name: Signal(seen[name], r.kind, r.target, r.unit)
+        for name, r in readings.items()
+    }
+    return Episode(
+        run.time,
+        run.ctrl,
+        tuple(model.actuator(a).name for a in range(model.nu)),
+        signals,
+        run.qpos[0] if state else None,
+        run.qvel[0] if state else None,
+    )
+
+
+def record(case: Other, seed: int, *, state: bool) -> tuple[Recording, Recording, list]:
+    """A recording, the same without noise, and the runs behind both."""
+    rng, model, readings = np.random.default_rng(seed), truth(case), case.robot.signals
+    noisy, clean, runs = {}, {}, []
+    for k in range(case.robot.episodes):
+        run = simulate(case, model, rng)
+        seen = {n: _noisy(case, r, run.seen[n], rng) for n, r in readings.items()}
+        noisy[f"run{k}"] = _episode(case, model, run, seen, state=state)
+        clean[f"run{k}"] = _episode(case, model, run, run.seen, state=state)
+        runs.append(run)
+    file = "recording.h5"
+    return Recording(noisy, file=file), Recording(clean, file=file), runs
+
+
+def make(case: Other) -> Case:
+    """One case, always the same."""
+    train, _, _ = record(case, case.seed, state=case.state)
+    test, clean, runs = record(case, case.seed + TEST, state=True)
+    if length := case.robot.piece:
+        test, clean = pieces(test, runs, length), pieces(clean, runs, length)
+    key = key_of(case) | {"test": _standard(case, test, clean)}
+    return Case(case.name, case.robot, train, test, key)
+
+
+def _standard(case: Other, test: Recording, clean: Recording) -> dict[str, float]:
+    """Scores on the test as the sealed benchmark's key has them."""
+    given = mujoco.MjModel.from_xml_string(case.robot.xml)
+    stated = hidden(replace(case, change=lambda spec: None)).compile()
+    return {
+        "given": score(open_loop(given, test), test),
+        "stated": score(open_loop(stated, test), test),
+        "floor": score(values(clean), test),
+    }
+
+
+def key_of(case: Other) -> dict[str, Any]:
+    """What the scorer reads of the truth."""
+    signals = case.robot.signals.items()
+    return {
+        "format": "selfheal-sealed-key",
+        "version": 1,
+        "kind": case.kind,
+        "seed": case.seed,
+        "robot": case.robot.name,
+        "effects": [_told(effect) for effect in case.effects],
+        "quantized_noise": [f"sensor:{name}" for name, r in signals if r.step],
+    }
+
+
+def _told(effect: Any) -> dict[str, Any]:
+    told: dict[str, Any] = {
+        "effect": effect.name,
+        "target": effect.target,
+        "parameters": [
+            {"name": name, "value": value, "unit": unit}
+            for name, (value, unit) in effect.values.items()
+        ],
+    }
+    if effect.measured:
+        told["measured"] = effect.measured
+    return told

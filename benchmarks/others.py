@@ -1,0 +1,44 @@
+"""Cases of another style than the sealed benchmark's, for `selfheal diagnose`.
+
+    python benchmarks/others.py --out DIR --keys KEYS [--only NAME ...]
+    python benchmarks/sealed.py run --cases DIR --jobs 2
+    python benchmarks/sealed.py --root ROOT score --cases DIR --keys KEYS --name others
+
+A crane, a geared arm, a rover, a drone, a ball and more: robots, sensors and motions
+that the catalogue and its constants were not made with. Every case is always the same;
+those that are there are not made again.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from _others_cases import OTHERS
+from _others_make import make
+from _sealed_make import save
+
+from selfheal.body.mjcf import ignore_warnings
+
+
+def main() -> int:
+    """Read the command line and make the cases that are not there yet."""
+    names = [case.name for case in OTHERS]
+    line = argparse.ArgumentParser(description=__doc__)
+    line.add_argument("--out", type=Path, required=True)
+    line.add_argument("--keys", type=Path, required=True)
+    line.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
+    options = line.parse_args()
+    ignore_warnings()
+    for case in OTHERS:
+        known = (options.keys / case.name / "key.json").is_file()
+        if known or case.name not in options.only:
+            continue
+        start = time.perf_counter()
+        save(make(case), options.out, options.keys)
+        print(f"{case.name}: {time.perf_counter() - start:.1f} s", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

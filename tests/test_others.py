@@ -1,0 +1,70 @@
+"""The other cases: always the same, named as the contract does, read by the scorer."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from selfheal.recording import check_against_model, read, read_names, validate
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+
+from _others_cases import OTHERS
+from _others_make import hidden, key_of, make
+from _sealed_effects import BY_NAME
+from _sealed_judge import read_case, read_places
+from _sealed_make import save
+
+CASES = {case.name: case for case in OTHERS}
+
+
+def _short(name):
+    """A case that is quickly made."""
+    case, robot = CASES[name], CASES[name].robot
+    short = replace(robot, seconds=0.6, episodes=1, piece=min(robot.piece, 0.2))
+    return replace(case, robot=short)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_case_is_valid_and_its_key_is_read(name, tmp_path):
+    cases, keys = tmp_path / "cases", tmp_path / "keys"
+    save(make(_short(name)), cases, keys)
+    folder, model = cases / name, read_names(cases / name / "model.xml")
+    for file in (folder / "recording.h5", keys / name / "test.h5"):
+        recording = read(file)
+        validate(recording)
+        check_against_model(recording, model)
+    assert read_case(folder, keys)["verdict"] == "failed"  # no diagnosis
+    key, places = (
+        json.loads((keys / name / "key.json").read_text()),
+        read_places(folder),
+    )
+    for effect in key["effects"]:
+        assert effect["target"] in places.same
+        assert (effect["effect"] in BY_NAME) == (key["kind"] != "unlisted")
+
+
+def test_same_case_each_time():
+    one, again = (make(_short("pen_two_effects")) for _ in range(2))
+    for a, b in ((one.train, again.train), (one.test, again.test)):
+        pairs = zip(a.episodes["run0"].signals.values(),
+                    b.episodes["run0"].signals.values(), strict=True)  # fmt: skip
+        assert all(np.array_equal(x.values, y.values) for x, y in pairs)
+    assert one.key == again.key
+
+
+def test_as_many_effects_as_its_kind_says():
+    count = {"single": 1, "null": 0, "double": 2, "unlisted": 1}
+    assert len(CASES) == len(OTHERS)
+    for case in OTHERS:
+        assert len(key_of(case)["effects"]) == count[case.kind]
+
+
+@pytest.mark.parametrize("name", [c.name for c in OTHERS if c.effects])
+def test_hidden_robot_is_not_the_given_one(name):
+    given = mujoco.MjModel.from_xml_string(CASES[name].robot.xml)
+    assert not np.array_equal(hidden(CASES[name]).compile().body_mass, given.body_mass)
