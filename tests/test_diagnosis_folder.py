@@ -323,7 +323,8 @@ HUGE = 10**400
         ({"target": "joint:wrist"}, InputError, "no joint 'wrist'"),
         ({"target": "elbow"}, InputError, "'elbow'; would fit: joint:"),
         ({"effect": "gremlins"}, UnknownNameError, "gremlins"),
-        ({"effect": "ground_friction", "target": "world"}, InputError, "no ground"),
+        ({"effect": "ground_friction", "target": "world", "parameters": [
+            {"name": "friction", "value": 0.5}]}, InputError, "no ground"),
         ({"target": "world"}, InputError, "'world'; would fit: joint: and a name"),
         ({"target": "body:forearm"}, InputError, "target is 'body:forearm'; would"),
         ({"target": 3}, InputError, r"json, findings\[0\]: target is 3; would fit"),
