@@ -12,6 +12,7 @@ from toys_diagnosis import ROBOTS, bench, places
 
 from selfheal.diagnosis import score
 from selfheal.diagnosis.answer import patch_of, patch_or_given
+from selfheal.diagnosis.document import _parameters
 from selfheal.diagnosis.effects import GROUPS, catalogue, effect
 from selfheal.diagnosis.effects.body import add_mass, set_spatial, spatial
 from selfheal.diagnosis.fit import Fit
@@ -474,10 +475,7 @@ def _document(stated, factors, own, present) -> dict:
     findings = [
         {"effect": term.effect.name, "target": target, **term.note,
          "native": native(term),
-         "parameters": [
-             {"name": p.name, "value": float(v)}
-             for p, v in zip(term.parameters, values, strict=True)
-         ]}
+         "parameters": _parameters(term, values, 0 * values)}
         for term, values in zip(own, present, strict=True)
         for target in term.targets
     ]  # fmt: skip

@@ -27,7 +27,6 @@ from .usable import divergence
 from .windows import Windows
 from .world import World
 
-TESTED = 6  # windows, fewer of which cannot be told from chance at p < 0.02; chosen
 FEW = 6  # names that a remark lists; chosen
 UNPATCHED = (
     "patched.xml is the model as given, for its text cannot say what was found; "
@@ -124,15 +123,13 @@ def _where(case: Case, pieces: Windows, masks, gain: Floats) -> dict[str, Any]:
     }
 
 
-def _helped(pieces: Windows, gain: Floats) -> float | None:
-    """p-value that an effect lowers a signal's error, over windows; None: too few."""
+def _helped(pieces: Windows, gain: Floats) -> float:
+    """p-value that an effect lowers a signal's error, over windows, few or many."""
     from scipy.stats import wilcoxon
 
     each = np.bincount(pieces.window, gain, minlength=len(pieces))
     each = each[each != 0]
-    if len(each) < TESTED:
-        return None
-    return float(wilcoxon(each, alternative="greater").pvalue)
+    return float(wilcoxon(each, alternative="greater").pvalue) if len(each) else 1.0
 
 
 def _regime(masks: np.ndarray, gain: Floats) -> str:

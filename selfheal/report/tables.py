@@ -202,8 +202,7 @@ def _seen(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
 
 def _shown_in(signal: Mapping[str, Any]) -> str:
     share = percent(given_number(signal.get("share_of_error")))
-    p = short(signal.get("p_value"), 2)
-    return f"{signal['name']} ({share}{'' if p == _DASH else f', p {p}'})"
+    return f"{signal['name']} ({share}, p {short(signal.get('p_value'), 2)})"
 
 
 def candidates(chosen: Sequence[Candidate], found: Sequence[Mapping[str, Any]]) -> Html:
