@@ -22,6 +22,7 @@ from .tables import given_number, quantity, short
 _MOST_TRACES, _MOST_NAMED, _NEAREST = 6, 3, 3  # drawn, in a sentence, advised; chosen
 _MOST_PLACES = 4  # that a sentence names; chosen
 _NOISE = 1.5  # times the floor, an error that is called as large as noise; chosen
+_UNKNOWN = 1e4  # times the floor, an error beside which none was measured; chosen
 _ALL = 0.995  # share of the explainable error that is called all of it; chosen
 
 
@@ -176,9 +177,12 @@ def _meaning(diagnosis: Diagnosis) -> str:
         )
     patched, floor = (given_number(fit.get(key)) for key in ("patched", "floor"))
     if floor > 0 and patched > _NOISE * floor:
+        times = f", {short(patched / floor, 2)} times the floor."
+        if patched > _UNKNOWN * floor:  # of single readings nothing tells it
+            times = "; what noise would leave is not known."
         means += (
             f" Replayed open loop, the held-out recordings are off by {short(patched)}"
-            f", {short(patched / floor, 2)} times the floor."
+            f"{times}"
         )
     return means
 
