@@ -4,6 +4,7 @@ import os
 import shutil
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _FILES = ("diagnosis.json", "patched.xml", "report.html")
+_PREDICTED = "selfheal replay"  # the source of what a replay writes
 # what is said of a stage, by the first word of what is being done
 _STAGES = {
     "trying": "trying every effect wherever it could be",
@@ -197,7 +199,7 @@ def replay(
 
     start = time.perf_counter()
     _check_replay(folder, inputs, out, model, force)
-    predicted = predict(folder, read(inputs), model=model)
+    predicted = replace(predict(folder, read(inputs), model=model), source=_PREDICTED)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
     told = {
@@ -243,10 +245,21 @@ def _check_replay(
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.exists() and (reason := unreadable(out)):
         raise InputError(f"cannot write {out}: {reason}")
-    if out.exists() and not force:
+    if out.exists() and not force and not _is_prediction(out):
         raise InputError(
             f"{out} is there already; --force replaces it, or give another name"
         )
+
+
+def _is_prediction(path: Path) -> bool:
+    """Whether a file is an earlier prediction, which a new one may replace."""
+    import h5py
+
+    try:
+        with h5py.File(path) as file:
+            return bool(file.attrs.get("source") == _PREDICTED)
+    except OSError:
+        return False
 
 
 def effects(as_json: Annotated[bool, _JSON] = False) -> None:

@@ -313,7 +313,7 @@ def test_replay_writes_a_recording(doctor, diagnosed, files, tmp_path):
     }  # fmt: skip
     assert doctor.asked == [{"folder": diagnosed, "file": str(a), "model": model}]
     assert set(read(out).episodes) == {"zeta", "alpha"}
-    plain = _run("replay", diagnosed, a, "--out", out, "--force")
+    plain = _run("replay", diagnosed, a, "--out", out)  # over an earlier one
     assert plain.exit_code == 0 and "samples predicted in" in plain.stdout
 
 
