@@ -34,22 +34,17 @@ class Effect:
 
 def on_joint(name: str, **values: Any) -> Change:
     """Other values of a joint."""
-
-    def change(spec: Any) -> None:
-        for key, value in values.items():
-            setattr(spec.joint(name), key, value)
-
-    return change
+    return lambda spec: _set(spec.joint(name), values)
 
 
 def on_actuator(name: str, **values: Any) -> Change:
     """Other values of an actuator."""
+    return lambda spec: _set(spec.actuator(name), values)
 
-    def change(spec: Any) -> None:
-        for key, value in values.items():
-            setattr(spec.actuator(name), key, value)
 
-    return change
+def _set(element: Any, values: dict[str, Any]) -> None:
+    for key, value in values.items():
+        setattr(element, key, value)
 
 
 def weight(body: str, mass: float, place: Sequence[float]) -> Change:

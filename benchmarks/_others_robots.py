@@ -1,7 +1,7 @@
 """The other cases' robots: MJCF in many styles, what is measured, how each moves."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import _others_motions as move
@@ -194,35 +194,21 @@ FURUTA = Robot(
     piece=2.0,  # a stick that whirls does so at another moment
 )
 
-FURUTA_IMU = Robot(
-    "furuta_imu",
-    """<mujoco>
-  <option timestep="0.002" integrator="implicitfast"/>
-  <worldbody>
-    <body name="table">
-      <joint name="turn" axis="0 0 1" damping=".02"/>
-      <geom type="cylinder" size=".2 .01" mass="1"/>
-      <body name="stick" pos=".2 0 0">
-        <joint name="swing" axis="1 0 0" damping=".001"/>
-        <geom type="capsule" fromto="0 0 0 0 0 -.25" size=".01" mass=".15"/>
-        <site name="s" pos="0 0 -.2"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator><velocity name="drive" joint="turn" kv="0.6"/></actuator>
-  <sensor><gyro name="imu" site="s"/><accelerometer name="acc" site="s"/></sensor>
-</mujoco>
-""",
-    {
+FURUTA_IMU = replace(
+    FURUTA,
+    name="furuta_imu",
+    xml=FURUTA.xml.replace(
+        'mass=".15"/>\n', 'mass=".15"/>\n        <site name="s" pos="0 0 -.2"/>\n'
+    ).replace(
+        "</mujoco>",
+        '  <sensor><gyro name="imu" site="s"/><accelerometer name="acc" site="s"/>'
+        "</sensor>\n</mujoco>",
+    ),
+    signals={
         "enc": angle("turn", 5e-4),
         "swing": angle("swing", 1.5e-3),
         "imu": Reading("sensor", "imu", "rad/s", 5e-3, bias=(0, 0.08, 0)),
     },
-    move.sines(4.0, 0.3, 1.5),
-    seconds=6,
-    episodes=8,
-    rate=100,
-    piece=2.0,  # a stick that whirls does so at another moment
 )
 
 _HOPPER_JOINTS = ("pitch", "f_hip", "f_knee", "b_hip", "b_knee")

@@ -18,7 +18,7 @@ from ..recording import (
 from .logs import meanings
 from .memory import Memory, about
 from .plant import Workshop
-from .prepare import scene_of, world_of
+from .prepare import Reckoned, scene_of, world_of
 from .problem import Problem
 from .scene import Scene, by_column
 from .state import estimate
@@ -190,13 +190,7 @@ def pieces_of(world: World, seconds: float) -> Windows:
 
 def _untold(world: World) -> list[str]:
     """Joints whose position no signal tells for most of the time."""
-    model = world.workshop.given
-    told = np.vstack([
-        estimate(model, world.signals, log, np.linspace(0, log.at[-1], 9)[1:-1],
-                 world.step, {})[0]
-        for log in world.logs
-    ])  # fmt: skip
-    known = np.isfinite(told).mean(axis=0) > 0.5
+    model, known = world.workshop.given, Reckoned(world).is_read
     return [
         f"joint {model.joint(j).name!r}"
         for j in range(model.njnt)

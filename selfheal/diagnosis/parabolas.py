@@ -60,10 +60,8 @@ class Parabolas:
             readings: (T, C).
             usual: (C) scatter.
         """
-        found = replace(
-            self, coefficients=self.coefficients.copy(), scatter=self.scatter.copy(),
-            sides=self.sides.copy(),
-        )  # fmt: skip
+        anew = ("coefficients", "scatter", "sides")
+        found = replace(self, **{name: getattr(self, name).copy() for name in anew})
         for c in np.flatnonzero(self.scatter[0] > _most(self.sides[0]) * usual):
             own, m, scatter = readings[:, [c]], int(self.sides[0, c]), np.inf
             while m > LEAST and not scatter <= _most(m) * usual[c]:
@@ -71,11 +69,8 @@ class Parabolas:
                 scatter = _first(time, own, m).scatter[0, 0]
             few = _first(time, own, max(LEAST, round(SAFE * m)))
             rows = np.flatnonzero(np.isfinite(few.scatter[:, 0]))
-            for ours, new in (
-                (found.coefficients, few.coefficients), (found.scatter, few.scatter),
-                (found.sides, few.sides),
-            ):  # fmt: skip
-                ours[rows, c] = new[rows, 0]
+            for name in anew:
+                getattr(found, name)[rows, c] = getattr(few, name)[rows, 0]
         return found
 
 

@@ -13,7 +13,6 @@ from .windows import Windows
 from .world import World
 
 LOST = 0.5  # share of pieces that the given model may not survive; chosen
-LISTED = 6  # of what has no name; chosen
 AS_GIVEN = np.zeros(0)  # values of no terms
 
 
