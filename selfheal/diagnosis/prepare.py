@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..recording import Episode, Recording, check_against_model, names_of
+from ..recording import Episode, Recording
 from ..recording.data import Floats
 from .logs import channels, log
 from .plant import Workshop
@@ -15,15 +15,8 @@ from .world import World
 
 
 def world_of(workshop: Workshop, recordings: Sequence[Recording]) -> World:
-    """Recordings against a model.
-
-    Raises:
-        ModelError: MuJoCo cannot load the model.
-        RecordingError: a recording speaks of what the model does not have.
-    """
+    """Recordings that fit a model, against it."""
     model = workshop.given
-    for recording in recordings:
-        check_against_model(recording, names_of(model))
     signals = channels(recordings)
     step = float(model.opt.timestep)
     several = len(recordings) > 1
