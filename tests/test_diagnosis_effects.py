@@ -572,6 +572,23 @@ def test_wind_needs_something_that_blows(tmp_path):
     assert effect("wind").terms(thick.scene)
 
 
+@pytest.mark.parametrize(
+    ("axis", "azimuths"),
+    [("0 1 0", (0, 180)), ("1 1 0", (-45, 135)), ("1 0 0.5", (0, 90, 180, -90))],
+)
+def test_a_flat_robot_stands_on_no_slope_across_its_plane(axis, azimuths, tmp_path):
+    b = _pendulum(tmp_path, **{'axis="0 1 0"': f'axis="{axis}"'})
+    starts = [s for t in effect("slope").terms(b.scene) for s in t.starts]
+    told = np.rad2deg([azimuth for _, azimuth in starts])
+    assert np.allclose(told, azimuths)
+
+
+def test_what_moves_upright_alone_knows_no_slope(tmp_path):
+    upright = {'type="hinge" axis="0 1 0"': 'type="slide" axis="0 0 1"'}
+    b = _pendulum(tmp_path, **upright)
+    assert not effect("slope").terms(b.scene)
+
+
 def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
     assert effect("integral_action").terms(_pendulum(tmp_path).scene)
     geared = _pendulum(tmp_path, **{'kv="0.1"': 'kv="0.1" gear="2"'})

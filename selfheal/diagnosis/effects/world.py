@@ -1,11 +1,17 @@
 """The robot's surroundings."""
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 
 from ..scene import Scene
 from ..terms import Effect, Floats, Parameter, Term
 
 STEEPEST = 1.0  # [rad] of a slope that nobody saw; chosen
+FLAT = 1e-6  # of the largest torque of weight: no torque at all
+POSES = 16  # that tell it; chosen
+IN_LINE = 0.01  # [rad] by which a flat robot's slope may be off its plane; chosen
 
 
 class OfWorld(Effect):
@@ -28,12 +34,21 @@ class Slope(OfWorld):
     def terms(self, scene):
         if not np.linalg.norm(scene.model.opt.gravity):
             return []
-        parameters = (
-            Parameter("tilt", "rad", 0.0, 0.0, STEEPEST, 0.03),
-            Parameter("azimuth", "rad", 0.0, -10.0, 10.0, 0.5),
-        )
-        turns = np.deg2rad((0, 90, 180, -90))
-        return [self.whole(parameters, tuple((0.05, float(a)) for a in turns))]
+        tilt = Parameter("tilt", "rad", 0.0, 0.0, STEEPEST, 0.03)
+        plane = _plane(scene.model)
+        if plane is None:
+            azimuth = Parameter("azimuth", "rad", 0.0, -10.0, 10.0, 0.5)
+            turns = np.deg2rad((0, 90, 180, -90))
+            starts = tuple((0.05, float(a)) for a in turns)
+            return [self.whole((tilt, azimuth), starts)]
+        # across its plane a slope would only seem to weaken the gravity
+        found = []
+        for side, a in enumerate(plane):
+            low, high = a - IN_LINE, a + IN_LINE
+            azimuth = Parameter("azimuth", "rad", a, low, high, IN_LINE)
+            term = self.whole((tilt, azimuth), ((0.05, a),))
+            found.append(replace(term, note={"side": 1 - 2 * side}))
+        return found
 
     def is_sound(self, values):
         return bool(values[0] < 0.99 * STEEPEST)  # else it stands for another thing
@@ -46,6 +61,34 @@ class Slope(OfWorld):
         down -= (down @ up) * up
         down /= max(np.linalg.norm(down), 1e-9)
         model.opt.gravity[:] = size * (np.sin(tilt) * down - np.cos(tilt) * up)
+
+
+def _plane(model) -> tuple[float, ...] | None:
+    """Azimuths [rad] of the slopes that a robot feels; None: of all.
+
+    The two of its plane where its parts move in one, none where they move upright.
+    """
+    import mujoco
+
+    other, data, rng = copy(model), mujoco.MjData(model), np.random.default_rng(0)
+    if np.abs(model.opt.gravity[:2]).any():
+        return None
+    felt = np.zeros((3, POSES, model.nv))
+    for pose in range(POSES):
+        data.qpos[:] = model.qpos0 + rng.normal(size=model.nq)
+        mujoco.mj_normalizeQuat(model, data.qpos)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        for torque, other.opt.gravity[:] in zip(felt, np.eye(3), strict=True):
+            mujoco.mj_rne(other, data, 0, torque[pose])
+    across = felt[:2].reshape(2, -1)
+    turns, sizes, _ = np.linalg.svd(across, full_matrices=False)
+    flat = sizes < FLAT * np.linalg.norm(felt)
+    if not flat[1]:
+        return None
+    along = float(np.arctan2(turns[1, 0], turns[0, 0]))
+    along = (along + np.pi / 2) % np.pi - np.pi / 2  # the one nearer to +x
+    return () if flat[0] else (along, along + np.pi)
 
 
 class FluidDrag(OfWorld):
