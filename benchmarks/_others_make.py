@@ -59,7 +59,7 @@ def truth(case: Other) -> Any:
 
 
 def _true(reading: Reading, data: Any) -> Any:
-    """What a sensor would say without noise."""
+    """What a sensor would say without noise; those of the model a fine step late."""
     if reading.kind == "joint_position":
         value = data.joint(reading.target).qpos[0]
     elif reading.kind == "joint_velocity":

@@ -104,12 +104,14 @@ def _parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str, An
 
 
 def _as_contract(term: Term, entries: list[dict]) -> list[dict]:
-    """A payload's position as one vector."""
-    if term.effect.name != "payload":
+    """What is a vector (a payload's position) as one entry, the last."""
+    vector = term.effect.vector
+    axes = [e for e in entries if vector and e["name"].startswith(f"{vector}_")]
+    if not axes:
         return entries
-    mass, *axes = entries
     joined = {k: [a[k] for a in axes] for k in ("value", "low", "high")}
-    return [mass, {"name": "position", **joined, "unit": "m"}]
+    own = {"name": vector, **joined, "unit": axes[0]["unit"]}
+    return [*(e for e in entries if e not in axes), own]
 
 
 def refit_of(patched: Fit, errors: Floats) -> list[dict[str, Any]]:

@@ -114,6 +114,9 @@ def _check_parameters(where: str, told: Any, fits: tuple[list[str], ...]) -> Non
         if p.get("name") == "position":
             if not _is_place(value):
                 raise _misfit(where, what, value, "three numbers")
+        elif p.get("name") == "bias" and isinstance(value, list):
+            if not value or not all(map(_is_number, value)):
+                raise _misfit(where, what, value, "a number, or one for each column")
         elif not _is_number(value):
             raise _misfit(where, what, value, "a number")
         elif p.get("name") in NEVER_NEGATIVE and value < 0:

@@ -27,7 +27,7 @@ class Hypotheses:
         terms: of all.
         values: (n, P).
         shares: the same, by term.
-        reads: of a signal: bias, gain, delay, step (n).
+        reads: of a signal: bias (n, width), gain, delay, step (n).
         centered: as `World.simulate` has it.
     """
 
@@ -64,7 +64,7 @@ def center_damping(model, step: float) -> None:
 
 def simulated(
     those: Hypotheses, windows: Windows, start, commands: Floats, sensors: Sensors,
-    *, step: float,
+    looked_at: np.ndarray, *, step: float,
 ) -> Floats:  # fmt: skip
     """True signals (N, K, C) of n hypotheses in W windows, N = n W.
 
@@ -74,14 +74,17 @@ def simulated(
         start: as `States.begin` gives it.
         commands: (N, K, nu), as they reach the actuators.
         sensors: what is read.
+        looked_at: steps at which it is.
         step: of the simulation [s].
     """
     if any(does(t.effect, "act") for t in those.terms):
-        return _stepped(those, windows, start, commands, sensors, step)
-    return _rolled(those, start, commands, sensors)
+        return _stepped(those, windows, start, commands, sensors, looked_at, step)
+    return _rolled(those, start, commands, sensors, looked_at)
 
 
-def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Floats:
+def _rolled(
+    those: Hypotheses, start, commands: Floats, sensors: Sensors, looked_at: np.ndarray
+) -> Floats:
     """True signals (N, K, C), where MuJoCo alone does all the work."""
     plant = those.plant
     steps = commands.shape[1]
@@ -97,6 +100,9 @@ def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Flo
     # a step leaves position and velocity new, and all else as before it
     for name, first in (("qpos", start[0]), ("qvel", first_velocity)):
         seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
+    if those.centered:
+        by_step = {name: values.swapaxes(0, 1) for name, values in seen.items()}
+        _of_whole_steps(batch, by_step, commands.swapaxes(0, 1), sensors, looked_at)
     told = sensors.of_all(seen)
     told[_diverged(batch)] = np.nan
     return told
@@ -104,7 +110,7 @@ def _rolled(those: Hypotheses, start, commands: Floats, sensors: Sensors) -> Flo
 
 def _stepped(
     those: Hypotheses, windows: Windows, start, commands: Floats, sensors: Sensors,
-    step: float,
+    looked_at: np.ndarray, step: float,
 ) -> Floats:  # fmt: skip
     """True signals (N, K, C), where effects act at every step."""
     plant, n, w = those.plant, len(those.models), len(windows)
@@ -125,7 +131,8 @@ def _stepped(
             _batch(those, rows, start, 1, alone=False), plant,
             [(e, p, v[rows]) for e, p, v in acts],
             {a: s[rows] for a, s in start[3].items()}, commands[rows],
-            begin[rows], sensors, step, (rows, start) if those.centered else None,
+            begin[rows], sensors, looked_at, step,
+            (rows, start) if those.centered else None,
         )  # fmt: skip
 
     if len(groups) == 1:
@@ -174,6 +181,46 @@ def _half_a_step_earlier(batch, plant: Plant, rows, start) -> Floats:
     return velocity
 
 
+def _of_whole_steps(
+    batch, seen: Mapping[str, Floats], commands: Floats, sensors: Sensors, looked_at
+) -> None:
+    """Let velocities, and what sensors tell of them, be those of whole steps.
+
+    A leapfrog has them half a step earlier: at a step they are the mean of two.
+
+    Args:
+        batch: that was simulated.
+        seen: of each step, fields (K, N, ...); changed.
+        commands: (K, N, nu).
+        sensors: what is read.
+        looked_at: steps at which a body's motion is.
+    """
+    early = seen["qvel"].copy()
+    seen["qvel"][:-1] = (early[:-1] + early[1:]) / 2
+    rates, pulls = sensors.rates, sensors.accelerations
+    if not ("cvel" in seen or len(rates) or len(pulls)):
+        return
+    stage = mujoco.mjtStage.mjSTAGE_ACC if len(pulls) else mujoco.mjtStage.mjSTAGE_VEL
+    bound = {name: batch.bind(name) for name in ("qpos", "qvel", *sensors.needs)}
+    for k in looked_at:
+        now = {name: values[k] for name, values in seen.items()}
+        bound["qpos"][:] = now["qpos"]
+        if len(pulls):  # what the other velocity changes
+            if commands.shape[-1]:
+                batch.bind("ctrl")[:] = commands[k]
+            bound["qvel"][:] = early[k]
+            batch.forward(stage=stage)
+            now["sensordata"][:, pulls] -= bound["sensordata"][:, pulls]
+        bound["qvel"][:] = now["qvel"]
+        batch.forward(stage=stage)
+        if len(pulls):
+            now["sensordata"][:, pulls] += bound["sensordata"][:, pulls]
+        if len(rates):
+            now["sensordata"][:, rates] = bound["sensordata"][:, rates]
+        if "cvel" in now:
+            now["cvel"][:] = bound["cvel"]
+
+
 def _diverged(batch) -> np.ndarray:
     """(N) whether MuJoCo warned that a simulation is no longer one."""
     bad = [
@@ -184,8 +231,9 @@ def _diverged(batch) -> np.ndarray:
 
 
 def _step_by_step(
-    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, dt: float, again
-) -> Floats:
+    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, looked_at,
+    dt: float, again,
+) -> Floats:  # fmt: skip
     """True signals (N, K, C) of simulations in which effects act at every step."""
     fields = sorted({"qpos", "qvel", *sensors.needs})
     bound = {name: batch.bind(name) for name in fields}
@@ -211,6 +259,8 @@ def _step_by_step(
         batch.step()
         for all_of_it, now in of_step:
             all_of_it[k] = now
+    if again:
+        _of_whole_steps(batch, seen, commands, sensors, looked_at)
     told = sensors.of_all(seen)
     told[:, _diverged(batch)] = np.nan
     return told.swapaxes(0, 1)

@@ -19,6 +19,8 @@ class Sensors:
     Attributes:
         needs: fields of the batch that must be bound.
         width: columns of all channels.
+        rates, accelerations: rows of sensordata that tell velocities (a gyroscope's),
+            and accelerations.
     """
 
     def __init__(self, plant: Plant, signals: Sequence[Channel], terms=()) -> None:
@@ -27,6 +29,11 @@ class Sensors:
         self.needs: set[str] = set()
         self._readers: list[tuple[slice, Callable[[Bound], Floats]]] = []
         behind = _behind(plant, terms)
+        read = [plant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
+        self.rates, self.accelerations = (
+            _rows(plant.model, read, stage)
+            for stage in (2, 3)  # mjtStage
+        )
         for c in signals:
             needs, read = _reader(plant, c, behind)
             self.needs |= needs
@@ -44,6 +51,15 @@ class Sensors:
         for columns, read in self._readers:
             out[:, columns] = read(flat)
         return out.reshape(*shape, self.width)
+
+
+def _rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
+    """Rows of sensordata of those sensors that are computed at a stage of a step."""
+    if model.nhistory:  # they tell what was
+        return np.zeros(0, int)
+    own = [s for s in sensors if model.sensor_needstage[s] == stage]
+    each = [model.sensor_adr[s] + np.arange(model.sensor_dim[s]) for s in own]
+    return np.concatenate([np.zeros(0, int), *each])
 
 
 def hidden(plant: Plant, places) -> list[Channel]:

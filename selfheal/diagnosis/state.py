@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from functools import cached_property
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def estimate(
         log: of the episode.
         at: (W).
         step: [s].
-        reads: of a signal: bias, gain, delay, each a number.
+        reads: of a signal: gain, delay, each a number, and bias, one a column.
 
     Returns:
         qpos (W, nq), qvel (W, nv); NaN where nothing tells. Its standard deviation
@@ -78,7 +79,7 @@ class _Told:
                 value, (s, r) = value[:, c.columns], self._std(c)
                 if not late:
                     value, s = self._or_as_read(c, value, s)
-                value = (value - said.get("bias", 0.0)) / gain
+                value = (value - np.asarray(said.get("bias", 0.0))) / gain
                 return value, slope[:, c.columns] / gain, s, r
         lost = np.full((len(self.at), 4), np.nan)
         return lost, lost, lost, lost
@@ -169,7 +170,7 @@ class States:
     """Initial states of a batch."""
 
     def __init__(self, world, plant: Plant, terms, values, windows, reads) -> None:
-        """`reads`: of a signal: bias, gain, delay (n), as the hypotheses have them."""
+        """`reads`: of a signal, by hypothesis: bias (n, width), gain, delay (n)."""
         self.world, self.plant, self.windows = world, plant, windows
         self.terms, self.values, self.reads = terms, values, reads
 
@@ -213,10 +214,10 @@ class States:
         """State (n, W, ...) as each hypothesis reads it."""
         world, windows = self.world, self.windows
         given = world.workshop.given
-        states: list[dict[str, Mapping[str, float]]] = [{} for _ in range(n)]
+        states: list[dict[str, Mapping[str, Any]]] = [{} for _ in range(n)]
         for name, said in self.reads.items():
             for i, one in enumerate(states):
-                one[name] = {k: float(v[i]) for k, v in said.items() if k != "step"}
+                one[name] = {k: v[i].tolist() for k, v in said.items() if k != "step"}
         qpos = np.empty((n, len(windows), given.nq))
         qvel = np.empty((n, len(windows), given.nv))
         same: dict[str, int] = {}  # most hypotheses read alike

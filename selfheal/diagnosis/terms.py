@@ -196,6 +196,7 @@ class Effect:
     limits_actuators = False  # writes Moment.forcerange
     in_steps = False  # MuJoCo does it by whole time steps, and a replay exactly
     rounds = False  # its readings jump; fits are made to what they were before
+    vector = ""  # the parameter that a finding states as one vector, of NAME_x, NAME_y
 
     def terms(self, scene: "Scene") -> list[Term]:
         """Every place where it could be."""
@@ -231,7 +232,7 @@ class Effect:
         """Add forces, or change limits, at one step; values (N, p)."""
 
     def measure(self, place, values: Floats) -> Mapping[str, Floats]:
-        """Of signal place["signal"]: bias, gain, delay (N), those that it changes."""
+        """Of signal place["signal"] what it changes: bias (N, p), gain, delay (N)."""
         return {}
 
     def yields(self, values: Floats, load: float) -> float:

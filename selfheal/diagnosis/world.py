@@ -19,7 +19,6 @@ from .state import States
 from .terms import Term, does
 from .windows import Windows
 
-VELOCITIES = ("joint_velocity", "body_linear_velocity", "body_angular_velocity")
 WARM = 0.3  # [s] before a window in which a gear's inside settles; chosen
 ALIKE = 1e-6  # of a step, by which times that are the same may differ
 # of a step, as much as one cannot say when in it a command acts; chosen: half a step of
@@ -141,7 +140,10 @@ class World:
             self._warm_up(those, windows, start)
         sensors = Sensors(plant, self.signals, terms)
         commands = self._commands(those, windows, centered, mean)
-        told = simulated(those, windows, start, commands, sensors, step=self.step)
+        told = simulated(
+            those, windows, start, commands, sensors, self._looked_at(windows, reads),
+            step=self.step,
+        )  # fmt: skip
         told = told.reshape(len(values), len(windows), *told.shape[1:])
         return self._sample(told, those, windows, commands.reshape(*told.shape[:3], -1))
 
@@ -167,7 +169,7 @@ class World:
         told = simulated(
             those, before, self._start(those, before).begin(those.models, None),
             self._commands(those, before, those.centered, those.centered),
-            Sensors(plant, hidden(plant, places)), step=self.step,
+            Sensors(plant, hidden(plant, places)), np.zeros(0, int), step=self.step,
         )[:, steps].reshape(n, len(rows), len(places), 2)  # fmt: skip
         q, v = (x.reshape(n, len(windows), -1)[:, rows] for x in start[:2])
         for i, place in enumerate(places):
@@ -184,7 +186,7 @@ class World:
             x.reshape(n, len(windows), -1)[:, rows] = new
 
     def readings_of(self, terms, shares, n: int) -> dict[str, dict[str, Floats]]:
-        """Of each signal that a term changes: bias, gain, delay, step (n)."""
+        """Of each signal that terms change: bias (n, width), gain, delay, step (n)."""
         reads: dict[str, dict[str, Floats]] = {}
         for term, part in zip(terms, shares, strict=True):
             if does(term.effect, "measure"):
@@ -192,6 +194,14 @@ class World:
                     said = term.effect.measure(place, part)
                     reads.setdefault(place["signal"], {}).update(said)
         return reads
+
+    def _looked_at(self, windows: Windows, reads) -> np.ndarray:
+        """Steps of windows beside which a sample lies, of any hypothesis."""
+        delays = [said["delay"] for said in reads.values() if "delay" in said]
+        late = np.unique(np.concatenate([np.zeros(1), *delays])) / self.step
+        low = np.floor(np.unique(windows.at) - late[:, None] + ALIKE).astype(int)
+        last = int(windows.steps.max()) + 1
+        return np.unique(np.clip([low, low + 1], 0, last))
 
     def _commands(
         self, those: Hypotheses, windows: Windows, centered: bool, mean: bool
@@ -247,15 +257,14 @@ class World:
         for c in self.signals:
             said = those.reads.get(c.name, {})
             delay = said.get("delay", np.zeros(1))[:, None] / self.step
-            early = 0.5 if those.centered and c.kind in VELOCITIES else 0.0
             at = windows.at[None] - delay
-            value = _between(told[..., c.columns], windows, at + early)
+            value = _between(told[..., c.columns], windows, at)
             if c.kind == "body_orientation" and "delay" in said:
                 value /= np.linalg.norm(value, axis=-1, keepdims=True)
             if c.kind == "joint_torque":
                 self._of_now(value[..., 0], c, those, windows, at, used)
             gain = said.get("gain", np.ones(1))[:, None, None]
-            bias = said.get("bias", np.zeros(1))[:, None, None]
+            bias = said.get("bias", np.zeros((1, 1)))[:, None]
             value = gain * value + bias
             if "step" in said:
                 step = np.maximum(said["step"], 1e-12)[:, None, None]

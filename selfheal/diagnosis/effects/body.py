@@ -46,6 +46,7 @@ class AtBody(Effect):
 
 class Payload(AtBody):
     name = "payload"
+    vector = "position"
     rare = 1
     says = "A mass that the model does not have."
     equation = "a point of that mass fixed to the body"

@@ -1,6 +1,14 @@
 """What a sensor makes of the truth: round to step (gain x true(t - delay) + bias)."""
 
+from dataclasses import replace
+
+from ..scene import Channel, Scene
 from ..terms import Effect, Parameter, Term
+
+
+# of a step, a delay that is how recordings are made: who records a simulation, or a
+# control loop, reads what was computed a moment ago; chosen
+STALE = 0.5
 
 
 class OfSensor(Effect):
@@ -12,12 +20,16 @@ class OfSensor(Effect):
         """Its number at a signal; `signal` is a `scene.Channel`."""
         raise NotImplementedError
 
+    def parameters(self, scene, signal) -> tuple[Parameter, ...]:
+        """Its numbers at a signal."""
+        return (self.parameter(scene, signal),)
+
     def starts(self, scene, signal) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
-        p = self.parameter(scene, signal)
-        return ((p.absent + 0.3 * p.scale,),)
+        every = self.parameters(scene, signal)
+        return (tuple(p.absent + 0.3 * p.scale for p in every),)
 
-    def fits(self, signal) -> bool:
+    def fits(self, scene, signal) -> bool:
         """Whether it could be at this signal."""
         return signal.width == 1
 
@@ -28,17 +40,18 @@ class OfSensor(Effect):
                 self,
                 (f"sensor:{signal.name}",),
                 ({"signal": signal.name, "kind": signal.kind},),
-                (self.parameter(scene, signal),),
+                self.parameters(scene, signal),
                 self.starts(scene, signal),
             )
             for signal in scene.signals
-            if self.fits(signal)
+            if self.fits(scene, signal)
         ]
 
     def is_usual(self, term):
         """Of positions a zero is often off; speeds are filtered, and so come late."""
         speed = "velocity" in term.places[0]["kind"]
-        return super().is_usual(term) and speed == self.of_speeds
+        one = len(term.parameters) == 1
+        return super().is_usual(term) and one and speed == self.of_speeds
 
     def measure(self, place, values):
         return {self.parameter_name: values[:, 0]}
@@ -47,10 +60,25 @@ class OfSensor(Effect):
     of_speeds = False  # whether it is usual at velocities, rather than at the others
 
 
+def is_vector(scene: Scene, signal: Channel) -> bool:
+    """Whether a signal's columns have each a zero, and a scale together.
+
+    Those of a direction or a quaternion have none, and of where a robot that floats is
+    nobody knows the zero.
+    """
+    model = scene.model
+    if signal.freedom < signal.width or signal.width == 1:
+        return False
+    if signal.kind != "body_position":
+        return True
+    root = model.body_rootid[model.body(signal.target).id]
+    return not (model.jnt_type[model.jnt_bodyid == root] == 0).any()
+
+
 class SensorBias(OfSensor):
     name = "sensor_bias"
     common = True
-    parameter_name = "bias"
+    parameter_name = vector = "bias"
     says = "The sensor's zero is off."
     equation = "reading = true + bias"
     source = "JCGM 200:2012 (VIM), instrumental bias"
@@ -60,6 +88,20 @@ class SensorBias(OfSensor):
         return Parameter(
             "bias", signal.unit, 0.0, -signal.reach, signal.reach, 0.1 * signal.spread
         )
+
+    def parameters(self, scene, signal):
+        """One a column; of a vector they are called bias_x, bias_y, ..."""
+        one = self.parameter(scene, signal)
+        if signal.width == 1:
+            return (one,)
+        axes = "xyz"[: signal.width] if signal.width <= 3 else range(signal.width)
+        return tuple(replace(one, name=f"bias_{x}") for x in axes)
+
+    def fits(self, scene, signal):
+        return super().fits(scene, signal) or is_vector(scene, signal)
+
+    def measure(self, place, values):
+        return {"bias": values}
 
 
 class SensorGain(OfSensor):
@@ -72,6 +114,9 @@ class SensorGain(OfSensor):
 
     def parameter(self, scene, signal):
         return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05)
+
+    def fits(self, scene, signal):
+        return super().fits(scene, signal) or is_vector(scene, signal)
 
 
 class SensorDelay(OfSensor):
@@ -86,12 +131,13 @@ class SensorDelay(OfSensor):
     regime = "fast"
 
     def parameter(self, scene, signal):
-        return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, least=scene.vague)
+        least = max(scene.vague, STALE * scene.step)
+        return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, least=least)
 
     def starts(self, scene, signal):
         return ((0.005,), (0.03,))
 
-    def fits(self, signal):
+    def fits(self, scene, signal):
         return True
 
 
@@ -105,8 +151,8 @@ class Quantization(OfSensor):
     regime = "slow"
     rounds = True
 
-    def fits(self, signal):
-        return signal.width == 1 and signal.lattice > 0
+    def fits(self, scene, signal):
+        return super().fits(scene, signal) and signal.lattice > 0
 
     def parameter(self, scene, signal):
         step = signal.lattice
