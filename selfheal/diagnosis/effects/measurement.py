@@ -9,6 +9,7 @@ from ..terms import Effect, Parameter, Term
 # of a step, a delay that is how recordings are made: who records a simulation, or a
 # control loop, reads what was computed a moment ago; chosen
 STALE = 0.5
+TRUE_TO = 0.005  # of a gain, as well as sensors are calibrated; chosen
 
 
 class OfSensor(Effect):
@@ -113,7 +114,7 @@ class SensorGain(OfSensor):
     separate_by = "bring the joint to two known angles"
 
     def parameter(self, scene, signal):
-        return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05)
+        return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05, least=TRUE_TO)
 
     def fits(self, scene, signal):
         return super().fits(scene, signal) or is_vector(scene, signal)
