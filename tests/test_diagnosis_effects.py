@@ -548,6 +548,21 @@ def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
         assert term.high[0] >= sum(body.mass for body in b.scene.bodies)
 
 
+def test_a_hand_carries_what_the_arm_that_it_is_fixed_to_does_not(tmp_path):
+    hand = """<body name="hand" pos="0 0 -0.2"><geom size="0.03" mass="0.1"/>
+      <body name="tip" pos="0 0 -0.05"/></body></body></worldbody>"""
+    b = _pendulum(tmp_path, **{"</body>\n  </worldbody>": hand})
+    targets = {
+        name: [t.targets for t in effect(name).terms(b.scene)]
+        for name in ("payload", "com_shift", "mount_shift")
+    }
+    assert targets == {
+        "payload": [("body:hand",)],
+        "com_shift": [("body:rod",), ("body:hand",)],
+        "mount_shift": [("body:hand",), ("body:tip",)],
+    }
+
+
 def test_a_robot_that_touches_itself_needs_no_ground(tmp_path):
     signals = {"pole": ("joint_position", "pivot", "rad")}
     robot = replace(ROBOTS["cart_pole"], xml=CLAPPER, signals=signals)

@@ -69,6 +69,16 @@ class Payload(AtBody):
         m = 0.2 * body.mass
         return tuple((m, *map(float, p)) for p in (body.far, body.com))
 
+    def fits(self, scene, body):
+        """Of parts that are fixed to each other the last one, such as a gripper."""
+        model, inner = scene.model, {0}
+        for other in scene.bodies:
+            parent = other.parent if other.mass else 0
+            while parent and model.body_weldid[parent] == model.body_weldid[other.id]:
+                inner.add(parent)
+                parent = int(model.body_parentid[parent])
+        return bool(body.mass) and body.id not in inner
+
     def edit(self, model, place, values):
         add_mass(model, place["body"], values[0], values[1:])
 
@@ -154,6 +164,9 @@ class ComShift(AtBody):
 
     def starts(self, scene, body):
         return ((0.0, 0.0, 0.0),)
+
+    def fits(self, scene, body):
+        return bool(body.mass)
 
     def edit(self, model, place, values):
         body = place["body"]

@@ -5,7 +5,6 @@ from dataclasses import replace
 from ..scene import Channel, Scene
 from ..terms import Effect, Parameter, Term
 
-
 # of a step, a delay that is how recordings are made: who records a simulation, or a
 # control loop, reads what was computed a moment ago; chosen
 STALE = 0.5
