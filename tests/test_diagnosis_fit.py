@@ -306,6 +306,23 @@ def test_the_steps_own_error_shrinks_with_the_step(arm):
     assert expected(problem, fit(problem, *nothing)) > whole**2
 
 
+@pytest.mark.parametrize("acting", [[], ["quadratic_damping", "joint_coupling"]])
+def test_motion_is_sensed_to_second_order_in_the_step(acting, tmp_path):
+    """Also what depends on pose and speed at once, as a gyroscope's readings do."""
+    b = bench("gimbal", tmp_path, episodes=2, seconds=0.8, noise=0.0)
+    terms = [effect(name).terms(b.scene)[0] for name in acting]
+    values = np.concatenate([np.zeros(0), *(t.starts[0] for t in terms)])
+    worlds = [b.world, b.world.halved, b.world.halved.halved]
+    told = []
+    for world in worlds:
+        pieces = windows(world.logs, None)
+        told.append(world.simulate(terms, values[None], pieces, centered=True)[0])
+    coarse, fine = (
+        np.abs(a - b).max(axis=0) for a, b in zip(told, told[1:], strict=False)
+    )
+    assert (coarse > 3 * fine - 1e-12).all()  # 2 if of first order, and 4
+
+
 def test_torques_are_read_of_the_command_that_holds_then(tmp_path):
     """Also between two steps, in whole steps and in halves, and where it jumps."""
     plain = ROBOTS["arm"].xml.replace('kp="10" kv="0.4"', 'kp="10"')

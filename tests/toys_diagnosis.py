@@ -80,6 +80,20 @@ BOX = """<mujoco model="box">
   </worldbody>
 </mujoco>
 """
+GIMBAL = """<mujoco model="gimbal">
+  <option timestep="0.004"/>
+  <default><joint armature="1"/></default>
+  <worldbody>
+    <body name="ring" pos="0 0 1"><joint name="yaw" axis="0 0 1" stiffness="20"/>
+      <geom size="0.01" mass="0.001"/>
+      <body name="head" pos="0.3 0 0"><joint name="pitch" axis="0 1 0" stiffness="30"/>
+        <geom size="0.01" pos="0.2 0 0" mass="0.001"/><site name="imu" pos="0.1 0 0"/>
+      </body>
+    </body>
+  </worldbody>
+  <sensor><gyro name="gyro" site="imu"/><accelerometer name="pull" site="imu"/></sensor>
+</mujoco>
+"""
 RAD, NO_COMMAND = ("joint_position", "rad"), (lambda t, rng: np.zeros((t.size, 0)))
 
 
@@ -153,6 +167,17 @@ ROBOTS = {
             "pole": ("joint_position", "pivot", "rad"),
         },
         _wave(2.0), _rest(2),
+    ),
+    "gimbal": Robot(
+        GIMBAL,
+        {
+            "yaw": ("joint_position", "yaw", "rad"),
+            "pitch": ("joint_position", "pitch", "rad"),
+            "gyro": ("sensor", "gyro", "rad/s"),
+            "pull": ("sensor", "pull", "m/s^2"),
+            "speed": ("body_linear_velocity", "head", "m/s"),
+        },
+        NO_COMMAND, lambda rng: (np.zeros(2), 5 * rng.uniform(0.8, 1.2, 2)),
     ),
     "box": Robot(
         BOX,
@@ -247,7 +272,13 @@ def read_one(model, data, kind: str, target: str) -> float | np.ndarray:
         actuator = model.actuator(target)
         return float(actuator.gear[0] * data.actuator_force[actuator.id])
     if kind == "sensor":
-        return float(data.sensor(target).data[0])
+        told = np.array(data.sensor(target).data)
+        return float(told[0]) if told.size == 1 else told
+    if kind == "body_linear_velocity":
+        six = np.zeros(6)
+        body, is_body = model.body(target).id, int(mujoco.mjtObj.mjOBJ_XBODY)
+        mujoco.mj_objectVelocity(model, data, is_body, body, six, 0)
+        return six[3:]
     field = "xpos" if kind == "body_position" else "xquat"
     return np.array(getattr(data.body(target), field))
 
