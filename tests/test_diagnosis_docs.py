@@ -44,7 +44,9 @@ def effects_page() -> str:
 
 def _entry(effect) -> str:
     sort, units = CONTRACT[effect.name]
-    named = [f"{n} [{unit or 'its unit'}]" for n, unit in units.items()]
+    columns = [f"{effect.vector}_{x}" for x in "xyz"]
+    told = {effect.vector if n in columns else n: unit for n, unit in units.items()}
+    named = [f"{n} [{unit or 'its unit'}]" for n, unit in told.items()]
     acts = "native" if native(SimpleNamespace(effect=effect)) else "by `replay`"
     return (
         f"\n### `{effect.name}`\n\n{effect.says}\n\n    {effect.equation}\n\n"

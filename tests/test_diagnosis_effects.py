@@ -59,7 +59,9 @@ CONTRACT = {
     "wind": ("world", {"vx": "m/s", "vy": "m/s", "vz": "m/s"}),
     "ground_friction": ("world", {"friction": "1"}),
     "ground_compliance": ("world", {"timeconst": "s", "dampratio": "1"}),
-    "sensor_bias": ("sensor", {"bias": None}),  # the signal's
+    "sensor_bias": (  # the signal's unit
+        "sensor", {"bias": None, **{f"bias_{x}": None for x in "xyz"}},
+    ),
     "sensor_gain": ("sensor", {"gain": "1"}),
     "sensor_delay": ("sensor", {"delay": "s"}),
     "quantization": ("sensor", {"step": None}),

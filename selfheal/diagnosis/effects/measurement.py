@@ -80,7 +80,7 @@ class SensorBias(OfSensor):
     common = True
     parameter_name = vector = "bias"
     says = "The sensor's zero is off."
-    equation = "reading = true + bias"
+    equation = "reading = true + bias, of a vector signal one a column"
     source = "JCGM 200:2012 (VIM), instrumental bias"
     separate_by = "bring the joint to a mechanical stop of known angle"
 
