@@ -29,9 +29,9 @@ class Sensors:
         self.needs: set[str] = set()
         self._readers: list[tuple[slice, Callable[[Bound], Floats]]] = []
         behind = _behind(plant, terms)
-        read = [plant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
+        own = [plant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
         self.rates, self.accelerations = (
-            _rows(plant.model, read, stage)
+            _rows(plant.model, own, stage)
             for stage in (2, 3)  # mjtStage
         )
         for c in signals:
