@@ -119,8 +119,7 @@ OTHERS = (
         FURUTA_IMU,
         3,
         2,
-        [put.Effect("gyro_bias", "sensor:imu", {"bias_y": (0.08, "rad/s")})],
-        kind="unlisted",
+        [put.Effect("sensor_bias", "sensor:imu", {"bias_y": (0.08, "rad/s")})],
     ),
     Other(
         "hopper_payload",

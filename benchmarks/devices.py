@@ -1,0 +1,176 @@
+"""Real devices: each diagnosed from its training file and proven on its test.
+
+    python benchmarks/devices.py --recordings ../shared/recordings --out DIR [NAME ...]
+
+Each set is diagnosed in DIR/NAME by a process of its own; what is there already is not
+done again. `test.h5`, its samples taken out, is replayed and scored as the contract
+says (section 2); makes docs/results/devices.md of all that DIR holds.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from _common import Section, parser, publish
+from _sealed_proof import blank, score, values
+from _sealed_run import Limits, run_cases
+
+from selfheal.recording import Recording, read, write
+
+HIPS_UP = 0.015  # [m] by which the hips of the raised starfish are too high
+
+
+@dataclass(frozen=True)
+class Device:
+    """A set of recordings of one device.
+
+    Attributes:
+        model: its file, as are `train` and `test`; where both are the same, even
+            episodes are diagnosed and odd ones prove, by `vertical` alone.
+        train: recording that is diagnosed.
+        test: recording that proves.
+        asked: score [1] to reach.
+        other: model that the findings are replayed on; empty: the diagnosed one.
+        raised: whether the model's hips are set too high.
+    """
+
+    model: str
+    train: str
+    test: str
+    asked: float
+    other: str = ""
+    raised: bool = False
+
+    @property
+    def split(self) -> bool:
+        """Whether one file is both."""
+        return self.train == self.test
+
+
+def _servo(kp: int) -> Device:
+    folder = "xl330/servo"
+    return Device(
+        f"{folder}/model_kp{kp}.xml", f"{folder}/train_kp{kp}.h5",
+        f"{folder}/test_kp400.h5", 0.09, f"{folder}/model_kp400.xml",
+    )  # fmt: skip
+
+
+def _plain(folder: str, asked: float, kind: str = "") -> Device:
+    files = (f"model{kind}.xml", f"train{kind}.h5", f"test{kind}.h5")
+    return Device(*(f"{folder}/{name}" for name in files), asked)
+
+
+_STAR = "starfish_2006"
+_BODY, _HURT, _WHOLE = (
+    f"{_STAR}/{name}" for name in ("published_body.xml", "damaged.h5", "intact.h5")
+)
+DEVICES = {
+    "kp100": _servo(100), "kp200": _servo(200), "kp800": _servo(800),
+    "voltage": _plain("xl330", 0.125),
+    "released": _plain("xl330", 0.19, "_released"),
+    "double_pendulum": _plain("double_pendulum_c1", 0.08),
+    "cube": _plain("cube_toss", 0.22),
+    "starfish_damaged": Device(_BODY, _HURT, _HURT, 0.25),
+    "starfish_raised": Device(_BODY, _WHOLE, _WHOLE, 0.096, raised=True),
+}  # fmt: skip
+
+
+def prepare(device: Device, recordings: Path, case: Path) -> None:
+    """A case's folder: model.xml and recording.h5."""
+    case.mkdir(parents=True, exist_ok=True)
+    shutil.copy(recordings / device.model, case / "model.xml")
+    if device.raised:
+        spec = mujoco.MjSpec.from_file(str(case / "model.xml"))
+        for body in spec.bodies:
+            if body.name.endswith("_upper"):
+                body.pos[2] += HIPS_UP
+        (case / "model.xml").write_text(spec.to_xml())
+    recording = read(recordings / device.train)
+    write(_every(recording, 0) if device.split else recording, case / "recording.h5")
+
+
+def _every(recording: Recording, first: int) -> Recording:
+    """Every second episode from the first-th on."""
+    chosen = list(recording.episodes.items())[first::2]
+    return replace(recording, episodes=dict(chosen))
+
+
+def proof(device: Device, recordings: Path, case: Path, program: str) -> float:
+    """Score of a diagnosis on the device's test, by `selfheal replay`."""
+    test = read(recordings / device.test)
+    if device.split:
+        episodes = {
+            key: replace(e, signals={"vertical": e.signals["vertical"]})
+            for key, e in _every(test, 1).episodes.items()
+        }
+        test = replace(test, episodes=episodes)
+    write(blank(test), case / "inputs.h5")
+    words = [program, "replay", "diagnosis", "inputs.h5", "--out", "out.h5", "--force"]
+    if device.other:
+        words += ["--model", str((recordings / device.other).resolve())]
+    subprocess.run(words, cwd=case, stdout=subprocess.DEVNULL, check=True)
+    return score(values(read(case / "out.h5")), test)
+
+
+def row(name: str, case: Path, reached: float) -> dict[str, Any]:
+    """What came of one device."""
+    said = json.loads((case / "diagnosis/diagnosis.json").read_text())
+    ran = json.loads((case / "run.json").read_text())
+    named = []
+    for f in said["findings"]:
+        numbers = ", ".join(f"{k} {v:.3g}" for k, v in _numbers(f["parameters"]))
+        named.append(f"{f['effect']} {f['target']} ({numbers})")
+    return {
+        "device": name, "asked": DEVICES[name].asked, "reached": reached,
+        "verdict": said["verdict"], "named": named,
+        "seconds": ran["seconds"], "megabytes": ran["megabytes"],
+    }  # fmt: skip
+
+
+def _numbers(parameters: dict[str, Any]):
+    for name, stated in parameters.items():
+        if isinstance(stated["value"], float | int):
+            yield name, stated["value"]
+
+
+def main() -> int:
+    """Diagnose what is asked for, prove all that is there."""
+    line = parser(__doc__ or "")
+    line.add_argument("names", nargs="*", metavar="NAME", help=", ".join(DEVICES))
+    line.add_argument("--recordings", type=Path, required=True)
+    line.add_argument("--out", type=Path, required=True)
+    line.add_argument("--jobs", type=int, default=2)
+    line.add_argument("--program", default="selfheal")
+    options = line.parse_args()
+    if wrong := sorted(set(options.names) - set(DEVICES)):
+        line.error(f"unknown: {', '.join(wrong)}; known: {', '.join(DEVICES)}")
+    for name in options.names or DEVICES:
+        if not (options.out / name / "model.xml").is_file():
+            prepare(DEVICES[name], options.recordings, options.out / name)
+    limits = Limits(3600, (options.program, "diagnose"))
+    failed = run_cases(options.out, options.jobs, limits)
+    rows = []
+    for name, device in DEVICES.items():
+        case = options.out / name
+        if (case / "diagnosis/diagnosis.json").is_file():
+            reached = proof(device, options.recordings, case, options.program)
+            rows.append(row(name, case, reached))
+    shown = [
+        [r["device"], f"{r['asked']:g}", f"{r['reached']:.4f}", r["verdict"],
+         "; ".join(r["named"]), f"{r['seconds']:.0f}", f"{r['megabytes']:.0f}"]
+        for r in rows
+    ]  # fmt: skip
+    header = ["device", "asked", "reached", "verdict", "named", "wall s", "MB"]
+    text = "Normalised RMSE of the test's position-like signals (contract, section 2)."
+    scores = Section("Scores", text, header, shown)
+    publish(options.root, "devices", "Real devices", [scores], {"devices": rows})
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
