@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from selfheal.diagnosis import locate, score
 from selfheal.diagnosis.patch import patched
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import world_of
+from selfheal.diagnosis.prove import is_astray
 from selfheal.diagnosis.replay import replay
 from selfheal.diagnosis.windows import windows
 from selfheal.recording import read
@@ -201,6 +203,27 @@ def test_contact_is_where_something_touches(tmp_path):
     touch = masks[locate.REGIMES.index("contact"), :, 0]
     low = pieces.readings[:, b.world.signals[0].first + 2] < 0.05
     assert touch[low].mean() > 0.85 and not touch[pieces.at < 10].any()
+
+
+@pytest.mark.parametrize("robot, lost, astray", [
+    ("box", 1, False),  # fell on another side
+    ("box", 3, True),
+    ("arm", 1, True),
+])  # fmt: skip
+def test_a_replay_is_astray_where_chance_does_not_tell_why(
+    robot, lost, astray, tmp_path
+):
+    b = bench(robot, tmp_path, episodes=5, seconds=0.8)
+    held = replace(b.world, touches=b.scene.touches)
+    pieces = score.replayed(held)
+    count = score.counts(held, pieces)
+    squares = 1e-4 * count * np.array([c.spread**2 for c in held.signals])
+    squares[:lost] *= 1e4
+    total = score.score(held, squares, count)
+    proof = SimpleNamespace(pieces=pieces, count=count, squares={"patched": squares},
+                            numbers={"patched": total, "floor": 0.02})  # fmt: skip
+    assert total > 0.4
+    assert is_astray(SimpleNamespace(held=held), proof) is astray
 
 
 @pytest.mark.parametrize("seed", range(3))

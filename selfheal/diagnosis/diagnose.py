@@ -16,6 +16,7 @@ from .prove import (
     Proof,
     bare,
     in_question,
+    is_astray,
     is_little,
     judged,
     likeliest,
@@ -29,7 +30,6 @@ from .stated import stated_terms
 from .usable import check_usable
 
 WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
-ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -89,10 +89,6 @@ def diagnose(
     if naming is not smooth:
         verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
         proof = Proof.of(case, naming)
-    # of single readings nothing tells the noise
-    if (
-        not proof.pieces.is_single
-        and proof.numbers["patched"] > ASTRAY * proof.numbers["floor"]
-    ):
+    if is_astray(case, proof):
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
     return answer_of(case, naming, verdict, proof, structure, refuted, begun)

@@ -41,6 +41,7 @@ CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; 
 # least share of the squared error in held-out episodes that a name removes, and of what
 # all of them together do; chosen
 HELPS, TRIFLE = 0.01, 0.003
+ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in those held
 # out, relative to the error there: less cannot refute it; chosen
 
@@ -377,3 +378,20 @@ def is_little(case: Case, naming: Naming, proof: Proof) -> bool:
     if removed is None or removed >= LITTLE:
         return False
     return _outlasting(case, naming) < EXPLAINED
+
+
+def is_astray(case: Case, proof: Proof) -> bool:
+    """Whether what is held out is further from the replay than noise can make it.
+
+    Of a robot that something touches in most episodes: in one it may fall on another
+    side by chance. Of single readings nothing tells the noise.
+    """
+    if proof.pieces.is_single:
+        return False
+    patched, world = proof.numbers["patched"], case.held
+    if world.touches:
+        each = zip(proof.squares["patched"], proof.count, strict=True)
+        patched = float(
+            np.nanmedian([score.score(world, s[None], n[None]) for s, n in each])
+        )
+    return patched > ASTRAY * proof.numbers["floor"]
