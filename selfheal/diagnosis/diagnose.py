@@ -89,6 +89,6 @@ def diagnose(
     if naming is not smooth:
         verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
         proof = Proof.of(case, naming)
-    if is_astray(case, proof):
+    if is_astray(case, naming, proof):
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
     return answer_of(case, naming, verdict, proof, structure, refuted, begun)

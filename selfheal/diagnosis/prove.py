@@ -28,6 +28,7 @@ from .screen import STEPS, drawn, fewer
 from .terms import Term, is_new
 from .trial import Base, try_term
 from .windows import Windows
+from .world import World
 
 # steps of simulation in the last fit, about, and in all differences of it; chosen: a
 # minute at 1 ms, and no more for a robot of which much is stated
@@ -380,18 +381,25 @@ def is_little(case: Case, naming: Naming, proof: Proof) -> bool:
     return _outlasting(case, naming) < EXPLAINED
 
 
-def is_astray(case: Case, proof: Proof) -> bool:
+def is_astray(case: Case, naming: Naming, proof: Proof) -> bool:
     """Whether what is held out is further from the replay than noise can make it.
 
     Of a robot that something touches in most episodes: in one it may fall on another
-    side by chance. Of single readings nothing tells the noise.
+    side by chance. And with the time step's own error taken away as well as with it. Of
+    single readings nothing tells the noise.
     """
     if proof.pieces.is_single:
         return False
-    patched, world = proof.numbers["patched"], case.held
-    if world.touches:
-        each = zip(proof.squares["patched"], proof.count, strict=True)
-        patched = float(
-            np.nanmedian([score.score(world, s[None], n[None]) for s, n in each])
-        )
-    return patched > ASTRAY * proof.numbers["floor"]
+    world, found, far = case.held, naming.final.fit, ASTRAY * proof.numbers["floor"]
+    if _usual(world, proof.squares["patched"], proof.count) <= far:
+        return False
+    finer = score.errors(world, proof.pieces, found.terms, found.values, centered=True)
+    return _usual(world, finer, proof.count) > far
+
+
+def _usual(world: World, squares: Floats, count: Floats) -> float:
+    """Score of squared errors (E, S); where something touches, of half the episodes."""
+    if not world.touches:
+        return score.score(world, squares, count)
+    each = zip(squares, count, strict=True)
+    return float(np.nanmedian([score.score(world, s[None], n[None]) for s, n in each]))

@@ -24,10 +24,14 @@ def replayed(world: World) -> Windows:
 
 
 def errors(
-    world: World, pieces: Windows, terms: Sequence[Term], values: Floats
-) -> Floats:
-    """Squared errors (E, S) summed over each episode, of each signal; NaN unread."""
-    told = world.simulate(terms, values[None], pieces)[0]
+    world: World, pieces: Windows, terms: Sequence[Term], values: Floats,
+    *, centered: bool = False,
+) -> Floats:  # fmt: skip
+    """Squared errors (E, S) summed over each episode, of each signal; NaN unread.
+
+    `centered`: as `World.simulate` has it.
+    """
+    told = world.simulate(terms, values[None], pieces, centered=centered)[0]
     apart = told - pieces.readings
     out = np.full((len(world.logs), len(world.signals)), np.nan)
     log = pieces.log[pieces.window]
