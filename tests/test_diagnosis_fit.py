@@ -263,11 +263,29 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
     assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_body_that_tumbles_keeps_a_possible_inertia(seed, tmp_path):
+    box = bench("box", tmp_path, episodes=1, seconds=0.3)
+    terms = tuple(t for t in _stated(box) if "second_moment" in t.targets[0])
+    rng = np.random.default_rng(seed)
+    low, high, _ = bounds(terms)
+    factors = rng.choice([low[0], high[0]], 3)
+    before = box.world.workshop.given.body_inertia[-1]
+    after = box.world.workshop.plant(terms).variant(terms, factors).body_inertia[-1]
+    assert 2 * after.max() <= after.sum() * (1 + 1e-12)
+    assert (np.abs(after / before - 1) <= 0.15 + 1e-12).all()
+    moments = (x.sum() / 2 - x for x in (before, after))
+    np.testing.assert_allclose(factors * next(moments), next(moments))
+
+
 def test_a_box_that_touches_states_three_sizes_and_a_link_one_length(arm, tmp_path):
     box = bench("box", tmp_path, episodes=2, seconds=0.3)
     each = {b: [t.targets[0].split("/") for t in _stated(b)] for b in (box, arm)}
     assert [w for _, w in each[box] if "size" in w] == ["size_x", "size_y", "size_z"]
     assert [b for b, w in each[arm] if w == "length"] == ["body:upper", "body:lower"]
+    assert {w for b, w in each[arm] if w.startswith(("inertia", "second"))} == {
+        "inertia"
+    }
     term = next(t for t in _stated(box) if t.targets[0].endswith("size_y"))
     model = box.world.workshop.plant((term,)).variant((term,), np.array([1.02]))
     before = box.scene.model.geom_size[-1]

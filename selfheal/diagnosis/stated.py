@@ -11,6 +11,8 @@ from .terms import Effect, Floats, Parameter, Term
 
 MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
 SIDES = ("size_x", "size_y", "size_z")
+MOMENTS = ("second_moment_x", "second_moment_y", "second_moment_z")
+THIN = 1e-3  # of the largest second moment, one that matters to no motion; chosen
 LONG = 0.3  # of a body's extent, the distance to its end that makes it a link; chosen
 LOOSE = 0.9  # of what is allowed: an interval as wide says nothing; chosen
 
@@ -19,7 +21,8 @@ def reach(parameter: str) -> float:
     """How far a stated value may move, relative to itself ("joint:knee/damping")."""
     field = parameter.rpartition("/")[2]
     lengths = dict.fromkeys(("length", *SIDES), LENGTH)
-    return {"mass": MASS, "inertia": MASS, **lengths}.get(field, REST)
+    masses = dict.fromkeys(("mass", "inertia", *MOMENTS), MASS)
+    return {**masses, **lengths}.get(field, REST)
 
 
 def is_loose(entry: Mapping[str, Any]) -> bool:
@@ -77,6 +80,17 @@ def _mass(model, place, factor):
     model.body_inertia[place["at"]] *= factor
 
 
+def _second_moment(model, place, factor):
+    inertia, side = model.body_inertia[place["at"]], place["side"]
+    more = (factor - 1) * _second_moments(inertia)[side]
+    inertia += more * (np.arange(3) != side)
+
+
+def _second_moments(inertia: Floats) -> Floats:
+    """Of mass (3) [kg m^2] along the principal axes, which inertias (3) are about."""
+    return inertia.sum() / 2 - inertia
+
+
 def _kp(model, place, factor):
     model.actuator_gainprm[place["at"], 0] *= factor
     model.actuator_biasprm[place["at"], 1] *= factor
@@ -124,17 +138,33 @@ def _of_bodies(scene: Scene) -> list[Term]:
         found.append(
             _term(_mass, f"{name}/mass", MASS, body.mass, "kg", at=body.id, name="mass")
         )
-        inertia = float(scene.model.body_inertia[body.id].max())
-        found.append(
-            _term(_field("body_inertia"), f"{name}/inertia", MASS, inertia, "kg m^2",
-                  at=body.id)
-        )  # fmt: skip
+        found += _of_inertia(scene.model, body)
         for word, axis, length in _lengths(scene, body):
             found.append(
                 _term(_length, f"{name}/{word}", LENGTH, length, "m", at=body.id,
                       axis=axis)
             )  # fmt: skip
     return found
+
+
+def _of_inertia(model, body: Moving) -> list[Term]:
+    """One factor; of a body that tumbles freely, one along each principal axis.
+
+    Its motion tells only how its inertias compare. Those that are sums of second
+    moments of mass are possible ones, whatever these are.
+    """
+    name, inertia = f"body:{body.name}", model.body_inertia[body.id]
+    tumbles = (model.jnt_type[model.jnt_bodyid == body.id] <= 1).any()  # free or ball
+    if not tumbles:
+        scale, largest = _field("body_inertia"), float(inertia.max())
+        return [_term(scale, f"{name}/inertia", MASS, largest, "kg m^2", at=body.id)]
+    own = _second_moments(inertia)
+    return [
+        _term(_second_moment, f"{name}/{word}", MASS, float(value), "kg m^2",
+              at=body.id, side=side)
+        for side, (word, value) in enumerate(zip(MOMENTS, own, strict=True))
+        if value > THIN * own.max()
+    ]  # fmt: skip
 
 
 def _lengths(scene: Scene, body: Moving) -> Iterator[tuple[str, Floats, float]]:
