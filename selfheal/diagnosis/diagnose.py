@@ -18,6 +18,7 @@ from .prove import (
     in_question,
     is_astray,
     is_little,
+    is_worse,
     judged,
     likeliest,
     polished,
@@ -28,8 +29,6 @@ from .result import Diagnosis
 from .rounding import with_rounding
 from .stated import stated_terms
 from .usable import check_usable
-
-WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
 
 Progress = Callable[[str, float], None]
 
@@ -77,9 +76,8 @@ def diagnose(
     structure = structure_of(case, naming)
     naming, verdict = judged(naming, structure)
     proof = Proof.of(case, naming)
-    patched, refit = proof.numbers["patched"], proof.numbers["refit"]
-    worse = not patched <= min(WORSE * refit, np.finfo(float).max)
-    if naming.named and (worse or is_little(case, naming, proof)):
+    worse = bool(naming.named) and is_worse(case, naming, proof)
+    if worse or (naming.named and is_little(case, naming, proof)):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in naming.named))
         naming, verdict = judged(bare(naming), structure)

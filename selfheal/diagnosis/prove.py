@@ -42,6 +42,7 @@ CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; 
 # least share of the squared error in held-out episodes that a name removes, and of what
 # all of them together do; chosen
 HELPS, TRIFLE = 0.01, 0.003
+WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in those held
 # out, relative to the error there: less cannot refute it; chosen
@@ -369,6 +370,18 @@ def removed_share(numbers: dict[str, float]) -> float | None:
     if not room >= ROOM * numbers["refit"]:
         return None
     return (numbers["refit"] - numbers["patched"]) / room
+
+
+def is_worse(case: Case, naming: Naming, proof: Proof) -> bool:
+    """Whether the names make a replay of what is held out worse.
+
+    Not if they explain nearly all in its pieces: a robot that falls, or is chaotic, is
+    soon elsewhere whatever is true of it.
+    """
+    patched = proof.numbers["patched"]
+    if patched <= WORSE * proof.numbers["refit"]:
+        return False
+    return not np.isfinite(patched) or _outlasting(case, naming) < WHOLE
 
 
 def is_little(case: Case, naming: Naming, proof: Proof) -> bool:
