@@ -21,6 +21,7 @@ from .prove import (
     is_worse,
     judged,
     likeliest,
+    plainest,
     polished,
     structure_of,
     upheld,
@@ -69,7 +70,7 @@ def diagnose(
     )  # fmt: skip
     case = case.heard(namings[0].problem.world)
     say("fitting everything once more", 0.0)
-    namings = [polished(case, n) for n in in_question(case, namings)]
+    namings = [plainest(polished(case, n)) for n in in_question(case, namings)]
     say("testing what was found on the held-out episodes", 0.0)
     naming, refuted = likeliest(case, [upheld(case, n) for n in namings])
     say("looking for what has no name", 0.0)

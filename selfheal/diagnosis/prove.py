@@ -23,7 +23,7 @@ from .name import Named, Naming
 from .noise import above, expected, most, noise_of
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
-from .prune import without
+from .prune import is_plainer, swapped, without
 from .screen import STEPS, drawn, fewer
 from .terms import Term, is_new
 from .trial import Base, try_term
@@ -85,6 +85,25 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     whole = Scored.of(problem, final)
     less = Scored.of(problem, alone) if naming.named else whole
     return replace(naming, problem=problem, stated=less, final=whole)
+
+
+def plainest(naming: Naming) -> Naming:
+    """The same; what cannot be told from a name has its place if it is plainer.
+
+    In more pieces than those that named it a number may turn out to do nothing, as the
+    speed at which a motor's torque ends.
+    """
+    problem = naming.problem
+    for name in naming.named:
+        plainer = [t for t in name.equivalent if is_plainer(t, name.term)]
+        final = swapped(problem, naming.final, name.term, plainer)
+        if final is naming.final:
+            continue
+        rest = tuple(t for t in name.equivalent if t.key != final.last.key)
+        new = replace(name, term=final.last, equivalent=(name.term, *rest))
+        named = tuple(new if n is name else n for n in naming.named)
+        naming = replace(naming, final=final, named=named)
+    return naming
 
 
 def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:

@@ -63,12 +63,12 @@ def swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
         if full.error < BETTER * now.error:
             if is_odd(term) or is_plausible(problem, now, full):
                 return full
-        elif _plainer(full.last, term) and as_good(problem, full, now):
+        elif is_plainer(full.last, term) and as_good(problem, full, now):
             return full
     return now
 
 
-def _plainer(new: Term, old: Term) -> bool:
+def is_plainer(new: Term, old: Term) -> bool:
     """Whether an effect is to be preferred where the data do not tell."""
     if new.effect.rare != old.effect.rare:
         return new.effect.rare < old.effect.rare
