@@ -38,7 +38,7 @@ CONTRACT = {
     "armature": ("joint", {"armature": "kg m^2"}),
     "joint_spring": ("joint", {"stiffness": "N m/rad", "springref": "rad"}),
     "joint_coupling": ("joint", {"stiffness": "N m/rad", "ratio": "1"}),
-    "hard_stop": ("joint", {"range": "rad"}),
+    "hard_stop": ("joint", {"range": "rad", "timeconst": "s"}),
     "command_delay": ("actuator", {"delay": "s"}),
     "actuator_lag": ("actuator", {"timeconst": "s"}),
     "torque_saturation": ("actuator", {"limit": "N m"}),
@@ -252,11 +252,11 @@ def _of_elbow(b, name, **note):
 def test_a_stop_or_a_limit_beyond_the_stated_one_changes_nothing(stating):
     b = stating["arm"]
     wider = [
-        ("hard_stop", {"side": 1}, 0.55), ("hard_stop", {"side": -1}, -0.65),
-        ("torque_saturation", {}, 1.25),
+        ("hard_stop", {"side": 1}, (0.55, 0.1)),
+        ("hard_stop", {"side": -1}, (-0.65, 0.1)), ("torque_saturation", {}, (1.25,)),
     ]  # fmt: skip
-    for name, note, value in wider:
-        assert _moved(b, (_of_elbow(b, name, **note),), [value]) < 1e-7, name
+    for name, note, values in wider:
+        assert _moved(b, (_of_elbow(b, name, **note),), values) < 1e-7, name
 
 
 def test_dry_friction_without_its_peculiarity_is_coulomb_friction(stating):

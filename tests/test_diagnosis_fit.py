@@ -516,6 +516,22 @@ def test_delays_of_a_step_are_faint_only_where_something_touches(name, tmp_path)
     assert not term.is_faint(np.array([3 * step]))
 
 
+@pytest.mark.parametrize("soft", [0.004, 0.03])
+def test_a_stop_is_found_where_it_is_however_soft(soft, tmp_path):
+    def stopped(model):
+        joint = model.joint("elbow").id
+        model.jnt_range[joint], model.jnt_limited[joint] = (-3, 0.1), 1
+        model.jnt_solref[joint] = soft, 1
+
+    b = bench("arm", tmp_path, change=stopped, noise=3e-4, seed=2)
+    stop = effect("hard_stop").terms(b.scene)[3]  # of the elbow, above
+    pieces = windows(b.world.logs, PIECE)
+    problem = Problem(b.world, pieces, np.full(pieces.readings.shape[1], NOISE))
+    found = fit(problem, (stop,), np.array(stop.starts[0]))
+    assert found.values == pytest.approx([0.1, soft], rel=0.15)
+    assert found.values[0] == pytest.approx(0.1, abs=2e-3)
+
+
 def test_a_torque_that_only_bends_is_no_cogging(arm):
     term = effect("cogging").terms(arm.scene)[1]
     amplitude, least = term.scale[0], term.low[1]

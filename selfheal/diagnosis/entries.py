@@ -45,7 +45,9 @@ SAID: Mapping[str, tuple[str, str]] = {
     "sensor_delay": ("sensor", "delay"),
     "quantization": ("sensor", "step"),
 }
-OR: Mapping[str, str] = {"servo_gain": "kp", "fluid_drag": "viscosity"}  # as well
+OR: Mapping[str, str] = {  # as well
+    "servo_gain": "kp", "fluid_drag": "viscosity", "hard_stop": "range timeconst",
+}  # fmt: skip
 SORTS = "joint actuator body geom sensor world"
 # what else a finding must say, and what would fit
 MORE: Mapping[str, tuple[str, tuple[Any, ...]]] = {

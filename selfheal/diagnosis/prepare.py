@@ -11,6 +11,7 @@ from .logs import channels, log
 from .plant import Workshop
 from .scene import Actuator, Scene, bodies_of, joints_of
 from .state import estimate, start_of
+from .windows import windows
 from .world import World
 
 
@@ -44,7 +45,7 @@ def scene_of(world: World) -> Scene:
     joints = joints_of(model, motion.torque, motion, measured)
     return Scene(
         model, world.step, world.signals, joints, actuators_of(world, states, joints),
-        bodies_of(model), motion.touches,
+        bodies_of(model), motion.touches, windows(world.logs, None).is_single,
     )  # fmt: skip
 
 

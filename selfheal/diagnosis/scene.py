@@ -182,6 +182,7 @@ class Scene:
         actuators: all.
         bodies: those that move.
         touches: whether anything touched the world.
+        is_posed: whether no motion was read, but poses.
     """
 
     model: "mujoco.MjModel"
@@ -191,6 +192,7 @@ class Scene:
     actuators: tuple[Actuator, ...]
     bodies: tuple[Moving, ...]
     touches: bool
+    is_posed: bool = False
 
     @property
     def vague(self) -> float:

@@ -168,6 +168,8 @@ def _of_joints(source: Source, old, new) -> Iterator[Edit]:
         if _differs(old.jnt_range[j], new.jnt_range[j]):
             told["range"] = number(_angle(new.jnt_range[j], turn))
             told["limited"] = "true"
+        if _differs(old.jnt_solref[j], new.jnt_solref[j]):
+            told["solreflimit"] = number(new.jnt_solref[j])
         if name not in given:  # its effect has said the rest
             told = {k: v for k, v in told.items() if k in ("range", "limited")}
         if told:

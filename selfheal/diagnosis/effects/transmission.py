@@ -96,31 +96,47 @@ class HardStop(AtJoint):
 
     name = "hard_stop"
     says = "A stop, or an obstacle, that the joint cannot pass."
-    equation = "q <= range (or >=)"
-    source = "MuJoCo joint/range"
+    equation = "q <= range (or >=), as soft as timeconst says"
+    source = "MuJoCo joint/range, joint/solreflimit"
     separate_by = "move slowly towards the angle from the free side"
     regime = "near_limit"
 
     def terms(self, scene):
         return [
-            _one_sided(self, joint, side) for joint in scene.joints for side in (-1, 1)
+            self._one_sided(scene, joint, side)
+            for joint in scene.joints
+            for side in (-1, 1)
         ]
 
     def edit(self, model, place, values):
-        model.jnt_range[place["joint"]] = _range(model, place, values[0])
-        model.jnt_limited[place["joint"]] = 1
+        joint, (stop, *soft) = place["joint"], values
+        inside = _range(model, place, stop)
+        if not model.jnt_limited[joint] or inside != tuple(model.jnt_range[joint]):
+            model.jnt_solref[joint, : len(soft)] = soft
+        model.jnt_range[joint], model.jnt_limited[joint] = inside, 1
 
+    def _one_sided(self, scene, joint, side: int) -> Term:
+        end = joint.middle + side * joint.range / 2  # where the robot was seen to go
+        reach = 0.5 * joint.range
+        stop = Parameter(
+            "range", joint.unit, side * np.inf, end - reach, end + reach,
+            0.1 * joint.range,
+        )  # fmt: skip
+        starts = end - side * 0.02 * joint.range, end - side * 0.1 * joint.range
+        place = {"joint": joint.id, "side": side, "dof": joint.dof}
+        soft = self._softness(scene, joint)
+        return Term(
+            self, (f"joint:{joint.name}",), (place,), (stop, *soft),
+            tuple((start, *(p.absent for p in soft)) for start in starts),
+            {"side": side},
+        )  # fmt: skip
 
-def _one_sided(effect, joint, side: int) -> Term:
-    end = joint.middle + side * joint.range / 2  # where the robot was seen to go
-    reach = 0.5 * joint.range
-    parameter = Parameter(
-        "range", joint.unit, side * np.inf, end - reach, end + reach, 0.1 * joint.range
-    )
-    starts = ((end - side * 0.02 * joint.range,), (end - side * 0.1 * joint.range,))
-    place = {"joint": joint.id, "side": side, "dof": joint.dof}
-    note = {"side": side}
-    return Term(effect, (f"joint:{joint.name}",), (place,), (parameter,), starts, note)
+    def _softness(self, scene, joint) -> tuple[Parameter, ...]:
+        """How soon it stops, where solref says such a time and poses are not all."""
+        time, hard = scene.model.jnt_solref[joint.id, 0], 2 * scene.step
+        if time < hard or scene.is_posed:
+            return ()
+        return (Parameter("timeconst", "s", float(time), hard, 0.2, 0.2 * time),)
 
 
 def _range(model, place, value) -> tuple[float, float]:
