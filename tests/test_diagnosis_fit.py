@@ -11,6 +11,7 @@ from selfheal.diagnosis.choose import (
     STRAINED,
     Claim,
     _likeliest,
+    drastic,
     relieving,
     strain_of_note,
     winner,
@@ -43,7 +44,7 @@ from selfheal.diagnosis.fit import (
     step,
 )
 from selfheal.diagnosis.name import Named, Naming, _Search
-from selfheal.diagnosis.noise import expected, most, noise_of
+from selfheal.diagnosis.noise import expected, loudest, most, noise_of
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
@@ -530,6 +531,38 @@ def test_a_stop_is_found_where_it_is_however_soft(soft, tmp_path):
     found = fit(problem, (stop,), np.array(stop.starts[0]))
     assert found.values == pytest.approx([0.1, soft], rel=0.15)
     assert found.values[0] == pytest.approx(0.1, abs=2e-3)
+
+
+def test_one_loud_column_is_heard_among_many(arm):
+    problem = _problem(arm)
+    found = fit(problem, (), np.zeros(0))
+    columns = found.residuals.reshape(-1, len(problem.sigma)).copy()
+    columns[:, 1] *= 20 * loudest(problem, found)
+    loud = replace(found, residuals=columns.ravel())
+    assert loudest(problem, loud) > 10
+    for c in arm.world.signals:  # a torque's misfit moves nothing that is scored
+        columns[:, c.columns] *= 1.0 if c.scored else 1e3
+    assert loudest(problem, replace(found, residuals=columns.ravel())) == pytest.approx(
+        loudest(problem, loud), rel=0.1
+    )
+    rough = replace(problem, world=replace(problem.world, touches=True))
+    assert loudest(rough, loud) == 0
+
+
+def test_a_lost_limb_is_looked_at_with_values_as_given(arm):
+    (loss,) = effect("limb_loss").terms(arm.scene)
+    dry, *_ = effect("coulomb_friction").terms(arm.scene)
+    stated, tell = _stated(arm), lambda what, share: None
+    low, _, _ = bounds(stated)  # where what is missing may have driven them
+    problem = _problem(arm, (loss,))
+    lost = Base.of(problem, fit(problem, stated, low, rounds=0))
+    (best,) = drastic(lost, len(stated), [dry, loss], tell)
+    assert best.last is loss and best.seat is not None
+    assert best.error < 2 * np.count_nonzero(best.fit.residuals) < 0.1 * lost.fit.cost
+    np.testing.assert_allclose(best.fit.values, 1, atol=0.1)
+    problem = _problem(arm)  # nothing is lost
+    whole = Base.of(problem, fit(problem, stated, low, rounds=0))
+    assert drastic(whole, len(stated), [dry, loss], tell) == []
 
 
 def test_a_torque_that_only_bends_is_no_cogging(arm):

@@ -20,7 +20,7 @@ from .evidence import (
 )
 from .fit import Fit, believed, fit, jacobian, rested
 from .noise import above
-from .problem import Problem
+from .problem import Problem, whitened
 from .screen import Progress
 from .terms import Term, does, replaced
 from .trial import Base
@@ -31,6 +31,7 @@ SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; 
 # the cost rough; chosen
 WORTH, ROUGH = 0.02, 0.1
 STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
+DRASTIC = 2  # at most, of what leaves nothing to fit, that are fitted; chosen
 MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
 
 
@@ -75,6 +76,36 @@ def _in_seat(problem: Problem, found: Scored) -> Scored:
     near = problem.carried(seat, found.fit.jacobian)
     new = replace(scored(seat, terms, values, rounds=4, known=near), seat=seat)
     return new if new.error < found.error else found
+
+
+def drastic(
+    base: Base, stated: int, candidates: Sequence[Term], progress: Progress
+) -> list[Scored]:
+    """Predictions of what leaves nothing to fit, as a lost limb, begun from the start.
+
+    Stated values and starts that were sought without it are so far off that it seems of
+    no use there. So it is looked at with values as given and starts as read, and those
+    that mend most of it are fitted from there.
+    """
+    whole = [t for t in candidates if not t.parameters]
+    problem, found = base.problem, base.fit
+    if not whole or problem.windows.is_single:
+        return []
+    raw = replace(problem.raw, shift=None)
+    values = np.append(np.ones(stated), found.values[stated:])
+    before = raw.at(found.terms, values)
+    costs = {}
+    for term in whole:
+        after = raw.at((*found.terms, term), values)
+        costs[term] = float(after @ after) / float(before @ before)
+    order = sorted(whole, key=lambda t: costs[t])[:DRASTIC]
+    scores = []
+    for term in [t for t in order if costs[t] < MOSTLY]:
+        progress(f"fitting {term.label}", 0.0)
+        terms = (*found.terms, term)
+        seat = whitened(raw, terms, values)
+        scores.append(replace(scored(seat, terms, values, rounds=4), seat=seat))
+    return scores
 
 
 def winner(

@@ -6,7 +6,16 @@ from functools import partial
 
 import numpy as np
 
-from .choose import STRAINED, SURE, WORTH, Claim, finalists, relieving, winner
+from .choose import (
+    STRAINED,
+    SURE,
+    WORTH,
+    Claim,
+    drastic,
+    finalists,
+    relieving,
+    winner,
+)
 from .evidence import (
     ABOVE,
     LEFT,
@@ -23,7 +32,7 @@ from .evidence import (
     seated,
 )
 from .fit import Fit, bounds, fit, looked_about
-from .noise import above, expected
+from .noise import above, expected, loudest
 from .problem import Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
@@ -194,6 +203,11 @@ class _Search:
         return found.cost <= expected(self.problem, found)
 
     @property
+    def is_loud(self) -> bool:
+        """Whether one column is far off, whatever the others are."""
+        return loudest(self.problem, self.now.fit) > ABOVE
+
+    @property
     def is_enough(self) -> bool:
         """Whether the names left little, of a robot whose cost is rough anyway."""
         nats = sum(self.claims[t.key].evidence.gain for t in self.named)
@@ -230,14 +244,16 @@ class _Search:
         odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
         strict = odd and not self.problem.world.touches
         near = self.above <= (LEFT if strict else ABOVE)
-        return self.is_white or near or self.is_of_step or self.is_enough
+        quiet = self.is_white or near or self.is_of_step or self.is_enough
+        return quiet and not self.is_loud
 
     def forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
         for _ in range(MOST):
             quiet = self.is_white or (self.named and self.above < QUIET)
-            if (quiet or self.is_of_step) and not self.is_strained:
+            done = (quiet or self.is_of_step) and not self.is_loud
+            if done and not self.is_strained:
                 break
             won = self._round(tabu)
             if won is None and tabu:
@@ -274,6 +290,9 @@ class _Search:
         finals = finalists(part.problem, fits, self.progress)
         if part.problem.windows.is_single:
             finals = refitted(part, finals, open_to)
+        whole = drastic(part, self.stated, open_to, self.progress)
+        said = {s.last.key for s in whole}
+        finals = [*whole, *(s for s in finals if s.last.key not in said)]
         now = Scored.of(part.problem, part.fit)
         won = winner(part.problem, now, finals, independent)
         if won is None and self.is_strained:
@@ -290,7 +309,10 @@ class _Search:
         same = len(best.fit.residuals) == len(self.now.fit.residuals)
         near = best.fit.jacobian if same else None
         problem, at = self.problem, (best.fit.terms, best.fit.values)
-        problem = seated(problem, *at) if best.seat else problem
+        if best.seat and problem.is_rough:  # begun from what was read
+            problem = whitened(replace(problem.raw, shift=None), *at)
+        elif best.seat:
+            problem = seated(problem, *at)
         found = fit(problem, *at, rounds=6, known=near)
         self.problem, self.now = _weighed_anew(problem, found, 4)
         return self._undo()

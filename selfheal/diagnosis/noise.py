@@ -8,6 +8,7 @@ from ..recording.data import Floats
 from .fit import Fit
 from .parabolas import neighbors, of_slow_noise
 from .problem import Problem
+from .scene import by_column
 from .world import World
 
 # of `_slow`: lags [samples] whose differences are compared; memories that are tried, of
@@ -88,12 +89,17 @@ def _slow(problem: Problem, residuals: Floats) -> tuple[Floats, Floats]:
 
 def noise_of(problem: Problem) -> float:
     """Squared residuals that the readings' noise alone would leave."""
+    return float(_noise_in(problem).sum())
+
+
+def _noise_in(problem: Problem) -> Floats:
+    """The same in each column (C)."""
     noise = np.concatenate([
         np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
         for c in problem.world.signals
     ])  # fmt: skip
     count = np.isfinite(problem.windows.readings).sum(axis=0)
-    return float((count * (noise / problem.sigma) ** 2).sum())
+    return count * (noise / problem.sigma) ** 2
 
 
 def above(problem: Problem, residuals: Floats) -> float:
@@ -105,6 +111,24 @@ def expected(problem: Problem, found: Fit) -> float:
     """Squared residuals that the readings' noise and the time step would leave."""
     of_step = problem.of_step(found.terms, found.values, found.residuals)
     return noise_of(problem) + float(of_step @ of_step)
+
+
+def loudest(problem: Problem, found: Fit) -> float:
+    """Root mean square in the worst scored column over what noise and time step leave.
+
+    Among many columns one that is wrong hardly shows in the sum of all. Where something
+    touches, each may be wrong by impacts, and of poses nothing tells the noise: 0.
+    """
+    if problem.world.touches or problem.windows.is_single:
+        return 0.0
+    of_step = problem.of_step(found.terms, found.values, found.residuals)
+    width = len(problem.sigma)
+    left, step = (
+        (r.reshape(-1, width) ** 2).sum(axis=0) for r in (found.residuals, of_step)
+    )
+    noise, scored = _noise_in(problem), by_column(problem.world.signals, "scored")
+    told = (noise > 0) & scored
+    return float(np.sqrt(np.max(left[told] / (noise + step)[told], initial=0.0)))
 
 
 def most(problem: Problem, residuals: Floats) -> float:

@@ -20,7 +20,7 @@ from .evidence import (
 from .fit import CLOSE, Fit, fit, looked_about, rested
 from .free_form import FreeForm
 from .name import Named, Naming
-from .noise import above, expected, most, noise_of
+from .noise import above, expected, loudest, most, noise_of
 from .plant import parts
 from .problem import Problem, is_told, start_errors, whitened
 from .prune import is_plainer, swapped, without
@@ -240,19 +240,21 @@ class Structure:
         p_value: that a torque of free form explains no more of it.
         share: of the squared error that it explains.
         above: root mean square of the residual over what noise and time step leave.
+        loudest: the same in the worst scored column.
         explained: share of what can be explained that the names explain.
     """
 
     p_value: float
     share: float
     above: float
+    loudest: float
     explained: float
 
     @property
     def left(self) -> bool:
         """Whether something is left that is no noise."""
         shown = self.p_value < 0.01 and self.share > 0.05
-        return (shown and self.above > 1) or self.above > ABOVE
+        return (shown and self.above > 1) or max(self.above, self.loudest) > ABOVE
 
 
 def structure_of(case: Case, naming: Naming) -> Structure:
@@ -274,6 +276,7 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         noise = max(noise, most(problem, base.fit.residuals))
     return Structure(
         p, share, float(np.sqrt(left / max(noise, 1e-12))),
+        loudest(problem, base.fit),
         float((before - left) / max(before - noise, 1e-12)),
     )  # fmt: skip
 
