@@ -535,18 +535,20 @@ def test_a_stop_is_found_where_it_is_however_soft(soft, tmp_path):
 
 def test_one_loud_column_is_heard_among_many(arm):
     problem = _problem(arm)
-    found = fit(problem, (), np.zeros(0))
-    columns = found.residuals.reshape(-1, len(problem.sigma)).copy()
-    columns[:, 1] *= 20 * loudest(problem, found)
-    loud = replace(found, residuals=columns.ravel())
-    assert loudest(problem, loud) > 10
-    for c in arm.world.signals:  # a torque's misfit moves nothing that is scored
-        columns[:, c.columns] *= 1.0 if c.scored else 1e3
-    assert loudest(problem, replace(found, residuals=columns.ravel())) == pytest.approx(
-        loudest(problem, loud), rel=0.1
-    )
+
+    def ratio(column: int, times: float, problem=problem) -> float:
+        pieces = problem.windows
+        off = times * NOISE * np.eye(len(problem.sigma))[column]
+        pieces = replace(pieces, readings=pieces.readings + off)
+        told = replace(problem, windows=pieces)
+        return loudest(told, fit(told, (), np.zeros(0)))
+
+    quiet = ratio(0, 0)
+    assert 0.5 < quiet < 2 and ratio(1, 20) > 10
+    (torque,) = (c for c in arm.world.signals if not c.scored)
+    assert ratio(torque.first, 1e3) == quiet  # what is not scored moves nothing
     rough = replace(problem, world=replace(problem.world, touches=True))
-    assert loudest(rough, loud) == 0
+    assert ratio(1, 20, rough) == 0
 
 
 def test_a_lost_limb_is_looked_at_with_values_as_given(arm):
