@@ -533,6 +533,18 @@ def test_a_stop_is_found_where_it_is_however_soft(soft, tmp_path):
     assert found.values[0] == pytest.approx(0.1, abs=2e-3)
 
 
+def test_a_servo_that_counts_otherwise_than_its_command_states_two_gains(tmp_path):
+    own = '<position name="shoulder_servo" joint="shoulder" kp="20" kv="0.8"/>'
+    geared = """<general name="shoulder_servo" joint="shoulder" gear="20" gainprm="2"
+      biastype="affine" biasprm="0 -0.1 -0.002"/>"""
+    robot = replace(ROBOTS["arm"], xml=ROBOTS["arm"].xml.replace(own, geared))
+    terms = _stated(bench(robot, tmp_path, episodes=1, seconds=0.3))
+    words = [t.targets[0].split("/") for t in terms if "servo" in t.targets[0]]
+    each = {name: [w for n, w in words if n == name] for name, _ in words}
+    assert each["actuator:shoulder_servo"] == ["gain", "bias", "kv"]
+    assert each["actuator:elbow_servo"] == ["kp", "kv"]
+
+
 def test_one_loud_column_is_heard_among_many(arm):
     problem = _problem(arm)
 

@@ -96,6 +96,14 @@ def _kp(model, place, factor):
     model.actuator_biasprm[place["at"], 1] *= factor
 
 
+def _gain(model, place, factor):
+    model.actuator_gainprm[place["at"], 0] *= factor
+
+
+def _bias(model, place, factor):
+    model.actuator_biasprm[place["at"], 1] *= factor
+
+
 def _gear(model, place, factor):
     model.actuator_gear[place["at"]] *= factor
 
@@ -215,8 +223,12 @@ def _of_actuators(scene: Scene) -> list[Term]:
         speed = bool(gain and bias[2] == -gain and not bias[1])  # <velocity>: one kv
         if not speed and (gain not in (0.0, 1.0) or bias[1]):
             unit = f"{a.force}/{a.unit}" if a.servo else f"{a.force}/ctrl"
-            word = "kp" if a.servo else "gain"
-            found.append(_term(_kp, f"{name}/{word}", REST, float(gain), unit, at=a.id))
+            word, scale = ("kp", _kp) if a.servo else ("gain", _gain)
+            target = f"{name}/{word}"
+            found.append(_term(scale, target, REST, float(gain), unit, at=a.id))
+            if bias[1] and not a.servo:  # of another length than the joint's
+                unit, value = f"{a.force}/{a.unit}", float(-bias[1])
+                found.append(_term(_bias, f"{name}/bias", REST, value, unit, at=a.id))
         gear = float(model.actuator_gear[a.id, 0])
         if (
             gain == 1.0

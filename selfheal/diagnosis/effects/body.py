@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..scene import Scene, along
-from ..terms import Effect, Floats, Parameter, Term
+from ..terms import Effect, Floats, Parameter, Term, saying
 from .actuator import least_inertia
 
 HEAVY = 1000.0  # times a joint's inertia, the rotor of one that is stuck; chosen
@@ -294,12 +294,17 @@ class LimbLoss(AtBody):
     def fits(self, scene, body):
         return not body.free and body.parent != 0
 
+    def terms(self, scene):
+        return [
+            saying(t, parts=len(_hanging(scene.model, t.places[0]["body"])))
+            for t in super().terms(scene)
+        ]
+
+    def oddity(self, term, values):
+        return self.rare + term.places[0]["parts"] - 1  # no more than has to be lost
+
     def edit(self, model, place, values):
-        lost = {place["body"]}
-        for body in range(place["body"] + 1, model.nbody):
-            if model.body_parentid[body] in lost:
-                lost.add(body)
-        for body in sorted(lost):
+        for body in _hanging(model, place["body"]):
             model.body_mass[body] *= LEFT
             model.body_inertia[body] *= LEFT
             for dof in np.flatnonzero(model.dof_bodyid == body):
@@ -310,6 +315,15 @@ class LimbLoss(AtBody):
             model.geom_pos[geoms] *= LEFT
             model.geom_contype[geoms] = 0
             model.geom_conaffinity[geoms] = 0
+
+
+def _hanging(model, body: int) -> list[int]:
+    """A body and all that hang on it."""
+    found = [body]
+    for other in range(body + 1, model.nbody):
+        if model.body_parentid[other] in found:
+            found.append(other)
+    return found
 
 
 def _is_still(scene: Scene, joint: str) -> bool:
