@@ -48,7 +48,13 @@ from selfheal.diagnosis.noise import expected, loudest, most, noise_of
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
-from selfheal.diagnosis.prove import in_its_place, is_little, likeliest
+from selfheal.diagnosis.prove import (
+    in_its_place,
+    is_little,
+    is_worse,
+    likeliest,
+    plainest,
+)
 from selfheal.diagnosis.prune import prices_of, swapped
 from selfheal.diagnosis.screen import overlooked, screened
 from selfheal.diagnosis.stated import stated_terms
@@ -615,6 +621,27 @@ def _named(term) -> Named:
     return Named(term, Evidence(1.0, 1e-3, 1.0), ())
 
 
+def test_a_number_that_does_nothing_gives_way_to_the_plainer_name(arm):
+    limit, falling = (
+        effect(name).terms(arm.scene)[1]
+        for name in ("torque_saturation", "speed_torque_limit")
+    )
+    most = 0.5 * arm.scene.actuators[1].most
+    problem = _problem(arm, (limit,), (most,))
+    at = np.array([most, falling.high[1]])  # at no speed that it reaches
+    found = Scored.of(problem, fit(problem, (falling,), at, rounds=0))
+    alone = Scored.of(problem, fit(problem, (), np.zeros(0)))
+    name = _named(falling)
+    naming = Naming(problem, alone, found, (name,), ())
+    assert plainest(naming) is naming
+    told = replace(naming, named=(replace(name, equivalent=(limit,)),))
+    plain = plainest(told)
+    (new,) = plain.named
+    assert (new.term.key, new.equivalent) == (limit.key, (falling,))
+    assert plain.final.fit.terms == (new.term,)
+    assert plain.final.fit.values == pytest.approx([most], rel=0.05)
+
+
 def test_a_name_without_rivals_may_give_way_to_its_other_forms(arm):
     forms = effect("load_dependent_friction").terms(arm.scene)
     dry = effect("coulomb_friction").terms(arm.scene)[1]
@@ -663,8 +690,15 @@ def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
         proof = SimpleNamespace(numbers=numbers, pieces=pieces)
         return is_little(SimpleNamespace(held=b.world), naming, proof)
 
+    def worse(patched: float) -> bool:
+        proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
+        return is_worse(SimpleNamespace(held=b.world), naming, proof)
+
     assert not little(0.1)
     assert little(0.2) == (dry == 0.0)
+    assert not worse(0.2)
+    assert worse(0.3) == (dry == 0.0)  # by chance, if it is right in all pieces
+    assert worse(np.inf) and worse(np.nan)
 
 
 def test_what_no_reading_tells_moves_as_the_model_does(tmp_path):
