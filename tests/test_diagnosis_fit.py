@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
+from selfheal.diagnosis import prove
 from selfheal.diagnosis.choose import (
     STRAINED,
     Claim,
@@ -690,15 +691,21 @@ def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
         proof = SimpleNamespace(numbers=numbers, pieces=pieces)
         return is_little(SimpleNamespace(held=b.world), naming, proof)
 
-    def worse(patched: float) -> bool:
-        proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
-        return is_worse(SimpleNamespace(held=b.world), naming, proof)
-
     assert not little(0.1)
     assert little(0.2) == (dry == 0.0)
-    assert not worse(0.2)
-    assert worse(0.3) == (dry == 0.0)  # by chance, if it is right in all pieces
-    assert worse(np.inf) and worse(np.nan)
+
+
+@pytest.mark.parametrize(
+    "share, patched, worse",
+    [(0.5, 0.2, False), (0.5, 0.3, True), (0.95, 0.3, False), (0.95, np.inf, True),
+     (0.95, np.nan, True)],
+)  # fmt: skip
+def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
+    share, patched, worse, monkeypatch
+):
+    monkeypatch.setattr(prove, "_outlasting", lambda case, naming: share)
+    proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
+    assert is_worse(None, None, proof) is worse
 
 
 def test_what_no_reading_tells_moves_as_the_model_does(tmp_path):
