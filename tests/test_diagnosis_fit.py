@@ -545,11 +545,12 @@ def test_a_servo_that_counts_otherwise_than_its_command_states_two_gains(tmp_pat
     geared = """<general name="shoulder_servo" joint="shoulder" gear="20" gainprm="2"
       biastype="affine" biasprm="0 -0.1 -0.002"/>"""
     robot = replace(ROBOTS["arm"], xml=ROBOTS["arm"].xml.replace(own, geared))
-    terms = _stated(bench(robot, tmp_path, episodes=1, seconds=0.3))
-    words = [t.targets[0].split("/") for t in terms if "servo" in t.targets[0]]
+    b = bench(robot, tmp_path, episodes=1, seconds=0.3)
+    words = [t.targets[0].split("/") for t in _stated(b) if "servo" in t.targets[0]]
     each = {name: [w for n, w in words if n == name] for name, _ in words}
     assert each["actuator:shoulder_servo"] == ["gain", "bias", "kv"]
     assert each["actuator:elbow_servo"] == ["kp", "kv"]
+    assert len(effect("rate_limit").terms(b.scene)) == 2  # both hold a position
 
 
 def test_one_loud_column_is_heard_among_many(arm):

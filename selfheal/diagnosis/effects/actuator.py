@@ -183,7 +183,10 @@ class RateLimit(AtActuator):
         return tuple((share * actuator.rate,) for share in (0.3, 1.0, 3.0))
 
     def fits(self, scene, actuator):
-        return actuator.servo and actuator.rate > 0
+        """Of what holds a position, in whatever units that is commanded."""
+        model, a = scene.model, actuator.id
+        holds = is_affine(model, a) and model.actuator_biasprm[a, 1] < 0
+        return actuator.dof >= 0 and holds and actuator.rate > 0
 
     def command(self, ctrl, step, place, values):
         u = ctrl[..., place["actuator"]].T.copy()
