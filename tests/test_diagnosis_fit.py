@@ -37,6 +37,7 @@ from selfheal.diagnosis.evidence import (
 )
 from selfheal.diagnosis.fit import (
     Fit,
+    believed,
     bounds,
     fit,
     jacobian,
@@ -194,8 +195,8 @@ def test_planted_stated_values_are_recovered(name, request):
     low, high, _ = bounds(terms)
     assert (low <= found.values).all() and (found.values <= high).all()
     error = uncertainty(problem, found)
-    believed = (high - low) / 4  # before any reading
-    pinned = error < 0.25 * believed
+    before = (high - low) / 4  # anything was read
+    pinned = error < 0.25 * before
     apart = np.abs(found.values - truth)
     assert (apart[pinned] < 4 * error[pinned] + 0.01).all()
     # a lone joint's inertia and torques are known up to a factor only
@@ -269,6 +270,16 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
         error = LEVEL * uncertainty(problem, found)
         inside.append(np.abs(found.values - truth) < error)
     assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-5])
+def test_many_readings_make_no_stated_value_less_certain(noise, pendulum):
+    """They tell masses, gains and frictions up to one factor: belief tells that."""
+    stated = _stated(pendulum)
+    problem = _problem(pendulum, stated, np.ones(len(stated)), noise=noise)
+    problem = replace(problem, sigma=np.full_like(problem.sigma, noise))
+    found = rested(problem, fit(problem, stated, np.ones(len(stated))))
+    assert (uncertainty(problem, found) < 2 / np.sqrt(believed(stated))).all()
 
 
 @pytest.mark.parametrize("seed", range(5))

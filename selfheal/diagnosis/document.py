@@ -40,17 +40,34 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     ])  # fmt: skip
     belief = np.diag(believed(found.terms)[live] / scale[live] ** 2)
     size, turn = np.linalg.eigh(a.T @ a + belief)
-    # a direction that no reading shows is as uncertain as can be, not certain
-    size = np.maximum(size, 1e-8 * size.max())
+    # a direction that no reading shows is as uncertain as can be, not certain; what is
+    # believed is ever so little beside many readings, and tells it all the same
+    size = np.maximum(size, 1e-14 * size.max())
     inverse, curvature = turn / size @ turn.T, turn * size @ turn.T
     usual = (curvature - belief) * float(r @ r) / max(len(r) - len(a.T), 1)
     robust = slopes.T @ slopes * len(slopes) / max(len(slopes) - 1, 1)
-    covers = [np.diag(inverse @ (data + belief) @ inverse) for data in (usual, robust)]
+    # no direction is more uncertain than it was before anything was read
+    most = 1 / np.sqrt(np.maximum((turn * (belief @ turn)).sum(axis=0), 1e-300))
+    roots = [turn.T @ inverse @ _root(data + belief) for data in (usual, robust)]
+    spans = [np.linalg.norm(root, axis=1) for root in roots]
+    covers = [
+        ((turn * np.minimum(1, most / np.maximum(span, 1e-300)) @ root) ** 2).sum(
+            axis=1
+        )
+        for root, span in zip(roots, spans, strict=True)
+    ]
     for considered in (problem.of_step, problem.of_clock):
-        moved = inverse @ (a.T @ considered(found.terms, found.values, r))
+        moved = turn.T @ inverse @ (a.T @ considered(found.terms, found.values, r))
+        moved = turn @ np.clip(moved, -most, most)
         covers = [cover + moved**2 for cover in covers]
     out[live] = np.sqrt(np.max(covers, axis=0)) / scale[live]
     return out
+
+
+def _root(matrix: Floats) -> Floats:
+    """R with R R' = a matrix that is not negative."""
+    size, turn = np.linalg.eigh(matrix)
+    return np.asarray(turn * np.sqrt(np.maximum(size, 0.0)))
 
 
 def findings_of(
