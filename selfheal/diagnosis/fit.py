@@ -25,7 +25,7 @@ NEAR, WRONG = 0.02, 0.01
 DAMPING, KEPT, TRIFLE = (1e-4, 1e-2, 1.0, 30.0), 0.75, 1e-3
 # of `rested`: steps at most, what it moves values by for slopes [of their scale], and
 # the gain [squared residuals] worth a step; chosen: a fifth of a standard deviation
-RESTS, FINE, WORTH = 3, 5e-4, 0.05
+RESTS, FINE, WORTH = 3, 1e-4, 0.05
 
 
 @dataclass(frozen=True, eq=False)
