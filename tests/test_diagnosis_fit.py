@@ -720,6 +720,11 @@ def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
     assert is_worse(None, None, proof) is worse
 
 
+def test_a_replay_that_diverges_stands_beside_no_other_that_does():
+    proof = SimpleNamespace(numbers={"refit": np.inf, "patched": np.inf})
+    assert is_worse(None, None, proof)
+
+
 def test_what_no_reading_tells_moves_as_the_model_does(tmp_path):
     """An elbow that is not read is as large, fast and loaded as one that is."""
     full, half = (

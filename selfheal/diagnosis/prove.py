@@ -401,9 +401,10 @@ def is_worse(case: Case, naming: Naming, proof: Proof) -> bool:
     soon elsewhere whatever is true of it.
     """
     patched = proof.numbers["patched"]
-    if patched <= WORSE * proof.numbers["refit"]:
-        return False
-    return not np.isfinite(patched) or _outlasting(case, naming) < WHOLE
+    if not np.isfinite(patched):  # it diverges, whatever the re-fitted model does
+        return True
+    worse = patched > WORSE * proof.numbers["refit"]
+    return worse and _outlasting(case, naming) < WHOLE
 
 
 def is_little(case: Case, naming: Naming, proof: Proof) -> bool:
