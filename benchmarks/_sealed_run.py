@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import Any
 from _sealed_proof import blank, score, values
 
 from selfheal.files import atomic_path
-from selfheal.recording import read, write
+from selfheal.recording import Recording, read, write
 
 GIVEN = ("model.xml", "recording.h5")
 TAIL = 2000  # characters of a process's last words that are kept
@@ -128,16 +129,32 @@ def prove(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
         return json.loads(kept.read_text())["patched"]
     if not (diagnosis / "diagnosis.json").is_file():
         return None
-    test, patched = read(key / "test.h5"), None
-    with tempfile.TemporaryDirectory(prefix="sealed-") as room:
-        write(blank(test), Path(room) / "inputs.h5")
-        words = [*program, str(diagnosis.resolve()), "inputs.h5", "--out", "out.h5"]
-        done = subprocess.run(words, cwd=room, capture_output=True, check=False)
-        if done.returncode == 0:
-            patched = score(values(read(Path(room) / "out.h5")), test)
+    patched = replayed(diagnosis, read(key / "test.h5"), program)
     with atomic_path(kept) as path:
         path.write_text(json.dumps({"patched": patched}) + "\n")
     return patched
+
+
+def replayed(
+    diagnosis: Path, test: Recording, program: Sequence[str], *more: str
+) -> float | None:
+    """Score of a diagnosis' replay of a test's inputs; None where it failed.
+
+    Args:
+        diagnosis: its folder.
+        test: what is scored.
+        program: words that start the replay.
+        more: words that end them.
+    """
+    with tempfile.TemporaryDirectory(prefix="sealed-") as room:
+        write(blank(test), Path(room) / "inputs.h5")
+        words = [*program, str(diagnosis.resolve()), "inputs.h5", "--out", "out.h5"]
+        done = subprocess.run(
+            [*words, *more], cwd=room, capture_output=True, check=False
+        )
+        if done.returncode:
+            return None
+        return score(values(read(Path(room) / "out.h5")), test)
 
 
 def run_cases(folder: Path, jobs: int, limits: Limits) -> int:

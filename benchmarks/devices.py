@@ -9,7 +9,6 @@ says (section 2); makes docs/results/devices.md of all that DIR holds.
 
 import json
 import shutil
-import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +16,7 @@ from typing import Any
 
 import mujoco
 from _common import Section, parser, publish
-from _sealed_proof import blank, score, values
-from _sealed_run import Limits, run_cases
+from _sealed_run import Limits, replayed, run_cases
 
 from selfheal.recording import Recording, read, write
 
@@ -100,7 +98,7 @@ def _every(recording: Recording, first: int) -> Recording:
     return replace(recording, episodes=dict(chosen))
 
 
-def proof(device: Device, recordings: Path, case: Path, program: str) -> float:
+def proof(device: Device, recordings: Path, case: Path, program: str) -> float | None:
     """Score of a diagnosis on the device's test, by `selfheal replay`."""
     test = read(recordings / device.test)
     if device.split:
@@ -109,22 +107,19 @@ def proof(device: Device, recordings: Path, case: Path, program: str) -> float:
             for key, e in _every(test, 1).episodes.items()
         }
         test = replace(test, episodes=episodes)
-    write(blank(test), case / "inputs.h5")
-    words = [program, "replay", "diagnosis", "inputs.h5", "--out", "out.h5", "--force"]
-    if device.other:
-        words += ["--model", str((recordings / device.other).resolve())]
-    subprocess.run(words, cwd=case, stdout=subprocess.DEVNULL, check=True)
-    return score(values(read(case / "out.h5")), test)
+    other = ["--model", str((recordings / device.other).resolve())]
+    more = other if device.other else []
+    return replayed(case / "diagnosis", test, (program, "replay"), *more)
 
 
-def row(name: str, case: Path, reached: float) -> dict[str, Any]:
+def row(name: str, case: Path, reached: float | None) -> dict[str, Any]:
     """What came of one device."""
     said = json.loads((case / "diagnosis/diagnosis.json").read_text())
     ran = json.loads((case / "run.json").read_text())
     named = []
     for f in said["findings"]:
-        numbers = ", ".join(f"{k} {v:.3g}" for k, v in _numbers(f["parameters"]))
-        named.append(f"{f['effect']} {f['target']} ({numbers})")
+        numbers = (f"{p['name']} {_short(p['value'])}" for p in f["parameters"])
+        named.append(f"{f['effect']} {f['target']} ({', '.join(numbers)})")
     return {
         "device": name, "asked": DEVICES[name].asked, "reached": reached,
         "verdict": said["verdict"], "named": named,
@@ -132,14 +127,18 @@ def row(name: str, case: Path, reached: float) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _numbers(parameters: dict[str, Any]):
-    for name, stated in parameters.items():
-        if isinstance(stated["value"], float | int):
-            yield name, stated["value"]
+def _short(value: float | list[float]) -> str:
+    if isinstance(value, list):
+        return f"({', '.join(map(_short, value))})"
+    return f"{value:.3g}"
+
+
+def _score(reached: float | None) -> str:
+    return "-" if reached is None else f"{reached:.4f}"
 
 
 def main() -> int:
-    """Diagnose what is asked for, prove all that is there."""
+    """Prepare what is asked for; diagnose and prove all that is there."""
     line = parser(__doc__ or "")
     line.add_argument("names", nargs="*", metavar="NAME", help=", ".join(DEVICES))
     line.add_argument("--recordings", type=Path, required=True)
@@ -161,7 +160,7 @@ def main() -> int:
             reached = proof(device, options.recordings, case, options.program)
             rows.append(row(name, case, reached))
     shown = [
-        [r["device"], f"{r['asked']:g}", f"{r['reached']:.4f}", r["verdict"],
+        [r["device"], f"{r['asked']:g}", _score(r["reached"]), r["verdict"],
          "; ".join(r["named"]), f"{r['seconds']:.0f}", f"{r['megabytes']:.0f}"]
         for r in rows
     ]  # fmt: skip

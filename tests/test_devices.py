@@ -1,5 +1,6 @@
 """Real devices: what is diagnosed is not what proves, and the model is as asked."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from selfheal.recording import check_against_model, read, read_names
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from devices import DEVICES, HIPS_UP, prepare
+from devices import DEVICES, HIPS_UP, prepare, row
 
 
 @pytest.mark.parametrize("name", DEVICES)
@@ -35,3 +36,18 @@ def test_raised_hips_are_all_that_differs(shared_recordings, tmp_path):
         up = HIPS_UP if models[0].body(k).name.endswith("_upper") else 0
         assert moved[k] == pytest.approx([0, 0, up], abs=1e-6)
     assert models[1].body_mass == pytest.approx(models[0].body_mass, rel=1e-4)
+
+
+def test_a_row_says_what_was_found(tmp_path):
+    values = {"mass": 0.3, "position": [0.0, 0.1, -0.25]}
+    finding = {
+        "effect": "payload", "target": "body:arm",
+        "parameters": [{"name": k, "value": v} for k, v in values.items()],
+    }  # fmt: skip
+    document = {"verdict": "explained", "findings": [finding]}
+    (tmp_path / "diagnosis").mkdir()
+    (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(document))
+    (tmp_path / "run.json").write_text('{"seconds": 1.0, "megabytes": 2.0}')
+    said = row("cube", tmp_path, 0.2)
+    assert said["named"] == ["payload body:arm (mass 0.3, position (0, 0.1, -0.25))"]
+    assert (said["asked"], said["reached"]) == (DEVICES["cube"].asked, 0.2)
