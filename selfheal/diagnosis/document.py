@@ -43,24 +43,25 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     # a direction that no reading shows is as uncertain as can be, not certain; what is
     # believed is ever so little beside many readings, and tells it all the same
     size = np.maximum(size, 1e-14 * size.max())
-    inverse, curvature = turn / size @ turn.T, turn * size @ turn.T
+    curvature = turn * size @ turn.T
     usual = (curvature - belief) * float(r @ r) / max(len(r) - len(a.T), 1)
     robust = slopes.T @ slopes * len(slopes) / max(len(slopes) - 1, 1)
     # no direction is more uncertain than it was before anything was read
     most = 1 / np.sqrt(np.maximum((turn * (belief @ turn)).sum(axis=0), 1e-300))
-    roots = [turn.T @ inverse @ _root(data + belief) for data in (usual, robust)]
-    spans = [np.linalg.norm(root, axis=1) for root in roots]
-    covers = [
-        ((turn * np.minimum(1, most / np.maximum(span, 1e-300)) @ root) ** 2).sum(
-            axis=1
-        )
-        for root, span in zip(roots, spans, strict=True)
-    ]
-    for considered in (problem.of_step, problem.of_clock):
-        moved = turn.T @ inverse @ (a.T @ considered(found.terms, found.values, r))
-        moved = turn @ np.clip(moved, -most, most)
-        covers = [cover + moved**2 for cover in covers]
-    out[live] = np.sqrt(np.max(covers, axis=0)) / scale[live]
+
+    def cover(causes: Floats) -> Floats:
+        """Variances that columns of `causes` make, as slopes of the cost."""
+        along = (turn / size).T @ causes
+        kept = most / np.maximum(np.linalg.norm(along, axis=1), most)
+        return ((turn * kept @ along) ** 2).sum(axis=1)
+
+    slopes_of_errors = (
+        a.T @ considered(found.terms, found.values, r)
+        for considered in (problem.of_step, problem.of_clock)
+    )
+    variance = np.maximum(*(cover(_root(data + belief)) for data in (usual, robust)))
+    variance += sum(cover(slope[:, None]) for slope in slopes_of_errors)
+    out[live] = np.sqrt(variance) / scale[live]
     return out
 
 

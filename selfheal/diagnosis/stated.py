@@ -91,17 +91,17 @@ def _second_moments(inertia: Floats) -> Floats:
     return inertia.sum() / 2 - inertia
 
 
-def _kp(model, place, factor):
-    model.actuator_gainprm[place["at"], 0] *= factor
-    model.actuator_biasprm[place["at"], 1] *= factor
-
-
 def _gain(model, place, factor):
     model.actuator_gainprm[place["at"], 0] *= factor
 
 
 def _bias(model, place, factor):
     model.actuator_biasprm[place["at"], 1] *= factor
+
+
+def _kp(model, place, factor):
+    _gain(model, place, factor)
+    _bias(model, place, factor)
 
 
 def _gear(model, place, factor):
