@@ -134,7 +134,7 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
     rows = [
         (
             found["effect"],
-            found["target"],
+            f"{found['target']}{_since(found)}",
             "\n".join(f"{p['name']} {quantity(p)}" for p in found["parameters"]),
             "\n".join(found.get("equivalent", ())),
         )
@@ -145,6 +145,14 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
         if found.get("equivalent") and found.get("separate_by"):
             advice = f"to separate {found['effect']}: {found['separate_by']}"
             console.print(Text(advice), soft_wrap=True)
+
+
+def _since(found: Mapping[str, Any]) -> str:
+    """When a finding set in, if it did."""
+    onset = found["where"].get("onset")
+    if not onset:
+        return ""
+    return f"\nsince {onset['time']:.4g} s of episode {onset['episode']}"
 
 
 def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:

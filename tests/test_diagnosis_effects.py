@@ -309,6 +309,25 @@ def test_what_the_ground_is_like_is_what_its_contact_is_like(stating):
         np.testing.assert_allclose(told, values)
 
 
+@pytest.mark.parametrize("geom", ["floor", "box"])
+def test_of_two_geoms_that_with_priority_says_what_the_contact_is_like(tmp_path, geom):
+    marked = re.sub(f'name="{geom}" type', 'priority="1" \\g<0>', ROBOTS["box"].xml)
+    b = _bench(replace(ROBOTS["box"], xml=marked), tmp_path)
+    for name, field, values in (
+        ("ground_friction", "friction", (0.25,)),
+        ("ground_compliance", "solref", (0.03, 0.4)),
+    ):
+        (term,) = effect(name).terms(b.scene)
+        model = b.world.workshop.plant([term]).variant([term], np.array(values))
+        told = np.atleast_1d(getattr(_resting(model), field))[: len(values)]
+        np.testing.assert_allclose(told, values)
+        changed = getattr(model, f"geom_{field}") != getattr(
+            b.world.workshop.given, f"geom_{field}"
+        )
+        assert model.geom(int(np.flatnonzero(changed.any(axis=1))[0])).name == geom
+        assert changed.any(axis=1).sum() == 1
+
+
 def _resting(model):
     """A contact of the box that lies on the floor."""
     data = mujoco.MjData(model)

@@ -82,7 +82,8 @@ def _located(case: Case, naming: Naming):
     before = _squares(problem, stated.terms, stated.values)
     share, p = locate.grid(world, case.scene, pieces, before)
     located = Located(tuple(c.name for c in world.signals), locate.REGIMES, share, p)
-    where, after = {}, _squares(problem, final.terms, final.values)
+    where: dict[int, dict[str, Any]] = {}
+    after = _squares(problem, final.terms, final.values)
     masks = locate.regimes(world, case.scene, pieces)
     for n, named in enumerate(naming.named):
         if named.term.effect.rounds:
@@ -92,6 +93,10 @@ def _located(case: Case, naming: Naming):
             continue
         less = _squares(problem, *final.but(named.term))
         where[n] = _where(case, pieces, masks, less - after)
+        if onset := named.term.onset:
+            where[n]["onset"] = {
+                k: getattr(onset, k) for k in ("episode", "time", "low", "high")
+            }
     return located, where
 
 

@@ -74,9 +74,9 @@ def prepare(
     meanings(recordings)  # one in all, whichever part of them they come to lie in
     pairs = _parted(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
-    world = world_of(workshop, fitted)
+    world = world_of(workshop, fitted, recordings)
     world = replace(world, memory=Memory(memory, about(workshop, fitted)))
-    held = world_of(workshop, [h for _, h in pairs if h.episodes])
+    held = world_of(workshop, [h for _, h in pairs if h.episodes], recordings)
     if not world.signals:
         raise RecordingError("no signal holds a reading that the model can predict")
     files = short_names([r.file for r in recordings])

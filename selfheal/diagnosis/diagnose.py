@@ -11,6 +11,7 @@ from .answer import answer_of
 from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
 from .effects import catalogue
 from .name import name_effects
+from .onset import held_out_later
 from .problem import Problem
 from .prove import (
     Proof,
@@ -29,6 +30,7 @@ from .prove import (
 from .result import Diagnosis
 from .rounding import with_rounding
 from .stated import stated_terms
+from .terms import Onset
 from .usable import check_usable
 
 Progress = Callable[[str, float], None]
@@ -63,11 +65,25 @@ def diagnose(
     check_usable(case)
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)
+    later: tuple[str, ...] = ()
+
+    def is_provable(onset: Onset) -> bool:
+        """Whether what is held out shows it; else what to hold out is `later`."""
+        nonlocal later
+        if not held_out:
+            later = held_out_later(onset, recordings, case.held)
+        return not later
+
     namings = name_effects(
         problem, Problem(case.world, pieces_of(case.world, LONG), problem.sigma),
         case.scene, stated_terms(case.scene), catalogue().values(),
-        rng=np.random.default_rng(seed), progress=say,
+        rng=np.random.default_rng(seed), progress=say, is_provable=is_provable,
     )  # fmt: skip
+    if later:
+        return diagnose(
+            model, recordings, held_out=later, seed=seed, memory=memory,
+            progress=progress,
+        )  # fmt: skip
     case = case.heard(namings[0].problem.world)
     say("fitting everything once more", 0.0)
     namings = [plainest(polished(case, n)) for n in in_question(case, namings)]

@@ -30,6 +30,7 @@ class Log:
         centered: (G, nu) mean command from half a step before to half a step after.
         near: through the neighbors of each sample.
         qpos0, qvel0: given state at the first sample, or None.
+        number: of the episode, among all that were recorded.
     """
 
     id: str
@@ -42,6 +43,7 @@ class Log:
     near: Parabolas
     qpos0: Floats | None
     qvel0: Floats | None
+    number: int = 0
 
     def smooth(self, at: Floats, step: float) -> tuple[Floats, Floats]:
         """Value and slope (..., C) of all channels at times `at` [steps]."""

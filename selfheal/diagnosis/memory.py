@@ -71,7 +71,8 @@ def _digest(said: Any) -> bytes:
     elif isinstance(said, bytes):
         state.update(said)
     elif isinstance(said, Term):
-        state.update(_digest((repr((said.key, said.starts)), said.low, said.high)))
+        of_it = repr((said.key, said.starts, said.onset))
+        state.update(_digest((of_it, said.low, said.high)))
     elif isinstance(said, tuple | list):
         for part in said:
             state.update(_digest(part))

@@ -1,6 +1,6 @@
 """Which physics is missing: takes a fitted model, gives effects that earn a name."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -33,6 +33,7 @@ from .evidence import (
 )
 from .fit import Fit, bounds, fit, looked_about
 from .noise import above, expected, loudest
+from .onset import began, dated, placed
 from .problem import Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
 from .scene import Scene
@@ -47,7 +48,7 @@ from .screen import (
     screened,
     some_of,
 )
-from .terms import Term, is_new, other_forms, says_anew
+from .terms import Onset, Term, is_new, other_forms, says_anew
 from .trial import Base
 
 MOST = 6  # effects at once
@@ -101,6 +102,7 @@ def name_effects(
     *,
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
+    is_provable: Callable[[Onset], bool] = lambda onset: True,
 ) -> list[Naming]:
     """Find the effects without which the recordings cannot be explained.
 
@@ -108,7 +110,7 @@ def name_effects(
     Where that leaves something (more than a tenth, if something touches: the cost is
     rough there), once more from all the usual ones at once: the first one named alone
     may have stood for several. And in longer pieces, if the starts allow it: slow
-    effects show there.
+    effects show there. Where only later pieces are not explained, effects set in then.
 
     Args:
         problem: all windows that may be used.
@@ -118,12 +120,14 @@ def name_effects(
         effects: the catalogue.
         rng: chooses the windows on which candidates are tried first.
         progress: told what is being done and how far it is.
+        is_provable: whether it is worth the while to look for what sets in then.
 
     Returns:
-        One hypothesis, or what both searches found, the likelier first.
+        One hypothesis, or what both searches found, the likelier first; none where
+        something sets in that is not worth it.
     """
     kinds = [effect for effect in effects if not effect.rounds]
-    candidates = [term for effect in kinds for term in effect.terms(scene)]
+    candidates = tuple(term for effect in kinds for term in effect.terms(scene))
     progress("refitting what the model states", 0.0)
     steps = min(STEPS[-1], int(SEARCHED / max(len(stated), 1)))
     some = drawn(problem, steps, rng)
@@ -132,11 +136,15 @@ def name_effects(
     if search.is_done:
         odd = overlooked(problem, some, search.problem, search.now.fit)
         search = begin(np.union1d(some, odd)) if len(odd) else search
+    if not search.is_done and (onset := began(search.problem, search.now.fit)):
+        if not is_provable(onset):
+            return []
+        search.candidates = candidates = dated(candidates, onset)
     start = replace(search)
     search.forward()
     # poses do not show what most robots have
     if search.is_done or problem.windows.is_single:
-        return [search.ended()]
+        return [search.ended(problem)]
     # what the first search set aside for a name, the second one tries in its place
     likely = [t for t in candidates if t in search.candidates or t.effect.is_usual(t)]
     other = replace(
@@ -147,9 +155,9 @@ def name_effects(
         world=search.problem.world,
     )  # fmt: skip
     if not other.with_all_usual(longer, {t.key for t in search.named}):
-        return [search.ended()]
+        return [search.ended(problem)]
     both = (other, search) if other.beats(search) else (search, other)
-    return [s.ended() for s in both]
+    return [s.ended(problem) for s in both]
 
 
 @dataclass
@@ -402,12 +410,14 @@ class _Search:
         odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
         return odd[0] < odd[1] and as_good(problem, mine, theirs)
 
-    def ended(self) -> Naming:
-        """What was found."""
+    def ended(self, whole: Problem) -> Naming:
+        """What was found, in some of the `whole`'s windows."""
+        if any(t.onset for t in self.named):
+            self.now = placed(self.problem, whole, self.now)
         own, terms = self.now.fit, self.named
         alone = scored(self.problem, *own.but(*terms), known=own.near(*terms))
         claims = [(t, self.claims[t.key]) for t in self.named]
-        named = tuple(Named(t, c.evidence, c.rivals) for t, c in claims)
+        named = tuple(Named(t, c.evidence, dated(c.rivals, t.onset)) for t, c in claims)
         return Naming(self.problem, alone, self.now, named, self.first)
 
 

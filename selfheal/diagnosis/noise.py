@@ -92,14 +92,25 @@ def noise_of(problem: Problem) -> float:
     return float(_noise_in(problem).sum())
 
 
+def noise_by_window(problem: Problem) -> Floats:
+    """The same in each window (W)."""
+    of_each = np.isfinite(problem.windows.readings) * _noise(problem) ** 2
+    return problem.by_window(of_each.ravel())
+
+
 def _noise_in(problem: Problem) -> Floats:
     """The same in each column (C)."""
+    count = np.isfinite(problem.windows.readings).sum(axis=0)
+    return count * _noise(problem) ** 2
+
+
+def _noise(problem: Problem) -> Floats:
+    """Noise (C) of each column, in standard deviations of its residuals."""
     noise = np.concatenate([
         np.maximum(np.nan_to_num(c.noise), c.lattice / np.sqrt(12))
         for c in problem.world.signals
     ])  # fmt: skip
-    count = np.isfinite(problem.windows.readings).sum(axis=0)
-    return count * (noise / problem.sigma) ** 2
+    return noise / problem.sigma
 
 
 def above(problem: Problem, residuals: Floats) -> float:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..recording import Episode, Recording
+from ..recording import Episode, Recording, whole_of
 from ..recording.data import Floats
 from .logs import channels, log
 from .plant import Workshop
@@ -15,18 +15,26 @@ from .windows import windows
 from .world import World
 
 
-def world_of(workshop: Workshop, recordings: Sequence[Recording]) -> World:
-    """Recordings that fit a model, against it."""
+def world_of(
+    workshop: Workshop,
+    recordings: Sequence[Recording],
+    whole: Sequence[Recording] = (),
+) -> World:
+    """Recordings that fit a model, against it; parts of the `whole` ones, if given."""
     model = workshop.given
     signals = channels(recordings)
     step = float(model.opt.timestep)
     several = len(recordings) > 1
-    logs = tuple(
-        log(f"{r.file}:{name}" if several else name, in_order(e, model), signals, step)
-        for r in recordings
-        for name, e in r.episodes.items()
-    )
-    return World(workshop, signals, logs, step)
+    names = [(r.file, name) for r in whole or recordings for name in r.episodes]
+    logs = []
+    for r in recordings:
+        for name, e in r.episodes.items():
+            own = log(f"{r.file}:{name}" if several else name, in_order(e, model),
+                      signals, step)  # fmt: skip
+            at = (r.file, name), (r.file, whole_of(name))
+            number = names.index(at[0] if at[0] in names else at[1])
+            logs.append(replace(own, number=number))
+    return World(workshop, signals, tuple(logs), step)
 
 
 def in_order(episode: Episode, model) -> Episode:

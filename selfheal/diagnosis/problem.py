@@ -149,12 +149,8 @@ class Problem:
         if pull is not None:
             pull = pull.reshape(self.windows.readings.shape)
             pull = pull[self.windows.rows(chosen)].ravel()
-        # the same ones each time: what is held of them is found again
-        kept = self.world.held.setdefault(self.windows, {})
-        key = np.asarray(chosen).tobytes()
-        if key not in kept:
-            kept[key] = self.windows.take(chosen)
-        return replace(self, windows=kept[key], whiten=whiten, shift=shift, pull=pull)
+        windows = self.world.taken(self.windows, chosen)
+        return replace(self, windows=windows, whiten=whiten, shift=shift, pull=pull)
 
     @property
     def raw(self) -> "Problem":

@@ -42,6 +42,24 @@ class Parameter:
     least: float = 0.0
 
 
+@dataclass(frozen=True)
+class Onset:
+    """When something set in.
+
+    Attributes:
+        number: of the episode, among all that were recorded.
+        episode: its id.
+        time: in it [s].
+        low, high: where the 90 % interval of that ends, in the same episode [s].
+    """
+
+    number: int
+    episode: str
+    time: float
+    low: float
+    high: float
+
+
 @dataclass(frozen=True, eq=False)
 class Term:
     """An effect at one place, or at several that share its parameters.
@@ -53,6 +71,7 @@ class Term:
         parameters: in the order of the values.
         starts: values a search may begin at, each (p).
         note: what else a finding of it says.
+        onset: when it set in; None: it was there all the time.
     """
 
     effect: "Effect"
@@ -61,6 +80,7 @@ class Term:
     parameters: tuple[Parameter, ...]
     starts: tuple[tuple[float, ...], ...]
     note: Mapping[str, Any] = field(default_factory=dict)
+    onset: Onset | None = None
 
     @property
     def low(self) -> Floats:

@@ -83,6 +83,47 @@ class World:
             (n, M, C); NaN after a hypothesis diverged.
         """
         values = np.atleast_2d(values)
+        if not any(t.onset for t in terms):
+            return self._in_batches(terms, values, windows, kick, centered)
+        there = self._there(terms, windows)
+        of_each = np.repeat(np.arange(len(terms)), [len(t.parameters) for t in terms])
+        told = np.empty((len(values), *windows.readings.shape))
+        for kind in np.unique(there, axis=0):
+            chosen = np.flatnonzero((there == kind).all(axis=1))
+            told[:, windows.rows(chosen)] = self._in_batches(
+                [t for t, is_there in zip(terms, kind, strict=True) if is_there],
+                values[:, kind[of_each]], self.taken(windows, chosen),
+                None if kick is None else kick[:, chosen], centered,
+            )  # fmt: skip
+        return told
+
+    def _there(self, terms: Sequence[Term], windows: Windows) -> np.ndarray:
+        """(W, T) whether each term holds in most of each window."""
+        there = np.ones((len(windows), len(terms)), bool)
+        for i, log in enumerate(self.logs):
+            rows = np.flatnonzero(windows.log == i)
+            middle = windows.start[rows] + windows.steps[rows] / 2
+            times = log.start + middle * self.step
+            for k, term in enumerate(terms):
+                if term.onset and log.number == term.onset.number:
+                    there[rows, k] = times > term.onset.time
+                elif term.onset:
+                    there[rows, k] = log.number > term.onset.number
+        return there
+
+    def taken(self, windows: Windows, chosen: np.ndarray) -> Windows:
+        """Some windows, the same ones each time: what is held of them is found."""
+        kept = self.held.setdefault(windows, {})
+        key = np.asarray(chosen).tobytes()
+        if key not in kept:
+            kept[key] = windows.take(chosen)
+        return kept[key]
+
+    def _in_batches(self, terms, values: Floats, windows, kick, centered) -> Floats:
+        """The same of terms that hold all the time, as many at once as there is room.
+
+        Values (n, P).
+        """
         size = len(windows) * (int(windows.steps.max()) + 2) * self._width
         count = max(1, int(ROOM / size))
         pieces = [

@@ -4,7 +4,7 @@ from .check import validate
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
 from .names import load_model, names_of, read_names, read_spec
-from .split import short_names, split, without_file
+from .split import short_names, split, whole_of, without_file
 from .store import opened, read, write
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "short_names",
     "split",
     "validate",
+    "whole_of",
     "without_file",
     "write",
 ]

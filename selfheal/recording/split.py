@@ -64,6 +64,12 @@ def without_file(entry: str, file: str) -> str:
     return entry
 
 
+def whole_of(name: str) -> str:
+    """The episode of which a name, such as `split` gives it, is or is a piece."""
+    piece = _PIECE.fullmatch(name)
+    return name if piece is None else piece["id"]
+
+
 def short_names(files: Sequence[str]) -> list[str]:
     """Of each file the shortest end of its path that no other one of them has."""
     every = [Path(os.path.abspath(file)).parts for file in files]

@@ -157,9 +157,9 @@ def _terminal_speed(scene: Scene) -> float:
 class OfGround(OfWorld):
     """What happens where something touches the ground.
 
-    MuJoCo takes the larger friction of two geoms and the mean of their solref. Both
-    geoms' are scaled by one factor, and so is the contact's: what the model states of
-    each of them is kept.
+    MuJoCo takes the larger friction of two geoms and the mean of their solref, or both
+    of the one with the higher priority. Where both count, both geoms' are scaled by one
+    factor, and so is the contact's: what the model states of each of them is kept.
     """
 
     def at(self, scene: Scene) -> dict | None:
@@ -184,6 +184,15 @@ def _sides(model, place) -> tuple[np.ndarray, np.ndarray]:
     return a, b[meets.any(axis=0)]
 
 
+def _counting(model, place) -> tuple[np.ndarray, ...]:
+    """Of both sides, or of the one with the higher priority: what contacts go by."""
+    ground, moving = sides = _sides(model, place)
+    ours, theirs = (model.geom_priority[g] for g in sides)
+    if ours.min() > theirs.max():
+        return (ground,)
+    return (moving,) if theirs.min() > ours.max() else sides
+
+
 class GroundFriction(OfGround):
     name = "ground_friction"
     says = "The ground is more slippery, or rougher, than stated."
@@ -196,14 +205,14 @@ class GroundFriction(OfGround):
         place = self.at(scene)
         if place is None:
             return []
-        sides = _sides(scene.model, place)
+        sides = _counting(scene.model, place)
         now = _friction(scene.model, sides)
         parameter = Parameter("friction", "1", now, 0.0, max(5.0, 2 * now), 0.2)
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
         return [Term(self, ("world",), (place,), (parameter,), starts)]
 
     def edit(self, model, place, values):
-        sides = _sides(model, place)
+        sides = _counting(model, place)
         now = _friction(model, sides)
         for geoms in sides:
             if now:
@@ -230,7 +239,7 @@ class GroundCompliance(OfGround):
         place = self.at(scene)
         if place is None:
             return []
-        sides = _sides(scene.model, place)
+        sides = _counting(scene.model, place)
         if any((scene.model.geom_solref[g] <= 0).any() for g in sides):
             return []
         time, ratio = map(float, _solref(scene.model, sides))
@@ -244,7 +253,7 @@ class GroundCompliance(OfGround):
         return [Term(self, ("world",), (place,), parameters, starts)]
 
     def edit(self, model, place, values):
-        sides = _sides(model, place)
+        sides = _counting(model, place)
         ratio = values / _solref(model, sides)
         for geoms in sides:
             model.geom_solref[geoms] *= ratio

@@ -1,0 +1,117 @@
+"""Effects that set in while a robot is recorded."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toys_diagnosis import ROBOTS, bench, record
+
+from selfheal.diagnosis.diagnose import diagnose
+from selfheal.diagnosis.effects import effect
+from selfheal.diagnosis.fit import fit
+from selfheal.diagnosis.onset import began, dated, held_out_later
+from selfheal.diagnosis.problem import Problem, whitened
+from selfheal.diagnosis.stated import stated_terms
+from selfheal.diagnosis.terms import Onset
+from selfheal.diagnosis.windows import windows
+
+PENDULUM, STEP = ROBOTS["pendulum"], 0.002
+WORN = 0.04  # [N m s/rad]
+
+
+def _worn(model) -> None:
+    model.dof_damping[0] += WORN
+
+
+def _changing(*, at: int, episodes: int = 6, seed: int = 0, change=_worn):
+    """A recording of a pendulum that is another one from an episode on."""
+    before, after = (
+        record(PENDULUM, episodes=episodes, seed=seed, change=c)
+        for c in (lambda model: None, change)
+    )
+    named = enumerate(before.episodes.items())
+    chosen = {k: e if i < at else after.episodes[k] for i, (k, e) in named}
+    return replace(before, episodes=chosen)
+
+
+def _stated_fit(folder, recording):
+    """A problem of all pieces, and the fit of what the model states."""
+    from selfheal.diagnosis.plant import Workshop
+    from selfheal.diagnosis.prepare import scene_of, world_of
+
+    path = folder / "model.xml"
+    path.write_text(PENDULUM.xml)
+    world = world_of(Workshop(str(path)), [recording])
+    terms = stated_terms(scene_of(world))
+    sigma = np.full(1, PENDULUM.noise)
+    problem = Problem(world, windows(world.logs, round(0.5 / STEP)), sigma)
+    problem = whitened(problem, terms, np.ones(len(terms)))
+    return problem, fit(problem, terms, np.ones(len(terms)))
+
+
+def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
+    b = bench("pendulum", tmp_path, episodes=3)
+    (term,) = effect("coulomb_friction").terms(b.scene)
+    pieces, value = windows(b.world.logs, 250), np.array([[0.1]])
+    onset = Onset(1, "001", 1.0, 1.0, 1.0)
+    told, always = (
+        b.world.simulate([t], value, pieces)[0] for t in (*dated([term], onset), term)
+    )
+    never = b.world.simulate([], np.zeros((1, 0)), pieces)[0]
+    number, begin = pieces.log[pieces.window], pieces.start[pieces.window] * STEP
+    late = (number > 1) | ((number == 1) & (begin > 0.9))
+    assert 0 < late.sum() < len(late)
+    np.testing.assert_allclose(told[late], always[late])
+    np.testing.assert_allclose(told[~late], never[~late])
+    assert np.abs(always - never)[late].max() > 1e-3
+
+
+def test_since_when_the_robot_is_another_one_is_told(tmp_path):
+    onset = began(*_stated_fit(tmp_path, _changing(at=3)))
+    assert onset is not None and (onset.number, onset.episode) == (3, "003")
+    assert onset.time == 0
+
+
+@pytest.mark.parametrize("at", [0, 6], ids=["always", "never"])
+def test_what_was_always_or_never_there_did_not_set_in(tmp_path, at):
+    assert began(*_stated_fit(tmp_path, _changing(at=at))) is None
+
+
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [(("000", "004"), ("004",)), (("003", "005"), ()), (("001",), ("004",))],
+    ids=["some before", "all later", "all before"],
+)
+def test_what_is_held_out_is_later(tmp_path, held, expected):
+    from selfheal.diagnosis.case import prepare
+
+    path = tmp_path / "model.xml"
+    path.write_text(PENDULUM.xml)
+    recording = _changing(at=2)
+    case = prepare(path, [recording], held)
+    onset = Onset(2, "002", 0.0, 0.0, 0.1)
+    later = held_out_later(onset, [recording], case.held)
+    assert len(later) == len(expected)
+    assert all(name in ("003", "004", "005") for name in later)
+
+
+def test_friction_that_sets_in_is_named_and_dated(tmp_path):
+    """In the midst of the only episode."""
+    begin = 9.2
+
+    def torque(data):
+        data.qfrc_applied[0] = -WORN * data.qvel[0] * (data.time > begin)
+
+    path = tmp_path / "model.xml"
+    path.write_text(PENDULUM.xml)
+    recording = record(PENDULUM, episodes=1, seconds=24.0, seed=3, torque=torque)
+    said = diagnose(path, [recording]).document
+    assert said["verdict"] == "explained"
+    (finding,) = said["findings"]
+    assert finding["effect"] == "viscous_friction"
+    (damping,) = finding["parameters"]
+    assert damping["low"] < 0.03 + WORN < damping["high"]
+    onset = finding["where"]["onset"]
+    assert onset["episode"] == "000"
+    assert onset["time"] == pytest.approx(begin, abs=0.5)
+    assert onset["low"] <= onset["time"] <= onset["high"]
