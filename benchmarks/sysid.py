@@ -21,10 +21,9 @@ from _common import Section, parser, publish
 from mujoco import sysid
 
 from selfheal.diagnosis import score
-from selfheal.diagnosis.case import WINDOW, Case, pieces_of, prepare
+from selfheal.diagnosis.case import LONG, WINDOW, Case, pieces_of, prepare
 from selfheal.diagnosis.fit import fit
 from selfheal.diagnosis.problem import Problem, whitened
-from selfheal.diagnosis.prove import LONG
 from selfheal.diagnosis.score import replayed
 from selfheal.diagnosis.stated import MASS, REST, stated_terms
 from selfheal.diagnosis.terms import Term

@@ -48,16 +48,12 @@ from selfheal.diagnosis.fit import (
 from selfheal.diagnosis.name import Named, Naming, _Search
 from selfheal.diagnosis.noise import expected, loudest, most, noise_of
 from selfheal.diagnosis.plant import Workshop
+from selfheal.diagnosis.polish import plainest
 from selfheal.diagnosis.prepare import scene_of, world_of
 from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
-from selfheal.diagnosis.prove import (
-    in_its_place,
-    is_little,
-    is_worse,
-    likeliest,
-    plainest,
-)
+from selfheal.diagnosis.prove import is_little, is_worse
 from selfheal.diagnosis.prune import prices_of, swapped
+from selfheal.diagnosis.refute import in_its_place, likeliest
 from selfheal.diagnosis.screen import overlooked, screened
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, replaced, says_anew

@@ -12,21 +12,18 @@ from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
 from .effects import catalogue
 from .name import name_effects
 from .onset import held_out_later
+from .polish import plainest, polished
 from .problem import Problem
 from .prove import (
     Proof,
     bare,
-    in_question,
     is_astray,
     is_little,
     is_worse,
     judged,
-    likeliest,
-    plainest,
-    polished,
     structure_of,
-    upheld,
 )
+from .refute import in_question, likeliest, upheld
 from .result import Diagnosis
 from .rounding import with_rounding
 from .stated import stated_terms

@@ -1,205 +1,32 @@
 """How far a naming holds: takes it, gives a verdict and held-out errors."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
 from ..recording.data import Floats
 from . import score
-from .case import LONG, WINDOW, Case, pieces_of
-from .choose import strain_of_note
-from .evidence import (
-    ABOVE,
-    Scored,
-    better,
-    for_score,
-    reseated,
-)
-from .fit import CLOSE, Fit, fit, looked_about, rested
+from .case import WINDOW, Case, pieces_of
+from .evidence import ABOVE, Scored, better
+from .fit import Fit, fit
 from .free_form import FreeForm
-from .name import Named, Naming
-from .noise import above, expected, loudest, most, noise_of
-from .plant import parts
-from .problem import Problem, is_told, start_errors, whitened
-from .prune import is_plainer, swapped, without
-from .screen import STEPS, drawn, fewer
-from .terms import Term, is_new
+from .name import Naming
+from .noise import expected, loudest, most, noise_of
+from .polish import stepped
+from .problem import Problem, start_errors, whitened
+from .refute import error_of, own_error
+from .screen import drawn, fewer
 from .trial import Base, try_term
 from .windows import Windows
 from .world import World
 
-# steps of simulation in the last fit, about, and in all differences of it; chosen: a
-# minute at 1 ms, and no more for a robot of which much is stated
-POLISHED, SLOPES = 40000, 1e6
-STEPPED = 15000  # of them in a fit to the model's own time step; chosen
+STEPPED = 15000  # steps of simulation in a fit to the model's own time step; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
 LITTLE = 0.1  # of it in the held-out episodes: names that remove less are none; chosen
 ROOM = 0.05  # of an error, less than which cannot be explained (contract section 2)
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; chosen
-# least share of the squared error in held-out episodes that a name removes, and of what
-# all of them together do; chosen
-HELPS, TRIFLE = 0.01, 0.003
 WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
-UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in those held
-# out, relative to the error there: less cannot refute it; chosen
-
-Upheld = tuple[Naming, tuple[str, ...]]  # a hypothesis, and labels of what was refuted
-
-
-def polished(case: Case, naming: Naming) -> Naming:
-    """The same names, fitted to more pieces, to longer ones if those can be told."""
-    found = naming.final.fit
-    sigma = for_score(naming.problem, found)
-    rng = np.random.default_rng(2)
-    steps = int(np.clip(SLOPES / max(len(found.values), 1), STEPS[-1], POLISHED))
-    short, long = (
-        fewer(Problem(case.world, pieces_of(case.world, seconds), sigma), steps, rng)
-        for seconds in (WINDOW, LONG)
-    )
-    problem = long if is_told(long, short, found.terms, found.values) else short
-    return _refitted(whitened(problem, found.terms, found.values), naming)
-
-
-def _refitted(problem: Problem, naming: Naming) -> Naming:
-    """The same names in other windows."""
-    found, stated = naming.final.fit, naming.stated.fit
-    alone = fit(problem, stated.terms, stated.values, rounds=6)
-    final = alone
-    if naming.named:
-        start = looked_about(problem, found.terms, found.values)
-        final = fit(problem, found.terms, start, rounds=6)
-        if problem.world.touches:  # the cost has many minima
-            start = looked_about(problem, found.terms, final.values, CLOSE)
-            if (start != final.values).any():
-                new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
-                final = min(final, new, key=lambda f: f.cost)
-        else:
-            problem, final = reseated(problem, final)
-    # where something touches, or is left, the cost is too rough for it
-    if not problem.world.touches and above(problem, final.residuals) <= ABOVE:
-        final = rested(problem, final)
-    whole = Scored.of(problem, final)
-    less = Scored.of(problem, alone) if naming.named else whole
-    return replace(naming, problem=problem, stated=less, final=whole)
-
-
-def plainest(naming: Naming) -> Naming:
-    """The same; what cannot be told from a name has its place if it is plainer.
-
-    In more pieces than those that named it a number may turn out to do nothing, as the
-    speed at which a motor's torque ends.
-    """
-    problem = naming.problem
-    for name in naming.named:
-        plainer = [t for t in name.equivalent if is_plainer(t, name.term)]
-        final = swapped(problem, naming.final, name.term, plainer)
-        if final is naming.final:
-            continue
-        rest = tuple(t for t in name.equivalent if t.key != final.last.key)
-        new = replace(name, term=final.last, equivalent=(name.term, *rest))
-        named = tuple(new if n is name else n for n in naming.named)
-        naming = replace(naming, final=final, named=named)
-    return naming
-
-
-def likeliest(case: Case, hypotheses: Sequence[Upheld]) -> Upheld:
-    """Of several the first, unless held-out episodes speak for another.
-
-    Clearly, if that one says more or rarer things.
-    """
-    if len(hypotheses) == 1:
-        return hypotheses[0]
-    errors = _errors(case, [naming for naming, _ in hypotheses])
-    best = int(np.argmin(errors))
-    new, old = _sizes(hypotheses[best][0]), _sizes(hypotheses[0][0])
-    simpler = all(n <= o for n, o in zip(new, old, strict=True))
-    margin = 1.0 if simpler else CLEARLY
-    return hypotheses[best if errors[best] < margin * errors[0] else 0]
-
-
-def _sizes(naming: Naming) -> tuple[int, int]:
-    """How many rare effects a hypothesis names, and numbers of all of them."""
-    terms = [n.term for n in naming.named]
-    return sum(t.effect.rare for t in terms), sum(len(t.parameters) for t in terms)
-
-
-def in_question(case: Case, namings: Sequence[Naming]) -> list[Naming]:
-    """The first of several, and those that are as good in the held-out episodes."""
-    errors = _errors(case, namings) if len(namings) > 1 else [0.0]
-    return [n for n, e in zip(namings, errors, strict=True) if e <= errors[0]]
-
-
-def _errors(case: Case, namings: Sequence[Naming]) -> list[float]:
-    """Squared residuals in held-out episodes, weighed as the first one's score."""
-    sigma = for_score(namings[0].problem, namings[0].final.fit)
-    held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
-    return [_error(held, naming.final.fit) for naming in namings]
-
-
-def upheld(case: Case, naming: Naming) -> Upheld:
-    """Only the names that help in the held-out episodes, and labels of the others.
-
-    A name that makes far less difference there than where it was fitted, as that of a
-    rotor's inertia where nothing moves fast, is not refuted. What could not be told
-    from one that is refuted takes its place, if it helps.
-    """
-    gone: list[str] = []
-    start = Problem(case.held, pieces_of(case.held, WINDOW), naming.problem.sigma)
-    while naming.named:
-        found, alone = naming.final.fit, naming.stated.fit
-        held = whitened(start, found.terms, found.values)
-        told = held.at(found.terms, found.values)
-        error = float(told @ told)
-        before = _own_error(held, alone)
-        least = max(HELPS * error, TRIFLE * (before - error))
-        weakest = None
-        values = dict(zip(found.terms, parts(found.terms, found.values), strict=True))
-        for name in naming.named:
-            less = without(naming.problem, found, name.term)
-            other = held.at(less.terms, less.values)
-            gain = _own_error(held, less, other) - error
-            if name.term.is_faint(values[name.term]):
-                weakest = -np.inf, name, less
-                break
-            relief = less.strain - found.strain
-            if relief > strain_of_note(held, found) and gain > -least:
-                continue
-            changed = float(((other - told) ** 2).sum()) / error
-            if changed < UNSEEN * (less.cost / found.cost - 1):
-                continue
-            if gain < least and (weakest is None or gain < weakest[0]):
-                weakest = gain, name, less
-        if weakest is None:
-            break
-        _, name, less = weakest
-        gone.append(name.term.label)
-        instead, best = in_its_place(naming.problem, held, name, less)
-        named = [[n] if n is not name else instead for n in naming.named]
-        naming = replace(
-            naming, final=Scored.of(naming.problem, best), named=tuple(chain(*named))
-        )
-    return naming, tuple(gone)
-
-
-def in_its_place(
-    problem: Problem, held: Problem, refuted: Named, less: Fit
-) -> tuple[list[Named], Fit]:
-    """Of what was equivalent to a name, what helps the most if anything does."""
-    instead, best, least = [], less, (1 - HELPS) * _error(held, less)
-    for term in refuted.equivalent:
-        if not is_new(term, less.terms):
-            continue
-        tried = try_term(Base.of(problem, less), term)
-        found = fit(problem, tried.terms, tried.values, rounds=6)
-        if (error := _error(held, found)) < least:
-            others = tuple(t for t in refuted.equivalent if t is not term)
-            instead = [replace(refuted, term=found.terms[-1], equivalent=others)]
-            best, least = found, error
-    return instead, best
 
 
 def _outlasting(case: Case, naming: Naming) -> float:
@@ -212,24 +39,9 @@ def _outlasting(case: Case, naming: Naming) -> float:
     sigma, found = naming.problem.sigma, naming.final.fit
     held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
     held = whitened(held, found.terms, found.values)
-    before, after = np.sqrt([_own_error(held, naming.stated.fit), _error(held, found)])
+    before, after = np.sqrt([own_error(held, naming.stated.fit), error_of(held, found)])
     room = before - np.sqrt(noise_of(held))
     return float((before - after) / max(room, ROOM * before))
-
-
-def _error(problem: Problem, found: Fit) -> float:
-    """Sum of squared residuals of a fit in other windows than its own."""
-    return float((problem.at(found.terms, found.values) ** 2).sum())
-
-
-def _own_error(problem: Problem, found: Fit, told: Floats | None = None) -> float:
-    """The same; where starts were sought, from those likeliest for this fit.
-
-    `told`: (R) residuals from the problem's own starts, if they are known.
-    """
-    if problem.shift is not None:
-        return _error(whitened(problem, found.terms, found.values), found)
-    return _error(problem, found) if told is None else float(told @ told)
 
 
 @dataclass(frozen=True)
@@ -270,7 +82,7 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         new = Scored.of(problem, try_term(base, term, rounds=2))
         p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
-    before, left = _own_error(problem, naming.stated.fit), base.fit.cost
+    before, left = own_error(problem, naming.stated.fit), base.fit.cost
     noise = expected(problem, base.fit)
     if naming.named and problem.windows.is_single:
         noise = max(noise, most(problem, base.fit.residuals))
@@ -284,33 +96,6 @@ def structure_of(case: Case, naming: Naming) -> Structure:
 def bare(naming: Naming) -> Naming:
     """The same without any name."""
     return replace(naming, named=(), final=naming.stated)
-
-
-def stepped(base: Base) -> Fit:
-    """The same effects, with stated values that suit the model's own time step.
-
-    What a user sees who replays the model: half a step early, and damped otherwise
-    than in continuous time. A fit in continuous time gives the effects' truth.
-    """
-    problem, found = base.problem, base.fit
-    plain = replace(problem.raw, centered=False)
-    plain = whitened(plain, found.terms, found.values)
-    near = problem.carried(plain, found.jacobian)
-    fixed = [
-        t if t.effect.name == "stated" else _fixed(t, v)
-        for t, v in zip(found.terms, parts(found.terms, found.values), strict=True)
-    ]
-    best = fit(plain, fixed, found.values, rounds=2, known=near)
-    return replace(best, terms=found.terms)
-
-
-def _fixed(term: Term, values: Floats) -> Term:
-    """The term with no other values than these."""
-    parameters = tuple(
-        replace(p, low=float(v), high=float(v))
-        for p, v in zip(term.parameters, values, strict=True)
-    )
-    return replace(term, parameters=parameters)
 
 
 @dataclass(frozen=True, eq=False)
