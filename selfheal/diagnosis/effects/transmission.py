@@ -215,8 +215,8 @@ class JointCoupling(Effect):
         ]
 
     def _between(self, scene, a, b) -> Term:
-        # what both bear: the lighter joint's, or a start is far from all that could be
-        scale = 0.2 * min(j.torque / j.range for j in (a, b))
+        # what both bear: the weaker joint's, or a start is far from all that could be
+        scale = 0.2 * min(strength(scene, j) / j.range for j in (a, b))
         high = 10 * strength(scene, a) / a.range
         unit = f"{a.force}/{a.unit}"
         parameters = (
@@ -225,9 +225,10 @@ class JointCoupling(Effect):
         )
         place = {"joint": a.id, "dof": a.dof, "qpos": a.qpos}
         place |= {"other_dof": b.dof, "other_qpos": b.qpos}
+        sizes = (min(k * scale, high) for k in (0.2, 2.0, 15.0))
+        starts = tuple((size, ratio) for size in sizes for ratio in (1.0, -1.0))
         return Term(
-            self, (f"joint:{a.name}",), (place,), parameters,
-            ((scale, 1.0), (scale, -1.0), (0.2 * scale, 1.0), (0.2 * scale, -1.0)),
+            self, (f"joint:{a.name}",), (place,), parameters, starts,
             {"other": f"joint:{b.name}"},
         )  # fmt: skip
 
