@@ -330,6 +330,21 @@ def test_the_state_of_a_free_body_is_read_from_its_pose(tmp_path):
         assert np.abs(qvel[0, 3:] - data.qvel[3:]).max() < 0.2
 
 
+def test_the_state_of_a_ball_joint_is_read_from_its_bodys_pose(tmp_path):
+    how = {"episodes": 1, "seconds": 0.5, "noise": 1e-5, "finer": 1}
+    b = bench("wrist", tmp_path, states=False, **how)
+    (given,) = record(ROBOTS["wrist"], **how).episodes.values()
+    data = mujoco.MjData(b.scene.model)
+    data.qpos[:], data.qvel[:] = given.qpos0, given.qvel0
+    for _ in range(100):
+        mujoco.mj_step(b.scene.model, data)
+    qpos, qvel, _ = start_of(b.world, 0, np.array([100]), {})
+    np.testing.assert_allclose(qpos[0], np.sign(qpos[0] @ data.qpos) * data.qpos,
+                               atol=2e-3)  # fmt: skip
+    np.testing.assert_allclose(qvel[0], data.qvel, atol=0.3)
+    assert len(pieces_of(b.world, 0.1)) > 3
+
+
 def test_a_sensor_with_bias_gain_and_delay_is_read_through(tmp_path):
     time = np.arange(200) * 0.005
     b = bench("pendulum", tmp_path, episodes=1, seconds=1.0, states=False)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import ARM, ROBOTS, record
+from toys_diagnosis import ARM, ROBOTS, bench, record
 
 from selfheal.diagnosis import answer
 from selfheal.diagnosis.answer import patch_of, patch_or_given
@@ -216,6 +216,18 @@ def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
             terms, values = (*stated, term), np.concatenate([factors, start])
             new = patched_model(case, terms, values, tmp_path)
             check_same(new, case.workshop.plant(terms).variant(terms, values))
+
+
+def test_what_a_ball_joint_states_is_in_the_text(tmp_path):
+    b = bench("wrist", tmp_path, episodes=1, seconds=0.3)
+    case = SimpleNamespace(workshop=b.world.workshop)
+    terms = [t for t in stated_terms(b.scene) if t.targets[0].startswith("joint:wrist")]
+    fields = [t.targets[0].partition("/")[2] for t in terms]
+    assert fields == ["damping", "stiffness"]
+    values = np.array([1.2, 0.8])
+    new = patched_model(case, terms, values, tmp_path)
+    check_same(new, case.workshop.plant(terms).variant(terms, values))
+    np.testing.assert_allclose(new.dof_damping, 1.2 * b.scene.model.dof_damping)
 
 
 @pytest.mark.parametrize("way", ["plain", "degrees"])

@@ -94,6 +94,11 @@ GIMBAL = """<mujoco model="gimbal">
   <sensor><gyro name="gyro" site="imu"/><accelerometer name="pull" site="imu"/></sensor>
 </mujoco>
 """
+WRIST = """<mujoco><option timestep="0.002"/><worldbody>
+  <body name="stand" pos="0 0 1" euler="0 30 0"><geom size="0.01"/>
+    <body name="palm" euler="20 0 10"><joint name="wrist" type="ball" damping="0.02"
+      stiffness="0.5"/><geom type="box" size="0.05 0.02 0.03" pos="0.01 0 -0.1"/></body>
+  </body></worldbody></mujoco>"""
 RAD, NO_COMMAND = ("joint_position", "rad"), (lambda t, rng: np.zeros((t.size, 0)))
 
 
@@ -133,6 +138,11 @@ def _wave(*reaches: float) -> Callable:
 
 def _rest(nq: int, spread: float = 0.3) -> Callable:
     return lambda rng: (spread * rng.normal(size=nq), np.zeros(nq))
+
+
+def _turned(rng):
+    turn = rng.normal(size=4)
+    return turn / np.linalg.norm(turn), rng.normal(size=3)
 
 
 def _toss(rng):
@@ -178,6 +188,9 @@ ROBOTS = {
             "speed": ("body_linear_velocity", "head", "m/s"),
         },
         NO_COMMAND, lambda rng: (np.zeros(2), 5 * rng.uniform(0.8, 1.2, 2)),
+    ),
+    "wrist": Robot(
+        WRIST, {"turn": ("body_orientation", "palm", "quaternion")}, NO_COMMAND, _turned
     ),
     "box": Robot(
         BOX,

@@ -55,7 +55,35 @@ def estimate(
             rates = slice(model.nv + v, model.nv + v + 6)
             _free(told, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
                   std[:, v : v + 6], std[:, rates])  # fmt: skip
+        elif (frame := _frame(model, j)) is not None:
+            body = model.body(model.jnt_bodyid[j]).name
+            rates = slice(model.nv + v, model.nv + v + 3)
+            _turned(told, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
+                    std[:, v : v + 3], std[:, rates])  # fmt: skip
+            qpos[:, q : q + 4] = _since(frame, qpos[:, q : q + 4])
     return qpos, qvel, std
+
+
+def _frame(model, joint: int) -> Floats | None:
+    """Orientation (4) that a ball joint turns from, if nothing moves that."""
+    import mujoco
+
+    body = int(model.jnt_bodyid[joint])
+    if model.body_jntnum[body] > 1 or model.body_weldid[model.body_parentid[body]]:
+        return None
+    data, frame = mujoco.MjData(model), np.empty(4)
+    mujoco.mj_kinematics(model, data)
+    parent = data.xquat[model.body_parentid[body]]
+    mujoco.mju_mulQuat(frame, parent, model.body_quat[body])
+    return frame
+
+
+def _since(frame: Floats, unit: Floats) -> Floats:
+    """Rotations (W, 4) from a frame (4) to orientations (W, 4)."""
+    one = frame * [1, -1, -1, -1]
+    real = one[0] * unit[:, :1] - unit[:, 1:] @ one[1:, None]
+    turn = one[0] * unit[:, 1:] + unit[:, :1] * one[1:] + np.cross(one[1:], unit[:, 1:])
+    return np.hstack([real, turn])
 
 
 class _Told:
@@ -145,15 +173,20 @@ def _free(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
     linear, _, s, _ = told("body_linear_velocity", body)
     known = np.isfinite(linear[:, :3]).all(axis=1)
     qvel[known, :3], std_v[known, :3] = linear[known, :3], s[known, :3]
+    _turned(told, body, qpos[:, 3:7], qvel[:, 3:6], std_q[:, 3:6], std_v[:, 3:6])
+
+
+def _turned(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
+    """Fill in the orientation and the angular velocity of a body."""
     turn, slope, s, r = told("body_orientation", body)
     length = np.linalg.norm(turn, axis=1, keepdims=True)
     unit = turn / length
-    qpos[:, 3:7] = unit
-    qvel[:, 3:6] = 2 * _body_rate(unit, slope / length)
-    std_q[:, 3:6], std_v[:, 3:6] = 2 * s[:, 1:4], 2 * r[:, 1:4]
+    qpos[:] = unit
+    qvel[:] = 2 * _body_rate(unit, slope / length)
+    std_q[:], std_v[:] = 2 * s[:, 1:4], 2 * r[:, 1:4]
     angular, _, s, _ = told("body_angular_velocity", body)
     known = np.isfinite(angular[:, :3]).all(axis=1)
-    qvel[known, 3:6], std_v[known, 3:6] = angular[known, :3], s[known, :3]
+    qvel[known], std_v[known] = angular[known, :3], s[known, :3]
 
 
 def _body_rate(unit: Floats, slope: Floats) -> Floats:

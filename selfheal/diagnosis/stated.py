@@ -64,9 +64,9 @@ def _field(name: str) -> Callable:
     return scale
 
 
-def _of_dof(name: str) -> Callable:
+def _of_dof(name: str, count: int = 1) -> Callable:
     def scale(model, place, factor):
-        getattr(model, name)[place["dof"]] *= factor
+        getattr(model, name)[place["dof"] : place["dof"] + count] *= factor
 
     return scale
 
@@ -210,7 +210,21 @@ def _of_joints(scene: Scene) -> list[Term]:
                       float(model.jnt_stiffness[joint.id]),
                       f"{joint.force}/{joint.unit}", joint=joint.id)
             )  # fmt: skip
+    for j in np.flatnonzero(model.jnt_type == 1):  # ball: the same along three axes
+        found += _of_ball(model, int(j))
     return found
+
+
+def _of_ball(model, joint: int) -> Iterator[Term]:
+    first = int(model.jnt_dofadr[joint])
+    target = f"joint:{model.joint(joint).name or joint}"
+    for field, unit in ("damping", "N m s/rad"), ("armature", "kg m^2"):
+        if value := float(getattr(model, f"dof_{field}")[first]):
+            scale = _of_dof(f"dof_{field}", 3)
+            yield _term(scale, f"{target}/{field}", REST, value, unit, dof=first)
+    if value := float(model.jnt_stiffness[joint]):
+        target = f"{target}/stiffness"
+        yield _term(_stiffness, target, REST, value, "N m/rad", joint=joint)
 
 
 def _of_actuators(scene: Scene) -> list[Term]:

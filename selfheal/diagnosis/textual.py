@@ -146,7 +146,7 @@ def _of_joints(source: Source, old, new) -> Iterator[Edit]:
     given = {j.name for j in source.spec.joints}
     for j in range(new.njnt):
         name = old.joint(j).name
-        if new.jnt_type[j] not in (2, 3):
+        if not new.jnt_type[j]:  # what floats states nothing
             continue
         v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
         told: dict[str, str | None] = {}
@@ -162,7 +162,7 @@ def _of_joints(source: Source, old, new) -> Iterator[Edit]:
                 told[attribute] = number(getattr(new, field)[v])
         if _differs(old.jnt_stiffness[j], new.jnt_stiffness[j]):
             told["stiffness"] = number(new.jnt_stiffness[j])
-        turn = source.degree and new.jnt_type[j] == 3
+        turn = source.degree and new.jnt_type[j] != 2
         if _differs(old.qpos_spring[q], new.qpos_spring[q]):
             told["springref"] = number(_angle(new.qpos_spring[q], turn))
         if _differs(old.jnt_range[j], new.jnt_range[j]):
