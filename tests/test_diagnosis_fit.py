@@ -706,7 +706,7 @@ def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
 @pytest.mark.parametrize(
     "share, patched, worse",
     [(0.5, 0.2, False), (0.5, 0.3, True), (0.95, 0.3, False), (0.95, np.inf, True),
-     (0.95, np.nan, True)],
+     (0.95, np.nan, True), (0.95, 0.7, True)],
 )  # fmt: skip
 def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
     share, patched, worse, monkeypatch

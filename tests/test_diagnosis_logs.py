@@ -345,6 +345,23 @@ def test_the_state_of_a_ball_joint_is_read_from_its_bodys_pose(tmp_path):
     assert len(pieces_of(b.world, 0.1)) > 3
 
 
+@pytest.mark.parametrize("states", [True, False])
+def test_an_integrators_command_goes_on_where_a_piece_begins(states, tmp_path):
+    """From 0 where a state is given, from where the joint is where none is."""
+    servo = '<position name="servo" joint="hinge" kp="3" kv="0.1"/>'
+    speed = '<intvelocity name="servo" joint="hinge" kp="3" actrange="-0.4 0.4"/>'
+    robot = replace(
+        ROBOTS["pendulum"], xml=ROBOTS["pendulum"].xml.replace(servo, speed),
+        begin=lambda rng: (np.zeros(1), np.zeros(1)),
+    )  # fmt: skip
+    how = {"episodes": 1, "seconds": 3.0, "noise": 1e-6, "finer": 1}
+    b = bench(robot, tmp_path, states=states, **how)
+    pieces = pieces_of(b.world, 0.5)
+    told = b.world.simulate([], np.zeros((1, 0)), pieces, centered=False)[0]
+    assert np.ptp(pieces.readings) > 0.3
+    np.testing.assert_allclose(told, pieces.readings, atol=5e-3)
+
+
 def test_a_sensor_with_bias_gain_and_delay_is_read_through(tmp_path):
     time = np.arange(200) * 0.005
     b = bench("pendulum", tmp_path, episodes=1, seconds=1.0, states=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..recording import Recording, split, whole_of
 from ..recording.data import Floats
-from .evidence import LEFT, Scored, as_good, effective, scored
+from .evidence import ABOVE, LEFT, Scored, as_good, effective, scored
 from .fit import Fit, fit
 from .noise import noise_by_window
 from .problem import Problem, whitened
@@ -27,14 +27,13 @@ def began(problem: Problem, found: Fit) -> Onset | None:
     """When pieces begin to show what earlier ones did not; None: they do not.
 
     What the model states, fitted anew, explains the earlier ones to the noise, and by
-    that most of the later ones are far from explained. Where something touches, each
-    episode may be odd for reasons of its own, and of poses nothing tells the noise.
+    that most of the later ones are far from explained. Poses do not tell the noise.
 
     Args:
         problem: windows.
         found: what is stated, fitted to all of them.
     """
-    if problem.world.touches or problem.windows.is_single:
+    if problem.windows.is_single:
         return None
     order = np.lexsort((problem.windows.start, problem.windows.log))
     cuts = _cuts(problem.windows.log[order])
@@ -83,7 +82,8 @@ def _explained(problem: Problem, chosen: np.ndarray, found: Fit) -> Fit | None:
     of_step = part.of_step(best.terms, best.values, best.residuals)
     usual = noise_by_window(part) + part.by_window(of_step**2)
     left = part.by_window(best.residuals**2)
-    return best if np.median(left / np.maximum(usual, 1e-12)) <= LEFT**2 else None
+    most = ABOVE if problem.world.touches else LEFT
+    return best if np.median(left / np.maximum(usual, 1e-12)) <= most**2 else None
 
 
 def _onset(problem: Problem, order: np.ndarray, at: int, low: int, high: int) -> Onset:

@@ -25,7 +25,9 @@ EXPLAINED = 0.5  # share of what can be explained that a name must explain; chos
 LITTLE = 0.1  # of it in the held-out episodes: names that remove less are none; chosen
 ROOM = 0.05  # of an error, less than which cannot be explained (contract section 2)
 WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-WORSE = 1.05  # times the re-fitted model's held-out error: no name stands; chosen
+# times the re-fitted model's held-out error: no name stands, or none that explains its
+# pieces; chosen
+WORSE, OTHER = 1.05, 3.0
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 
@@ -182,14 +184,15 @@ def removed_share(numbers: dict[str, float]) -> float | None:
 def is_worse(case: Case, naming: Naming, proof: Proof) -> bool:
     """Whether the names make a replay of what is held out worse.
 
-    Not if they explain nearly all in its pieces: a robot that falls, or is chaotic, is
-    soon elsewhere whatever is true of it.
+    Not if they explain nearly all in its pieces and it is no other thing: a robot that
+    falls, or is chaotic, is soon elsewhere whatever is true of it.
     """
-    patched = proof.numbers["patched"]
+    patched, refit = proof.numbers["patched"], proof.numbers["refit"]
     if not np.isfinite(patched):  # it diverges, whatever the re-fitted model does
         return True
-    worse = patched > WORSE * proof.numbers["refit"]
-    return worse and _outlasting(case, naming) < WHOLE
+    if patched > OTHER * refit:
+        return True
+    return patched > WORSE * refit and _outlasting(case, naming) < WHOLE
 
 
 def is_little(case: Case, naming: Naming, proof: Proof) -> bool:

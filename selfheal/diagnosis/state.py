@@ -1,6 +1,6 @@
 """Where windows begin: the robot's state, from what was read around that time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import accumulate
 from typing import Any
@@ -283,14 +283,21 @@ class States:
                     q[i, k, place["qpos"]] -= extra
 
     def _activation(self, n: int) -> Floats | None:
-        """Activations (N, na): what filters of the command have come to."""
+        """Activations (N, na): what filters and integrators of commands have come to.
+
+        An integrator begins at 0 with an episode whose initial state is given, as in
+        MuJoCo; else where its actuator then is.
+        """
         model, world, windows = self.plant.model, self.world, self.windows
         if not model.na:
             return None
         out = np.zeros((len(windows), model.na))
-        for log in np.unique(windows.log):
-            rows = np.flatnonzero(windows.log == log)
-            past = filtered(model, world.logs[log].ctrl, world.step)
+        for i in np.unique(windows.log):
+            rows, log = np.flatnonzero(windows.log == i), world.logs[i]
+            begin = np.zeros(model.nu)
+            if log.qpos0 is None:
+                begin = _lengths(world, int(i))
+            past = filtered(model, log.ctrl, world.step, begin)
             out[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
         return np.tile(out, (n, 1))
 
@@ -337,12 +344,7 @@ class States:
             rows = np.flatnonzero(windows.log == log)
             if log not in errors:
                 errors[log] = _errors(world, world.logs[log], place).tolist()
-            past = np.fromiter(
-                accumulate(
-                    errors[log], lambda s, e: min(max(s + e, -most), most), initial=0.0
-                ),
-                float,
-            )
+            past = _summed(errors[log], 0.0, -most, most)
             total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
         return total
 
@@ -386,12 +388,34 @@ def _kicked(model, qpos: Floats, qvel: Floats, kick: Floats):
     return qpos, qvel + kick[..., model.nv :]
 
 
-def filtered(model, ctrl: Floats, step: float) -> Floats:
-    """Activations (G, na) along a grid of commands, for first-order filters."""
+def _lengths(world, log: int) -> Floats:
+    """Lengths (nu) of the actuators where an episode begins."""
+    import mujoco
+
+    model = world.workshop.given
+    data = mujoco.MjData(model)
+    data.qpos[:] = start_of(world, log, np.zeros(1), {})[0][0]
+    mujoco.mj_fwdPosition(model, data)
+    return np.array(data.actuator_length)
+
+
+def filtered(model, ctrl: Floats, step: float, begin: Floats | None = None) -> Floats:
+    """Activations (G, na) along a grid of commands: first-order filters, integrators.
+
+    `begin`: (nu) what integrators begin with; None: 0.
+    """
     out = np.zeros((len(ctrl), model.na))
     for a in range(model.nu):
         first = int(model.actuator_actadr[a])
-        if first < 0 or model.actuator_dyntype[a] not in (2, 3):  # filter, filterexact
+        if first < 0 or model.actuator_dyntype[a] not in (1, 2, 3):
+            continue
+        if model.actuator_dyntype[a] == 1:  # integrator
+            own = 0.0 if begin is None else float(begin[a])
+            low, high = -np.inf, np.inf
+            if model.actuator_actlimited[a]:
+                low, high = model.actuator_actrange[a]
+            added = (ctrl[:-1, a] * step).tolist()
+            out[:, first] = _summed(added, own, low, high)
             continue
         keep = np.exp(-step / max(float(model.actuator_dynprm[a, 0]), 1e-9))
         now = ctrl[0, a]
@@ -399,6 +423,12 @@ def filtered(model, ctrl: Floats, step: float) -> Floats:
             out[k, first] = now
             now = ctrl[k, a] + (now - ctrl[k, a]) * keep
     return out
+
+
+def _summed(added: Sequence[float], begin: float, low: float, high: float) -> Floats:
+    """Sums (G + 1) of what is added (G), none of which leaves its bounds."""
+    sums = accumulate(added, lambda s, x: min(max(s + x, low), high), initial=begin)
+    return np.fromiter(sums, float)
 
 
 def _errors(world, log, place) -> Floats:
