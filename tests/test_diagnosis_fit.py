@@ -563,9 +563,11 @@ def test_a_servo_that_counts_otherwise_than_its_command_states_two_gains(tmp_pat
 def test_one_loud_column_is_heard_among_many(arm):
     problem = _problem(arm)
 
-    def ratio(column: int, times: float, problem=problem) -> float:
+    def ratio(column: int, times: float, problem=problem, windows=None) -> float:
         pieces = problem.windows
         off = times * NOISE * np.eye(len(problem.sigma))[column]
+        if windows is not None:
+            off = np.isin(pieces.window, windows)[:, None] * off
         pieces = replace(pieces, readings=pieces.readings + off)
         told = replace(problem, windows=pieces)
         return loudest(told, fit(told, (), np.zeros(0)))
@@ -576,6 +578,9 @@ def test_one_loud_column_is_heard_among_many(arm):
     assert ratio(torque.first, 1e3) == quiet  # what is not scored moves nothing
     rough = replace(problem, world=replace(problem.world, touches=True))
     assert ratio(1, 20, rough) == 0
+    # one odd window is not the whole column
+    assert len(problem.windows) > 6 and ratio(1, 100, windows=[2]) < 2
+    assert ratio(1, 100, windows=range(len(problem.windows) // 2)) > 10
 
 
 def test_a_lost_limb_is_looked_at_with_values_as_given(arm):

@@ -19,6 +19,7 @@ ASTRAY, ROOM = 0.03, 1.3
 JUMPS = 0.7  # of the scatter, less than which a fit does not leave if that is noise
 SLOW, ALIKE = 1.2, 0.1  # times the scatter's variance, a noise that is not white; a
 # difference [1] of noises that is none; chosen
+RARELY = 10  # windows of which the worst one makes no column loud; chosen
 
 
 def heard(problem: Problem, residuals: Floats) -> World:
@@ -127,19 +128,27 @@ def expected(problem: Problem, found: Fit) -> float:
 def loudest(problem: Problem, found: Fit) -> float:
     """Root mean square in the worst scored column over what noise and time step leave.
 
-    Among many columns one that is wrong hardly shows in the sum of all. Where something
+    Among many columns one that is wrong hardly shows in the sum of all. It is wrong
+    throughout: a tenth of the windows, its worst ones, do not count. Where something
     touches, each may be wrong by impacts, and of poses nothing tells the noise: 0.
     """
     if problem.world.touches or problem.windows.is_single:
         return 0.0
     of_step = problem.of_step(found.terms, found.values, found.residuals)
-    width = len(problem.sigma)
-    left, step = (
-        (r.reshape(-1, width) ** 2).sum(axis=0) for r in (found.residuals, of_step)
+    scored = by_column(problem.world.signals, "scored") & (_noise(problem) > 0)
+    squares, steps = (
+        r.reshape(-1, len(scored))[:, scored] ** 2 for r in (found.residuals, of_step)
     )
-    noise, scored = _noise_in(problem), by_column(problem.world.signals, "scored")
-    told = (noise > 0) & scored
-    return float(np.sqrt(np.max(left[told] / (noise + step)[told], initial=0.0)))
+    known = np.isfinite(problem.windows.readings)[:, scored]
+    usual = known * _noise(problem)[scored] ** 2 + steps
+    window, size = problem.windows.window, len(problem.windows)
+    odd = min(-(-size // RARELY), (size - 1) // 3)
+    ratios = [0.0]
+    for left, ours in zip(squares.T, usual.T, strict=True):
+        left, ours = (np.bincount(window, x, size) for x in (left, ours))
+        kept = np.argsort(left - ours)[: size - odd]
+        ratios.append(left[kept].sum() / max(ours[kept].sum(), 1e-300))
+    return float(np.sqrt(max(ratios)))
 
 
 def most(problem: Problem, residuals: Floats) -> float:
