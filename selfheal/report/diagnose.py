@@ -114,12 +114,14 @@ def _clause(finding: Mapping[str, Any], place: str) -> str:
     parameters = {p["name"]: quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
     words = {**COMMON, **parameters, "at": place, "all": every}
-    effect = finding["effect"]
+    effect, since = finding["effect"], ""
+    if onset := (finding.get("where") or {}).get("onset"):
+        since = f", since {onset['time']:.3g} s of episode {onset['episode']}"
     try:
-        return SAYS[effect].format_map(words)
+        return SAYS[effect].format_map(words) + since
     except KeyError:  # another package's effect, or its parameters
         known = f" ({every})" if every else ""
-        return f"{place} shows {_plain(effect)}{known} that the model lacks"
+        return f"{place} shows {_plain(effect)}{known} that the model lacks{since}"
 
 
 def _places(targets: Sequence[str]) -> str:
