@@ -577,10 +577,11 @@ def test_one_loud_column_is_heard_among_many(arm):
     (torque,) = (c for c in arm.world.signals if not c.scored)
     assert ratio(torque.first, 1e3) == quiet  # what is not scored moves nothing
     rough = replace(problem, world=replace(problem.world, touches=True))
-    assert ratio(1, 20, rough) == 0
+    half = range(len(problem.windows) // 2 - 1)
+    assert ratio(1, 20, rough) > 10 and ratio(1, 20, rough, half) < 2
     # one odd window is not the whole column
     assert len(problem.windows) > 6 and ratio(1, 100, windows=[2]) < 2
-    assert ratio(1, 100, windows=range(len(problem.windows) // 2)) > 10
+    assert ratio(1, 100, windows=half) > 10
 
 
 def test_a_lost_limb_is_looked_at_with_values_as_given(arm):

@@ -129,10 +129,11 @@ def loudest(problem: Problem, found: Fit) -> float:
     """Root mean square in the worst scored column over what noise and time step leave.
 
     Among many columns one that is wrong hardly shows in the sum of all. It is wrong
-    throughout: a tenth of the windows, its worst ones, do not count. Where something
-    touches, each may be wrong by impacts, and of poses nothing tells the noise: 0.
+    throughout: a tenth of the windows, its worst ones, do not count; nor half of them
+    where something touches, for each may be wrong by impacts. Of poses nothing tells
+    the noise: 0.
     """
-    if problem.world.touches or problem.windows.is_single:
+    if problem.windows.is_single:
         return 0.0
     of_step = problem.of_step(found.terms, found.values, found.residuals)
     scored = by_column(problem.world.signals, "scored") & (_noise(problem) > 0)
@@ -146,6 +147,10 @@ def loudest(problem: Problem, found: Fit) -> float:
     ratios = [0.0]
     for left, ours in zip(squares.T, usual.T, strict=True):
         left, ours = (np.bincount(window, x, size) for x in (left, ours))
+        if problem.world.touches:
+            read = ours > 0
+            ratios.append(np.median(left[read] / ours[read]) if read.any() else 0.0)
+            continue
         kept = np.argsort(left - ours)[: size - odd]
         ratios.append(left[kept].sum() / max(ours[kept].sum(), 1e-300))
     return float(np.sqrt(max(ratios)))
