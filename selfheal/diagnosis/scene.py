@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 IGNORED = ("supply_voltage", "temperature")  # the model does not predict them
+STOPS = 0.5  # [s] in which a torque that shows would stop a joint; chosen
 VAGUE = 2.0  # steps of a simulation, by which a contact may be off; chosen
 
 
@@ -290,18 +291,20 @@ def joints_of(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
             continue
         dof = int(model.jnt_dofadr[j])
         speed, fastest, low, high = motion(j)
+        inertia = float(model.dof_M0[dof])
         joint = Joint(
             id=j,
             name=model.joint(j).name,
             dof=dof,
             qpos=int(model.jnt_qposadr[j]),
             unit="m" if model.jnt_type[j] == 2 else "rad",
-            torque=max(float(torque[dof]), 1e-9),
+            # neither weight nor a motor acts on what a chain drives
+            torque=max(float(torque[dof]), inertia * speed / STOPS, 1e-9),
             speed=max(speed, 1e-3),
             fastest=max(fastest, 1e-3),
             range=max(high - low, 1e-3),
             middle=(high + low) / 2,
-            inertia=float(model.dof_M0[dof]),
+            inertia=inertia,
             measured=j in measured,
         )
         found.append(joint)
