@@ -90,20 +90,20 @@ def _onset(problem: Problem, order: np.ndarray, at: int, low: int, high: int) ->
     """At the at-th window in order of time, or from the low-th to the high-th."""
     world, windows = problem.world, problem.windows
     log = int(windows.log[order[at]])
+    episode = world.logs[log]
 
     def middle(k: int) -> float:
         """Of a window, as far as it is of the same episode [s]."""
-        episode, w = world.logs[log], order[min(max(k, 0), len(order) - 1)]
+        w = order[min(max(k, 0), len(order) - 1)]
         inside = windows.start[w] + windows.steps[w] / 2
         if windows.log[w] != log or not 0 <= k < len(order):
             inside = 0.0 if k < at else episode.at[-1]
         return float(episode.start + inside * world.step)
 
     is_first = at == 0 or windows.log[order[at - 1]] != log
-    time = world.logs[log].start if is_first else (middle(at - 1) + middle(at)) / 2
-    episode = world.logs[log]
-    name = whole_of(episode.id)
-    return Onset(episode.number, name, time, middle(low - 1), middle(high))
+    time = episode.start if is_first else (middle(at - 1) + middle(at)) / 2
+    interval = middle(low - 1), middle(high)
+    return Onset(episode.number, whole_of(episode.id), time, *interval)
 
 
 def dated(terms: Sequence[Term], onset: Onset | None) -> tuple[Term, ...]:

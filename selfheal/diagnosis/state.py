@@ -15,6 +15,7 @@ from .terms import Term
 
 JOLT = 3.0  # times the neighbors' scatter, a state's error at a jolt; chosen
 HIDDEN = 2.0  # times the noise, a state's error by a jolt and not by noise; chosen
+INTEGRATOR, FILTERS = 1, (2, 3)  # mjtDyn: integrator; filter, filterexact
 GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
 
 
@@ -71,19 +72,15 @@ def _frame(model, joint: int) -> Floats | None:
     body = int(model.jnt_bodyid[joint])
     if model.body_jntnum[body] > 1 or model.body_weldid[model.body_parentid[body]]:
         return None
-    data, frame = mujoco.MjData(model), np.empty(4)
-    mujoco.mj_kinematics(model, data)
-    parent = data.xquat[model.body_parentid[body]]
-    mujoco.mju_mulQuat(frame, parent, model.body_quat[body])
+    frame = model.body_quat[body].copy()
+    while body := int(model.body_parentid[body]):
+        mujoco.mju_mulQuat(frame, model.body_quat[body], frame.copy())
     return frame
 
 
 def _since(frame: Floats, unit: Floats) -> Floats:
     """Rotations (W, 4) from a frame (4) to orientations (W, 4)."""
-    one = frame * [1, -1, -1, -1]
-    real = one[0] * unit[:, :1] - unit[:, 1:] @ one[1:, None]
-    turn = one[0] * unit[:, 1:] + unit[:, :1] * one[1:] + np.cross(one[1:], unit[:, 1:])
-    return np.hstack([real, turn])
+    return np.hstack([unit @ frame[:, None], _body_rate(frame[None], unit)])
 
 
 class _Told:
@@ -190,7 +187,7 @@ def _turned(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
 
 
 def _body_rate(unit: Floats, slope: Floats) -> Floats:
-    """Vector part of conj(unit) slope, both (W, 4)."""
+    """Vector part of conj(unit) slope, both (W, 4), or one of them (1, 4)."""
     w, x, y, z = (unit * [1, -1, -1, -1]).T
     a, b, c, d = slope.T
     return np.stack(
@@ -295,7 +292,7 @@ class States:
         for i in np.unique(windows.log):
             rows, log = np.flatnonzero(windows.log == i), world.logs[i]
             begin = np.zeros(model.nu)
-            if log.qpos0 is None:
+            if log.qpos0 is None and (model.actuator_dyntype == INTEGRATOR).any():
                 begin = _lengths(world, int(i))
             past = filtered(model, log.ctrl, world.step, begin)
             out[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
@@ -399,23 +396,22 @@ def _lengths(world, log: int) -> Floats:
     return np.array(data.actuator_length)
 
 
-def filtered(model, ctrl: Floats, step: float, begin: Floats | None = None) -> Floats:
+def filtered(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
     """Activations (G, na) along a grid of commands: first-order filters, integrators.
 
-    `begin`: (nu) what integrators begin with; None: 0.
+    `begin`: (nu) what integrators begin with.
     """
     out = np.zeros((len(ctrl), model.na))
     for a in range(model.nu):
         first = int(model.actuator_actadr[a])
-        if first < 0 or model.actuator_dyntype[a] not in (1, 2, 3):
+        if first < 0 or model.actuator_dyntype[a] not in (INTEGRATOR, *FILTERS):
             continue
-        if model.actuator_dyntype[a] == 1:  # integrator
-            own = 0.0 if begin is None else float(begin[a])
+        if model.actuator_dyntype[a] == INTEGRATOR:
             low, high = -np.inf, np.inf
             if model.actuator_actlimited[a]:
                 low, high = model.actuator_actrange[a]
             added = (ctrl[:-1, a] * step).tolist()
-            out[:, first] = _summed(added, own, low, high)
+            out[:, first] = _summed(added, float(begin[a]), low, high)
             continue
         keep = np.exp(-step / max(float(model.actuator_dynprm[a, 0]), 1e-9))
         now = ctrl[0, a]
