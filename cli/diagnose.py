@@ -128,13 +128,13 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
         return
     from rich.text import Text
 
-    from selfheal.report.tables import quantity
+    from selfheal.report.tables import quantity, since
 
     head = ("effect", "where", "value (90 % interval)", "cannot be told from")
     rows = [
         (
             found["effect"],
-            f"{found['target']}{_since(found)}",
+            f"{found['target']}\n{since(found)}".rstrip(),
             "\n".join(f"{p['name']} {quantity(p)}" for p in found["parameters"]),
             "\n".join(found.get("equivalent", ())),
         )
@@ -145,14 +145,6 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
         if found.get("equivalent") and found.get("separate_by"):
             advice = f"to separate {found['effect']}: {found['separate_by']}"
             console.print(Text(advice), soft_wrap=True)
-
-
-def _since(found: Mapping[str, Any]) -> str:
-    """When a finding set in, if it did."""
-    onset = found["where"].get("onset")
-    if not onset:
-        return ""
-    return f"\nsince {onset['time']:.4g} s of episode {onset['episode']}"
 
 
 def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:

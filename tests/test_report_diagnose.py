@@ -176,7 +176,7 @@ def test_several_findings_are_one_sentence():
     said = sentence(_document(findings=(FINDING, DELAY)))
     assert said.startswith("2 things differ from the model: the joint knee has dry ")
     assert "the actuator hip_motor acts on its commands 0.0123 s (0.0118 to" in said
-    assert "late, since 3.4 s of episode 002; together they explain 95" in said
+    assert "late, since 3.40 s of episode 002; together they explain 95" in said
     assert len(re.findall(r"\.(?!\d)", said)) == 1
 
 

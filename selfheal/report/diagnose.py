@@ -114,9 +114,8 @@ def _clause(finding: Mapping[str, Any], place: str) -> str:
     parameters = {p["name"]: quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
     words = {**COMMON, **parameters, "at": place, "all": every}
-    effect, since = finding["effect"], ""
-    if onset := (finding.get("where") or {}).get("onset"):
-        since = f", since {onset['time']:.3g} s of episode {onset['episode']}"
+    effect, since = finding["effect"], tables.since(finding)
+    since = f", {since}" if since else ""
     try:
         return SAYS[effect].format_map(words) + since
     except KeyError:  # another package's effect, or its parameters

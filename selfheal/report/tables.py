@@ -158,6 +158,15 @@ def quantity(stated: Mapping[str, Any]) -> str:
     return _scalar(value, low, high, unit)
 
 
+def since(finding: Mapping[str, Any]) -> str:
+    """When it set in, to the digits that the interval gives; empty if it always was."""
+    onset = (finding.get("where") or {}).get("onset")
+    if not onset:
+        return ""
+    numbers = [given_number(onset.get(key)) for key in ("time", "low", "high")]
+    return f"since {_digits(*numbers)(numbers[0])} s of episode {onset['episode']}"
+
+
 def _scalar(value: float, low: float, high: float, unit: str) -> str:
     """A number with its unit and, where it is known, its interval."""
     written = _digits(value, low, high)
