@@ -45,7 +45,7 @@ from selfheal.diagnosis.fit import (
     rested,
     step,
 )
-from selfheal.diagnosis.name import Named, Naming, _Search
+from selfheal.diagnosis.name import Named, Naming
 from selfheal.diagnosis.noise import expected, loudest, most, noise_of
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.polish import plainest
@@ -55,6 +55,7 @@ from selfheal.diagnosis.prove import is_little, is_worse
 from selfheal.diagnosis.prune import prices_of, swapped
 from selfheal.diagnosis.refute import in_its_place, likeliest
 from selfheal.diagnosis.screen import overlooked, screened
+from selfheal.diagnosis.search import Search
 from selfheal.diagnosis.stated import stated_terms
 from selfheal.diagnosis.terms import Effect, Parameter, Term, replaced, says_anew
 from selfheal.diagnosis.trial import Base, try_term
@@ -664,11 +665,11 @@ def test_a_name_without_rivals_may_give_way_to_its_other_forms(arm):
     at = [t for t in forms if t.targets == dry.targets]
     search = SimpleNamespace(claims={}, candidates=[dry, *forms])
     assert len(at) == 2
-    assert _Search._others(search, at[0]) == at[1:]
-    assert _Search._others(search, at[1]) == at[:1]
-    assert _Search._others(search, dry) == []
+    assert Search._others(search, at[0]) == at[1:]
+    assert Search._others(search, at[1]) == at[:1]
+    assert Search._others(search, dry) == []
     search.claims = {at[0].key: Claim(Evidence(1.0, 1e-3, 1.0), (), (dry,))}
-    assert _Search._others(search, at[0]) == (dry,)
+    assert Search._others(search, at[0]) == (dry,)
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.05])
@@ -1244,7 +1245,7 @@ def test_a_window_in_which_something_shows_is_not_overlooked(arm):
     odd = replace(problem, windows=replace(problem.windows, readings=readings))
     some, stated = np.arange(5), _stated(arm)
     for p, numbers in ((problem, []), (odd, [5])):
-        search = _Search.of(p, stated, (), None, None, some)
+        search = Search.of(p, stated, (), None, None, some)
         found = overlooked(p, some, search.problem, search.now.fit)
         assert found.tolist() == numbers
     every = np.arange(len(odd.windows))

@@ -28,7 +28,7 @@ def begins(monkeypatch):
     def begin(*_, **__):
         raise Reached
 
-    monkeypatch.setattr(module, "name_effects", begin)
+    monkeypatch.setattr(module, "begin_search", begin)
 
 
 @pytest.fixture(scope="module")

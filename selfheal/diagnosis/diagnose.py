@@ -10,8 +10,8 @@ from ..recording import Recording
 from .answer import answer_of
 from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
 from .effects import catalogue
-from .name import name_effects
-from .onset import held_out_later
+from .name import begin_search, name_effects
+from .onset import began, dated, held_out_later
 from .polish import plainest, polished
 from .problem import Problem
 from .prove import (
@@ -27,7 +27,6 @@ from .refute import in_question, likeliest, upheld
 from .result import Diagnosis
 from .rounding import with_rounding
 from .stated import stated_terms
-from .terms import Onset
 from .usable import check_usable
 
 Progress = Callable[[str, float], None]
@@ -62,25 +61,21 @@ def diagnose(
     check_usable(case)
     problem = problem_of(case, WINDOW)
     check_enough(case.world, problem)
-    later: tuple[str, ...] = ()
-
-    def is_provable(onset: Onset) -> bool:
-        """Whether what is held out shows it; else what to hold out is `later`."""
-        nonlocal later
-        if not held_out:
-            later = held_out_later(onset, recordings, case.held)
-        return not later
-
-    namings = name_effects(
-        problem, Problem(case.world, pieces_of(case.world, LONG), problem.sigma),
-        case.scene, stated_terms(case.scene), catalogue().values(),
-        rng=np.random.default_rng(seed), progress=say, is_provable=is_provable,
+    search = begin_search(
+        problem, case.scene, stated_terms(case.scene), catalogue().values(),
+        rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
-    if later:
-        return diagnose(
-            model, recordings, held_out=later, seed=seed, memory=memory,
-            progress=progress,
-        )  # fmt: skip
+    onset = None if search.is_done else began(search.problem, search.now.fit)
+    if onset and not held_out:
+        later = held_out_later(onset, recordings, case.held)
+        if later:  # what is held out now could not show it
+            return diagnose(
+                model, recordings, held_out=later, seed=seed, memory=memory,
+                progress=progress,
+            )  # fmt: skip
+    search.candidates = dated(search.candidates, onset)
+    longer = Problem(case.world, pieces_of(case.world, LONG), problem.sigma)
+    namings = name_effects(search, problem, longer)
     case = case.heard(namings[0].problem.world)
     say("fitting everything once more", 0.0)
     namings = [plainest(polished(case, n)) for n in in_question(case, namings)]
