@@ -43,6 +43,7 @@ from selfheal.diagnosis.fit import (
     jacobian,
     looked_about,
     rested,
+    sloped,
     step,
 )
 from selfheal.diagnosis.name import Named, Naming
@@ -277,6 +278,17 @@ def test_many_readings_make_no_stated_value_less_certain(noise, pendulum):
     problem = replace(problem, sigma=np.full_like(problem.sigma, noise))
     found = rested(problem, fit(problem, stated, np.ones(len(stated))))
     assert (uncertainty(problem, found) < 2 / np.sqrt(believed(stated))).all()
+
+
+def test_nor_surer_of_the_scale_of_torques_than_belief_is(pendulum):
+    """Slopes over a search's moves bend, and their bend would pass for knowledge."""
+    stated = _stated(pendulum)
+    problem = _problem(pendulum, stated, np.ones(len(stated)), noise=1e-5)
+    problem = replace(problem, sigma=np.full_like(problem.sigma, 1e-5))
+    found = sloped(problem, fit(problem, stated, np.full(len(stated), 1.01)))
+    of_torque = np.array([not t.label.endswith("length") for t in stated])
+    least = 1 / np.sqrt(believed(stated)[of_torque].sum())
+    assert (uncertainty(problem, found)[of_torque] > 0.9 * least).all()
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -13,7 +13,7 @@ from ..recording.data import Floats
 from . import document as doc
 from . import locate, score
 from .case import Case
-from .fit import Fit
+from .fit import Fit, sloped
 from .name import Naming
 from .patch import difference, patched
 from .problem import Problem
@@ -48,7 +48,8 @@ def answer_of(
     """The document, the patched model, and what a page draws beside them."""
     found, stated, numbers = proof.patched, proof.stated, proof.numbers
     located, where = _located(case, naming)
-    errors = doc.uncertainty(naming.problem, naming.final.fit)
+    problem = naming.problem
+    errors = doc.uncertainty(problem, sloped(problem, naming.final.fit))
     refit = doc.refit_of(found, errors)
     remarks = _remarks(case, naming, structure, refuted, refit)
     text, diff, changes, unpatched = patch_or_given(case, found)

@@ -1,7 +1,7 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -254,6 +254,19 @@ def rested(problem: Problem, found: Fit) -> Fit:
         x = x + move
         r = problem.at(terms, x)
     return best
+
+
+def sloped(problem: Problem, found: Fit) -> Fit:
+    """The same fit with slopes of where it is, as fine as its errors need.
+
+    Over the moves of a search readings of long pieces bend, and along a valley, in
+    which large slopes cancel, what is left of them would look like knowledge. Where
+    something touches, fine slopes tell of the roughness alone.
+    """
+    if problem.is_rough:
+        return found
+    x, r = found.values, found.residuals
+    return replace(found, jacobian=jacobian(problem, found.terms, x, r, moved=FINE))
 
 
 def looked_about(
