@@ -15,7 +15,7 @@ from .plant import Workshop, parts
 from .rollout import Hypotheses, center_damping, simulated
 from .scene import Channel
 from .sense import Sensors, hidden
-from .state import States
+from .starts import States
 from .terms import Term, does
 from .windows import Windows
 
