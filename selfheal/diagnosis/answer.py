@@ -14,6 +14,7 @@ from . import document as doc
 from . import locate, score
 from .case import Case
 from .fit import Fit, sloped
+from .intervals import uncertainty
 from .name import Naming
 from .patch import difference, patched
 from .problem import Problem
@@ -49,7 +50,7 @@ def answer_of(
     found, stated, numbers = proof.patched, proof.stated, proof.numbers
     located, where = _located(case, naming)
     problem = naming.problem
-    errors = doc.uncertainty(problem, sloped(problem, naming.final.fit))
+    errors = uncertainty(problem, sloped(problem, naming.final.fit))
     refit = doc.refit_of(found, errors)
     remarks = _remarks(case, naming, structure, refuted, refit)
     text, diff, changes, unpatched = patch_or_given(case, found)

@@ -37,12 +37,14 @@ class Fit:
         values: (P) of their parameters, in a row.
         residuals: (R) there.
         jacobian: (R, P) there or near.
+        is_fine: whether that is there, by differences as fine as errors need.
     """
 
     terms: tuple[Term, ...]
     values: Floats
     residuals: Floats
     jacobian: Floats
+    is_fine: bool = False
 
     @property
     def cost(self) -> float:
@@ -151,7 +153,8 @@ def fit(
     terms = tuple(terms)
     question = ("fit", terms, np.asarray(start, float), rounds, gain, known)
     work_out = partial(_fitted, problem, terms, start, rounds, gain, known)
-    return Fit(terms, *problem.recall(question, work_out))
+    values, residuals, slopes = problem.recall(question, work_out)
+    return Fit(terms, values, residuals, slopes)
 
 
 def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answer:
@@ -246,7 +249,7 @@ def rested(problem: Problem, found: Fit) -> Fit:
         jac = jacobian(problem, terms, x, r, moved=FINE)
         cost = float(r @ r + weights @ (x - 1) ** 2)
         if cost < least:
-            best, least = Fit(terms, x, r, jac), cost
+            best, least = Fit(terms, x, r, jac, is_fine=True), cost
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         move = step(h, g, low - x, high - x, scale)
         if last == RESTS or -(2 * g + h @ move) @ move < WORTH:
@@ -263,10 +266,11 @@ def sloped(problem: Problem, found: Fit) -> Fit:
     which large slopes cancel, what is left of them would look like knowledge. Where
     something touches, fine slopes tell of the roughness alone.
     """
-    if problem.is_rough:
+    if problem.is_rough or found.is_fine:
         return found
     x, r = found.values, found.residuals
-    return replace(found, jacobian=jacobian(problem, found.terms, x, r, moved=FINE))
+    jac = jacobian(problem, found.terms, x, r, moved=FINE)
+    return replace(found, jacobian=jac, is_fine=True)
 
 
 def looked_about(

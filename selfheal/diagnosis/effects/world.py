@@ -8,7 +8,7 @@ import numpy as np
 from ..scene import Scene
 from ..terms import Effect, Floats, Parameter, Term
 
-STEEPEST = 1.0  # [rad] of a slope that nobody saw; chosen
+STEEPEST = 0.5  # [rad] of a slope that nobody saw; chosen
 FLAT = 1e-6  # of the largest torque of weight: no torque at all
 POSES = 16  # that tell it; chosen
 IN_LINE = 0.01  # [rad] by which a flat robot's slope may be off its plane; chosen
