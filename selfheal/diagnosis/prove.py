@@ -84,7 +84,8 @@ def structure_of(case: Case, naming: Naming) -> Structure:
         new = Scored.of(problem, try_term(base, term, rounds=2))
         p = min(p, better(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
-    before, left = own_error(problem, naming.stated.fit), base.fit.cost
+    left = base.fit.cost
+    before = own_error(problem, naming.stated.fit) if naming.named else left
     noise = expected(problem, base.fit)
     if naming.named and problem.windows.is_single:
         noise = max(noise, most(problem, base.fit.residuals))
