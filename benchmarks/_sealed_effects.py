@@ -11,7 +11,8 @@ import _sealed_installs as put
 import _sealed_sites as at
 import _sealed_sizes as size
 import numpy as np
-from _sealed_robots import ROBOTS, Draw, Robot
+from _sealed_draw import Draw, Robot
+from _sealed_robots import ROBOTS
 from _sealed_shapers import (
     cogging,
     delayed,

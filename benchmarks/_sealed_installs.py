@@ -8,7 +8,7 @@ from typing import Any
 import _sealed_sites as at
 import mujoco
 import numpy as np
-from _sealed_robots import GRAVITY
+from _sealed_draw import GRAVITY
 from _sealed_shapers import integral, speed_limit, steady
 from _sealed_sizes import Values
 from _sealed_truth import Reading, Truth, scale_gain, stretch

@@ -8,11 +8,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from _sealed_draw import FAST, Draw, Robot
 from _sealed_effects import EFFECTS, Effect, blank, drawing
 from _sealed_measure import Bench, Noise, draw_noise, draw_sensors, pieces
 from _sealed_motions import plans, sampling
 from _sealed_proof import open_loop, score, values
-from _sealed_robots import FAST, ROBOTS, Draw, Robot
+from _sealed_robots import ROBOTS
 from _sealed_strength import coarse, integration, strength
 from _sealed_truth import Plan, Truth, Unfit, change, hidden, nuisances, simulate
 from _sealed_unlisted import UNLISTED

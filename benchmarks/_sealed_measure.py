@@ -5,7 +5,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _sealed_robots import Robot
+from _sealed_draw import Robot
 from _sealed_truth import Plan, Reading, Run
 
 from selfheal.recording import Episode, Recording, Signal

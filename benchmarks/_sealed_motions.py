@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from _sealed_robots import Robot
+from _sealed_draw import Robot
 from _sealed_truth import Plan
 
 Rng = np.random.Generator

@@ -5,122 +5,9 @@ sizes are drawn per case, chosen within 25 % around a desk-top device of that sh
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
-
-GRAVITY = 9.81  # [m/s^2]
-FAST = "implicitfast"
-OPEN = 'contype="0" conaffinity="0"'  # a geom that is only drawn
-
-
-@dataclass(frozen=True)
-class Robot:
-    """A given model and what the benchmark has to know of it.
-
-    Attributes:
-        name: of the shape.
-        xml: the model as the user has it.
-        joints: hinges and slides, whose position is recorded.
-        actuators: joint that each actuator moves.
-        drive: "servo" (goal positions), "torque" (recorded feedback) or "none".
-        load: [N m or N] torque that is typical of each joint.
-        amplitude: [rad or m] of each joint's motion.
-        center: [rad or m] around which it moves.
-        gains: (proportional, derivative) of the recorded feedback, by joint.
-        links: bodies whose length, mass and attachment can be wrong.
-        free: the body that floats, whose pose is recorded; "" if none.
-        contact: True where a body touches the floor.
-        step: [s] of the model as given.
-        fine: [s] of the hidden robot's.
-        window: [s] over which two simulations are compared.
-    """
-
-    name: str
-    xml: str
-    joints: Sequence[str]
-    actuators: Mapping[str, str]
-    drive: str
-    load: Mapping[str, float]
-    amplitude: Mapping[str, float]
-    center: Mapping[str, float] = field(default_factory=dict)
-    gains: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    links: Sequence[str] = ()
-    free: str = ""
-    contact: bool = False
-    step: float = 0.001
-    fine: float = 0.00025
-    window: float = 0.5
-
-
-@dataclass
-class Draw:
-    """Draws a model's numbers; those listed as zero are stated as 0.
-
-    Attributes:
-        rng: the generator.
-        zero: "damping:j1" and the like.
-        density: [kg/m^3] of the medium.
-    """
-
-    rng: np.random.Generator
-    zero: frozenset[str] = frozenset()
-    density: float = 0.0
-
-    def about(self, value: float) -> float:
-        """A number within 25 % of `value`, as a user would write it."""
-        return float(f"{value * self.rng.uniform(0.75, 1.25):.3g}")
-
-    def joint(self, name: str, damping: float, armature: float, friction: float) -> str:
-        """The attributes of a joint."""
-        values = {"damping": damping, "armature": armature, "frictionloss": friction}
-        texts = [f'name="{name}"']
-        for key, value in values.items():
-            drawn = self.about(value)
-            zero = f"{key}:{name}" in self.zero or value == 0
-            texts += [] if zero else [f'{key}="{drawn:.4g}"']
-        return " ".join(texts)
-
-    def servo(self, name: str, joint: str, kp: float, kv: float) -> str:
-        """A position servo."""
-        kp, kv = self.about(kp), self.about(kv)
-        return f'<position name="{name}" joint="{joint}" kp="{kp}" kv="{kv}"/>'
-
-    def flip(self, chance: float) -> bool:
-        """True with a chance."""
-        return bool(self.rng.random() < chance)
-
-
-def _model(
-    draw: Draw, name: str, world: str, rest: str, step: float, integrator: str = FAST
-) -> str:
-    """A whole MJCF file."""
-    medium = f' density="{draw.density:g}"' if draw.density else ""
-    return f"""<mujoco model="{name}">
-  <compiler angle="radian"/>
-  <option timestep="{step:g}" integrator="{integrator}"{medium}/>
-  <worldbody>
-{world.rstrip()}
-  </worldbody>
-{rest.rstrip()}
-</mujoco>
-"""
-
-
-def _link(length: float, mass: float, thick: float = 0.012) -> str:
-    """Inertia and shape of a uniform rod that hangs from its origin."""
-    inertia = mass * (length**2 / 12 + thick**2 / 4)
-    along = mass * thick**2 / 2
-    return (
-        f'<inertial pos="0 0 {-length / 2:.5g}" mass="{mass:.4g}" '
-        f'diaginertia="{inertia:.4g} {inertia:.4g} {along:.4g}"/>\n'
-        f'      <geom type="capsule" size="{thick:g} {length / 2 - thick:.4g}" '
-        f'pos="0 0 {-length / 2:.5g}" {OPEN}/>'
-    )
-
-
-def _actuators(texts: Sequence[str]) -> str:
-    return "  <actuator>\n    " + "\n    ".join(texts) + "\n  </actuator>"
+from _sealed_draw import GRAVITY, OPEN, Draw, Robot, actuators, link, model
 
 
 def pendulum(draw: Draw) -> Robot:
@@ -131,12 +18,12 @@ def pendulum(draw: Draw) -> Robot:
     world = f"""    <!-- a weight on a light arm; zero is hanging -->
     <body name="link1" pos="0 0 0.5">
       <joint {joint} axis="0 1 0"/>
-      {_link(length, mass, 0.02)}
+      {link(length, mass, 0.02)}
     </body>"""
-    rest = _actuators([draw.servo("m1", "j1", 12 * load, 0.5 * load)])
+    rest = actuators([draw.servo("m1", "j1", 12 * load, 0.5 * load)])
     return Robot(
         "pendulum",
-        _model(draw, "pendulum", world, rest, 0.001, "RK4"),
+        model(draw, "pendulum", world, rest, 0.001, "RK4"),
         ("j1",),
         {"m1": "j1"},
         "servo",
@@ -154,10 +41,10 @@ def _chain2(draw: Draw, joints: Sequence[str]) -> tuple[str, list[float]]:
     world = f"""    <body name="base" pos="0 0 0.8">
     <body name="link1">
       <joint {joints[0]} axis="0 1 0"/>
-      {_link(l1, m1, 0.02)}
+      {link(l1, m1, 0.02)}
       <body name="link2" pos="0 0 {-l1:.4g}">
         <joint {joints[1]} axis="0 1 0"/>
-        {_link(l2, m2, 0.015)}
+        {link(l2, m2, 0.015)}
       </body>
     </body>
     </body>"""
@@ -179,7 +66,7 @@ def arm2_servo(draw: Draw) -> Robot:
     ]
     return Robot(
         "arm2_servo",
-        _model(draw, "arm2", world, _actuators(servos), 0.001),
+        model(draw, "arm2", world, actuators(servos), 0.001),
         ("j1", "j2"),
         {"m1": "j1", "m2": "j2"},
         "servo",
@@ -197,7 +84,7 @@ def arm2_torque(draw: Draw) -> Robot:
     motors = [f'<motor name="m{i}" joint="j{i}"/>' for i in (1, 2)]
     return Robot(
         "arm2_torque",
-        _model(draw, "arm2", world, _actuators(motors), 0.001, "RK4"),
+        model(draw, "arm2", world, actuators(motors), 0.001, "RK4"),
         ("j1", "j2"),
         {"m1": "j1", "m2": "j2"},
         "torque",
@@ -224,10 +111,10 @@ def arm3(draw: Draw) -> Robot:
       <geom type="cylinder" size="0.05 0.03" {OPEN}/>
       <body name="link2" pos="0.04 0 0">
         <joint {j2} axis="0 1 0"/>
-      {_link(l2, m2, 0.02)}
+      {link(l2, m2, 0.02)}
         <body name="link3" pos="0 0 {-l2:.4g}">
           <joint {j3} axis="0 1 0"/>
-      {_link(l3, m3, 0.015)}
+      {link(l3, m3, 0.015)}
         </body>
       </body>
     </body>"""
@@ -240,7 +127,7 @@ def arm3(draw: Draw) -> Robot:
     ]
     return Robot(
         "arm3",
-        _model(draw, "arm3", world, _actuators(servos), 0.001),
+        model(draw, "arm3", world, actuators(servos), 0.001),
         ("j1", "j2", "j3"),
         {"m1": "j1", "m2": "j2", "m3": "j3"},
         "servo",
@@ -265,13 +152,13 @@ def cartpole(draw: Draw) -> Robot:
       <geom type="box" size="0.08 0.05 0.03" {OPEN}/>
       <body name="pole">
         <joint {hinge} axis="0 1 0"/>
-      {_link(length, mass, 0.01)}
+      {link(length, mass, 0.01)}
       </body>
     </body>"""
-    rest = _actuators(['<motor name="m1" joint="j1"/>'])
+    rest = actuators(['<motor name="m1" joint="j1"/>'])
     return Robot(
         "cartpole",
-        _model(draw, "cartpole", world, rest, 0.001, "RK4"),
+        model(draw, "cartpole", world, rest, 0.001, "RK4"),
         ("j1", "j2"),
         {"m1": "j1"},
         "torque",
@@ -288,7 +175,7 @@ def double_pendulum(draw: Draw) -> Robot:
     world, load = _chain2(draw, joints)
     return Robot(
         "double_pendulum",
-        _model(draw, "double_pendulum", world, "", 0.002, "RK4"),
+        model(draw, "double_pendulum", world, "", 0.002, "RK4"),
         ("j1", "j2"),
         {},
         "none",
@@ -348,7 +235,7 @@ def quadruped(draw: Draw) -> Robot:
     amplitude = {j: 0.2 if j.startswith("hip") else 0.25 for j in joints}
     return Robot(
         "quadruped",
-        _model(draw, "quadruped", world, defaults + _actuators(servos), 0.002),
+        model(draw, "quadruped", world, defaults + actuators(servos), 0.002),
         joints,
         {f"{j}_servo": j for j in joints},
         "servo",
@@ -373,7 +260,7 @@ def _toss(draw: Draw, name: str, geom: str, step: float = 0.001) -> Robot:
     world = world.replace("FRI", str(draw.about(0.4)))
     return Robot(
         f"toss_{name}",
-        _model(draw, name, world, "", step, "RK4"),
+        model(draw, name, world, "", step, "RK4"),
         (),
         {},
         "none",

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from _sealed_robots import Robot
+from _sealed_draw import Robot
 
 
 def name_of(target: str) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import _sealed_sites as at
 import mujoco
 import numpy as np
-from _sealed_robots import GRAVITY, Robot
+from _sealed_draw import GRAVITY, Robot
 
 Rng = np.random.Generator
 Values = dict[str, float]

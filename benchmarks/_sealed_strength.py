@@ -10,8 +10,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from _sealed_draw import Robot
 from _sealed_measure import Bench
-from _sealed_robots import Robot
 from _sealed_truth import Nuisance, Run, Truth, change, nuisances
 from scipy.optimize import lsq_linear
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from _sealed_draw import Robot
 from _sealed_effects import Effect, Rng, Sized, Values
-from _sealed_robots import Robot
 from _sealed_truth import Force, Truth
 
 Push = Force
