@@ -10,7 +10,6 @@ import pytest
 from toys_diagnosis import ROBOTS, record
 
 from selfheal.diagnosis import diagnose as module
-from selfheal.diagnosis import refute
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.document import text_of
 from selfheal.diagnosis.effects import catalogue
@@ -331,11 +330,3 @@ def test_an_unknown_held_out_name_is_refused(model):
 def test_a_recording_of_another_robot_is_refused(model):
     with pytest.raises(RecordingError, match="shoulder"):
         diagnose(model, [record(ROBOTS["arm"], episodes=3, seconds=0.5)])
-
-
-def test_a_name_whose_absence_is_within_its_interval_goes(model, monkeypatch):
-    monkeypatch.setattr(refute, "may_be_absent", lambda term, found, errors: True)
-    told = diagnose(model, [long(change=_dry)])
-    assert told.document["findings"] == []
-    assert told.document["verdict"] == "unlisted"
-    assert any("coulomb_friction" in remark for remark in told.remarks)

@@ -45,7 +45,7 @@ from selfheal.diagnosis.fit import (
     sloped,
     step,
 )
-from selfheal.diagnosis.intervals import LEVEL, may_be_absent, uncertainty
+from selfheal.diagnosis.intervals import LEVEL, uncertainty
 from selfheal.diagnosis.name import Named, Naming
 from selfheal.diagnosis.noise import expected, loudest, most, noise_of
 from selfheal.diagnosis.plant import Workshop
@@ -289,34 +289,6 @@ def test_nor_surer_of_the_scale_of_torques_than_belief_is(pendulum):
     of_torque = np.array([not t.label.endswith("length") for t in stated])
     least = 1 / np.sqrt(believed(stated)[of_torque].sum())
     assert (uncertainty(problem, found)[of_torque] > 0.9 * least).all()
-
-
-UNSURE = [
-    ("arm", "coulomb_friction", (0.0,), (0.1,)),
-    ("arm", "payload", (0.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.0, 0.0)),
-    ("arm", "torque_saturation", (np.inf,), (2.0,)),
-    ("pendulum", "sensor_delay", (0.0,), (0.012,)),
-    ("pendulum", "sensor_gain", (1.0,), (1.1,)),
-]
-
-
-@pytest.mark.parametrize("case", UNSURE, ids=lambda c: c[1])
-def test_what_is_not_there_may_be_absent_and_what_is_there_may_not(case, request):
-    robot, name, absent, there = case
-    b = request.getfixturevalue(robot)
-    term = effect(name).terms(b.scene)[0]
-    for planted in absent, there:
-        problem = _problem(b, (term,), planted)
-        start = np.clip(planted, term.low, term.high)
-        found = sloped(problem, fit(problem, (term,), start))
-        errors = uncertainty(problem, found)
-        assert may_be_absent(term, found, errors) == (planted is absent)
-
-
-def test_an_effect_without_parameters_is_there(arm):
-    term = replace(effect("armature").terms(arm.scene)[0], parameters=())
-    found = Fit((term,), np.zeros(0), np.zeros(1), np.zeros((1, 0)))
-    assert not may_be_absent(term, found, np.zeros(0))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -5,9 +5,8 @@ import numpy as np
 from ..recording.data import Floats
 from .evidence import blocks_of
 from .fit import Fit, believed
-from .plant import parts
 from .problem import Problem
-from .terms import Parameter, Term
+from .terms import Parameter
 
 LEVEL = 1.645  # standard errors of a 90 % interval
 # times as wide is that of a finding: models are wrong in ways that no error counts, and
@@ -72,20 +71,3 @@ def interval(parameter: Parameter, value: float, error: float) -> tuple[float, f
     """The 90 % interval of an effect's parameter, of its standard error."""
     apart = WIDER * LEVEL * error
     return max(parameter.low, value - apart), min(parameter.high, value + apart)
-
-
-def may_be_absent(term: Term, found: Fit, errors: Floats) -> bool:
-    """Whether the intervals of all of an effect's parameters hold its absence.
-
-    Args:
-        term: of the fit.
-        found: the fit.
-        errors: (P) standard ones of its values.
-    """
-    i = next(k for k, t in enumerate(found.terms) if t is term)
-    values, spread = (parts(found.terms, x)[i] for x in (found.values, errors))
-    for p, value, error in zip(term.parameters, values, spread, strict=True):
-        low, high = interval(p, value, error)
-        if not low <= np.clip(p.absent, p.low, p.high) <= high:
-            return False
-    return bool(term.parameters)

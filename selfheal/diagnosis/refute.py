@@ -10,8 +10,7 @@ from ..recording.data import Floats
 from .case import WINDOW, Case, pieces_of
 from .choose import strain_of_note
 from .evidence import Scored, for_score
-from .fit import Fit, fit, sloped
-from .intervals import may_be_absent, uncertainty
+from .fit import Fit, fit
 from .name import Named, Naming
 from .plant import parts
 from .problem import Problem, whitened
@@ -67,15 +66,13 @@ def upheld(case: Case, naming: Naming) -> Upheld:
     """Only the names that help in the held-out episodes, and labels of the others.
 
     A name that makes far less difference there than where it was fitted, as that of a
-    rotor's inertia where nothing moves fast, is not refuted; one whose absence is
-    within its interval is. What could not be told from one that is refuted takes its
-    place, if it helps.
+    rotor's inertia where nothing moves fast, is not refuted. What could not be told
+    from one that is refuted takes its place, if it helps.
     """
     gone: list[str] = []
     start = Problem(case.held, pieces_of(case.held, WINDOW), naming.problem.sigma)
     while naming.named:
-        found, alone = sloped(naming.problem, naming.final.fit), naming.stated.fit
-        errors = uncertainty(naming.problem, found)
+        found, alone = naming.final.fit, naming.stated.fit
         held = whitened(start, found.terms, found.values)
         told = held.at(found.terms, found.values)
         error = float(told @ told)
@@ -88,18 +85,16 @@ def upheld(case: Case, naming: Naming) -> Upheld:
             other = held.at(less.terms, less.values)
             gain = own_error(held, less, other) - error
             if name.term.is_faint(values[name.term]):
-                weakest = (False, -np.inf), name, less
+                weakest = -np.inf, name, less
                 break
             relief = less.strain - found.strain
             if relief > strain_of_note(held, found) and gain > -least:
                 continue
-            sure = not may_be_absent(name.term, found, errors)
             changed = float(((other - told) ** 2).sum()) / error
-            unseen = changed < UNSEEN * (less.cost / found.cost - 1)
-            if sure and (unseen or gain >= least):
+            if changed < UNSEEN * (less.cost / found.cost - 1):
                 continue
-            if weakest is None or (sure, gain) < weakest[0]:
-                weakest = (sure, gain), name, less
+            if gain < least and (weakest is None or gain < weakest[0]):
+                weakest = gain, name, less
         if weakest is None:
             break
         _, name, less = weakest
