@@ -116,4 +116,5 @@ def link(length: float, mass: float, thick: float = 0.012) -> str:
 
 
 def actuators(texts: Sequence[str]) -> str:
+    """The element that holds them."""
     return "  <actuator>\n    " + "\n    ".join(texts) + "\n  </actuator>"
