@@ -631,6 +631,26 @@ def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
     assert not effect("integral_action").terms(geared.scene)
 
 
+def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
+    pose = 0.8
+    robot = replace(
+        ROBOTS["pendulum"],
+        command=lambda t, rng: np.full((len(t), 1), pose),
+        begin=lambda rng: (np.array([pose]), np.zeros(1)),
+    )
+    b = _bench(robot, tmp_path)
+    fresh, settled = effect("integral_action").terms(b.scene)
+    assert settled.is_faint(0.1 * settled.scale)  # no more than a torque
+    kp = b.scene.model.actuator_gainprm[0, 0]
+
+    def sag(term, most):
+        told = b.world.simulate((term,), np.array([[kp, most]]), b.pieces)[0]
+        return np.abs(told - pose).max()
+
+    assert sag(settled, 10.0) < 1e-3 < 20e-3 < sag(fresh, 10.0)
+    assert sag(settled, 1e-3) == pytest.approx(sag(fresh, 1e-3), rel=0.1)
+
+
 def test_a_servo_lets_go_as_soon_as_its_error_turns():
     """As MuJoCo's pid does: what its sum cannot hold is forgotten."""
     ki, imax, step = 2.0, 0.5, 0.01

@@ -153,6 +153,8 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
     kind = effect(finding["effect"])
     sort, _, name = finding["target"].partition(":")
     place: dict[str, Any] = {"side": finding.get("measured") or finding.get("side")}
+    if finding.get("begins") == "settled":
+        place["begins"] = "settled"
     try:
         if sort == "joint":
             place |= _joint(model, name)

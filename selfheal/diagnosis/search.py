@@ -226,6 +226,8 @@ class Search:
                 less = Scored.of(self.problem, own)
                 if less.error < (1 + WORTH) * self.now.error:
                     tries.append((term, less))
+                if tries and len(self.named) > MOST:  # most of them go anyway
+                    break
             if not tries:
                 break
             term, self.now = min(tries, key=lambda x: x[1].error)

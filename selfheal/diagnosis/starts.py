@@ -12,6 +12,7 @@ from .state import start_of
 from .terms import Term
 
 INTEGRATOR, FILTERS = 1, (2, 3)  # mjtDyn: integrator; filter, filterexact
+FIRST = 0.5  # [s] of an episode, that tell what a servo bears; chosen
 
 
 class States:
@@ -38,7 +39,7 @@ class States:
                     self._settle(models, term, self.plant.place(place), part, q, v)
         return (
             q.reshape(n * w, -1), v.reshape(n * w, -1), self._activation(n),
-            self._sums(n), self._history(n),
+            self._sums(models), self._history(n),
         )  # fmt: skip
 
     def _given(self, n: int) -> tuple[Floats, Floats]:
@@ -139,29 +140,63 @@ class States:
             out[w] = data.history
         return np.tile(out, (n, 1))
 
-    def _sums(self, n: int) -> Mapping[int, Floats]:
+    def _sums(self, models) -> Mapping[int, Floats]:
         """Of each integrating servo: the summed error (N) [rad s] at the start."""
         out = {}
         for term, part in zip(self.terms, parts(self.terms, self.values), strict=True):
             for place in term.places:
                 if term.effect.name == "integral_action":
-                    each = [self._sum(place, m) for m in term.effect.fullest(part)]
+                    most = term.effect.fullest(part)
+                    own = zip(models, part[:, 0], most, strict=True)
+                    each = [self._sum(place, *one) for one in own]
                     out[place["actuator"]] = np.concatenate(each)
         return out
 
-    def _sum(self, place, most: float) -> Floats:
-        """Summed error (W) of a servo where windows begin, never beyond `most`."""
+    def _sum(self, place, model, gain: float, most: float) -> Floats:
+        """Summed error (W) of a servo where windows begin, never beyond `most`.
+
+        With an episode it begins at 0 or, where it had settled before, with what the
+        robot's motion in the first moments asks for beside the servo.
+        """
         world, windows = self.world, self.windows
         kept = world.held.setdefault(windows, {})
         errors = kept.setdefault(("errors", place["actuator"]), {})
         total = np.zeros(len(windows))
-        for log in np.unique(windows.log[windows.start > 0]):
+        for log in np.unique(windows.log):
             rows = np.flatnonzero(windows.log == log)
             if log not in errors:
                 errors[log] = _errors(world, world.logs[log], place).tolist()
-            past = _summed(errors[log], 0.0, -most, most)
+            begin = 0.0
+            if "begins" in place and gain > 0:
+                asked = self._asked(model, log, self.plant.place(place)["dof"])
+                some = errors[log][: 1 + _first(world, log)[-1]]
+                begin = asked / gain - np.cumsum(some).mean()
+            begin = min(max(begin, -most), most)
+            past = _summed(errors[log], begin, -most, most)
             total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
         return total
+
+    def _asked(self, model, log: int, dof: int) -> float:
+        """Mean torque [N m] that an episode's first moments ask beside the servos."""
+        import mujoco
+
+        world, plant = self.world, self.plant
+        at = _first(world, log)
+        kept = world.held.setdefault(self.windows, {})
+        if ("first", log) not in kept:
+            qpos, qvel, _ = start_of(world, log, at, {})
+            rest = len(at) == 1
+            qacc = 0 * qvel if rest else np.gradient(qvel, at * world.step, axis=0)
+            kept["first", log] = qpos, qvel, qacc
+        data, asked = mujoco.MjData(model), []
+        for k, qpos, qvel, qacc in zip(at, *kept["first", log], strict=True):
+            data.qpos[plant.qpos], data.qvel[plant.dof] = qpos, qvel
+            data.qacc[plant.dof] = qacc
+            data.ctrl[:] = world.logs[log].ctrl[k]
+            mujoco.mj_inverse(model, data)
+            mujoco.mj_fwdActuation(model, data)
+            asked.append(data.qfrc_inverse[dof] - data.qfrc_actuator[dof])
+        return float(np.mean(asked))
 
 
 def _kicked(model, qpos: Floats, qvel: Floats, kick: Floats):
@@ -222,6 +257,13 @@ def _summed(added: Sequence[float], begin: float, low: float, high: float) -> Fl
     """Sums (G + 1) of what is added (G), none of which leaves its bounds."""
     sums = accumulate(added, lambda s, x: min(max(s + x, low), high), initial=begin)
     return np.fromiter(sums, float)
+
+
+def _first(world, log: int) -> np.ndarray:
+    """Steps of the grid in an episode's first moments; the first, if it is given."""
+    own = world.logs[log]
+    end = min(FIRST / world.step, len(own.ctrl) - 1) * (own.qpos0 is None)
+    return np.unique(np.linspace(0, end, 25).astype(int))
 
 
 def _errors(world, log, place) -> Floats:

@@ -6,7 +6,9 @@ import numpy as np
 
 from ..patch import Rename, Set, number
 from ..scene import Scene, is_affine
-from ..terms import Effect, Floats, Parameter, Term
+from ..terms import Effect, Floats, Parameter, Term, saying
+
+SLOW = 0.3  # of its scale, an integral gain that is hardly more than a torque; chosen
 
 
 class AtActuator(Effect):
@@ -329,11 +331,19 @@ def _gains(model, actuator: int) -> tuple[float, float]:
 class IntegralAction(AtActuator):
     name = "integral_action"
     restates = True
-    says = "The servo sums up its error and pushes until it is gone."
+    says = (
+        "The servo sums up its error and pushes until it is gone; the sum begins at 0, "
+        'or with `"begins": "settled"` at what each recording\'s first moments ask for.'
+    )
     equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
     source = "MuJoCo actuator/pid ki, imax"
     separate_by = "hold a loaded pose for ten seconds"
     regime = "high_load"
+
+    def terms(self, scene):
+        """At each servo; its sum begun at 0, or long before the recording."""
+        own = super().terms(scene)
+        return [*own, *map(_settled, own)]
 
     def parameters(self, scene, actuator):
         kp, _ = _gains(scene.model, actuator.id)
@@ -368,6 +378,14 @@ class IntegralAction(AtActuator):
         """(n) sums [rad s] beyond which none goes, of values (n, 2)."""
         ki, most = values.T
         return np.divide(most, ki, out=np.full(len(ki), np.inf), where=ki > 0)
+
+
+def _settled(term: Term) -> Term:
+    """The same, its sum begun with what it bears; a slow one is a mere torque."""
+    ki, most = term.parameters
+    own = replace(ki, least=SLOW * ki.scale), most
+    note = {"begins": "settled"}
+    return replace(saying(term, **note), parameters=own, note=note)
 
 
 def least_inertia(model, joint: int) -> float:
