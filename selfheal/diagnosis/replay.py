@@ -152,9 +152,8 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
     """What an effect needs to act where a finding says, in a given model."""
     kind = effect(finding["effect"])
     sort, _, name = finding["target"].partition(":")
-    place: dict[str, Any] = {"side": finding.get("measured") or finding.get("side")}
-    if finding.get("begins") == "settled":
-        place["begins"] = "settled"
+    side = finding.get("measured") or finding.get("side")
+    place: dict[str, Any] = {"side": side, "begins": finding.get("begins")}
     try:
         if sort == "joint":
             place |= _joint(model, name)

@@ -227,6 +227,23 @@ def is_affine(model: "mujoco.MjModel", actuator: int) -> bool:
     return bool(max(law) <= 1)  # mjtGain: fixed, affine; mjtBias: none, affine
 
 
+def least_inertia(model, joint: int) -> float:
+    """Inertia [kg m^2 or kg] that the servos at a joint do not turn around in a step.
+
+    MuJoCo holds a servo's stiffness for a step, and with the integrators Euler and RK4
+    its damping too: a lighter joint diverges.
+    """
+    step = model.opt.timestep
+    servos = (
+        np.isin(model.actuator_trntype, (0, 1))  # at a joint
+        & (model.actuator_trnid[:, 0] == joint)
+        & (model.actuator_biastype == 1)  # affine
+    )
+    stiffness, damping = -model.actuator_biasprm[servos, 1:3].T
+    gear = model.actuator_gear[servos, 0]
+    return float((gear**2 * (stiffness * step + damping) * step).sum())
+
+
 def along(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
     """Direction (3) in which a body reaches from its origin, and how far [m].
 

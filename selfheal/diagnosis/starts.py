@@ -162,26 +162,26 @@ class States:
         kept = world.held.setdefault(windows, {})
         errors = kept.setdefault(("errors", place["actuator"]), {})
         total = np.zeros(len(windows))
-        for log in np.unique(windows.log):
+        settled = place.get("begins") == "settled" and gain > 0
+        for log in np.unique(windows.log[(windows.start > 0) | settled]):
             rows = np.flatnonzero(windows.log == log)
             if log not in errors:
                 errors[log] = _errors(world, world.logs[log], place).tolist()
             begin = 0.0
-            if "begins" in place and gain > 0:
-                asked = self._asked(model, log, self.plant.place(place)["dof"])
-                some = errors[log][: 1 + _first(world, log)[-1]]
-                begin = asked / gain - np.cumsum(some).mean()
-            begin = min(max(begin, -most), most)
+            if settled:
+                at = _first(world, log)
+                asked = self._asked(model, log, at, self.plant.place(place)["dof"])
+                begin = asked / gain - np.cumsum(errors[log][: 1 + at[-1]]).mean()
+                begin = min(max(begin, -most), most)
             past = _summed(errors[log], begin, -most, most)
             total[rows] = past[np.minimum(windows.start[rows], len(past) - 1)]
         return total
 
-    def _asked(self, model, log: int, dof: int) -> float:
-        """Mean torque [N m] that an episode's first moments ask beside the servos."""
+    def _asked(self, model, log: int, at: np.ndarray, dof: int) -> float:
+        """Mean torque [N m] that an episode's steps `at` ask beside the servos."""
         import mujoco
 
         world, plant = self.world, self.plant
-        at = _first(world, log)
         kept = world.held.setdefault(self.windows, {})
         if ("first", log) not in kept:
             qpos, qvel, _ = start_of(world, log, at, {})

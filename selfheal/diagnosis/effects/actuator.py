@@ -386,20 +386,3 @@ def _settled(term: Term) -> Term:
     own = replace(ki, least=SLOW * ki.scale), most
     note = {"begins": "settled"}
     return replace(saying(term, **note), parameters=own, note=note)
-
-
-def least_inertia(model, joint: int) -> float:
-    """Inertia [kg m^2 or kg] that the servos at a joint do not turn around in a step.
-
-    MuJoCo holds a servo's stiffness for a step, and with the integrators Euler and RK4
-    its damping too: a lighter joint diverges.
-    """
-    step = model.opt.timestep
-    servos = (
-        np.isin(model.actuator_trntype, (0, 1))  # at a joint
-        & (model.actuator_trnid[:, 0] == joint)
-        & (model.actuator_biastype == 1)  # affine
-    )
-    stiffness, damping = -model.actuator_biasprm[servos, 1:3].T
-    gear = model.actuator_gear[servos, 0]
-    return float((gear**2 * (stiffness * step + damping) * step).sum())

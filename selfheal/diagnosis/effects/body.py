@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from ..scene import Scene, along
+from ..scene import Scene, along, least_inertia
 from ..terms import Effect, Floats, Parameter, Term, saying
-from .actuator import least_inertia
 
 HEAVY = 1000.0  # times a joint's inertia, the rotor of one that is stuck; chosen
 STILL = 1.5  # times a reading's noise, the spread of one that tells no motion; chosen

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 from ..patch import Insert, Set, number
+from ..scene import least_inertia
 from ..terms import saying
-from .actuator import least_inertia
 from .friction import Friction
 
 FIELDS = {
