@@ -50,6 +50,7 @@ DELAY = {
               "onset": {"episode": "002", "time": 3.4, "low": 3.3, "high": 3.5}},
     "evidence": {"heldout_nll_gain": 0.3, "p_value": 0.004, "stability": 0.9},
     "measured": "link",
+    "begins": "settled",
     "native": False,
 }  # fmt: skip
 DIFF = """--- model.xml
@@ -316,6 +317,7 @@ def test_the_page_is_in_order_and_whole():
         "from 1.2 to 1.9 s of episode 003",
         "sets in at 3.40 s (3.30 to 3.50) of episode 002",
         "is read at the link's side",
+        "its sum had settled before each recording began",
         "plain MuJoCo can express only a part of it",
         "Made worse by the findings: hip_position.",
         "body:shank/mass 0.4 0.460 kg (0.450 to 0.460) +15.0\N{NO-BREAK SPACE}% at its",

@@ -209,7 +209,9 @@ def _notes(finding: Mapping[str, Any]) -> Iterable[Html]:
     if measured := finding.get("measured"):
         yield join(mark(named, "right"), f": the joint's position is read at the "
                    f"{measured}'s side.")  # fmt: skip
-
+    if finding.get("begins") == "settled":
+        yield join(mark(named, "right"), ": its sum had settled before each recording "
+                   "began.")  # fmt: skip
     if finding.get("native") is False:
         yield join(mark(named, "right"), _by_replay(finding["effect"]))
 
