@@ -892,18 +892,6 @@ def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
     assert tried.cost < 0.01 * base.fit.cost
 
 
-def test_a_candidate_gets_as_far_as_from_the_best_of_its_starts(pendulum):
-    """A sum that is often full: from a limit that is never met no slope leads there."""
-    stated, term = _stated(pendulum), effect("integral_action").terms(pendulum.scene)[0]
-    ones = np.ones(len(stated))
-    most = term.parameters[1].absent
-    problem = _problem(pendulum, (*stated, term), (*ones, 2.0, 0.05 * most))
-    base = Base.of(problem, fit(problem, stated, ones, rounds=4))
-    alone = [try_term(base, replace(term, starts=(s,))).cost for s in term.starts]
-    assert max(alone) > 4 * min(alone)
-    assert try_term(base, term).cost == pytest.approx(min(alone))
-
-
 # divergence
 
 

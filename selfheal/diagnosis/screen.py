@@ -119,18 +119,10 @@ def screened(
         again = again or [f.terms[-1] for f in fits[:MANY]]
         fits = fits[:keep] if rounds == 1 else _promising(base, fits)[:keep]
         old = len(base.fit.values)
-        candidates = [_carried_on(f, old, rounds) for f in fits]
+        candidates = [
+            replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
+        ]
     return fits, _independent(np.array(answers)), again
-
-
-def _carried_on(found: Fit, old: int, rounds: int) -> Term:
-    """The term tried beside `old` values, to begin where it ended.
-
-    One round tells little of which start leads farthest: then at its starts too.
-    """
-    term, end = found.terms[-1], tuple(found.values[old:])
-    others = term.starts if rounds == 1 and not term.effect.waves else ()
-    return replace(term, starts=(end, *others))
 
 
 def _promising(base: Base, fits: list[Fit]) -> list[Fit]:

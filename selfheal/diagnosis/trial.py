@@ -97,8 +97,6 @@ class Base:
 def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
     """The best of one more term, while all others answer linearly.
 
-    From the likeliest of its starts if there is but one round, else from each of them.
-
     Returns:
         All terms; residuals and Jacobian are those of the linear answer.
     """
@@ -115,47 +113,33 @@ def try_term(base: Base, term: Term, *, rounds: int = 4) -> Fit:
 
 def _tried(base: Base, term: Term, rounds: int) -> Answer:
     """The term's values, residuals and Jacobian, and the move of all others."""
-    points = np.array(term.starts, float).reshape(len(term.starts), -1)
-    told = _residuals(base, term, points)
-    if term.effect.waves and len(points) > 1:
-        points = np.clip(_best_wave(base, points, told), term.low, term.high)
-        told = _residuals(base, term, points)
-    if not term.parameters or (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
-        rounds = 0
-    ends = [base.settle(r) for r in told]
-    order = np.argsort([cost for cost, _ in ends])
-    tries = [
-        _descended(base, term, rounds, points[i], told[i], *ends[i])
-        for i in order[: None if rounds > 1 else 1]
-    ]
-    _, *best = min(tries, key=lambda t: t[0])
-    return tuple(best)
-
-
-def _descended(
-    base: Base, term: Term, rounds: int, x: Floats, r: Floats, cost: float, move: Floats
-) -> tuple:
-    """The cost where a descent from a term's values x ends, and what is there.
-
-    Args:
-        r: (R) residuals at x.
-        cost: there, once all others have answered.
-        move: (P) their answer.
-    """
+    problem, terms = base.problem, (*base.fit.terms, term)
     low, high, scale = term.low, term.high, term.scale
+    fixed = base.fit.values
+
+    def residuals(points: Floats) -> Floats:
+        rows = np.hstack([np.tile(fixed, (len(points), 1)), points])
+        return problem.residuals(terms, rows)
 
     def slopes(x: Floats, r: Floats) -> Floats:
-        values = np.append(base.fit.values, x)
-        terms = (*base.fit.terms, term)
-        return jacobian(base.problem, terms, values, r, len(base.fit.values))
+        return jacobian(problem, terms, np.append(fixed, x), r, len(fixed))
 
     def settled(points: Floats) -> list[tuple]:
-        told = _residuals(base, term, points)
-        found = [(new, base.settle(new)) for new in told]
+        found = [(new, base.settle(new)) for new in residuals(points)]
         return [(cost, new, others) for new, (cost, others) in found]
 
+    points = np.array(term.starts, float).reshape(len(term.starts), -1)
+    told = residuals(points)
+    if term.effect.waves and len(points) > 1:
+        points = np.clip(_best_wave(base, points, told), low, high)
+        told = residuals(points)
+    if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
+        rounds = 0
+    ends = [base.settle(r) for r in told]
+    first = int(np.argmin([c for c, _ in ends]))
+    x, r, (cost, move) = points[first], told[first], ends[first]
     jac = slopes(x, r) if rounds else np.zeros((len(r), len(x)))
-    for _ in range(rounds):
+    for _ in range(rounds if len(x) else 0):
         propose = partial(_joint_step, base, jac, r, x, low, high, scale)
         best = lowest(cost, propose, settled, TRIFLE)
         if best is None or best[1] >= cost * (1 - 1e-6):
@@ -170,13 +154,7 @@ def _descended(
             jac = secant(jac, moved, change, scale)
         else:
             jac = slopes(x, r)
-    return cost, x, r, jac, move
-
-
-def _residuals(base: Base, term: Term, points: Floats) -> Floats:
-    """Residuals (n, R) where the term has values (n, p) and all else is as it was."""
-    rows = np.hstack([np.tile(base.fit.values, (len(points), 1)), points])
-    return base.problem.residuals((*base.fit.terms, term), rows)
+    return x, r, jac, move
 
 
 def _best_wave(base: Base, points: Floats, told: Floats) -> Floats:
