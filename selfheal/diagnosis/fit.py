@@ -8,7 +8,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .memory import Answer
-from .problem import Problem
+from .problem import Problem, whitened
 from .terms import Term
 
 # of a parameter's scale, for differences; chosen: above solver noise; of a motion that
@@ -274,14 +274,18 @@ def sloped(problem: Problem, found: Fit) -> Fit:
 
 
 def looked_about(
-    problem: Problem, terms: Sequence[Term], values: Floats, about=ABOUT
-) -> Floats:
+    problem: Problem, terms: Sequence[Term], values: Floats, about=ABOUT,
+    *, seated: bool = False,
+) -> Floats:  # fmt: skip
     """The values (P), or better ones at so many times one of them.
 
     Where impacts make the cost rough a search ends in the nearest of many minima, and
     one window, in which a body falls on another side, may outweigh all others: so each
     counts by the logarithm of its cost, as if each had a noise of its own. Single
     readings are too few for that.
+
+    `seated`: whether each is judged with the starts that are likeliest with it. Those
+    that were sought with other values hold them where they are.
     """
     if problem.windows.is_single:
         return values
@@ -291,8 +295,11 @@ def looked_about(
     for i in np.flatnonzero(~np.array(stated, bool)):
         points = np.tile(values, (1 + len(about), 1))
         points[1:, i] = np.clip(values[i] * np.array(about), low[i], high[i])
-        told = problem.residuals(terms, points) ** 2
-        costs = [np.log(least + problem.by_window(r)).sum() for r in told]
+        if seated:
+            told = [whitened(problem, terms, p).at(terms, p) for p in points]
+        else:
+            told = problem.residuals(terms, points)
+        costs = [np.log(least + problem.by_window(r**2)).sum() for r in told]
         values = points[int(np.argmin(costs))]
     return values
 

@@ -45,10 +45,11 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
         start = looked_about(problem, found.terms, found.values)
         final = fit(problem, found.terms, start, rounds=6)
         if problem.world.touches:  # the cost has many minima
-            start = looked_about(problem, found.terms, final.values, CLOSE)
-            if (start != final.values).any():
-                new = fit(problem, found.terms, start, rounds=3, known=final.jacobian)
-                final = min(final, new, key=lambda f: f.cost)
+            terms, values = found.terms, final.values
+            start = looked_about(problem, terms, values, CLOSE, seated=True)
+            if (start != values).any():
+                problem = whitened(problem, terms, start)
+                final = fit(problem, terms, start, rounds=3)
         else:
             problem, final = reseated(problem, final)
     # where something touches, or is left, the cost is too rough for it
