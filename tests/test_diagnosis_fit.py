@@ -35,6 +35,7 @@ from selfheal.diagnosis.evidence import (
     seated,
 )
 from selfheal.diagnosis.fit import (
+    CLOSE,
     Fit,
     believed,
     bounds,
@@ -879,6 +880,19 @@ def test_a_start_that_holds_values_off_is_sought_anew(sticky):
     # where no window holds them, nothing changes
     same, found = reseated(problem, good)
     assert same is problem and found is good
+
+
+def test_starts_of_another_friction_do_not_hold_it(tmp_path):
+    b = bench("box", tmp_path, episodes=6, seconds=0.9)
+    (slip, *_), truth = effect("ground_friction").terms(b.scene), 0.3
+    problem = _touching(_problem(b, (slip,), (truth,)))
+    wrong = np.array([truth / 0.9])
+    problem = whitened(problem, (slip,), wrong)
+    (held,), (free,) = (
+        looked_about(problem, (slip,), wrong, CLOSE, seated=s) for s in (False, True)
+    )
+    assert held > 1.02 * truth
+    assert free == pytest.approx(truth)
 
 
 def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
