@@ -1,6 +1,6 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -295,10 +295,11 @@ def looked_about(
     for i in np.flatnonzero(~np.array(stated, bool)):
         points = np.tile(values, (1 + len(about), 1))
         points[1:, i] = np.clip(values[i] * np.array(about), low[i], high[i])
-        if seated:
-            told = [whitened(problem, terms, p).at(terms, p) for p in points]
-        else:
-            told = problem.residuals(terms, points)
+        told: Iterable[Floats] = (
+            (whitened(problem, terms, p).at(terms, p) for p in points)
+            if seated
+            else problem.residuals(terms, points)
+        )
         costs = [np.log(least + problem.by_window(r**2)).sum() for r in told]
         values = points[int(np.argmin(costs))]
     return values
