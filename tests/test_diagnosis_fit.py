@@ -35,13 +35,13 @@ from selfheal.diagnosis.evidence import (
     seated,
 )
 from selfheal.diagnosis.fit import (
-    CLOSE,
     Fit,
     believed,
     bounds,
     fit,
     jacobian,
     looked_about,
+    looked_along,
     rested,
     sloped,
     step,
@@ -888,11 +888,23 @@ def test_starts_of_another_friction_do_not_hold_it(tmp_path):
     problem = _touching(_problem(b, (slip,), (truth,)))
     wrong = np.array([truth / 0.9])
     problem = whitened(problem, (slip,), wrong)
-    (held,), (free,) = (
-        looked_about(problem, (slip,), wrong, CLOSE, seated=s) for s in (False, True)
-    )
-    assert held > 1.02 * truth
-    assert free == pytest.approx(truth)
+    found = fit(problem, (slip,), wrong, rounds=0)
+    assert looked_along(problem, found) == pytest.approx(truth)
+
+
+def test_stated_values_follow_an_effect_that_moves(arm):
+    drag = effect("viscous_friction").terms(arm.scene)[1]
+    terms = (*_stated(arm), drag)
+    truth = np.append(np.full(len(terms) - 1, 1.02), 0.1)
+    problem = _problem(arm, terms, truth)
+    (size,) = drag.parameters
+    still = replace(drag, parameters=(replace(size, low=0.1 / 1.1, high=0.1 / 1.1),))
+    held = replace(fit(problem, (*terms[:-1], still), truth), terms=terms)
+    values = looked_along(problem, held)
+    assert values[-1] == pytest.approx(0.1)
+    alone = np.append(held.values[:-1], values[-1])
+    costs = [float((problem.at(terms, v) ** 2).sum()) for v in (alone, values)]
+    assert costs[1] < 0.2 * costs[0]
 
 
 def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):

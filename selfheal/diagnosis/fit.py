@@ -273,36 +273,60 @@ def sloped(problem: Problem, found: Fit) -> Fit:
     return replace(found, jacobian=jac, is_fine=True)
 
 
-def looked_about(
-    problem: Problem, terms: Sequence[Term], values: Floats, about=ABOUT,
-    *, seated: bool = False,
-) -> Floats:  # fmt: skip
+def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
     """The values (P), or better ones at so many times one of them.
 
     Where impacts make the cost rough a search ends in the nearest of many minima, and
     one window, in which a body falls on another side, may outweigh all others: so each
     counts by the logarithm of its cost, as if each had a noise of its own. Single
     readings are too few for that.
-
-    `seated`: whether each is judged with the starts that are likeliest with it. Those
-    that were sought with other values hold them where they are.
     """
     if problem.windows.is_single:
         return values
     low, high, _ = bounds(terms)
-    least = problem.by_window(np.ones(len(problem.window_of)))
-    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
-    for i in np.flatnonzero(~np.array(stated, bool)):
-        points = np.tile(values, (1 + len(about), 1))
-        points[1:, i] = np.clip(values[i] * np.array(about), low[i], high[i])
-        told: Iterable[Floats] = (
-            (whitened(problem, terms, p).at(terms, p) for p in points)
-            if seated
-            else problem.residuals(terms, points)
-        )
-        costs = [np.log(least + problem.by_window(r**2)).sum() for r in told]
-        values = points[int(np.argmin(costs))]
+    for i in _of_effects(terms):
+        points = np.tile(values, (1 + len(ABOUT), 1))
+        points[1:, i] = np.clip(values[i] * np.array(ABOUT), low[i], high[i])
+        values = _likeliest(problem, points, problem.residuals(terms, points))
     return values
+
+
+def looked_along(problem: Problem, found: Fit) -> Floats:
+    """The values (P) of a fit, or likelier ones near them, each with its own starts.
+
+    Starts that were sought with other values hold these where they are. So an effect's
+    value is moved a little, all others follow as the fit's slopes ask, and starts are
+    sought there. Windows count as in `looked_about`.
+    """
+    terms, values, jac = found.terms, found.values, found.jacobian
+    low, high, scale = bounds(terms)
+    weights = believed(terms)
+    h = jac.T @ jac + np.diag(weights)
+    g = jac.T @ found.residuals + weights * (values - 1)
+    for i in _of_effects(terms):
+        rest = np.arange(len(values)) != i
+        points = np.tile(values, (1 + len(CLOSE), 1))
+        points[1:, i] = np.clip(values[i] * np.array(CLOSE), low[i], high[i])
+        for point in points[1:]:
+            slope = g + h @ (point - found.values)
+            room = (low - point)[rest], (high - point)[rest]
+            point[rest] += step(h[rest][:, rest], slope[rest], *room, scale[rest])
+        told = (whitened(problem, terms, p).at(terms, p) for p in points)
+        values = _likeliest(problem, points, told)
+    return values
+
+
+def _of_effects(terms: Sequence[Term]) -> np.ndarray:
+    """Which parameters are not what the model states."""
+    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
+    return np.flatnonzero(~np.array(stated, bool))
+
+
+def _likeliest(problem: Problem, points: Floats, told: Iterable[Floats]) -> Floats:
+    """Of some points, the one whose residuals are, if each window has its own noise."""
+    least = problem.by_window(np.ones(len(problem.window_of)))
+    costs = [np.log(least + problem.by_window(r**2)).sum() for r in told]
+    return points[int(np.argmin(costs))]
 
 
 def secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:

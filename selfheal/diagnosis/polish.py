@@ -7,7 +7,7 @@ import numpy as np
 from ..recording.data import Floats
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, for_score, reseated
-from .fit import CLOSE, Fit, fit, looked_about, rested
+from .fit import Fit, fit, looked_about, looked_along, rested
 from .name import Naming
 from .noise import above
 from .plant import parts
@@ -45,11 +45,10 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
         start = looked_about(problem, found.terms, found.values)
         final = fit(problem, found.terms, start, rounds=6)
         if problem.world.touches:  # the cost has many minima
-            terms, values = found.terms, final.values
-            start = looked_about(problem, terms, values, CLOSE, seated=True)
-            if (start != values).any():
-                problem = whitened(problem, terms, start)
-                final = fit(problem, terms, start, rounds=3)
+            start = looked_along(problem, final)
+            if (start != final.values).any():
+                problem = whitened(problem, found.terms, start)
+                final = fit(problem, found.terms, start, rounds=3)
         else:
             problem, final = reseated(problem, final)
     # where something touches, or is left, the cost is too rough for it
