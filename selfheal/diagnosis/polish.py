@@ -13,6 +13,7 @@ from .noise import above
 from .plant import parts
 from .problem import Problem, is_told, whitened
 from .prune import is_plainer, swapped
+from .rough import eased
 from .screen import STEPS, fewer
 from .terms import Term
 from .trial import Base
@@ -45,10 +46,8 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
         start = looked_about(problem, found.terms, found.values)
         final = fit(problem, found.terms, start, rounds=6)
         if problem.world.touches:  # the cost has many minima
-            start = looked_along(problem, final)
-            if (start != final.values).any():
-                problem = whitened(problem, found.terms, start)
-                final = fit(problem, found.terms, start, rounds=3)
+            final = replace(final, values=looked_along(problem, final))
+            problem, final = eased(problem, final)
         else:
             problem, final = reseated(problem, final)
     # where something touches, or is left, the cost is too rough for it

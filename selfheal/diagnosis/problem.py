@@ -22,6 +22,8 @@ SOUGHT, SHORTER, BENT = 5, (1.0, 0.5, 0.2), 0.01
 # sought at other speeds, and how many errors from the speed read; and how many errors a
 # start may be away from what was read, before it is sought from there again; chosen
 ODD, SPEEDS, AWAY = 4.0, 2.0, 3.0
+# of an error, a move of a start that changes nothing but which roughness is met; chosen
+HAIR = 0.1
 GROWS = 2.0  # times what it causes in a shorter piece; chosen
 
 
@@ -82,6 +84,15 @@ class Problem:
     def at(self, terms: Sequence[Term], values: Floats) -> Floats:
         """(R) residuals of one hypothesis."""
         return self.residuals(terms, values[None])[0]
+
+    def hairs(self, count: int, rng: np.random.Generator) -> Floats:
+        """Kicks (count, W, 2 nv) so small that they change nothing but roughness.
+
+        Half of them are the others' opposites, so that their mean is no kick.
+        """
+        std = _start_error(self.world, self.windows)
+        half = rng.choice([-HAIR, HAIR], size=(count // 2, *std.shape)) * std
+        return np.concatenate([half, -half])
 
     def _whitened(self, flat: Floats) -> Floats:
         """Without what starts explain (Gauss-Newton, starts eliminated)."""
@@ -339,11 +350,17 @@ def _answers(
     """What `_sought` returns first, of starts as they are; arguments as there."""
     count, width = off.shape
     each = _one_each(width)
+    if problem.is_rough:  # else the residuals' own roughness would be in all slopes
+        hair = np.full((1, 1, width), HAIR)
+        each = np.concatenate([each, hair, -hair])
     rows = np.tile(values, (len(each), 1))
     told = problem.residuals(terms, rows, (off + each) * std)
     edges = np.searchsorted(problem.window_of, np.arange(1, count))
-    parts = np.split(told, edges, axis=1)
-    return [(part[0], (part[1:] - part[0]).T) for part in parts]
+    middle = slice(1 + width, None) if problem.is_rough else slice(1)
+    return [
+        (part[0], (part[1 : 1 + width] - part[middle].mean(axis=0)).T)
+        for part in np.split(told, edges, axis=1)
+    ]
 
 
 def _likeliest(r: Floats, moved: Floats, off: Floats) -> Floats:

@@ -1,0 +1,64 @@
+"""Fits where something touches: takes one, gives a better one and its problem."""
+
+from functools import partial
+
+import numpy as np
+
+from ..recording.data import Floats
+from .fit import Fit, believed, bounds, step
+from .memory import Answer
+from .problem import Problem, whitened
+from .terms import Term
+
+# rounds at most; simulations begun a hair apart, of which each slope and cost is the
+# mean; steps of simulation in all (a minute or two); and the shares of a step that are
+# tried (more than all of it, for roughness makes slopes steeper); chosen
+ROUNDS, JOLTS, STEPS, SHARES = 8, 4, 1e7, (2.0, 1.0, 0.5)
+
+
+def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
+    """A fit, moved on over what is rough.
+
+    After an impact readings jump at whatever change, by as much at a small as at a
+    large one, and a slope tells of that jump: too steep, in every direction. So slopes
+    are taken over a whole scale, and each is the mean of several that begin a hair
+    apart, as each cost is (randomized smoothing, Duchi et al. 2012). Starts that were
+    sought with other values hold these: they are sought anew for every step.
+    """
+    terms, values, jac = found.terms, found.values, found.jacobian
+    if not len(values):
+        return problem, found
+    each = problem.windows.steps.sum() * JOLTS * (len(values) + 2 + len(SHARES))
+    for i in range(int(min(ROUNDS, STEPS // each))):
+        seat = whitened(problem, terms, values)
+        work_out = partial(_round, seat, terms, values, i)
+        new, slopes = seat.recall(("eased", terms, values, i), work_out)
+        problem, jac, values = seat, slopes, new
+    seat = whitened(problem, terms, values)
+    return seat, Fit(terms, values, seat.at(terms, values), problem.carried(seat, jac))
+
+
+def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, seed: int) -> Answer:
+    """Values after one step, or the same ones; and the slopes there, a mean."""
+    low, high, scale = bounds(terms)
+    weights = believed(terms)
+    kick = problem.hairs(JOLTS, np.random.default_rng(seed))
+
+    def told(points: Floats) -> Floats:
+        """(n, JOLTS, R) residuals."""
+        rows, kicks = (
+            np.repeat(points, JOLTS, axis=0),
+            np.tile(kick, (len(points), 1, 1)),
+        )
+        return problem.residuals(terms, rows, kicks).reshape(len(points), JOLTS, -1)
+
+    r = told(x[None])[0].mean(axis=0)
+    moves = np.where(x + scale > high, -scale, scale)
+    ends = [told(point[None])[0].mean(axis=0) for point in x + np.diag(moves)]
+    jac = (np.array(ends) - r).T / moves
+    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
+    move = step(h, g, low - x, high - x, scale)
+    points = np.clip(x + np.append(0.0, SHARES)[:, None] * move, low, high)
+    pull = ((points - 1) ** 2) @ weights
+    costs = (told(points) ** 2).sum(axis=2).mean(axis=1) + pull
+    return points[int(np.argmin(costs))], jac
