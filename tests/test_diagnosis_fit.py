@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
-from selfheal.diagnosis import prove
+from selfheal.diagnosis import prove, rough
 from selfheal.diagnosis.choose import (
     STRAINED,
     Claim,
@@ -52,7 +52,14 @@ from selfheal.diagnosis.noise import expected, loudest, most, noise_of
 from selfheal.diagnosis.plant import Workshop
 from selfheal.diagnosis.polish import plainest
 from selfheal.diagnosis.prepare import scene_of, world_of
-from selfheal.diagnosis.problem import FAR, Problem, is_told, start_errors, whitened
+from selfheal.diagnosis.problem import (
+    FAR,
+    Problem,
+    _answers,
+    is_told,
+    start_errors,
+    whitened,
+)
 from selfheal.diagnosis.prove import is_little, is_worse
 from selfheal.diagnosis.prune import prices_of, swapped
 from selfheal.diagnosis.refute import in_its_place, likeliest
@@ -905,6 +912,41 @@ def test_stated_values_follow_an_effect_that_moves(arm):
     alone = np.append(held.values[:-1], values[-1])
     costs = [float((problem.at(terms, v) ** 2).sum()) for v in (alone, values)]
     assert costs[1] < 0.2 * costs[0]
+
+
+def test_what_touches_is_fitted_further_by_means_over_its_roughness(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(rough, "ROUNDS", 2)
+    b = bench("box", tmp_path, episodes=4, seconds=0.6)
+    stated, (slip, *_) = _stated(b), effect("ground_friction").terms(b.scene)
+    terms = (*stated, slip)
+    truth = np.append(np.full(len(stated), 1.02), 0.3)
+    problem = _touching(_problem(b, terms, truth))
+    begin = np.append(np.ones(len(stated)), 0.8 * 0.3)
+    problem = whitened(problem, terms, begin)
+    found = fit(problem, terms, begin)
+    seat, new = rough.eased(problem, found)
+    assert new.cost < 0.7 * found.cost
+    assert abs(new.values[-1] - 0.3) < abs(found.values[-1] - 0.3)
+    np.testing.assert_array_equal(new.residuals, seat.at(terms, new.values))
+    assert new.jacobian.shape == found.jacobian.shape
+
+
+def test_slopes_of_starts_are_without_the_roughness_of_what_they_leave():
+    """Else starts would explain it, and with no other values are they as good."""
+    rng, size, width = np.random.default_rng(0), 4000, 12
+
+    def residuals(terms, values, kick):
+        return rng.normal(size=(len(kick), size))
+
+    jumps = SimpleNamespace(
+        is_rough=True, residuals=residuals, window_of=np.zeros(size, int)
+    )
+    nothing, one = np.zeros((1, width)), np.ones((1, width))
+    ((r, moved),) = _answers(jumps, (), np.zeros(0), nothing, one)
+    assert moved.shape == (size, width)
+    assert np.abs(moved.T @ r).max() < 0.1 * (r @ r)
 
 
 def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
