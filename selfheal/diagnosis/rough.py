@@ -11,9 +11,10 @@ from .problem import Problem, whitened
 from .terms import Term
 
 # rounds at most; simulations begun a hair apart, of which each slope and cost is the
-# mean; steps of simulation in all (a minute or two); and the shares of a step that are
-# tried (more than all of it, for roughness makes slopes steeper); chosen
-ROUNDS, JOLTS, STEPS, SHARES = 8, 4, 1e7, (2.0, 1.0, 0.5)
+# mean; steps of simulation in all, times degrees of freedom (a minute or two); and the
+# shares of a step that are tried (more than all of it, for roughness makes slopes
+# steeper); chosen
+ROUNDS, JOLTS, EFFORT, SHARES = 8, 4, 1.2e8, (2.0, 1.0, 0.5)
 
 
 def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
@@ -28,8 +29,9 @@ def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
     terms, values, jac = found.terms, found.values, found.jacobian
     if not len(values):
         return problem, found
-    each = problem.windows.steps.sum() * JOLTS * (len(values) + 2 + len(SHARES))
-    for i in range(int(min(ROUNDS, STEPS // each))):
+    steps = problem.windows.steps.sum() * problem.world.workshop.given.nv
+    each = steps * JOLTS * (len(values) + 2 + len(SHARES))
+    for i in range(int(min(ROUNDS, EFFORT // each))):
         seat = whitened(problem, terms, values)
         work_out = partial(_round, seat, terms, values, i)
         new, slopes = seat.recall(("eased", terms, values, i), work_out)
