@@ -45,11 +45,11 @@ def _refitted(problem: Problem, naming: Naming) -> Naming:
     if naming.named:
         start = looked_about(problem, found.terms, found.values)
         final = fit(problem, found.terms, start, rounds=6)
-    if problem.is_rough:  # the cost has many minima
-        final = replace(final, values=looked_along(problem, final))
-        problem, final = eased(problem, final)
-    elif naming.named and not problem.world.touches:
-        problem, final = reseated(problem, final)
+        if problem.is_rough:  # the cost has many minima
+            final = replace(final, values=looked_along(problem, final))
+            problem, final = eased(problem, final)
+        elif not problem.world.touches:
+            problem, final = reseated(problem, final)
     # where something touches, or is left, the cost is too rough for it
     if not problem.world.touches and above(problem, final.residuals) <= ABOVE:
         final = rested(problem, final)

@@ -11,10 +11,10 @@ from .problem import Problem, whitened
 from .terms import Term
 
 # rounds at most; simulations begun a hair apart, of which each slope and cost is the
-# mean; steps of simulation in all, times degrees of freedom (a minute or two); and the
+# mean; steps of simulation in all, times degrees of freedom (a minute, about); and the
 # shares of a step that are tried (more than all of it, for roughness makes slopes
 # steeper); chosen
-ROUNDS, JOLTS, EFFORT, SHARES = 8, 4, 1.2e8, (2.0, 1.0, 0.5)
+ROUNDS, JOLTS, EFFORT, SHARES = 8, 4, 6e7, (2.0, 1.0, 0.5)
 
 
 def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
