@@ -48,11 +48,9 @@ def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, seed: int) -> A
 
     def told(points: Floats) -> Floats:
         """(n, JOLTS, R) residuals."""
-        rows, kicks = (
-            np.repeat(points, JOLTS, axis=0),
-            np.tile(kick, (len(points), 1, 1)),
-        )
-        return problem.residuals(terms, rows, kicks).reshape(len(points), JOLTS, -1)
+        kicks = np.tile(kick, (len(points), 1, 1))
+        found = problem.residuals(terms, np.repeat(points, JOLTS, axis=0), kicks)
+        return found.reshape(len(points), JOLTS, -1)
 
     r = told(x[None])[0].mean(axis=0)
     moves = np.where(x + scale > high, -scale, scale)
