@@ -11,10 +11,11 @@ from .problem import Problem, whitened
 from .terms import Term
 
 # rounds at most; simulations begun a hair apart, of which each slope and cost is the
-# mean; steps of simulation in all, times degrees of freedom (a minute, about); and the
-# shares of a step that are tried (more than all of it, for roughness makes slopes
+# mean, and how many of a robot of which so much is stated that one round takes all of
+# the time; steps of simulation in all, times degrees of freedom (a minute, about); and
+# the shares of a step that are tried (more than all of it, for roughness makes slopes
 # steeper); chosen
-ROUNDS, JOLTS, EFFORT, SHARES = 8, 4, 6e7, (2.0, 1.0, 0.5)
+ROUNDS, JOLTS, FEW, EFFORT, SHARES = 8, 4, 2, 6e7, (2.0, 1.0, 0.5)
 
 
 def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
@@ -31,26 +32,27 @@ def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
         return problem, found
     steps = problem.windows.steps.sum() * problem.world.workshop.given.nv
     each = steps * JOLTS * (len(values) + 2 + len(SHARES))
-    for i in range(int(min(ROUNDS, EFFORT // each))):
+    kicks = JOLTS if each < EFFORT else FEW
+    for i in range(max(1, int(min(ROUNDS, EFFORT // each)))):
         seat = whitened(problem, terms, values)
-        work_out = partial(_round, seat, terms, values, i)
+        hairs = seat.hairs(kicks, np.random.default_rng(i))
+        work_out = partial(_round, seat, terms, values, hairs)
         new, slopes = seat.recall(("eased", terms, values, i), work_out)
         problem, jac, values = seat, slopes, new
     seat = whitened(problem, terms, values)
     return seat, Fit(terms, values, seat.at(terms, values), problem.carried(seat, jac))
 
 
-def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, seed: int) -> Answer:
+def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, hairs) -> Answer:
     """Values after one step, or the same ones; and the slopes there, a mean."""
     low, high, scale = bounds(terms)
     weights = believed(terms)
-    kick = problem.hairs(JOLTS, np.random.default_rng(seed))
 
     def told(points: Floats) -> Floats:
-        """(n, JOLTS, R) residuals."""
-        kicks = np.tile(kick, (len(points), 1, 1))
-        found = problem.residuals(terms, np.repeat(points, JOLTS, axis=0), kicks)
-        return found.reshape(len(points), JOLTS, -1)
+        """(n, len(hairs), R) residuals."""
+        rows = np.repeat(points, len(hairs), axis=0)
+        found = problem.residuals(terms, rows, np.tile(hairs, (len(points), 1, 1)))
+        return found.reshape(len(points), len(hairs), -1)
 
     r = told(x[None])[0].mean(axis=0)
     moves = np.where(x + scale > high, -scale, scale)
