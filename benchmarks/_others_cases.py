@@ -13,6 +13,7 @@ from _others_devices import (
     ENCODER_AND_TACHO,
     PENDULUM,
     PLANAR,
+    SLED,
     TILTED_POLE,
 )
 from _others_motions import sines
@@ -149,6 +150,15 @@ OTHERS = (
         put.on_joint("left", frictionloss=0.06),
     ),
     Other("rover_null", ROVER, 9, 3, kind="null"),
+    Other(
+        "sled_friction",
+        SLED,
+        3,
+        1,
+        [put.Effect("ground_friction", "world", {"friction": (0.17, "1")})],
+        put.slippery,
+    ),
+    Other("sled_null", SLED, 4, 2, kind="null"),
     Other("scara_slope", SCARA, 0, 1, [put.slope(0.08)], put.tilt(0.08)),
     Other(
         "scara_two",

@@ -111,6 +111,35 @@ ELEVATOR = Robot(
     piece=0.5,
 )
 
+SLED = Robot(
+    "sled",
+    """<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="20 20 .1" friction=".34 .005 .0001"/>
+    <body name="sled" pos="0 0 .05">
+      <freejoint/>
+      <geom name="hull" type="box" size=".2 .15 .05" mass="2.8"
+            friction=".34 .005 .0001"/>
+      <site name="left" pos="-.2 .12 0"/>
+      <site name="right" pos="-.2 -.12 0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="fan_l" site="left" gear="1 0 0 0 0 0"/>
+    <motor name="fan_r" site="right" gear="1 0 0 0 0 0"/>
+  </actuator>
+</mujoco>
+""",
+    pose("sled", 1e-3, 1e-3),
+    move.sines(5.0, 0.1, 0.6),
+    seconds=8,
+    episodes=6,
+    rate=100,
+    fine=0.0005,
+    piece=1.0,
+)
+
 BALL = Robot(
     "ball",
     """<mujoco>

@@ -104,6 +104,12 @@ def off_center(spec: Any) -> None:
     spec.body("drone").geoms[0].pos = [0.012, 0, 0]
 
 
+def slippery(spec: Any) -> None:
+    """Half of the sled's friction."""
+    for name in ("floor", "hull"):
+        spec.geom(name).friction[0] = 0.17
+
+
 def thick_air(spec: Any) -> None:
     """A medium of four times the density of air."""
     spec.option.density = 4.8
