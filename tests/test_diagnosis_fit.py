@@ -40,8 +40,6 @@ from selfheal.diagnosis.fit import (
     bounds,
     fit,
     jacobian,
-    looked_about,
-    looked_along,
     rested,
     sloped,
     step,
@@ -63,6 +61,7 @@ from selfheal.diagnosis.problem import (
 from selfheal.diagnosis.prove import is_little, is_worse
 from selfheal.diagnosis.prune import prices_of, swapped
 from selfheal.diagnosis.refute import in_its_place, likeliest
+from selfheal.diagnosis.rough import looked_about, looked_along
 from selfheal.diagnosis.screen import overlooked, screened
 from selfheal.diagnosis.search import Search
 from selfheal.diagnosis.stated import stated_terms

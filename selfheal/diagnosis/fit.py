@@ -1,6 +1,6 @@
 """Least squares of a simulation to recordings: takes terms, gives their values."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -8,14 +8,12 @@ import numpy as np
 
 from ..recording.data import Floats
 from .memory import Answer
-from .problem import Problem, whitened
+from .problem import Problem
 from .terms import Term
 
 # of a parameter's scale, for differences; chosen: above solver noise; of a motion that
 # touches, readings jump at whatever change, and a slope over a small one tells of that
 NUDGE, COARSE = 0.02, 0.3
-# times a value, where to look for better ones: far and near
-ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 # a step stays in the neighborhood that gains less than this share of the cost, or after
 # which the Jacobian was wrong by less than this share of what is left; chosen
@@ -271,62 +269,6 @@ def sloped(problem: Problem, found: Fit) -> Fit:
     x, r = found.values, found.residuals
     jac = jacobian(problem, found.terms, x, r, moved=FINE)
     return replace(found, jacobian=jac, is_fine=True)
-
-
-def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
-    """The values (P), or better ones at so many times one of them.
-
-    Where impacts make the cost rough a search ends in the nearest of many minima, and
-    one window, in which a body falls on another side, may outweigh all others: so each
-    counts by the logarithm of its cost, as if each had a noise of its own. Single
-    readings are too few for that.
-    """
-    if problem.windows.is_single:
-        return values
-    low, high, _ = bounds(terms)
-    for i in _of_effects(terms):
-        points = np.tile(values, (1 + len(ABOUT), 1))
-        points[1:, i] = np.clip(values[i] * np.array(ABOUT), low[i], high[i])
-        values = _likeliest(problem, points, problem.residuals(terms, points))
-    return values
-
-
-def looked_along(problem: Problem, found: Fit) -> Floats:
-    """The values (P) of a fit, or likelier ones near them, each with its own starts.
-
-    Starts that were sought with other values hold these where they are. So an effect's
-    value is moved a little, all others follow as the fit's slopes ask, and starts are
-    sought there. Windows count as in `looked_about`.
-    """
-    terms, values, jac = found.terms, found.values, found.jacobian
-    low, high, scale = bounds(terms)
-    weights = believed(terms)
-    h = jac.T @ jac + np.diag(weights)
-    g = jac.T @ found.residuals + weights * (values - 1)
-    for i in _of_effects(terms):
-        rest = np.arange(len(values)) != i
-        points = np.tile(values, (1 + len(CLOSE), 1))
-        points[1:, i] = np.clip(values[i] * np.array(CLOSE), low[i], high[i])
-        for point in points[1:]:
-            slope = g + h @ (point - found.values)
-            room = (low - point)[rest], (high - point)[rest]
-            point[rest] += step(h[rest][:, rest], slope[rest], *room, scale[rest])
-        told = (whitened(problem, terms, p).at(terms, p) for p in points)
-        values = _likeliest(problem, points, told)
-    return values
-
-
-def _of_effects(terms: Sequence[Term]) -> np.ndarray:
-    """Which parameters are not what the model states."""
-    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
-    return np.flatnonzero(~np.array(stated, bool))
-
-
-def _likeliest(problem: Problem, points: Floats, told: Iterable[Floats]) -> Floats:
-    """Of some points, the one whose residuals are, if each window has its own noise."""
-    least = problem.by_window(np.ones(len(problem.window_of)))
-    costs = [np.log(least + problem.by_window(r**2)).sum() for r in told]
-    return points[int(np.argmin(costs))]
 
 
 def secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:

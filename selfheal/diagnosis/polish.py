@@ -7,13 +7,13 @@ import numpy as np
 from ..recording.data import Floats
 from .case import LONG, WINDOW, Case, pieces_of
 from .evidence import ABOVE, Scored, for_score, reseated
-from .fit import Fit, fit, looked_about, looked_along, rested
+from .fit import Fit, fit, rested
 from .name import Naming
 from .noise import above
 from .plant import parts
 from .problem import Problem, is_told, whitened
 from .prune import is_plainer, swapped
-from .rough import eased
+from .rough import eased, looked_about, looked_along
 from .screen import STEPS, fewer
 from .terms import Term
 from .trial import Base

@@ -1,5 +1,6 @@
 """Fits where something touches: takes one, gives a better one and its problem."""
 
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -10,12 +11,61 @@ from .memory import Answer
 from .problem import Problem, whitened
 from .terms import Term
 
+# times a value, where to look for better ones: far and near
+ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
 # rounds at most; simulations begun a hair apart, of which each slope and cost is the
 # mean, and how many of a robot of which so much is stated that one round takes all of
 # the time; steps of simulation in all, times degrees of freedom (a minute, about); and
 # the shares of a step that are tried (more than all of it, for roughness makes slopes
 # steeper); chosen
 ROUNDS, JOLTS, FEW, EFFORT, SHARES = 8, 4, 2, 6e7, (2.0, 1.0, 0.5)
+
+
+def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
+    """The values (P), or better ones at so many times one of them.
+
+    Where impacts make the cost rough a search ends in the nearest of many minima, and
+    one window, in which a body falls on another side, may outweigh all others: so each
+    counts by the logarithm of its cost, as if each had a noise of its own. Single
+    readings are too few for that.
+    """
+    if problem.windows.is_single:
+        return values
+    low, high, _ = bounds(terms)
+    for i in _of_effects(terms):
+        points = np.tile(values, (1 + len(ABOUT), 1))
+        points[1:, i] = np.clip(values[i] * np.array(ABOUT), low[i], high[i])
+        values = _likeliest(problem, points, problem.residuals(terms, points))
+    return values
+
+
+def looked_along(problem: Problem, found: Fit) -> Floats:
+    """The values (P) of a fit, or likelier ones near them, each with its own starts.
+
+    Starts that were sought with other values hold these where they are. So an effect's
+    value is moved a little, all others follow as the fit's slopes ask, and starts are
+    sought there. Windows count as in `looked_about`.
+    """
+    terms, values, jac = found.terms, found.values, found.jacobian
+    effects, freedoms = _of_effects(terms), problem.world.workshop.given.nv
+    each = _effort(problem) * (2 * freedoms + 3)  # of what seeks starts, about
+    if each * (1 + len(CLOSE)) * len(effects) > EFFORT:
+        return values
+    low, high, scale = bounds(terms)
+    weights = believed(terms)
+    h = jac.T @ jac + np.diag(weights)
+    g = jac.T @ found.residuals + weights * (values - 1)
+    for i in effects:
+        rest = np.arange(len(values)) != i
+        points = np.tile(values, (1 + len(CLOSE), 1))
+        points[1:, i] = np.clip(values[i] * np.array(CLOSE), low[i], high[i])
+        for point in points[1:]:
+            slope = g + h @ (point - found.values)
+            room = (low - point)[rest], (high - point)[rest]
+            point[rest] += step(h[rest][:, rest], slope[rest], *room, scale[rest])
+        told = (whitened(problem, terms, p).at(terms, p) for p in points)
+        values = _likeliest(problem, points, told)
+    return values
 
 
 def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
@@ -30,8 +80,7 @@ def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
     terms, values, jac = found.terms, found.values, found.jacobian
     if not len(values):
         return problem, found
-    steps = problem.windows.steps.sum() * problem.world.workshop.given.nv
-    each = steps * JOLTS * (len(values) + 2 + len(SHARES))
+    each = _effort(problem) * JOLTS * (len(values) + 2 + len(SHARES))
     kicks = JOLTS if each < EFFORT else FEW
     for i in range(max(1, int(min(ROUNDS, EFFORT // each)))):
         seat = whitened(problem, terms, values)
@@ -41,6 +90,24 @@ def eased(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
         problem, jac, values = seat, slopes, new
     seat = whitened(problem, terms, values)
     return seat, Fit(terms, values, seat.at(terms, values), problem.carried(seat, jac))
+
+
+def _effort(problem: Problem) -> int:
+    """Steps of one simulation of all windows, times degrees of freedom."""
+    return int(problem.windows.steps.sum()) * problem.world.workshop.given.nv
+
+
+def _of_effects(terms: Sequence[Term]) -> np.ndarray:
+    """Which parameters are not what the model states."""
+    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
+    return np.flatnonzero(~np.array(stated, bool))
+
+
+def _likeliest(problem: Problem, points: Floats, told: Iterable[Floats]) -> Floats:
+    """Of some points, the one whose residuals are, if each window has its own noise."""
+    least = problem.by_window(np.ones(len(problem.window_of)))
+    costs = [np.log(least + problem.by_window(r**2)).sum() for r in told]
+    return points[int(np.argmin(costs))]
 
 
 def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, hairs) -> Answer:

@@ -30,10 +30,11 @@ from .evidence import (
     scored,
     seated,
 )
-from .fit import Fit, bounds, fit, looked_about
+from .fit import Fit, bounds, fit
 from .noise import above, expected, loudest
 from .problem import Problem, is_told, whitened
 from .prune import BETTER, prices_of, pruned, swapped, without
+from .rough import looked_about
 from .screen import MANY, STEPS, Progress, screened, some_of
 from .terms import Term, is_new, other_forms, says_anew
 from .trial import Base
