@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
-from selfheal.diagnosis import prove, prune, rough
+from selfheal.diagnosis import prove, rough
 from selfheal.diagnosis.choose import (
     STRAINED,
     Claim,
@@ -703,20 +703,6 @@ def test_a_rare_effect_takes_a_usual_ones_place_only_where_little_is_left(arm, h
     new = swapped(problem, now, dry, [rare])
     assert new.last is (dry if hidden else rare)
     assert swapped(problem, rival, rare, [dry]) is rival
-
-
-@pytest.mark.parametrize("is_told", [True, False])
-def test_a_name_gives_way_only_where_windows_tell_what_is_better(
-    arm, monkeypatch, is_told
-):
-    dry, wet = (
-        effect(name).terms(arm.scene)[1]
-        for name in ("coulomb_friction", "viscous_friction")
-    )
-    problem = _problem(arm, (wet,), (0.1,))
-    now = scored(problem, (dry,), np.array([0.01]), rounds=4)
-    monkeypatch.setattr(prune, "as_good", lambda *_: not is_told)
-    assert swapped(problem, now, dry, [wet]).last is (wet if is_told else dry)
 
 
 @pytest.mark.parametrize("dry", [0.0, 0.1])

@@ -60,7 +60,7 @@ def swapped(problem, now: Scored, term: Term, others: Sequence[Term]) -> Scored:
     for found in tried[:2]:
         near = found.jacobian
         full = scored(problem, found.terms, found.values, rounds=6, known=near)
-        if full.error < BETTER * now.error and not as_good(problem, now, full):
+        if full.error < BETTER * now.error:
             if is_odd(term) or is_plausible(problem, now, full):
                 return full
         elif is_plainer(full.last, term) and as_good(problem, full, now):
