@@ -10,6 +10,7 @@ from .fit import Fit, believed, bounds, step
 from .memory import Answer
 from .problem import Problem, whitened
 from .terms import Term
+from .trial import Base
 
 # times a value, where to look for better ones: far and near
 ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
@@ -31,10 +32,8 @@ def looked_about(problem: Problem, terms: Sequence[Term], values: Floats) -> Flo
     """
     if problem.windows.is_single:
         return values
-    low, high, _ = bounds(terms)
-    for i in _of_effects(terms):
-        points = np.tile(values, (1 + len(ABOUT), 1))
-        points[1:, i] = np.clip(values[i] * np.array(ABOUT), low[i], high[i])
+    for i in np.flatnonzero(believed(terms) == 0):
+        points = _beside(terms, values, i, ABOUT)
         values = _likeliest(problem, points, problem.residuals(terms, points))
     return values
 
@@ -46,19 +45,16 @@ def looked_along(problem: Problem, found: Fit) -> Floats:
     value is moved a little, all others follow as the fit's slopes ask, and starts are
     sought there. Windows count as in `looked_about`.
     """
-    terms, values, jac = found.terms, found.values, found.jacobian
-    effects, freedoms = _of_effects(terms), problem.world.workshop.given.nv
-    each = _effort(problem) * (2 * freedoms + 3)  # of what seeks starts, about
-    if each * (1 + len(CLOSE)) * len(effects) > EFFORT:
+    terms, values, base = found.terms, found.values, Base.of(problem, found)
+    effects = np.flatnonzero(base.weights == 0)
+    each = _effort(problem) * (2 * problem.world.workshop.given.nv + 3)
+    if each * (1 + len(CLOSE)) * len(effects) > EFFORT:  # to seek starts, about
         return values
     low, high, scale = bounds(terms)
-    weights = believed(terms)
-    h = jac.T @ jac + np.diag(weights)
-    g = jac.T @ found.residuals + weights * (values - 1)
+    h, g = base.curvature, base.gradient
     for i in effects:
         rest = np.arange(len(values)) != i
-        points = np.tile(values, (1 + len(CLOSE), 1))
-        points[1:, i] = np.clip(values[i] * np.array(CLOSE), low[i], high[i])
+        points = _beside(terms, values, i, CLOSE)
         for point in points[1:]:
             slope = g + h @ (point - found.values)
             room = (low - point)[rest], (high - point)[rest]
@@ -97,10 +93,12 @@ def _effort(problem: Problem) -> int:
     return int(problem.windows.steps.sum()) * problem.world.workshop.given.nv
 
 
-def _of_effects(terms: Sequence[Term]) -> np.ndarray:
-    """Which parameters are not what the model states."""
-    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
-    return np.flatnonzero(~np.array(stated, bool))
+def _beside(terms, values: Floats, i: np.integer, about: Sequence[float]) -> Floats:
+    """The values (P), and with the i-th so many times as large, within its bounds."""
+    low, high, _ = bounds(terms)
+    points = np.tile(values, (1 + len(about), 1))
+    points[1:, i] = np.clip(values[i] * np.array(about), low[i], high[i])
+    return points
 
 
 def _likeliest(problem: Problem, points: Floats, told: Iterable[Floats]) -> Floats:
@@ -113,7 +111,6 @@ def _likeliest(problem: Problem, points: Floats, told: Iterable[Floats]) -> Floa
 def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, hairs) -> Answer:
     """Values after one step, or the same ones; and the slopes there, a mean."""
     low, high, scale = bounds(terms)
-    weights = believed(terms)
 
     def told(points: Floats) -> Floats:
         """(n, len(hairs), R) residuals."""
@@ -125,9 +122,9 @@ def _round(problem: Problem, terms: tuple[Term, ...], x: Floats, hairs) -> Answe
     moves = np.where(x + scale > high, -scale, scale)
     ends = [told(point[None])[0].mean(axis=0) for point in x + np.diag(moves)]
     jac = (np.array(ends) - r).T / moves
-    h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-    move = step(h, g, low - x, high - x, scale)
+    base = Base.of(problem, Fit(terms, x, r, jac))
+    _, move = base.settle(r)
     points = np.clip(x + np.append(0.0, SHARES)[:, None] * move, low, high)
-    pull = ((points - 1) ** 2) @ weights
+    pull = ((points - 1) ** 2) @ base.weights
     costs = (told(points) ** 2).sum(axis=2).mean(axis=1) + pull
     return points[int(np.argmin(costs))], jac
