@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-from _common import Section, parser, publish
-from _sealed_run import Limits, replayed, run_cases
 
+from benchmarks.diagnosis_runs import Limits, replayed, run_cases
+from benchmarks.writer import Section, parser, publish
 from selfheal.recording import Recording, read, write
 
 HIPS_UP = 0.015  # [m] by which the hips of the raised starfish are too high

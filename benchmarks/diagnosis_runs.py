@@ -19,8 +19,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from _sealed_proof import blank, score, values
-
+from benchmarks.replay_error import blank, score, values
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
 

@@ -1,17 +1,12 @@
 """Real devices: what is diagnosed is not what proves, and the model is as asked."""
 
 import json
-import sys
-from pathlib import Path
 
 import mujoco
 import pytest
 
+from benchmarks.devices import DEVICES, HIPS_UP, prepare, row
 from selfheal.recording import check_against_model, read, read_names
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from devices import DEVICES, HIPS_UP, prepare, row
 
 
 @pytest.mark.parametrize("name", DEVICES)

@@ -1,23 +1,18 @@
 """The other cases: always the same, named as the contract does, read by the scorer."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.other_cases.cases import OTHERS
+from benchmarks.other_cases.make import hidden, key_of, make
+from benchmarks.sealed.cases import save
+from benchmarks.sealed.effects import BY_NAME
+from benchmarks.sealed.judge import read_case, read_places
 from selfheal.recording import check_against_model, read, read_names, validate
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from _others_cases import OTHERS
-from _others_make import hidden, key_of, make
-from _sealed_effects import BY_NAME
-from _sealed_judge import read_case, read_places
-from _sealed_make import save
 
 CASES = {case.name: case for case in OTHERS}
 

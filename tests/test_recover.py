@@ -1,9 +1,7 @@
 """Recovering legged robots: the laws of both searches, the loop, and the command."""
 
 import json
-import sys
 from dataclasses import fields, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +34,6 @@ from selfheal.report.recover import recover_page
 from selfheal.robot.scenarios import SCENARIOS, scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 QUADRUPED = legged("quadruped")
 FLAT = np.full((200, 8), 0.05)
 BUILT = np.ones((1, 10))  # the model is right
@@ -77,7 +74,7 @@ def test_what_there_is_not_is_refused():
 
 def test_a_batch_does_what_plain_mujoco_and_a_plain_network_do(walker):
     """The reference that speed is measured against, once as a parity test."""
-    from _recover_reference import plain_way
+    from benchmarks.recover.reference import plain_way
 
     steps = 200
     ours = drive(whole(QUADRUPED, 3), np.tile(walker, (3, 1)), steps)

@@ -9,18 +9,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.diagnosis_runs import Limits, left, prove, run_cases
+from benchmarks.sealed.cases import Placed, Unfit, make, save, scene
+from benchmarks.sealed.effects import BY_NAME, EFFECTS, blank
+from benchmarks.sealed.hidden_robot import simulate
+from benchmarks.sealed.judge import read_case, read_places
+from benchmarks.sealed.robots import ROBOTS
+from benchmarks.sealed.score import figures, removed_on_test, sections
+from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.recording import check_against_model, read, read_names, validate, write
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-
-from _sealed_effects import BY_NAME, EFFECTS, blank
-from _sealed_judge import read_case, read_places
-from _sealed_make import Placed, Unfit, make, save, scene
-from _sealed_robots import ROBOTS
-from _sealed_run import Limits, left, prove, run_cases
-from _sealed_score import figures, removed_on_test, sections
-from _sealed_truth import simulate
-from _sealed_unlisted import UNLISTED
 
 FAST = {"robots": ("pendulum",)}
 # the values at which each of these is exactly absent

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import INTACT, Section, publish
 
+from benchmarks.writer import INTACT, Section, publish
 from selfheal.study.statistics import share
 
 Records = Mapping[str, Mapping[str, Any]]

@@ -14,9 +14,9 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from _common import INTACT, Plays, main
-from _heal_page import write
 
+from benchmarks.heal.page import write
+from benchmarks.writer import INTACT, Plays, main
 from selfheal.body.body import length_error
 from selfheal.engine.plant import damaged, rated
 from selfheal.engine.walk import channels_of, into_frame, sensed

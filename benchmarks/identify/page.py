@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from _common import Section
-from _outcome import NEAR, alike, explained
-from _suites import Row
 from scipy.stats import fisher_exact
 
+from benchmarks.identify.outcome import NEAR, alike, explained
+from benchmarks.identify.suites import Row
+from benchmarks.writer import Section
 from selfheal.selfmodel.explore import TOLD_APART
 from selfheal.study.statistics import share
 

@@ -19,10 +19,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from _common import INTACT, ROOT, cores, parser, publish
-from _identify_page import calibration_section, sections
-from _suites import REAL, SUITES, Row
-
+from benchmarks.identify.page import calibration_section, sections
+from benchmarks.identify.suites import REAL, SUITES, Row
+from benchmarks.writer import INTACT, ROOT, cores, parser, publish
 from selfheal.selfmodel.run import Settings
 
 _ROOMS = ("body", "engine", "robot", "selfmodel", "models")  # what results depend on
@@ -51,8 +50,7 @@ def plan(suite: str, options) -> list[tuple[Row, Settings]]:
 
 def play(settings: Settings, recordings: str) -> dict[str, Any]:
     """One whole run, in a worker process."""
-    from _outcome import outcome
-
+    from benchmarks.identify.outcome import outcome
     from selfheal.robot.base import open_robot
     from selfheal.selfmodel.loop import identify
 

@@ -14,10 +14,9 @@ import sys
 import time
 from pathlib import Path
 
-from _others_cases import OTHERS
-from _others_make import make
-from _sealed_make import save
-
+from benchmarks.other_cases.cases import OTHERS
+from benchmarks.other_cases.make import make
+from benchmarks.sealed.cases import save
 from selfheal.body.mjcf import ignore_warnings
 
 

@@ -3,8 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import _others_effects as put
-from _others_devices import (
+from benchmarks.other_cases import effects as put
+from benchmarks.other_cases.jointed_robots import (
+    ARM,
+    FURUTA,
+    FURUTA_IMU,
+    GANTRY,
+    HOPPER,
+    ROVER,
+    SCARA,
+    Robot,
+    angle,
+)
+from benchmarks.other_cases.motions import sines
+from benchmarks.other_cases.simple_robots import (
     BALL,
     CARTPOLE,
     COARSE_ENCODER,
@@ -15,18 +27,6 @@ from _others_devices import (
     PLANAR,
     SLED,
     TILTED_POLE,
-)
-from _others_motions import sines
-from _others_robots import (
-    ARM,
-    FURUTA,
-    FURUTA_IMU,
-    GANTRY,
-    HOPPER,
-    ROVER,
-    SCARA,
-    Robot,
-    angle,
 )
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _others_motions import GRAVITY
+
+from benchmarks.other_cases.motions import GRAVITY
 
 Change = Callable[[Any], None]
 

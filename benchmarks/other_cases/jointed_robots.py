@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import _others_motions as move
-from _others_motions import Motion, Rng
+from benchmarks.other_cases import motions as move
+from benchmarks.other_cases.motions import Motion, Rng
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _others_cases import Other
-from _others_motions import Rng
-from _others_robots import Reading, Robot
-from _sealed_make import Case
-from _sealed_measure import pieces
-from _sealed_proof import open_loop, score, values
 
+from benchmarks.other_cases.cases import Other
+from benchmarks.other_cases.jointed_robots import Reading, Robot
+from benchmarks.other_cases.motions import Rng
+from benchmarks.replay_error import open_loop, score, values
+from benchmarks.sealed.cases import Case
+from benchmarks.sealed.sensors import pieces
 from selfheal.recording import Episode, Recording, Signal
 
 STATED = 0.06  # share that a stated mass is off at most; a damping twice that

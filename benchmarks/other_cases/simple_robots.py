@@ -1,7 +1,14 @@
 """More robots of the other cases: those of few joints, one that flies, one thrown."""
 
-import _others_motions as move
-from _others_robots import Reading, Robot, angle, pose, slide, speed
+from benchmarks.other_cases import motions as move
+from benchmarks.other_cases.jointed_robots import (
+    Reading,
+    Robot,
+    angle,
+    pose,
+    slide,
+    speed,
+)
 
 DRONE = Robot(
     "drone",

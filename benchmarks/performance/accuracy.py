@@ -6,9 +6,9 @@ Takes the intact readings of 2006 and random trees, gives docs/results/accuracy.
 from typing import Any
 
 import numpy as np
-from _common import INTACT, Section, parser, publish
-from _servo_fit import held_out
 
+from benchmarks.performance.servo_fit import held_out
+from benchmarks.writer import INTACT, Section, parser, publish
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build, random_genomes
 from selfheal.body.mjcf import Physics

@@ -17,8 +17,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _common import Section, parser, publish
 
+from benchmarks.writer import Section, parser, publish
 from selfheal.recording import Episode, Recording, Signal, write
 
 EPISODES, SECONDS, RATE = 10, 6.0, 100  # episodes, [s] of each, [Hz] of their samples

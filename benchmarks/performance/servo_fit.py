@@ -9,9 +9,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from _common import Section
 from scipy.optimize import least_squares
 
+from benchmarks.writer import Section
 from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import published

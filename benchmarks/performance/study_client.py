@@ -4,8 +4,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from _common import INTACT
-
+from benchmarks.writer import INTACT
 from selfheal.study import plan
 from selfheal.study.after import after
 from selfheal.study.plan import Study, Task

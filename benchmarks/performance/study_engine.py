@@ -19,8 +19,8 @@ from typing import Any
 
 import h5py
 import psutil
-from _common import INTACT, Section, parser, publish
 
+from benchmarks.writer import INTACT, Section, parser, publish
 from selfheal.study.plan import Task
 from selfheal.study.store import create, journal_of, load, merge, writing
 

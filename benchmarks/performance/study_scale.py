@@ -18,8 +18,8 @@ from typing import Any
 
 import _study_runs
 import numpy as np
-from _common import Section, parser, publish
 
+from benchmarks.writer import Section, parser, publish
 from selfheal.body.body import Anatomy, Bodies
 from selfheal.body.genome import build, random_genomes
 from selfheal.engine.statics import Statics

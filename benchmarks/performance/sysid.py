@@ -17,9 +17,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _common import Section, parser, publish
 from mujoco import sysid
 
+from benchmarks.writer import Section, parser, publish
 from selfheal.diagnosis import score
 from selfheal.diagnosis.case import LONG, WINDOW, Case, pieces_of, prepare
 from selfheal.diagnosis.fit import fit

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import ROOT, Section, cores, parser, publish
 
+from benchmarks.writer import ROOT, Section, cores, parser, publish
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build, random_genomes
 from selfheal.robot.actions import actions_2006, published

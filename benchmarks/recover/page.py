@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import Section, publish
 
+from benchmarks.writer import Section, publish
 from selfheal.study.statistics import share
 
 Records = Mapping[str, Mapping[str, Any]]

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from _common import Plays, cores, main
-from _recover_page import write
-from _recover_reference import plain_way
 
+from benchmarks.recover.page import write
+from benchmarks.recover.reference import plain_way
+from benchmarks.writer import Plays, cores, main
 from selfheal.body.legged import LEGGED, legged
 from selfheal.engine.reflex import drive, whole
 from selfheal.gait.genetic import (

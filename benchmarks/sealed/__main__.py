@@ -15,12 +15,11 @@ import sys
 import time
 from pathlib import Path
 
-from _common import parser, publish
-from _sealed_make import KINDS, MIXED, case_name, make, save
-from _sealed_run import Limits, run_cases
-from _sealed_score import confusion, figures, read_all, sections
-from _sealed_truth import Unfit
-
+from benchmarks.diagnosis_runs import Limits, run_cases
+from benchmarks.sealed.cases import KINDS, MIXED, case_name, make, save
+from benchmarks.sealed.hidden_robot import Unfit
+from benchmarks.sealed.score import confusion, figures, read_all, sections
+from benchmarks.writer import parser, publish
 from selfheal.body.mjcf import ignore_warnings
 
 

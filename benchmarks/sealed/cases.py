@@ -8,16 +8,24 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _sealed_draw import FAST, Draw, Robot
-from _sealed_effects import EFFECTS, Effect, blank, drawing
-from _sealed_measure import Bench, Noise, draw_noise, draw_sensors, pieces
-from _sealed_motions import plans, sampling
-from _sealed_proof import open_loop, score, values
-from _sealed_robots import ROBOTS
-from _sealed_strength import coarse, integration, strength
-from _sealed_truth import Plan, Truth, Unfit, change, hidden, nuisances, simulate
-from _sealed_unlisted import UNLISTED
 
+from benchmarks.replay_error import open_loop, score, values
+from benchmarks.sealed.effects import EFFECTS, Effect, blank, drawing
+from benchmarks.sealed.hidden_robot import (
+    Plan,
+    Truth,
+    Unfit,
+    change,
+    hidden,
+    nuisances,
+    simulate,
+)
+from benchmarks.sealed.mjcf import FAST, Draw, Robot
+from benchmarks.sealed.motions import plans, sampling
+from benchmarks.sealed.robots import ROBOTS
+from benchmarks.sealed.sensors import Bench, Noise, draw_noise, draw_sensors, pieces
+from benchmarks.sealed.strength import coarse, integration, strength
+from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, write
 

@@ -7,13 +7,16 @@ used, so that an error there cannot hide in the truth.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import _sealed_installs as put
-import _sealed_sites as at
-import _sealed_sizes as size
 import numpy as np
-from _sealed_draw import Draw, Robot
-from _sealed_robots import ROBOTS
-from _sealed_shapers import (
+
+from benchmarks.sealed import installation as put
+from benchmarks.sealed import magnitudes as size
+from benchmarks.sealed import targets as at
+from benchmarks.sealed.hidden_robot import Truth
+from benchmarks.sealed.magnitudes import Rng, Sized, Values
+from benchmarks.sealed.mjcf import Draw, Robot
+from benchmarks.sealed.robots import ROBOTS
+from benchmarks.sealed.shapers import (
     cogging,
     delayed,
     lagged,
@@ -21,8 +24,6 @@ from _sealed_shapers import (
     slewed,
     stribeck,
 )
-from _sealed_sizes import Rng, Sized, Values
-from _sealed_truth import Truth
 
 
 @dataclass(frozen=True)

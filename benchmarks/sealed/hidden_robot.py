@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 import mujoco
 import numpy as np
-from _sealed_draw import Robot
+
+from benchmarks.sealed.mjcf import Robot
 
 SETTLE = 1.0  # [s] under the first command before time 0; chosen: all come to rest
 WILD = 1e4  # [rad/s or m/s] a velocity beyond it is a simulation that failed

@@ -5,13 +5,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import _sealed_sites as at
 import mujoco
 import numpy as np
-from _sealed_draw import GRAVITY
-from _sealed_shapers import integral, speed_limit, steady
-from _sealed_sizes import Values
-from _sealed_truth import Reading, Truth, scale_gain, stretch
+
+from benchmarks.sealed import targets as at
+from benchmarks.sealed.hidden_robot import Reading, Truth, scale_gain, stretch
+from benchmarks.sealed.magnitudes import Values
+from benchmarks.sealed.mjcf import GRAVITY
+from benchmarks.sealed.shapers import integral, speed_limit, steady
 
 PLAY = 1e-6  # [kg m^2] rotor inertia of a joint that is added; chosen: negligible
 STOP = (0.002, 1.0)  # solref of stops and gaps: as hard as the fine step resolves

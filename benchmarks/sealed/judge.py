@@ -9,7 +9,8 @@ from typing import Any
 
 import h5py
 import mujoco
-from _sealed_unlisted import RELATED
+
+from benchmarks.sealed.unlisted import RELATED
 
 # effects.md section 1: pairs that motion alone does not separate
 CLASSES = (

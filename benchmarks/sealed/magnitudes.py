@@ -6,10 +6,11 @@ That function turns a size, about 1, into the effect's parameters.
 import math
 from collections.abc import Callable
 
-import _sealed_sites as at
 import mujoco
 import numpy as np
-from _sealed_draw import GRAVITY, Robot
+
+from benchmarks.sealed import targets as at
+from benchmarks.sealed.mjcf import GRAVITY, Robot
 
 Rng = np.random.Generator
 Values = dict[str, float]

@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from _sealed_draw import Robot
-from _sealed_truth import Plan
+
+from benchmarks.sealed.hidden_robot import Plan
+from benchmarks.sealed.mjcf import Robot
 
 Rng = np.random.Generator
 TRAIN = ("multisine", "slow", "steps", "chirp", "fast", "holds", "multisine", "slow")
@@ -64,7 +65,12 @@ def chirp(time: np.ndarray, rng: Rng) -> np.ndarray:
 
 
 MOTIONS: dict[str, Callable[[np.ndarray, Rng], np.ndarray]] = {
-    f.__name__: f for f in (multisine, steps, holds, slow, fast, chirp)
+    "multisine": multisine,
+    "steps": steps,
+    "holds": holds,
+    "slow": slow,
+    "fast": fast,
+    "chirp": chirp,
 }
 
 

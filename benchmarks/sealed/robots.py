@@ -7,7 +7,8 @@ sizes are drawn per case, chosen within 25 % around a desk-top device of that sh
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from _sealed_draw import GRAVITY, OPEN, Draw, Robot, actuators, link, model
+
+from benchmarks.sealed.mjcf import GRAVITY, OPEN, Draw, Robot, actuators, link, model
 
 
 def pendulum(draw: Draw) -> Robot:

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import Section
-from _sealed_judge import read_case
-from _sealed_run import prove
 from scipy.stats import binomtest
 
+from benchmarks.diagnosis_runs import prove
+from benchmarks.sealed.judge import read_case
+from benchmarks.writer import Section
 from selfheal.study.statistics import share
 
 Judged = dict[str, Any]

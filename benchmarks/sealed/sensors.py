@@ -5,9 +5,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _sealed_draw import Robot
-from _sealed_truth import Plan, Reading, Run
 
+from benchmarks.sealed.hidden_robot import Plan, Reading, Run
+from benchmarks.sealed.mjcf import Robot
 from selfheal.recording import Episode, Recording, Signal
 
 Rng = np.random.Generator

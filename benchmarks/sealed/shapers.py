@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from _sealed_truth import Force, Shaper
+from benchmarks.sealed.hidden_robot import Force, Shaper
 
 Maker = Callable[[Any], Force]
 

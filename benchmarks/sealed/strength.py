@@ -10,10 +10,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _sealed_draw import Robot
-from _sealed_measure import Bench
-from _sealed_truth import Nuisance, Run, Truth, change, nuisances
 from scipy.optimize import lsq_linear
+
+from benchmarks.sealed.hidden_robot import Nuisance, Run, Truth, change, nuisances
+from benchmarks.sealed.mjcf import Robot
+from benchmarks.sealed.sensors import Bench
 
 PIECES = 10  # chosen: about ten seconds of simulation
 SEEN = 60  # samples of a piece that are compared

@@ -3,7 +3,8 @@
 from typing import Any
 
 import numpy as np
-from _sealed_draw import Robot
+
+from benchmarks.sealed.mjcf import Robot
 
 
 def name_of(target: str) -> str:

@@ -6,9 +6,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _sealed_draw import Robot
-from _sealed_effects import Effect, Rng, Sized, Values
-from _sealed_truth import Force, Truth
+
+from benchmarks.sealed.effects import Effect, Rng, Sized, Values
+from benchmarks.sealed.hidden_robot import Force, Truth
+from benchmarks.sealed.mjcf import Robot
 
 Push = Force
 

@@ -1,0 +1,1 @@
+"""Measurements of selfheal: each command writes JSON and a page of docs/results."""

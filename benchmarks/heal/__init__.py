@@ -1,0 +1,1 @@
+"""Gaits, alarms and healing of walking robots over many seeds."""

@@ -1,0 +1,1 @@
+"""Success of identification over many seeds, for each method and robot."""

@@ -1,0 +1,1 @@
+"""Diagnosis cases of another style than the sealed ones, always the same."""

@@ -1,0 +1,1 @@
+"""Accuracy, speed, memory and scaling of the parts of selfheal."""

@@ -1,0 +1,1 @@
+"""Recovery of legged robots over many seeds, by three methods."""

@@ -1,0 +1,1 @@
+"""Diagnosis cases whose missing physics only the scorer knows."""
