@@ -16,8 +16,8 @@ from typing import Any
 
 import mujoco
 
-from benchmarks.diagnosis_runs import Limits, replayed, run_cases
-from benchmarks.writer import Section, parser, publish
+from benchmarks.diagnosis_runs import ProcessLimits, diagnose_cases, score_replay
+from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.recording import Recording, read, write
 
 HIPS_UP = 0.015  # [m] by which the hips of the raised starfish are too high
@@ -50,7 +50,7 @@ class Device:
         return self.train == self.test
 
 
-def _servo(kp: int) -> Device:
+def _define_servo(kp: int) -> Device:
     folder = "xl330/servo"
     return Device(
         f"{folder}/model_kp{kp}.xml", f"{folder}/train_kp{kp}.h5",
@@ -58,7 +58,7 @@ def _servo(kp: int) -> Device:
     )  # fmt: skip
 
 
-def _plain(folder: str, asked: float, kind: str = "") -> Device:
+def _define_device(folder: str, asked: float, kind: str = "") -> Device:
     files = (f"model{kind}.xml", f"train{kind}.h5", f"test{kind}.h5")
     return Device(*(f"{folder}/{name}" for name in files), asked)
 
@@ -68,17 +68,19 @@ _BODY, _HURT, _WHOLE = (
     f"{_STAR}/{name}" for name in ("published_body.xml", "damaged.h5", "intact.h5")
 )
 DEVICES = {
-    "kp100": _servo(100), "kp200": _servo(200), "kp800": _servo(800),
-    "voltage": _plain("xl330", 0.125),
-    "released": _plain("xl330", 0.19, "_released"),
-    "double_pendulum": _plain("double_pendulum_c1", 0.08),
-    "cube": _plain("cube_toss", 0.22),
+    "kp100": _define_servo(100),
+    "kp200": _define_servo(200),
+    "kp800": _define_servo(800),
+    "voltage": _define_device("xl330", 0.125),
+    "released": _define_device("xl330", 0.19, "_released"),
+    "double_pendulum": _define_device("double_pendulum_c1", 0.08),
+    "cube": _define_device("cube_toss", 0.22),
     "starfish_damaged": Device(_BODY, _HURT, _HURT, 0.25),
     "starfish_raised": Device(_BODY, _WHOLE, _WHOLE, 0.096, raised=True),
-}  # fmt: skip
+}
 
 
-def prepare(device: Device, recordings: Path, case: Path) -> None:
+def prepare_case(device: Device, recordings: Path, case: Path) -> None:
     """A case's folder: model.xml and recording.h5."""
     case.mkdir(parents=True, exist_ok=True)
     shutil.copy(recordings / device.model, case / "model.xml")
@@ -89,36 +91,41 @@ def prepare(device: Device, recordings: Path, case: Path) -> None:
                 body.pos[2] += HIPS_UP
         (case / "model.xml").write_text(spec.to_xml())
     recording = read(recordings / device.train)
-    write(_every(recording, 0) if device.split else recording, case / "recording.h5")
+    write(
+        _select_every_second(recording, 0) if device.split else recording,
+        case / "recording.h5",
+    )
 
 
-def _every(recording: Recording, first: int) -> Recording:
+def _select_every_second(recording: Recording, first: int) -> Recording:
     """Every second episode from the first-th on."""
     chosen = list(recording.episodes.items())[first::2]
     return replace(recording, episodes=dict(chosen))
 
 
-def proof(device: Device, recordings: Path, case: Path, program: str) -> float | None:
+def score_on_test(
+    device: Device, recordings: Path, case: Path, program: str
+) -> float | None:
     """Score of a diagnosis on the device's test, by `selfheal replay`."""
     test = read(recordings / device.test)
     if device.split:
         episodes = {
             key: replace(e, signals={"vertical": e.signals["vertical"]})
-            for key, e in _every(test, 1).episodes.items()
+            for key, e in _select_every_second(test, 1).episodes.items()
         }
         test = replace(test, episodes=episodes)
     other = ["--model", str((recordings / device.other).resolve())]
     more = other if device.other else []
-    return replayed(case / "diagnosis", test, (program, "replay"), *more)
+    return score_replay(case / "diagnosis", test, (program, "replay"), *more)
 
 
-def row(name: str, case: Path, reached: float | None) -> dict[str, Any]:
+def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, Any]:
     """What came of one device."""
     said = json.loads((case / "diagnosis/diagnosis.json").read_text())
     ran = json.loads((case / "run.json").read_text())
     named = []
     for f in said["findings"]:
-        numbers = (f"{p['name']} {_short(p['value'])}" for p in f["parameters"])
+        numbers = (f"{p['name']} {_format_value(p['value'])}" for p in f["parameters"])
         named.append(f"{f['effect']} {f['target']} ({', '.join(numbers)})")
     return {
         "device": name, "asked": DEVICES[name].asked, "reached": reached,
@@ -127,19 +134,19 @@ def row(name: str, case: Path, reached: float | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _short(value: float | list[float]) -> str:
+def _format_value(value: float | list[float]) -> str:
     if isinstance(value, list):
-        return f"({', '.join(map(_short, value))})"
+        return f"({', '.join(map(_format_value, value))})"
     return f"{value:.3g}"
 
 
-def _score(reached: float | None) -> str:
+def _format_score(reached: float | None) -> str:
     return "-" if reached is None else f"{reached:.4f}"
 
 
 def main() -> int:
     """Prepare what is asked for; diagnose and prove all that is there."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     line.add_argument("names", nargs="*", metavar="NAME", help=", ".join(DEVICES))
     line.add_argument("--recordings", type=Path, required=True)
     line.add_argument("--out", type=Path, required=True)
@@ -150,24 +157,26 @@ def main() -> int:
         line.error(f"unknown: {', '.join(wrong)}; known: {', '.join(DEVICES)}")
     for name in options.names or DEVICES:
         if not (options.out / name / "model.xml").is_file():
-            prepare(DEVICES[name], options.recordings, options.out / name)
-    limits = Limits(3600, (options.program, "diagnose"))
-    failed = run_cases(options.out, options.jobs, limits)
+            prepare_case(DEVICES[name], options.recordings, options.out / name)
+    limits = ProcessLimits(3600, (options.program, "diagnose"))
+    failed = diagnose_cases(options.out, options.jobs, limits)
     rows = []
     for name, device in DEVICES.items():
         case = options.out / name
         if (case / "diagnosis/diagnosis.json").is_file():
-            reached = proof(device, options.recordings, case, options.program)
-            rows.append(row(name, case, reached))
+            reached = score_on_test(device, options.recordings, case, options.program)
+            rows.append(summarize_device(name, case, reached))
     shown = [
-        [r["device"], f"{r['asked']:g}", _score(r["reached"]), r["verdict"],
+        [r["device"], f"{r['asked']:g}", _format_score(r["reached"]), r["verdict"],
          "; ".join(r["named"]), f"{r['seconds']:.0f}", f"{r['megabytes']:.0f}"]
         for r in rows
     ]  # fmt: skip
     header = ["device", "asked", "reached", "verdict", "named", "wall s", "MB"]
     text = "Normalised RMSE of the test's position-like signals (contract, section 2)."
     scores = Section("Scores", text, header, shown)
-    publish(options.root, "devices", "Real devices", [scores], {"devices": rows})
+    publish_results(
+        options.root, "devices", "Real devices", [scores], {"devices": rows}
+    )
     return 1 if failed else 0
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from benchmarks.replay_error import blank, score, values
+from benchmarks.replay_error import compute_score, drop_samples, extract_values
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
 
@@ -28,7 +28,7 @@ TAIL = 2000  # characters of a process's last words that are kept
 
 
 @dataclass(frozen=True)
-class Limits:
+class ProcessLimits:
     """What one process may take.
 
     Attributes:
@@ -42,22 +42,24 @@ class Limits:
     cores: frozenset[int] = frozenset()
 
 
-def cases(folder: Path) -> list[Path]:
+def find_cases(folder: Path) -> list[Path]:
     """Every case of a folder, in order."""
     return sorted(p.parent for p in folder.glob("*/model.xml"))
 
 
-def left(folder: Path) -> list[Path]:
+def find_undiagnosed(folder: Path) -> list[Path]:
     """Cases without a diagnosis."""
-    return [c for c in cases(folder) if not (c / "diagnosis/diagnosis.json").is_file()]
+    return [
+        c for c in find_cases(folder) if not (c / "diagnosis/diagnosis.json").is_file()
+    ]
 
 
-def diagnose(case: Path, limits: Limits) -> dict[str, Any]:
+def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
     """Diagnose one case; what happened is written to its run.json."""
     with tempfile.TemporaryDirectory(prefix="sealed-") as room:
         for name in GIVEN:
             shutil.copy(case / name, room)
-        record = _watch(Path(room), limits)
+        record = _run_process(Path(room), limits)
         made = Path(room) / "diagnosis"
         if record["exit_code"] == 0 and (made / "diagnosis.json").is_file():
             shutil.rmtree(case / "diagnosis", ignore_errors=True)
@@ -68,7 +70,7 @@ def diagnose(case: Path, limits: Limits) -> dict[str, Any]:
     return record
 
 
-def _watch(room: Path, limits: Limits) -> dict[str, Any]:
+def _run_process(room: Path, limits: ProcessLimits) -> dict[str, Any]:
     """Start the process, wait for it, kill it when its time is over."""
     words = [*limits.program, *GIVEN, "--out", "diagnosis/", "--json"]
     start = time.perf_counter()
@@ -81,17 +83,17 @@ def _watch(room: Path, limits: Limits) -> dict[str, Any]:
         )
         if limits.cores:
             os.sched_setaffinity(process.pid, limits.cores)
-        code, usage, late = _wait(process, start + limits.seconds)
+        code, usage, late = _wait_for_process(process, start + limits.seconds)
         return {
             "exit_code": code,
             "late": late,
             "seconds": time.perf_counter() - start,
             "megabytes": usage.ru_maxrss / 1024,
-            "stderr": _tail(err),
+            "stderr": _read_tail(err),
         }
 
 
-def _wait(process: subprocess.Popen, until: float) -> tuple[int, Any, bool]:
+def _wait_for_process(process: subprocess.Popen, until: float) -> tuple[int, Any, bool]:
     """Exit code, resources used, and whether it had to be killed."""
     late = False
     try:
@@ -109,13 +111,13 @@ def _wait(process: subprocess.Popen, until: float) -> tuple[int, Any, bool]:
         raise
 
 
-def _tail(file: Any) -> str:
+def _read_tail(file: Any) -> str:
     size = file.seek(0, os.SEEK_END)
     file.seek(max(size - TAIL, 0))
     return file.read().decode(errors="replace")
 
 
-def prove(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
+def score_diagnosis(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
     """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json.
 
     Args:
@@ -128,13 +130,13 @@ def prove(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
         return json.loads(kept.read_text())["patched"]
     if not (diagnosis / "diagnosis.json").is_file():
         return None
-    patched = replayed(diagnosis, read(key / "test.h5"), program)
+    patched = score_replay(diagnosis, read(key / "test.h5"), program)
     with atomic_path(kept) as path:
         path.write_text(json.dumps({"patched": patched}) + "\n")
     return patched
 
 
-def replayed(
+def score_replay(
     diagnosis: Path, test: Recording, program: Sequence[str], *more: str
 ) -> float | None:
     """Score of a diagnosis' replay of a test's inputs; None where it failed.
@@ -146,19 +148,19 @@ def replayed(
         more: words that end them.
     """
     with tempfile.TemporaryDirectory(prefix="sealed-") as room:
-        write(blank(test), Path(room) / "inputs.h5")
+        write(drop_samples(test), Path(room) / "inputs.h5")
         words = [*program, str(diagnosis.resolve()), "inputs.h5", "--out", "out.h5"]
         done = subprocess.run(
             [*words, *more], cwd=room, capture_output=True, check=False
         )
         if done.returncode:
             return None
-        return score(values(read(Path(room) / "out.h5")), test)
+        return compute_score(extract_values(read(Path(room) / "out.h5")), test)
 
 
-def run_cases(folder: Path, jobs: int, limits: Limits) -> int:
+def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:
     """Diagnose every case that has no diagnosis yet; gives how many failed."""
-    todo, free = left(folder), SimpleQueue[frozenset[int]]()
+    todo, free = find_undiagnosed(folder), SimpleQueue[frozenset[int]]()
     mine = sorted(os.sched_getaffinity(0))
     for job in range(jobs):
         free.put(frozenset() if jobs == 1 else frozenset({mine[job % len(mine)]}))
@@ -166,7 +168,9 @@ def run_cases(folder: Path, jobs: int, limits: Limits) -> int:
     def one(case: Path) -> dict[str, Any]:
         cores = free.get()
         try:
-            return diagnose(case, Limits(limits.seconds, limits.program, cores))
+            return diagnose_case(
+                case, ProcessLimits(limits.seconds, limits.program, cores)
+            )
         finally:
             free.put(cores)
 

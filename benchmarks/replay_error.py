@@ -12,17 +12,19 @@ from selfheal.recording import Episode, Recording
 SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
 
 
-def open_loop(model: Any, recording: Recording) -> dict[str, dict[str, np.ndarray]]:
+def simulate_open_loop(
+    model: Any, recording: Recording
+) -> dict[str, dict[str, np.ndarray]]:
     """Joint positions, body poses and sensors of a model, by episode and signal.
 
     Args:
         model: compiled, with the coordinates of qpos0.
         recording: whose episodes state where they start.
     """
-    return {k: _episode(model, e) for k, e in recording.episodes.items()}
+    return {k: _simulate_episode(model, e) for k, e in recording.episodes.items()}
 
 
-def _episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
+def _simulate_episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     there = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
@@ -41,10 +43,12 @@ def _episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
             mujoco.mj_forward(model, there)
         found.append((qpos, there.sensordata.copy()))
     qpos, sensed = (np.array(rows) for rows in zip(*found, strict=True))
-    return _signals(model, episode, qpos, sensed)
+    return _extract_signals(model, episode, qpos, sensed)
 
 
-def _signals(model: Any, episode: Episode, qpos, sensed) -> dict[str, np.ndarray]:
+def _extract_signals(
+    model: Any, episode: Episode, qpos, sensed
+) -> dict[str, np.ndarray]:
     found = {}
     for name, signal in episode.signals.items():
         if signal.kind == "joint_position":
@@ -59,7 +63,9 @@ def _signals(model: Any, episode: Episode, qpos, sensed) -> dict[str, np.ndarray
     return found
 
 
-def score(predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording) -> float:
+def compute_score(
+    predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
+) -> float:
     """Normalised RMSE over the position-like signals (contract section 2)."""
     names = {
         name: signal.kind
@@ -70,7 +76,7 @@ def score(predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording) ->
     parts = []
     for name, kind in names.items():
         pairs = [
-            _columns(predicted[k][name], e.signals[name].values, kind)
+            _align_columns(predicted[k][name], e.signals[name].values, kind)
             for k, e in seen.episodes.items()
         ]
         error = np.concatenate([p - s for p, s in pairs])
@@ -79,7 +85,7 @@ def score(predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording) ->
     return float(np.sqrt(np.mean(parts)))
 
 
-def _columns(predicted: np.ndarray, seen: np.ndarray, kind: str):
+def _align_columns(predicted: np.ndarray, seen: np.ndarray, kind: str):
     """Both as (rows where something was seen, columns)."""
     rows = len(seen)
     predicted, seen = predicted.reshape(rows, -1), seen.reshape(rows, -1)
@@ -91,7 +97,7 @@ def _columns(predicted: np.ndarray, seen: np.ndarray, kind: str):
     return predicted, seen
 
 
-def values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
+def extract_values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
     """The plain arrays of a recording."""
     return {
         name: {key: signal.values for key, signal in episode.signals.items()}
@@ -99,7 +105,7 @@ def values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
     }
 
 
-def blank(recording: Recording) -> Recording:
+def drop_samples(recording: Recording) -> Recording:
     """The inputs alone: the same recording with every sample missing."""
     episodes = {
         key: replace(

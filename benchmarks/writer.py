@@ -19,7 +19,7 @@ from selfheal.files import atomic_path
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 INTACT = ROOT.parent / "shared" / "recordings" / "starfish_2006" / "intact.h5"
-Plays = Iterable[tuple[str, Callable[[], dict[str, Any]]]]
+KeyedRuns = Iterable[tuple[str, Callable[[], dict[str, Any]]]]
 _LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
 
 
@@ -40,7 +40,7 @@ class Section:
     rows: Sequence[Sequence[Any]] = ()
 
 
-def parser(text: str) -> argparse.ArgumentParser:
+def make_parser(text: str) -> argparse.ArgumentParser:
     """A command line with the option that every benchmark has."""
     made = argparse.ArgumentParser(description=text)
     made.add_argument(
@@ -52,7 +52,7 @@ def parser(text: str) -> argparse.ArgumentParser:
     return made
 
 
-def records(benchmark: str, suite: str) -> dict[str, dict[str, Any]]:
+def read_records(benchmark: str, suite: str) -> dict[str, dict[str, Any]]:
     """What is known of a suite of a benchmark: key -> what came of it."""
     file = RESULTS / f"{benchmark}-{suite}.jsonl"
     if not file.is_file():
@@ -61,9 +61,9 @@ def records(benchmark: str, suite: str) -> dict[str, dict[str, Any]]:
     return {line.pop("key"): line for line in lines}
 
 
-def complete(benchmark: str, suite: str, plays: Plays) -> None:
+def complete_suite(benchmark: str, suite: str, plays: KeyedRuns) -> None:
     """Play what is not known yet of a suite, writing each down as it ends."""
-    done = records(benchmark, suite)
+    done = read_records(benchmark, suite)
     RESULTS.mkdir(parents=True, exist_ok=True)
     for key, play in plays:
         if key in done:
@@ -76,10 +76,10 @@ def complete(benchmark: str, suite: str, plays: Plays) -> None:
         print(f"{suite} {key}: {spent:.1f} s", file=sys.stderr)
 
 
-def main(
+def run_suites(
     benchmark: str,
     text: str,
-    suites: Mapping[str, tuple[Callable[[int], Plays], int]],
+    suites: Mapping[str, tuple[Callable[[int], KeyedRuns], int]],
     write: Callable[[Path, Mapping[str, dict[str, dict[str, Any]]], str], None],
     *,
     counted: str,
@@ -93,26 +93,26 @@ def main(
         write: makes the page, of where, all records, and remarks.
         counted: the option that gives another count.
     """
-    line = parser(text)
+    line = make_parser(text)
     line.add_argument("suites", nargs="+", choices=[*suites, "page"])
     line.add_argument(f"--{counted}", type=int, default=0, dest="count")
     chosen = line.parse_args()
     for name in chosen.suites:
         if name == "page":
-            known = {suite: records(benchmark, suite) for suite in suites}
+            known = {suite: read_records(benchmark, suite) for suite in suites}
             remarks = Path(__file__).with_name(f"_{benchmark}_remarks.md")
             write(chosen.root, known, remarks.read_text())
         else:
             suite, usual = suites[name]
-            complete(benchmark, name, suite(chosen.count or usual))
+            complete_suite(benchmark, name, suite(chosen.count or usual))
 
 
-def cores() -> int:
+def count_cores() -> int:
     """The number of cores this process may run on."""
     return len(os.sched_getaffinity(0))
 
 
-def machine() -> str:
+def describe_machine() -> str:
     """This machine in words: processor, cores, versions of what computes."""
     model = platform.machine()
     for line in Path("/proc/cpuinfo").read_text().splitlines():
@@ -121,10 +121,10 @@ def machine() -> str:
             break
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
     python = platform.python_version()
-    return f"{model}, {cores()} cores in use; Python {python}, {libraries}"
+    return f"{model}, {count_cores()} cores in use; Python {python}, {libraries}"
 
 
-def command() -> str:
+def describe_command() -> str:
     """The command that runs this script as it runs now, without --root."""
     words = [Path(sys.argv[0]).name, *sys.argv[1:]]
     if "--root" in words:
@@ -133,24 +133,24 @@ def command() -> str:
     return "python benchmarks/" + shlex.join(words)
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def format_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A Markdown table."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(str(x) for x in row) + " |" for row in lines)
 
 
-def page(title: str, sections: Sequence[Section], hardware: str) -> str:
+def format_page(title: str, sections: Sequence[Section], hardware: str) -> str:
     """The Markdown page of one benchmark."""
     today = date.today().isoformat()
-    parts = [f"# {title}", f"    {command()}", f"{today}, on {hardware}."]
+    parts = [f"# {title}", f"    {describe_command()}", f"{today}, on {hardware}."]
     for s in sections:
         parts += [f"## {s.title}", *filter(None, [s.text])]
         if s.rows:
-            parts.append(table(s.header, s.rows))
+            parts.append(format_table(s.header, s.rows))
     return "\n\n".join(parts) + "\n"
 
 
-def publish(
+def publish_results(
     root: Path,
     name: str,
     title: str,
@@ -169,9 +169,13 @@ def publish(
         data: everything measured, for the JSON.
         hardware: what to say of the machine besides its processor.
     """
-    hardware = f"{machine()}{hardware}"
-    text = page(title, sections, hardware)
-    head = {"date": date.today().isoformat(), "command": command(), "machine": hardware}
+    hardware = f"{describe_machine()}{hardware}"
+    text = format_page(title, sections, hardware)
+    head = {
+        "date": date.today().isoformat(),
+        "command": describe_command(),
+        "machine": hardware,
+    }
     results, docs = root / "benchmarks" / "results", root / "docs" / "results"
     results.mkdir(parents=True, exist_ok=True)
     docs.mkdir(parents=True, exist_ok=True)

@@ -5,14 +5,14 @@ import json
 import mujoco
 import pytest
 
-from benchmarks.devices import DEVICES, HIPS_UP, prepare, row
+from benchmarks.devices import DEVICES, HIPS_UP, prepare_case, summarize_device
 from selfheal.recording import check_against_model, read, read_names
 
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_device_is_prepared(name, shared_recordings, tmp_path):
     device = DEVICES[name]
-    prepare(device, shared_recordings, tmp_path)
+    prepare_case(device, shared_recordings, tmp_path)
     recording = read(tmp_path / "recording.h5")
     check_against_model(recording, read_names(tmp_path / "model.xml"))
     whole = list(read(shared_recordings / device.train).episodes)
@@ -21,7 +21,7 @@ def test_a_device_is_prepared(name, shared_recordings, tmp_path):
 
 def test_raised_hips_are_all_that_differs(shared_recordings, tmp_path):
     device = DEVICES["starfish_raised"]
-    prepare(device, shared_recordings, tmp_path)
+    prepare_case(device, shared_recordings, tmp_path)
     models = [
         mujoco.MjModel.from_xml_path(str(path))
         for path in (shared_recordings / device.model, tmp_path / "model.xml")
@@ -43,6 +43,6 @@ def test_a_row_says_what_was_found(tmp_path):
     (tmp_path / "diagnosis").mkdir()
     (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(document))
     (tmp_path / "run.json").write_text('{"seconds": 1.0, "megabytes": 2.0}')
-    said = row("cube", tmp_path, 0.2)
+    said = summarize_device("cube", tmp_path, 0.2)
     assert said["named"] == ["payload body:arm (mass 0.3, position (0, 0.1, -0.25))"]
     assert (said["asked"], said["reached"]) == (DEVICES["cube"].asked, 0.2)

@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.other_cases.cases import OTHERS
-from benchmarks.other_cases.make import hidden, key_of, make
-from benchmarks.sealed.cases import save
+from benchmarks.other_cases.cases import OTHER_CASES
+from benchmarks.other_cases.make import make_case, make_hidden_spec, make_key
+from benchmarks.sealed.cases import save_case
 from benchmarks.sealed.effects import BY_NAME
 from benchmarks.sealed.judge import read_case, read_places
 from selfheal.recording import check_against_model, read, read_names, validate
 
-CASES = {case.name: case for case in OTHERS}
+CASES = {case.name: case for case in OTHER_CASES}
 
 
 def _short(name):
@@ -27,7 +27,7 @@ def _short(name):
 @pytest.mark.parametrize("name", CASES)
 def test_case_is_valid_and_its_key_is_read(name, tmp_path):
     cases, keys = tmp_path / "cases", tmp_path / "keys"
-    save(make(_short(name)), cases, keys)
+    save_case(make_case(_short(name)), cases, keys)
     folder, model = cases / name, read_names(cases / name / "model.xml")
     for file in (folder / "recording.h5", keys / name / "test.h5"):
         recording = read(file)
@@ -44,7 +44,7 @@ def test_case_is_valid_and_its_key_is_read(name, tmp_path):
 
 
 def test_same_case_each_time():
-    one, again = (make(_short("pen_two_effects")) for _ in range(2))
+    one, again = (make_case(_short("pen_two_effects")) for _ in range(2))
     for a, b in ((one.train, again.train), (one.test, again.test)):
         pairs = zip(a.episodes["run0"].signals.values(),
                     b.episodes["run0"].signals.values(), strict=True)  # fmt: skip
@@ -54,12 +54,14 @@ def test_same_case_each_time():
 
 def test_as_many_effects_as_its_kind_says():
     count = {"single": 1, "null": 0, "double": 2, "unlisted": 1}
-    assert len(CASES) == len(OTHERS)
-    for case in OTHERS:
-        assert len(key_of(case)["effects"]) == count[case.kind]
+    assert len(CASES) == len(OTHER_CASES)
+    for case in OTHER_CASES:
+        assert len(make_key(case)["effects"]) == count[case.kind]
 
 
-@pytest.mark.parametrize("name", [c.name for c in OTHERS if c.effects])
+@pytest.mark.parametrize("name", [c.name for c in OTHER_CASES if c.effects])
 def test_hidden_robot_is_not_the_given_one(name):
     given = mujoco.MjModel.from_xml_string(CASES[name].robot.xml)
-    assert not np.array_equal(hidden(CASES[name]).compile().body_mass, given.body_mass)
+    assert not np.array_equal(
+        make_hidden_spec(CASES[name]).compile().body_mass, given.body_mass
+    )

@@ -74,11 +74,11 @@ def test_what_there_is_not_is_refused():
 
 def test_a_batch_does_what_plain_mujoco_and_a_plain_network_do(walker):
     """The reference that speed is measured against, once as a parity test."""
-    from benchmarks.recover.reference import plain_way
+    from benchmarks.recover.reference import walk_plain
 
     steps = 200
     ours = drive(whole(QUADRUPED, 3), np.tile(walker, (3, 1)), steps)
-    assert ours.way == pytest.approx(plain_way(QUADRUPED, walker, steps), abs=1e-9)
+    assert ours.way == pytest.approx(walk_plain(QUADRUPED, walker, steps), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", LEGGED)

@@ -9,13 +9,28 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.diagnosis_runs import Limits, left, prove, run_cases
-from benchmarks.sealed.cases import Placed, Unfit, make, save, scene
-from benchmarks.sealed.effects import BY_NAME, EFFECTS, blank
-from benchmarks.sealed.hidden_robot import simulate
+from benchmarks.diagnosis_runs import (
+    ProcessLimits,
+    diagnose_cases,
+    find_undiagnosed,
+    score_diagnosis,
+)
+from benchmarks.sealed.cases import (
+    PlacedEffect,
+    UnfitDraw,
+    draw_experiment,
+    make_case,
+    save_case,
+)
+from benchmarks.sealed.effects import BY_NAME, EFFECTS, make_blank_robot
+from benchmarks.sealed.hidden_robot import simulate_plans
 from benchmarks.sealed.judge import read_case, read_places
 from benchmarks.sealed.robots import ROBOTS
-from benchmarks.sealed.score import figures, removed_on_test, sections
+from benchmarks.sealed.score import (
+    compute_figures,
+    compute_removed_on_test,
+    make_sections,
+)
 from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.recording import check_against_model, read, read_names, validate, write
 
@@ -41,13 +56,13 @@ NOMINAL = {
 
 @pytest.fixture(scope="module")
 def case():
-    return make("single", 10, effects=("coulomb_friction",), **FAST)
+    return make_case("single", 10, effects=("coulomb_friction",), **FAST)
 
 
 @pytest.fixture
 def folders(case, tmp_path):
     cases, keys = tmp_path / "cases", tmp_path / "keys"
-    save(case, cases, keys)
+    save_case(case, cases, keys)
     return cases, keys
 
 
@@ -64,7 +79,7 @@ def _arrays(recording):
 
 
 def test_same_seed_same_case(case):
-    again = make("single", 10, effects=("coulomb_friction",), **FAST)
+    again = make_case("single", 10, effects=("coulomb_friction",), **FAST)
     assert _arrays(again.train) == _arrays(case.train)
     assert _arrays(again.test) == _arrays(case.test)
     assert (again.key, again.robot.xml) == (case.key, case.robot.xml)
@@ -73,18 +88,26 @@ def test_same_seed_same_case(case):
 @pytest.mark.parametrize("name", NOMINAL)
 def test_nominal_effect_changes_nothing(name):
     effect = BY_NAME[name]
-    robot = "arm2_servo" if effect.targets(blank("arm2_servo")) else "double_pendulum"
-    made = scene(robot, np.random.default_rng(3))
+    robot = (
+        "arm2_servo"
+        if effect.targets(make_blank_robot("arm2_servo"))
+        else "double_pendulum"
+    )
+    made = draw_experiment(robot, np.random.default_rng(3))
     plans = [
         replace(p, rows=p.rows[:40], reference=p.reference[:40]) for p in made.train[:2]
     ]
     target = effect.targets(made.robot)[0]
-    truth = made.truth([Placed(effect, target, dict(NOMINAL[name]))])
-    pairs = zip(simulate(made.truth(), plans), simulate(truth, plans), strict=True)
+    truth = made.make_hidden_robot([PlacedEffect(effect, target, dict(NOMINAL[name]))])
+    pairs = zip(
+        simulate_plans(made.make_hidden_robot(), plans),
+        simulate_plans(truth, plans),
+        strict=True,
+    )
     for plain, edited in pairs:
         np.testing.assert_allclose(edited.qpos, plain.qpos, atol=1e-9)
-        one = made.measured(made.truth()).clean(plain)
-        other = made.measured(truth).clean(edited)
+        one = made.make_instruments(made.make_hidden_robot()).read_clean(plain)
+        other = made.make_instruments(truth).read_clean(edited)
         for key, signal in one.items():
             np.testing.assert_allclose(other[key].values, signal.values, atol=1e-6)
 
@@ -92,14 +115,20 @@ def test_nominal_effect_changes_nothing(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_robot_gives_a_valid_recording(name, tmp_path):
     rng = np.random.default_rng(5)
-    made, file, model = scene(name, rng), tmp_path / "r.h5", tmp_path / "model.xml"
-    truth = made.truth()
+    made, file, model = (
+        draw_experiment(name, rng),
+        tmp_path / "r.h5",
+        tmp_path / "model.xml",
+    )
+    truth = made.make_hidden_robot()
     model.write_text(made.robot.xml)
     plans = [
         replace(p, rows=p.rows[:60], reference=p.reference[:60]) for p in made.train[:2]
     ]
-    runs = simulate(truth, plans)
-    write(made.measured(truth).recording(plans, runs, rng, state=True), file)
+    runs = simulate_plans(truth, plans)
+    write(
+        made.make_instruments(truth).record_episodes(plans, runs, rng, state=True), file
+    )
     recording = read(file)
     validate(recording)
     check_against_model(recording, read_names(model))
@@ -141,12 +170,14 @@ def test_catalogue_is_the_contracts():
 
 def test_every_effect_fits_a_robot():
     for effect in (*EFFECTS, *UNLISTED):
-        assert any(effect.targets(blank(name)) for name in ROBOTS), effect.name
+        assert any(effect.targets(make_blank_robot(name)) for name in ROBOTS), (
+            effect.name
+        )
 
 
 def test_impossible_case_is_refused():
-    with pytest.raises(Unfit, match="no robot"):
-        make("single", 1, effects=("limb_loss",), robots=("pendulum",))
+    with pytest.raises(UnfitDraw, match="no robot"):
+        make_case("single", 1, effects=("limb_loss",), robots=("pendulum",))
 
 
 def _perfect(key):
@@ -183,18 +214,18 @@ def _diagnosed(folders, name, diagnosis):
 
 def test_perfect_diagnosis_is_scored_perfect(folders, case):
     judged = _diagnosed(folders, case.name, _perfect(case.key))
-    found = figures([judged])
+    found = compute_figures([judged])
     names = ("exact name first", "name or class first", "joint or body right")
     for figure in (*names, "intervals that hold the truth"):
         assert found[figure]["rate"] == 1.0, figure
     assert found["explainable removed, median over explained"] == 1.0
     assert not found["singles with a further, wrong name"]["hits"]
-    assert sections([judged])[-1].rows == []
+    assert make_sections([judged])[-1].rows == []
 
 
 def test_empty_diagnosis_is_a_miss(folders, case):
     judged = _diagnosed(folders, case.name, {"verdict": "nothing", "findings": []})
-    found = figures([judged])
+    found = compute_figures([judged])
     assert found["exact name first"]["rate"] == 0.0
     assert found["joint or body right"]["rate"] == 0.0
     assert judged["first"] == "nothing"
@@ -216,8 +247,12 @@ def test_places_join_joint_actuator_signal_and_body(folders, case):
     places = read_places(folders[0] / case.name)
     truth = {"effect": "coulomb_friction", "target": "joint:j1"}
     for target in ("actuator:m1", "sensor:j1_position", "body:link1"):
-        assert places.of({"effect": "x", "target": target}) & places.of(truth)
-    assert not places.of({"effect": "slope", "target": "world"}) & places.of(truth)
+        assert places.find_place({"effect": "x", "target": target}) & places.find_place(
+            truth
+        )
+    assert not places.find_place(
+        {"effect": "slope", "target": "world"}
+    ) & places.find_place(truth)
 
 
 def test_run_sees_model_and_recording_alone_and_goes_on(folders, case, tmp_path):
@@ -230,11 +265,11 @@ def test_run_sees_model_and_recording_alone_and_goes_on(folders, case, tmp_path)
         "json.dump(found, open('diagnosis/diagnosis.json', 'w'))\n"
     )
     cases = folders[0]
-    limits = Limits(60.0, (sys.executable, "-I", str(program)))
-    assert run_cases(cases, 1, limits) == 0
+    limits = ProcessLimits(60.0, (sys.executable, "-I", str(program)))
+    assert diagnose_cases(cases, 1, limits) == 0
     record = json.loads((cases / case.name / "run.json").read_text())
     assert record["exit_code"] == 0 and record["seconds"] > 0
-    assert left(cases) == []
+    assert find_undiagnosed(cases) == []
 
 
 def test_replay_of_the_truth_scores_the_floor(folders, case, tmp_path):
@@ -246,20 +281,20 @@ def test_replay_of_the_truth_scores_the_floor(folders, case, tmp_path):
         f"import shutil, sys\nshutil.copy({str(sealed / 'test.h5')!r}, sys.argv[4])\n"
     )
     words = (sys.executable, str(program))
-    assert prove(cases / case.name, sealed, words) == 0.0
+    assert score_diagnosis(cases / case.name, sealed, words) == 0.0
     judged = {
         **read_case(cases / case.name, keys),
         "patched": case.key["test"]["floor"],
     }
-    assert removed_on_test(judged) == 1.0
+    assert compute_removed_on_test(judged) == 1.0
 
 
 def test_crash_is_recorded(folders, case):
-    limits = Limits(60.0, (sys.executable, "-c", "raise SystemExit('broken')"))
-    assert run_cases(folders[0], 1, limits) == 1
+    limits = ProcessLimits(60.0, (sys.executable, "-c", "raise SystemExit('broken')"))
+    assert diagnose_cases(folders[0], 1, limits) == 1
     record = json.loads((folders[0] / case.name / "run.json").read_text())
     assert record["exit_code"] == 1 and "broken" in record["stderr"]
-    assert len(left(folders[0])) == 1
+    assert len(find_undiagnosed(folders[0])) == 1
 
 
 def test_given_models_load_and_are_not_the_truth(case):

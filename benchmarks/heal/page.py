@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.writer import INTACT, Section, publish
+from benchmarks.writer import INTACT, Section, publish_results
 from selfheal.study.statistics import share
 
 Records = Mapping[str, Mapping[str, Any]]
@@ -16,32 +16,39 @@ Records = Mapping[str, Mapping[str, Any]]
 _COUNTS = (3, 4, 5, 6, 8, 10)  # actions after which naming is looked at
 
 
-def write(root: Path, known: Mapping[str, Records], remarks: str) -> None:
+def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
     """Publish the page of all suites."""
     sections = [
-        Section("What was reached", "", ("figure", "target", "measured"), _top(known)),
-        _real(known["real"]),
-        _gaits(known["gaits"]),
-        _random(known["gaits"]),
-        _alarms(known),
-        _heals(known["heals"]),
-        _verdicts(known["verdicts"], "More verdicts", _MORE),
-        _verdicts(known["worlds"], "Changes of the ground", _GROUND),
+        Section(
+            "What was reached",
+            "",
+            ("figure", "target", "measured"),
+            _tabulate_targets(known),
+        ),
+        _make_real_section(known["real"]),
+        _make_gaits_section(known["gaits"]),
+        _make_random_gaits_section(known["gaits"]),
+        _make_alarms_section(known),
+        _make_heals_section(known["heals"]),
+        _make_verdicts_section(known["verdicts"], "More verdicts", _MORE),
+        _make_verdicts_section(known["worlds"], "Changes of the ground", _GROUND),
         Section("What is not reached, and why", remarks),
     ]
     note = " (timings: one core that other work shared; CPU seconds are of this work)"
     data = {suite: list(records.values()) for suite, records in known.items()}
-    publish(root, "heal", "Gaits, alarms, healing", sections, data, hardware=note)
+    publish_results(
+        root, "heal", "Gaits, alarms, healing", sections, data, hardware=note
+    )
 
 
-def _quantiles(values: Sequence[float], *at: float) -> str:
+def _format_quantiles(values: Sequence[float], *at: float) -> str:
     """Quantiles of values in words."""
     if not len(values):
         return "none"
     return ", ".join(f"{q:.2f}" for q in np.quantile(values, at))
 
 
-def _first(record: Mapping[str, Any], names: Sequence[str], most: int) -> bool:
+def _is_named(record: Mapping[str, Any], names: Sequence[str], most: int) -> bool:
     """Whether the summed probability of names has passed 0.9 within some actions."""
     steps = record["steps"][:most]
     return any(sum(step[n] for n in names) > 0.9 for step in steps)
@@ -50,31 +57,33 @@ def _first(record: Mapping[str, Any], names: Sequence[str], most: int) -> bool:
 _LEG, _LOWER = ("right_upper", "right_lower"), ("right_lower",)
 
 
-def _named(real: Records, chosen: bool, names: Sequence[str], most: int) -> str:
+def _format_named_share(
+    real: Records, chosen: bool, names: Sequence[str], most: int
+) -> str:
     """Share of repeats that named these parts within some actions."""
     rows = [r for r in real.values() if r["chosen"] is chosen]
-    return share(sum(_first(r, names, most) for r in rows), len(rows))
+    return share(sum(_is_named(r, names, most) for r in rows), len(rows))
 
 
-def _ratios(records: Records) -> list[float]:
+def _list_walk_ratios(records: Records) -> list[float]:
     """Walked over predicted distance, waves."""
     rows = [r for r in records.values() if r.get("gait") == "waves"]
     return [w[0] / r["predicted"] for r in rows for w in r["walked"]]
 
 
-def _healed(heals: Records) -> tuple[list[float], list[float], list[float]]:
+def _list_healed_ratios(heals: Records) -> tuple[list[float], list[float], list[float]]:
     """Healed, old and intact distance, over that of a gait made for the true body."""
     rows = [r for r in heals.values() if r["best_known"]]
     parts = ("healed", "damaged", "intact")
     return tuple([r[p] / r["best_known"] for r in rows] for p in parts)  # type: ignore
 
 
-def _late(broken: Sequence[Mapping[str, Any]]) -> list[float]:
+def _list_delays(broken: Sequence[Mapping[str, Any]]) -> list[float]:
     """Delay of the alarms that came [cycles]."""
     return [b["delay"] for b in broken if b["delay"] is not None]
 
 
-def _broken(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
+def _list_broken_walks(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
     """All walks in which something broke, of every suite."""
     found = [b for r in known["alarms"].values() for b in r["broken"]]
     for r in (r for suite in _WATCHED for r in known[suite].values()):
@@ -85,25 +94,25 @@ def _broken(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
     return found
 
 
-def _whole(found: Mapping[str, Any]) -> bool:
+def _leaves_body_whole(found: Mapping[str, Any]) -> bool:
     """Whether a verdict leaves the body whole."""
     return found["world"] or found["nothing"]
 
 
-def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
+def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     """The figures that were to be reached."""
     real, gaits, alarms = known["real"], known["gaits"], known["alarms"]
     heals, worlds = known["heals"], known["worlds"]
     bodies = [*heals.values(), *known["verdicts"].values()]
     good = [r for r in bodies if r["right"] and r["actions"] <= 8]
-    healed, _, _ = _healed(heals)
-    broken = _broken(known)
+    healed, _, _ = _list_healed_ratios(heals)
+    broken = _list_broken_walks(known)
     costly = [b for b in broken if b["cost"] > 0.2]
     missed = [b for b in costly if b["delay"] is None and not b["early"]]
     hours = sum(r["seconds"] for r in alarms.values()) / 3600
     false, fallen = (sum(r[k] for r in alarms.values()) for k in ("false", "fallen"))
-    told = [r for r in bodies if not _whole(r)]
-    left = [r for r in worlds.values() if _whole(r)]
+    told = [r for r in bodies if not _leaves_body_whole(r)]
+    left = [r for r in worlds.values() if _leaves_body_whole(r)]
     errors = [r["length_error"] for r in bodies]
     walked = [w[0] for r in gaits.values() if r.get("gait") == "waves"
               for w in r["walked"]]  # fmt: skip
@@ -111,42 +120,78 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     synthesis = [r["cpu_seconds"] for r in gaits.values() if "gait" in r]
     whole = [r["cpu_seconds"] for r in heals.values()]
     return [
-        ("walked / predicted on the hidden robot, median", ">= 0.8 (2006: 0.45)",
-         f"{_quantiles(_ratios(gaits), 0.5)} of {len(_ratios(gaits))}"),
-        ("walked, synthesized : random poses", ">= 4 : 1 (2006: 3 : 1)",
-         f"{np.median(walked) / np.mean(random):.1f} : 1"),
-        ("real robot, right leg named, <= 6 chosen actions", ">= 95 %",
-         _named(real, True, _LEG, 6)),
-        ("the same, <= 4", ">= 70 %", _named(real, True, _LEG, 4)),
-        ("the same, the lower part, <= 10", "named", _named(real, True, _LOWER, 10)),
-        ("hidden damage, part and kind right with <= 8 actions", ">= 85 %",
-         share(len(good), len(bodies))),
-        ("length error, mean over parts, mean over damages", "<= 0.5 cm (2006: 2.17)",
-         f"{np.mean(errors):.2f} cm, worst {np.max(errors):.2f}"),
-        ("healed / gait made for the true damaged body, median", ">= 0.9",
-         f"{_quantiles(healed, 0.5)} of {len(healed)}"),
-        ("the same, 10th percentile", ">= 0.7", _quantiles(healed, 0.1)),
-        ("missed damages that cost more than 20 %", "0 of 30",
-         f"{len(missed)} of {len(costly)}"),
-        ("false alarms", "<= 1 an hour",
-         f"{false} in {hours:.2f} hours, {fallen} of a whole robot that fell"),
-        ("delay of the alarm, median", "<= 2 cycles",
-         f"{_quantiles(_late(broken), 0.5)} cycles of {len(_late(broken))}"),
-        ("environment told from body", ">= 85 %",
-         share(len(told) + len(left), len(bodies) + len(worlds))),
+        (
+            "walked / predicted on the hidden robot, median",
+            ">= 0.8 (2006: 0.45)",
+            f"{_format_quantiles(_list_walk_ratios(gaits), 0.5)} of {len(_list_walk_ratios(gaits))}",
+        ),
+        (
+            "walked, synthesized : random poses",
+            ">= 4 : 1 (2006: 3 : 1)",
+            f"{np.median(walked) / np.mean(random):.1f} : 1",
+        ),
+        (
+            "real robot, right leg named, <= 6 chosen actions",
+            ">= 95 %",
+            _format_named_share(real, True, _LEG, 6),
+        ),
+        ("the same, <= 4", ">= 70 %", _format_named_share(real, True, _LEG, 4)),
+        (
+            "the same, the lower part, <= 10",
+            "named",
+            _format_named_share(real, True, _LOWER, 10),
+        ),
+        (
+            "hidden damage, part and kind right with <= 8 actions",
+            ">= 85 %",
+            share(len(good), len(bodies)),
+        ),
+        (
+            "length error, mean over parts, mean over damages",
+            "<= 0.5 cm (2006: 2.17)",
+            f"{np.mean(errors):.2f} cm, worst {np.max(errors):.2f}",
+        ),
+        (
+            "healed / gait made for the true damaged body, median",
+            ">= 0.9",
+            f"{_format_quantiles(healed, 0.5)} of {len(healed)}",
+        ),
+        ("the same, 10th percentile", ">= 0.7", _format_quantiles(healed, 0.1)),
+        (
+            "missed damages that cost more than 20 %",
+            "0 of 30",
+            f"{len(missed)} of {len(costly)}",
+        ),
+        (
+            "false alarms",
+            "<= 1 an hour",
+            f"{false} in {hours:.2f} hours, {fallen} of a whole robot that fell",
+        ),
+        (
+            "delay of the alarm, median",
+            "<= 2 cycles",
+            f"{_format_quantiles(_list_delays(broken), 0.5)} cycles of {len(_list_delays(broken))}",
+        ),
+        (
+            "environment told from body",
+            ">= 85 %",
+            share(len(told) + len(left), len(bodies) + len(worlds)),
+        ),
         ("one gait", "<= 90 s on 2 cores", f"{np.median(synthesis):.0f} s of CPU"),
-        ("one heal, its comparison with the known truth included",
-         "<= 6 min on 2 cores",
-         f"median {np.median(whole):.0f} s, worst {np.max(whole):.0f} s of CPU, of "
-         "which about 22 s are the comparison; the first gait is made once for each "
-         "robot and adds 22 s"),
-    ]  # fmt: skip
+        (
+            "one heal, its comparison with the known truth included",
+            "<= 6 min on 2 cores",
+            f"median {np.median(whole):.0f} s, worst {np.max(whole):.0f} s of CPU, of "
+            "which about 22 s are the comparison; the first gait is made once for each "
+            "robot and adds 22 s",
+        ),
+    ]
 
 
-def _real(real: Records) -> Section:
+def _make_real_section(real: Records) -> Section:
     """The robot of 2006."""
     rows = [
-        (what, how, *(_named(real, chosen, names, n) for n in _COUNTS))
+        (what, how, *(_format_named_share(real, chosen, names, n) for n in _COUNTS))
         for what, names in (("right leg", _LEG), ("right lower part", _LOWER))
         for how, chosen in (("chosen", True), ("random", False))
     ]
@@ -155,19 +200,19 @@ def _real(real: Records) -> Section:
         "others chosen or drawn. Named: the summed probability has passed 0.9 within "
         "that many actions. Each reading is compared with the reading when whole plus "
         "the predicted change. Every other leg passed 0.9 at any time in "
-        f"{sum(map(_other, real.values()))} of {len(real)} repeats."
+        f"{sum(map(_names_whole_leg, real.values()))} of {len(real)} repeats."
     )
     head = ("named", "actions", *(f"<= {n}" for n in _COUNTS))
     return Section("The damaged robot of 2006", text, head, rows)
 
 
-def _other(record: Mapping[str, Any]) -> bool:
+def _names_whole_leg(record: Mapping[str, Any]) -> bool:
     """Whether a leg that is whole was ever named."""
     legs = [(f"{leg}_upper", f"{leg}_lower") for leg in ("left", "forward", "back")]
-    return any(_first(record, leg, 10) for leg in legs)
+    return any(_is_named(record, leg, 10) for leg in legs)
 
 
-def _gaits(gaits: Records) -> Section:
+def _make_gaits_section(gaits: Records) -> Section:
     """Synthesized gaits."""
     rows = []
     for key, r in gaits.items():
@@ -188,7 +233,7 @@ def _gaits(gaits: Records) -> Section:
     return Section("Gaits", text, head, rows)
 
 
-def _random(gaits: Records) -> Section:
+def _make_random_gaits_section(gaits: Records) -> Section:
     """Random gaits beside those of 2006."""
     rows = []
     file = INTACT.with_name("gaits_2006.csv")
@@ -196,10 +241,10 @@ def _random(gaits: Records) -> Section:
         with file.open() as lines:
             table = [r for r in csv.DictReader(lines) if r["set"] == "physical_random"]
         real = np.array([[float(r["x"]), float(r["y"])] for r in table]) / 1000
-        rows.append(("2006, physical, paper A's poses", *_spread(real)))
+        rows.append(("2006, physical, paper A's poses", *_summarize_ends(real)))
     for name, said in (("poses", "hidden robots, paper A's poses"),
                        ("waves", "hidden robots, random waves")):  # fmt: skip
-        rows.append((said, *_spread(np.array(gaits["random"][name]))))
+        rows.append((said, *_summarize_ends(np.array(gaits["random"][name]))))
     head = ("30 random gaits", "mean x [mm]", "mean y [mm]", "distance, mean [mm]",
             "its deviation [mm]", "x > 0")  # fmt: skip
     text = (
@@ -209,7 +254,7 @@ def _random(gaits: Records) -> Section:
     return Section("Random gaits", text, head, rows)
 
 
-def _spread(ends: np.ndarray) -> tuple[str, ...]:
+def _summarize_ends(ends: np.ndarray) -> tuple[str, ...]:
     """Mean, mean distance, deviation and direction of ends (N, 2) [m]."""
     far = 1000 * np.linalg.norm(ends, axis=1)
     x, y = 1000 * ends.mean(axis=0)
@@ -217,17 +262,17 @@ def _spread(ends: np.ndarray) -> tuple[str, ...]:
             f"{(ends[:, 0] > 0).sum()} of {len(ends)}")  # fmt: skip
 
 
-def _alarms(known: Mapping[str, Records]) -> Section:
+def _make_alarms_section(known: Mapping[str, Records]) -> Section:
     """The monitor."""
     rows = []
-    kinds = dict.fromkeys(b["damage"]["kind"] for b in _broken(known))
+    kinds = dict.fromkeys(b["damage"]["kind"] for b in _list_broken_walks(known))
     for kind in kinds:
-        here = [b for b in _broken(known) if b["damage"]["kind"] == kind]
+        here = [b for b in _list_broken_walks(known) if b["damage"]["kind"] == kind]
         costly = [b for b in here if b["cost"] > 0.2]
         caught = sum(b["delay"] is not None for b in here)
         rows.append((kind, len(here), caught, sum(b["early"] for b in here),
                      sum(b["delay"] is None and not b["early"] for b in costly),
-                     _quantiles(_late(here), 0.5, 0.9)))  # fmt: skip
+                     _format_quantiles(_list_delays(here), 0.5, 0.9)))  # fmt: skip
     head = ("kind", "walks", "noticed", "alarm before it", "missed, cost > 20 %",
             "delay, median and 90 % [cycles]")  # fmt: skip
     text = (
@@ -239,49 +284,49 @@ def _alarms(known: Mapping[str, Records]) -> Section:
     return Section("Alarms", text, head, rows)
 
 
-def _heals(heals: Records) -> Section:
+def _make_heals_section(heals: Records) -> Section:
     """Whole heals."""
     rows = []
     for key, r in heals.items():
-        rows.append((key, _said(r["damage"]), _said(r["found"]),
+        rows.append((key, _describe_damage(r["damage"]), _describe_damage(r["found"]),
                      f"{r['found']['probability']:.2f}", r["actions"],
-                     *(_meters(r[k]) for k in ("intact", "damaged", "healed",
+                     *(_format_meters(r[k]) for k in ("intact", "damaged", "healed",
                                                "best_known")),
                      f"{r['length_error']:.2f} / {r['part_error']:.1f}",
                      f"{r['cpu_seconds']:.0f}"))  # fmt: skip
     head = ("seed", "damage", "found", "sure", "actions", "whole [m]", "old gait [m]",
             "healed [m]", "known [m]", "length error, mean / worst part [cm]",
             "CPU [s]")  # fmt: skip
-    healed, old, intact = _healed(heals)
+    healed, old, intact = _list_healed_ratios(heals)
     wrong = Counter(r["damage"]["kind"] for r in heals.values() if not r["right"])
     text = (
         "From `identify` on: hidden robots with their own physics, a self-model found "
         "by the default run of 16 actions, a gait, a damage, the alarm, actions, a new "
         "gait. Over the gait made knowing the true damaged body, 10th percentile, "
-        f"median, 90th: healed {_quantiles(healed, 0.1, 0.5, 0.9)}; the old gait on "
-        f"the damaged body {_quantiles(old, 0.1, 0.5, 0.9)}; the whole robot "
-        f"{_quantiles(intact, 0.1, 0.5, 0.9)}. Walked over predicted, median: whole "
-        f"{_quantiles(_kept(heals, 'intact'), 0.5)}, healed "
-        f"{_quantiles(_kept(heals, 'healed'), 0.5)}. Wrong kind or part: "
+        f"median, 90th: healed {_format_quantiles(healed, 0.1, 0.5, 0.9)}; the old gait on "
+        f"the damaged body {_format_quantiles(old, 0.1, 0.5, 0.9)}; the whole robot "
+        f"{_format_quantiles(intact, 0.1, 0.5, 0.9)}. Walked over predicted, median: whole "
+        f"{_format_quantiles(_list_walked_over_predicted(heals, 'intact'), 0.5)}, healed "
+        f"{_format_quantiles(_list_walked_over_predicted(heals, 'healed'), 0.5)}. Wrong kind or part: "
         f"{dict(wrong) or 'none'}."
     )
     return Section("Heals", text, head, rows)
 
 
-def _kept(heals: Records, name: str) -> list[float]:
+def _list_walked_over_predicted(heals: Records, name: str) -> list[float]:
     """Walked over predicted distance of a heal's gaits."""
     rows = [r for r in heals.values() if r["predicted"]]
     return [r[name] / r["predicted"][name] for r in rows]
 
 
-def _said(damage: Mapping[str, Any]) -> str:
+def _describe_damage(damage: Mapping[str, Any]) -> str:
     """A damage in words."""
     value = f" {damage['value']:.2f}" if damage["value"] else ""
     words = f"{damage['kind']} {damage['target'].partition(':')[2]}".strip()
     return f"{words}{value}"
 
 
-def _meters(value: float | None) -> str:
+def _format_meters(value: float | None) -> str:
     """A distance."""
     return "" if value is None else f"{value:.2f}"
 
@@ -297,13 +342,22 @@ _GROUND = (
 )
 
 
-def _verdicts(records: Records, title: str, text: str) -> Section:
+def _make_verdicts_section(records: Records, title: str, text: str) -> Section:
     """Damages or changes that were found, and not walked with."""
-    rows = [(key, _said(r["damage"]), _said(r["found"]),
-             f"{r['found']['probability']:.2f}", r["actions"],
-             "no" if r["alarm"] is None else "yes",
-             _meters(r["intact"]), _meters(r["damaged"]), f"{r['part_error']:.1f}")
-            for key, r in records.items()]  # fmt: skip
+    rows = [
+        (
+            key,
+            _describe_damage(r["damage"]),
+            _describe_damage(r["found"]),
+            f"{r['found']['probability']:.2f}",
+            r["actions"],
+            "no" if r["alarm"] is None else "yes",
+            _format_meters(r["intact"]),
+            _format_meters(r["damaged"]),
+            f"{r['part_error']:.1f}",
+        )
+        for key, r in records.items()
+    ]
     head = ("seed", "what happened", "found", "sure", "actions", "alarm", "before [m]",
             "after [m]", "length error of the worst part [cm]")  # fmt: skip
     return Section(title, text, head, rows)

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.heal.page import write
-from benchmarks.writer import INTACT, Plays, main
+from benchmarks.heal.page import write_page
+from benchmarks.writer import INTACT, KeyedRuns, run_suites
 from selfheal.body.body import length_error
 from selfheal.engine.plant import damaged, rated
 from selfheal.engine.walk import channels_of, into_frame, sensed
@@ -39,15 +39,15 @@ FIRST = 5000
 ROBOTS = 2  # hidden robots of `heals`, each identified once
 
 
-def real(count: int) -> Plays:
+def list_real_runs(count: int) -> KeyedRuns:
     """Naming the damage of the robot of 2006, chosen actions against random ones."""
     for seed in range(FIRST, FIRST + count):
         for chosen in (True, False):
-            yield f"{seed} {chosen}", lambda s=seed, c=chosen: _real(s, c)
+            yield f"{seed} {chosen}", lambda s=seed, c=chosen: _name_real_damage(s, c)
 
 
-def _real(seed: int, chosen: bool) -> dict[str, Any]:
-    known, rng = _readings(), np.random.default_rng(seed)
+def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
+    known, rng = _read_tables(), np.random.default_rng(seed)
     parts = published().anatomy.parts
     steps = []
     for _, belief in islice(name_damage(known, rng, chosen=chosen), 10):
@@ -61,21 +61,21 @@ def _real(seed: int, chosen: bool) -> dict[str, Any]:
 
 
 @cache
-def _readings() -> Tables:
+def _read_tables() -> Tables:
     robots = [replay("starfish-2006", read(INTACT.with_name(f"{name}.h5")), published())
               for name in ("intact", "damaged")]  # fmt: skip
     return tables(*robots, published())
 
 
-def gaits(count: int) -> Plays:
+def list_gait_runs(count: int) -> KeyedRuns:
     """Gaits of the true body's self-model, each walked on three hidden robots."""
     for seed in range(FIRST, FIRST + count):
         for name in ("waves", "poses") if seed < FIRST + count // 3 else ("waves",):
-            yield f"{seed} {name}", lambda s=seed, n=name: _gait(s, n)
-    yield "random", _random_gaits
+            yield f"{seed} {name}", lambda s=seed, n=name: _walk_gait(s, n)
+    yield "random", _walk_random_gaits
 
 
-def _gait(seed: int, name: str) -> dict[str, Any]:
+def _walk_gait(seed: int, name: str) -> dict[str, Any]:
     heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
     start = time.perf_counter()
     gait = synthesize([rated(published())], name=name, heading=heading, seed=seed)
@@ -90,7 +90,7 @@ def _gait(seed: int, name: str) -> dict[str, Any]:
             "failed": gait.failed, "simulations": gait.simulations}  # fmt: skip
 
 
-def _random_gaits() -> dict[str, Any]:
+def _walk_random_gaits() -> dict[str, Any]:
     """End of 30 random gaits of paper A's kind, and of waves, on hidden robots [m]."""
     found: dict[str, Any] = {}
     for name in ("poses", "waves"):
@@ -110,7 +110,7 @@ def _random_gaits() -> dict[str, Any]:
     return found
 
 
-def _stock(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
+def _prepare_robot(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
     """A hidden robot, its self-models, and phases `gait` and `whole` of a heal."""
     from selfheal.selfmodel.loop import identify
     from selfheal.selfmodel.run import Settings
@@ -122,32 +122,32 @@ def _stock(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
     return hidden, models, weights, run
 
 
-_STOCK: dict[int, Any] = {}
+_PREPARED: dict[int, Any] = {}
 
 
-def heals(count: int) -> Plays:
+def list_heal_runs(count: int) -> KeyedRuns:
     """Whole heals of random body damages, each kind as often."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=True)
+        yield f"{FIRST + k}", lambda k=k: _heal_damage(k, BODY_KINDS, whole=True)
 
 
-def verdicts(count: int) -> Plays:
+def list_verdict_runs(count: int) -> KeyedRuns:
     """More random body damages, alarm and verdict, no new gait."""
     for k in range(100, 100 + count):
-        yield f"{FIRST + k}", lambda k=k: _heal(k, BODY_KINDS, whole=False)
+        yield f"{FIRST + k}", lambda k=k: _heal_damage(k, BODY_KINDS, whole=False)
 
 
-def worlds(count: int) -> Plays:
+def list_world_runs(count: int) -> KeyedRuns:
     """Slopes and slippery ground: alarm and verdict, no new gait."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _heal(k, WORLD_KINDS, whole=False)
+        yield f"{FIRST + k}", lambda k=k: _heal_damage(k, WORLD_KINDS, whole=False)
 
 
-def _heal(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
+def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     robot, seed = k % ROBOTS, FIRST + k
-    if robot not in _STOCK:
-        _STOCK[robot] = [*_stock(robot), {}]
-    hidden, models, weights, _, phases = _STOCK[robot]
+    if robot not in _PREPARED:
+        _PREPARED[robot] = [*_prepare_robot(robot), {}]
+    hidden, models, weights, _, phases = _PREPARED[robot]
     rng = np.random.default_rng([seed, 7])
     damage = draw(hidden.anatomy, rng, (kinds[k % len(kinds)],))
     onset = float(rng.uniform(8, 20))
@@ -156,13 +156,13 @@ def _heal(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     run, robots = begun, robots_of(hidden, settings)
     for run in heal(robots, models, weights, settings, run=begun):
         if len(run.phases) == 2:
-            _STOCK[robot][4] = dict(run.phases)
+            _PREPARED[robot][4] = dict(run.phases)
         if not whole and "verdict" in run.phases:
             break
-    return _outcome(run, damage, onset, hidden.truth, models, robots)
+    return _summarize_heal(run, damage, onset, hidden.truth, models, robots)
 
 
-def _outcome(run, damage, onset, truth, models, robots) -> dict[str, Any]:
+def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]:
     phases = run.phases
     alarm, gait = phases["alarm"]["alarm"], gait_of(phases["gait"])
     guess = phases["verdict"]["believed"][0]
@@ -187,14 +187,14 @@ def _outcome(run, damage, onset, truth, models, robots) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def alarms(count: int) -> Plays:
+def list_alarm_runs(count: int) -> KeyedRuns:
     """Walks of hidden robots, whole and breaking, watched."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _watched(k)
+        yield f"{FIRST + k}", lambda k=k: _watch_walks(k)
 
 
-def _watched(k: int) -> dict[str, Any]:
-    gait, rng = _known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
+def _watch_walks(k: int) -> dict[str, Any]:
+    gait, rng = _synthesize_known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
     hidden = walker(open_robot("starfish", seed=FIRST + 100 + k))
     plant, anatomy = rated(published()), hidden.anatomy
     predicted = sensed(walk([plant], gait, WATCHED), [plant])[0]
@@ -227,7 +227,7 @@ def _watched(k: int) -> dict[str, Any]:
             "seconds": float(sum(times) - 6.0 * len(times))}  # fmt: skip
 
 
-def _known_gaits() -> list[Gait]:
+def _synthesize_known_gaits() -> list[Gait]:
     """Gaits for `alarms`: short searches are enough for walks that are only watched."""
     if not _GAITS:
         for seed in range(3):
@@ -237,10 +237,15 @@ def _known_gaits() -> list[Gait]:
 
 _GAITS: list[Gait] = []
 
-SUITES = {"real": (real, 60), "gaits": (gaits, 12), "alarms": (alarms, 30),
-          "heals": (heals, 30), "verdicts": (verdicts, 30),
-          "worlds": (worlds, 20)}  # fmt: skip
+SUITES = {
+    "real": (list_real_runs, 60),
+    "gaits": (list_gait_runs, 12),
+    "alarms": (list_alarm_runs, 30),
+    "heals": (list_heal_runs, 30),
+    "verdicts": (list_verdict_runs, 30),
+    "worlds": (list_world_runs, 20),
+}
 
 
 if __name__ == "__main__":
-    main("heal", __doc__ or "", SUITES, write, counted="count")
+    run_suites("heal", __doc__ or "", SUITES, write_page, counted="count")

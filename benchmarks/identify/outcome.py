@@ -16,13 +16,13 @@ NEAR = 1.5  # [cm] mean distance of the parts' centers: the same body
 _SAME_AXIS = np.cos(np.radians(10.0))  # chosen
 
 
-def _table(body: Bodies, actions: np.ndarray) -> np.ndarray:
+def _predict_channels(body: Bodies, actions: np.ndarray) -> np.ndarray:
     """(A, 3) channels of one body under every action, by statics."""
     copies = body[np.zeros(len(actions), int)]
     return channels(Statics(threads=1).simulate(copies, actions))
 
 
-def outcome(run: Run, robot: Robot) -> dict[str, Any]:
+def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     """How a run's best body compares with the truth.
 
     `tilt_apart` [deg] and `clearance_apart` [mm] are the largest differences that
@@ -33,7 +33,7 @@ def outcome(run: Run, robot: Robot) -> dict[str, Any]:
     if truth is None:
         raise ValueError(f"robot {robot.name!r} does not say its true body")
     best = build(run.anatomy, last.genomes[:1])
-    tables = [_table(body, run.actions) for body in (best, truth)]
+    tables = [_predict_channels(body, run.actions) for body in (best, truth)]
     apart = np.abs(tables[0] - tables[1]).max(axis=0)
     tried = [cycle.action for cycle in run.cycles]
     felt = np.array([cycle.felt for cycle in run.cycles])
@@ -60,7 +60,7 @@ def outcome(run: Run, robot: Robot) -> dict[str, Any]:
     }
 
 
-def alike(record: dict[str, Any]) -> str:
+def explain_likeness(record: dict[str, Any]) -> str:
     """Why a wrong tree is as good as the true one, "" if it is not.
 
     Centers at zero angles say nothing of hinges, so that "near" needs them right.
@@ -73,9 +73,9 @@ def alike(record: dict[str, Any]) -> str:
     return ""
 
 
-def explained(record: dict[str, Any]) -> str:
+def explain_inexact_run(record: dict[str, Any]) -> str:
     """What an inexact run ended at, in words."""
-    if why := alike(record):
+    if why := explain_likeness(record):
         return why
     if record["loss"] <= record["truth_loss"]:
         return "fits the actions tried no worse than the true body"

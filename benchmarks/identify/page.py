@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import fisher_exact
 
-from benchmarks.identify.outcome import NEAR, alike, explained
-from benchmarks.identify.suites import Row
+from benchmarks.identify.outcome import NEAR, explain_inexact_run, explain_likeness
+from benchmarks.identify.suites import SuiteRow
 from benchmarks.writer import Section
 from selfheal.selfmodel.explore import TOLD_APART
 from selfheal.study.statistics import share
@@ -17,39 +17,57 @@ _PAPER_RUNS = 30  # runs of each regime in the paper
 _BINS, _ENOUGH, _POINTS = 10, 50, 0.1  # the issue's: bins, statements, tolerance
 
 
-def sections(rows: list[Row], records: dict[str, Records], jobs: int) -> list[Section]:
+def make_sections(
+    rows: list[SuiteRow], records: dict[str, Records], jobs: int
+) -> list[Section]:
     """All sections of a suite's page."""
     ours = [r for row in rows if row.settings.method == "default"
             for r in records[row.name]]  # fmt: skip
-    found = [_success(rows, records, jobs)]
+    found = [_make_success_section(rows, records, jobs)]
     if any(row.rivals or row.paper is not None for row in rows):
-        found.append(_tests(rows, records))
+        found.append(_make_tests_section(rows, records))
     if ours:
-        found += [calibration_section(ours, "All runs of this suite."), _wrong(ours)]
+        found += [
+            make_calibration_section(ours, "All runs of this suite."),
+            _make_inexact_section(ours),
+        ]
     return found
 
 
-def _exact(records: Records) -> int:
+def _count_exact(records: Records) -> int:
     """How many runs ended at the true tree."""
     return sum(r["exact"] for r in records)
 
 
-def _success(rows: list[Row], records: dict[str, Records], jobs: int) -> Section:
+def _make_success_section(
+    rows: list[SuiteRow], records: dict[str, Records], jobs: int
+) -> Section:
     """How often the true tree was found."""
     lines = []
     for row in rows:
         found, s = records[row.name], row.settings
-        good = sum(r["exact"] or bool(alike(r)) for r in found)
-        spent = [sum(_searched(r)) for r in found]
+        good = sum(r["exact"] or bool(explain_likeness(r)) for r in found)
+        spent = [sum(_list_search_simulations(r)) for r in found]
         beside = [r["simulations"]["choice"] for r in found]
         middle = np.median([[r["tilt_error"], r["seconds"]] for r in found], axis=0)
         lines.append(
-            [row.name, s.robot, s.method, s.cycles, found[0]["settings"]["engine"],
-             share(_exact(found), len(found)), share(good, len(found)), row.target,
-             f"{np.mean([r['edge_f1'] for r in found]):.2f}",
-             f"{np.mean([r['axes'] for r in found]):.1f}", f"{middle[0]:.2f}",
-             f"{np.mean(spent):,.0f}", f"{np.mean(beside):,.0f}", f"{middle[1]:.1f}"]
-        )  # fmt: skip
+            [
+                row.name,
+                s.robot,
+                s.method,
+                s.cycles,
+                found[0]["settings"]["engine"],
+                share(_count_exact(found), len(found)),
+                share(good, len(found)),
+                row.target,
+                f"{np.mean([r['edge_f1'] for r in found]):.2f}",
+                f"{np.mean([r['axes'] for r in found]):.1f}",
+                f"{middle[0]:.2f}",
+                f"{np.mean(spent):,.0f}",
+                f"{np.mean(beside):,.0f}",
+                f"{middle[1]:.1f}",
+            ]
+        )
     seeds = [r["settings"]["seed"] for found in records.values() for r in found]
     text = (
         f"Seeds from {min(seeds)} (none from 5000 on was used in development); 95 % "
@@ -67,34 +85,36 @@ def _success(rows: list[Row], records: dict[str, Records], jobs: int) -> Section
     return Section("Success", text, header, lines)
 
 
-def _searched(record: dict[str, Any]) -> list[int]:
+def _list_search_simulations(record: dict[str, Any]) -> list[int]:
     """Simulations by engine, without those for choice and the final check."""
     outside = ("choice", "failed", "mujoco")
     return [n for name, n in record["simulations"].items() if name not in outside]
 
 
-def _tests(rows: list[Row], records: dict[str, Records]) -> Section:
+def _make_tests_section(rows: list[SuiteRow], records: dict[str, Records]) -> Section:
     """Fisher's exact tests of the comparisons that a suite is for."""
-    counts = {name: (_exact(found), len(found)) for name, found in records.items()}
+    counts = {
+        name: (_count_exact(found), len(found)) for name, found in records.items()
+    }
     lines = []
     for row in rows:
         own = counts[row.name]
         if row.paper is not None:
             paper = (row.paper, _PAPER_RUNS)
-            lines.append(_compared(row.name, own, "the paper", paper))
+            lines.append(_compare_shares(row.name, own, "the paper", paper))
         for rival in row.rivals:
-            lines.append(_compared(row.name, own, rival, counts[rival]))
+            lines.append(_compare_shares(row.name, own, rival, counts[rival]))
     header = ["row", "exact", "against", "exact", "p"]
     return Section("Tests", "Fisher's exact test, two-sided.", header, lines)
 
 
-def _compared(name: str, own: tuple, other: str, its: tuple) -> list[str]:
+def _compare_shares(name: str, own: tuple, other: str, its: tuple) -> list[str]:
     """A line of a test of two shares, each (successes, count)."""
     p = fisher_exact([[k, n - k] for k, n in (own, its)]).pvalue
     return [name, f"{own[0]}/{own[1]}", other, f"{its[0]}/{its[1]}", f"{p:.2g}"]
 
 
-def calibration_section(records: Records, source: str) -> Section:
+def make_calibration_section(records: Records, source: str) -> Section:
     """How sure runs said they are of each attachment, against how often right."""
     stated = np.array([x for r in records for x in r["stated"]])
     right = np.array([x for r in records for x in r["right"]])
@@ -122,15 +142,21 @@ def calibration_section(records: Records, source: str) -> Section:
     return Section("How sure, stated against true", text, header, rows)
 
 
-def _wrong(records: Records) -> Section:
+def _make_inexact_section(records: Records) -> Section:
     """Every run that did not end at the true tree, and what it ended at."""
     names = ("robot", "space", "budget", "cycles", "seed")
     rows = [
-        [*(r["settings"][name] for name in names), _edges(r), f"{r['distance']:.1f}",
-         f"{r['tilt_apart']:.1f} / {r['clearance_apart']:.1f}",
-         f"{r['loss']:.1f} / {r['truth_loss']:.1f}", explained(r)]
-        for r in records if not r["exact"]
-    ]  # fmt: skip
+        [
+            *(r["settings"][name] for name in names),
+            _format_wrong_attachments(r),
+            f"{r['distance']:.1f}",
+            f"{r['tilt_apart']:.1f} / {r['clearance_apart']:.1f}",
+            f"{r['loss']:.1f} / {r['truth_loss']:.1f}",
+            explain_inexact_run(r),
+        ]
+        for r in records
+        if not r["exact"]
+    ]
     text = (
         "Wrong attachments as part: found (true) parent, 0 = torso. Distance is the "
         "parts' centers' mean [cm]; told apart by: the largest difference that statics "
@@ -144,7 +170,7 @@ def _wrong(records: Records) -> Section:
     return Section("Runs that did not end at the true tree", text, header, rows)
 
 
-def _edges(record: dict[str, Any]) -> str:
+def _format_wrong_attachments(record: dict[str, Any]) -> str:
     """The wrong attachments of a run."""
     pairs = zip(record["parent"], record["truth"], strict=True)
     return ", ".join(f"{i}: {k} ({t})" for i, (k, t) in enumerate(pairs, 1) if k != t)

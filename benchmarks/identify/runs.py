@@ -19,15 +19,15 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.identify.page import calibration_section, sections
-from benchmarks.identify.suites import REAL, SUITES, Row
-from benchmarks.writer import INTACT, ROOT, cores, parser, publish
+from benchmarks.identify.page import make_calibration_section, make_sections
+from benchmarks.identify.suites import REAL, SUITES, SuiteRow
+from benchmarks.writer import INTACT, ROOT, count_cores, make_parser, publish_results
 from selfheal.selfmodel.run import Settings
 
 _ROOMS = ("body", "engine", "robot", "selfmodel", "models")  # what results depend on
 
 
-def code() -> str:
+def hash_code() -> str:
     """A name of the program code that the results depend on."""
     digest = hashlib.sha256()
     files = [f for room in _ROOMS for f in (ROOT / "selfheal" / room).rglob("*.py")]
@@ -36,7 +36,7 @@ def code() -> str:
     return digest.hexdigest()[:12]
 
 
-def plan(suite: str, options) -> list[tuple[Row, Settings]]:
+def plan_suite(suite: str, options) -> list[tuple[SuiteRow, Settings]]:
     """Every run of a suite."""
     runs = []
     for row in SUITES[suite]:
@@ -48,9 +48,9 @@ def plan(suite: str, options) -> list[tuple[Row, Settings]]:
     return runs
 
 
-def play(settings: Settings, recordings: str) -> dict[str, Any]:
+def play_run(settings: Settings, recordings: str) -> dict[str, Any]:
     """One whole run, in a worker process."""
-    from benchmarks.identify.outcome import outcome
+    from benchmarks.identify.outcome import compare_with_truth
     from selfheal.robot.base import open_robot
     from selfheal.selfmodel.loop import identify
 
@@ -59,15 +59,19 @@ def play(settings: Settings, recordings: str) -> dict[str, Any]:
     start = time.perf_counter()
     *_, run = identify(robot, settings)
     spent = time.perf_counter() - start
-    return {"settings": asdict(settings), "seconds": spent, **outcome(run, robot)}
+    return {
+        "settings": asdict(settings),
+        "seconds": spent,
+        **compare_with_truth(run, robot),
+    }
 
 
-def _take_a_core(free: Any) -> None:
+def _pin_to_core(free: Any) -> None:
     """Keep a worker process to one core, so that workers do not share threads."""
     os.sched_setaffinity(0, {free.get()})
 
 
-def workers(jobs: int) -> ProcessPoolExecutor:
+def start_workers(jobs: int) -> ProcessPoolExecutor:
     """Worker processes, each on its own core where there are several."""
     context = multiprocessing.get_context("spawn")  # fork and threads do not mix
     if jobs == 1:
@@ -75,41 +79,43 @@ def workers(jobs: int) -> ProcessPoolExecutor:
     free, mine = context.Manager().Queue(), sorted(os.sched_getaffinity(0))
     for job in range(jobs):
         free.put(mine[job % len(mine)])
-    return ProcessPoolExecutor(jobs, context, _take_a_core, (free,))
+    return ProcessPoolExecutor(jobs, context, _pin_to_core, (free,))
 
 
-def known(file: Path, now: str) -> dict[str, dict[str, Any]]:
+def read_known_runs(file: Path, now: str) -> dict[str, dict[str, Any]]:
     """Records of today's code in a file, by their settings."""
     if not file.is_file():
         return {}
     records = [json.loads(line) for line in file.read_text().splitlines()]
-    return {key(r["settings"]): r for r in records if r["code"] == now}
+    return {make_key(r["settings"]): r for r in records if r["code"] == now}
 
 
-def key(settings: dict[str, Any]) -> str:
+def make_key(settings: dict[str, Any]) -> str:
     """Settings as a text to look them up by."""
     return json.dumps(settings, sort_keys=True)
 
 
-def complete(runs: list, file: Path, options) -> dict[str, dict[str, Any]]:
+def complete_runs(runs: list, file: Path, options) -> dict[str, dict[str, Any]]:
     """Play the runs that are not known yet, writing each down as it ends."""
-    now = code()
-    done = known(file, now)
-    left = [s for _, s in runs if key(asdict(s)) not in done]
+    now = hash_code()
+    done = read_known_runs(file, now)
+    left = [s for _, s in runs if make_key(asdict(s)) not in done]
     file.parent.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
-    with workers(options.jobs) as pool, file.open("a") as out:
-        played = [pool.submit(play, s, str(options.recordings)) for s in left]
+    with start_workers(options.jobs) as pool, file.open("a") as out:
+        played = [pool.submit(play_run, s, str(options.recordings)) for s in left]
         for count, future in enumerate(as_completed(played), 1):
             record = {"code": now, **future.result()}
-            done[key(record["settings"])] = record
+            done[make_key(record["settings"])] = record
             out.write(json.dumps(record) + "\n")
             out.flush()
-            _say(record, count, len(left), time.perf_counter() - start)
+            _print_progress(record, count, len(left), time.perf_counter() - start)
     return done
 
 
-def _say(record: dict[str, Any], count: int, total: int, spent: float) -> None:
+def _print_progress(
+    record: dict[str, Any], count: int, total: int, spent: float
+) -> None:
     """A line of progress on standard error."""
     s, rest = record["settings"], spent / count * (total - count)
     print(
@@ -120,35 +126,39 @@ def _say(record: dict[str, Any], count: int, total: int, spent: float) -> None:
     )
 
 
-def suite(name: str, options, folder: Path) -> None:
+def run_suite(name: str, options, folder: Path) -> None:
     """Run a suite and publish it."""
-    runs = plan(name, options)
-    done = complete(runs, folder / f"identify-{name}.jsonl", options)
+    runs = plan_suite(name, options)
+    done = complete_runs(runs, folder / f"identify-{name}.jsonl", options)
     records: dict[str, list[dict[str, Any]]] = {row.name: [] for row in SUITES[name]}
     for row, settings in runs:
-        records[row.name].append(done[key(asdict(settings))])
+        records[row.name].append(done[make_key(asdict(settings))])
     title = f"Identification: {name}"
-    found = sections(SUITES[name], records, options.jobs)
-    publish(options.root, f"identify-{name}", title, found, {"code": code(), **records})
+    found = make_sections(SUITES[name], records, options.jobs)
+    publish_results(
+        options.root, f"identify-{name}", title, found, {"code": hash_code(), **records}
+    )
 
 
-def calibration(options, folder: Path) -> None:
+def pool_calibration(options, folder: Path) -> None:
     """Pool what all suites' runs of our method said of how sure they are."""
-    now, pooled, used = code(), [], []
+    now, pooled, used = hash_code(), [], []
     for name in SUITES:
-        found = known(folder / f"identify-{name}.jsonl", now).values()
+        found = read_known_runs(folder / f"identify-{name}.jsonl", now).values()
         ours = [r for r in found if r["settings"]["method"] == "default"]
         pooled += ours
         used += [f"{name} ({len(ours)} runs)"] if ours else []
-    section = calibration_section(pooled, f"Pooled from: {', '.join(used) or 'none'}.")
+    section = make_calibration_section(
+        pooled, f"Pooled from: {', '.join(used) or 'none'}."
+    )
     data = {"code": now, "suites": used, "rows": section.rows}
     title = "Identification: how sure, stated against true"
-    publish(options.root, "identify-calibration", title, [section], data)
+    publish_results(options.root, "identify-calibration", title, [section], data)
 
 
 def main() -> None:
     """Read the command line and run what it says."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     line.add_argument("suite", choices=[*SUITES, "calibration"])
     line.add_argument("--seeds", type=int, help="runs of each row, instead of its own")
     line.add_argument("--first-seed", type=int, default=5000, help="then one by one")
@@ -156,13 +166,13 @@ def main() -> None:
     line.add_argument("--engine", help="instead of the suite's (statics; mjx: mjx)")
     line.add_argument("--recordings", type=Path, default=INTACT, help="intact.h5")
     options = line.parse_args()
-    options.jobs = options.jobs or (1 if options.suite == "mjx" else cores())
+    options.jobs = options.jobs or (1 if options.suite == "mjx" else count_cores())
     options.count = lambda row: options.seeds or row.seeds
     folder = options.root / "benchmarks" / "results"
     if options.suite == "calibration":
-        calibration(options, folder)
+        pool_calibration(options, folder)
     else:
-        suite(options.suite, options, folder)
+        run_suite(options.suite, options, folder)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ REAL, HIDDEN = "starfish-2006", "starfish"
 
 
 @dataclass(frozen=True)
-class Row:
+class SuiteRow:
     """One configuration of a suite.
 
     Attributes:
@@ -34,51 +34,71 @@ class Row:
     rivals: tuple[str, ...] = ()
 
 
-def _ours(robot: str, space: str, budget: int, **more) -> Settings:
+def _make_our_settings(robot: str, space: str, budget: int, **more) -> Settings:
     """Our method; statics, for its speed, unless a suite or --engine says otherwise."""
     engine = more.pop("engine", "statics")
     return Settings(robot, space=space, budget=budget, engine=engine, **more)
 
 
-def _released(method: str) -> Settings:
+def _make_2006_settings(method: str) -> Settings:
     """A rule of 2006."""
     return Settings(REAL, method=method, engine="statics", budget=CEILING)
 
 
-def _few(cycles: int, random: bool) -> Row:
+def _make_few_actions_row(cycles: int, random: bool) -> SuiteRow:
     """A few actions, chosen or random."""
-    settings = _ours(REAL, "sides", 80_000, cycles=cycles, random_actions=random)
+    settings = _make_our_settings(
+        REAL, "sides", 80_000, cycles=cycles, random_actions=random
+    )
     if random:
-        return Row(f"{cycles} random actions", settings, 60)
+        return SuiteRow(f"{cycles} random actions", settings, 60)
     target = {10: ">= 95 %", 8: ">= 85 %", 6: ">= 60 %"}[cycles] + ", p < 0.01"
     name = f"{cycles} chosen actions"
-    return Row(name, settings, 60, target, rivals=(f"{cycles} random actions",))
+    return SuiteRow(name, settings, 60, target, rivals=(f"{cycles} random actions",))
 
 
 _BATCH, _ALTERNATE, _CHOSEN = "random, batch", "random, alternating", "the rule"
-_FULL = _ours(HIDDEN, "full", 262_000, known_lengths=True)
-_MJX = _ours(REAL, "free", 262_000, engine="mjx")
+_FULL = _make_our_settings(HIDDEN, "full", 262_000, known_lengths=True)
+_MJX = _make_our_settings(REAL, "free", 262_000, engine="mjx")
 
 SUITES = {
     "paper": [
-        Row(_BATCH, _released("random-batch"), 100, "21 %", 7),
-        Row(_ALTERNATE, _released("random-alternate"), 100, "15 %", 8),
-        Row(_CHOSEN, _released("paper"), 100, "49 %", 13, (_BATCH, _ALTERNATE)),
+        SuiteRow(_BATCH, _make_2006_settings("random-batch"), 100, "21 %", 7),
+        SuiteRow(_ALTERNATE, _make_2006_settings("random-alternate"), 100, "15 %", 8),
+        SuiteRow(
+            _CHOSEN, _make_2006_settings("paper"), 100, "49 %", 13, (_BATCH, _ALTERNATE)
+        ),
     ],
     "real-free": [
-        Row("free, 262,000", _ours(REAL, "free", 262_000), 60, ">= 95 %"),
-        Row("free, 80,000", _ours(REAL, "free", 80_000), 60, ">= 85 %"),
+        SuiteRow(
+            "free, 262,000", _make_our_settings(REAL, "free", 262_000), 60, ">= 95 %"
+        ),
+        SuiteRow(
+            "free, 80,000", _make_our_settings(REAL, "free", 80_000), 60, ">= 85 %"
+        ),
     ],
     "real-sides": [
-        Row("sides, 80,000", _ours(REAL, "sides", 80_000), 60, ">= 98 %"),
-        Row("sides, 26,000", _ours(REAL, "sides", 26_000), 60, ">= 85 %"),
+        SuiteRow(
+            "sides, 80,000", _make_our_settings(REAL, "sides", 80_000), 60, ">= 98 %"
+        ),
+        SuiteRow(
+            "sides, 26,000", _make_our_settings(REAL, "sides", 26_000), 60, ">= 85 %"
+        ),
     ],
-    "few-actions": [_few(*row) for row in product((10, 8, 6), (False, True))],
-    "full": [Row("hinges unknown, lengths known, 262,000", _FULL, 20, ">= 60 %")],
+    "few-actions": [
+        _make_few_actions_row(*row) for row in product((10, 8, 6), (False, True))
+    ],
+    "full": [SuiteRow("hinges unknown, lengths known, 262,000", _FULL, 20, ">= 60 %")],
     "simulated": [
-        Row("hidden starfish", _ours(HIDDEN, "free", 262_000), 30, "30/30"),
-        Row("hidden trees", _ours("tree:{seed}", "free", 262_000), 20,
-            ">= 85 % or like it"),
+        SuiteRow(
+            "hidden starfish", _make_our_settings(HIDDEN, "free", 262_000), 30, "30/30"
+        ),
+        SuiteRow(
+            "hidden trees",
+            _make_our_settings("tree:{seed}", "free", 262_000),
+            20,
+            ">= 85 % or like it",
+        ),
     ],
-    "mjx": [Row("free, 262,000, every simulation on mjx", _MJX, 3, "<= 720 s")],
-}  # fmt: skip
+    "mjx": [SuiteRow("free, 262,000, every simulation on mjx", _MJX, 3, "<= 720 s")],
+}

@@ -14,27 +14,27 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks.other_cases.cases import OTHERS
-from benchmarks.other_cases.make import make
-from benchmarks.sealed.cases import save
+from benchmarks.other_cases.cases import OTHER_CASES
+from benchmarks.other_cases.make import make_case
+from benchmarks.sealed.cases import save_case
 from selfheal.body.mjcf import ignore_warnings
 
 
 def main() -> int:
     """Read the command line and make the cases that are not there yet."""
-    names = [case.name for case in OTHERS]
+    names = [case.name for case in OTHER_CASES]
     line = argparse.ArgumentParser(description=__doc__)
     line.add_argument("--out", type=Path, required=True)
     line.add_argument("--keys", type=Path, required=True)
     line.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
     options = line.parse_args()
     ignore_warnings()
-    for case in OTHERS:
+    for case in OTHER_CASES:
         known = (options.keys / case.name / "key.json").is_file()
         if known or case.name not in options.only:
             continue
         start = time.perf_counter()
-        save(make(case), options.out, options.keys)
+        save_case(make_case(case), options.out, options.keys)
         print(f"{case.name}: {time.perf_counter() - start:.1f} s", file=sys.stderr)
     return 0
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from benchmarks.other_cases.motions import GRAVITY
 
-Change = Callable[[Any], None]
+SpecEdit = Callable[[Any], None]
 
 
 @dataclass(frozen=True)
-class Effect:
+class TrueEffect:
     """What the key says of one effect.
 
     Attributes:
@@ -33,22 +33,22 @@ class Effect:
 # ---------------------------------------------------------------- edits
 
 
-def on_joint(name: str, **values: Any) -> Change:
+def set_joint(name: str, **values: Any) -> SpecEdit:
     """Other values of a joint."""
-    return lambda spec: _set(spec.joint(name), values)
+    return lambda spec: _set_attributes(spec.joint(name), values)
 
 
-def on_actuator(name: str, **values: Any) -> Change:
+def set_actuator(name: str, **values: Any) -> SpecEdit:
     """Other values of an actuator."""
-    return lambda spec: _set(spec.actuator(name), values)
+    return lambda spec: _set_attributes(spec.actuator(name), values)
 
 
-def _set(element: Any, values: dict[str, Any]) -> None:
+def _set_attributes(element: Any, values: dict[str, Any]) -> None:
     for key, value in values.items():
         setattr(element, key, value)
 
 
-def weight(body: str, mass: float, place: Sequence[float]) -> Change:
+def add_ball(body: str, mass: float, place: Sequence[float]) -> SpecEdit:
     """A small ball of this mass [kg], at this place [m] of a body."""
     ball = mujoco.mjtGeom.mjGEOM_SPHERE
 
@@ -58,7 +58,7 @@ def weight(body: str, mass: float, place: Sequence[float]) -> Change:
     return change
 
 
-def tilt(angle: float) -> Change:
+def tilt_gravity(angle: float) -> SpecEdit:
     """Gravity of a floor that falls by `angle` [rad] towards +x."""
 
     def change(spec: Any) -> None:
@@ -67,14 +67,14 @@ def tilt(angle: float) -> Change:
     return change
 
 
-def half_stiff(spec: Any) -> None:
+def halve_knee_stiffness(spec: Any) -> None:
     """Half the stiffness of the hopper's front knee servo."""
     servo = spec.actuator("fk")
     servo.gainprm[0] *= 0.5
     servo.biasprm[1] *= 0.5
 
 
-def stiff_and_late(spec: Any) -> None:
+def add_friction_and_lag(spec: Any) -> None:
     """Dry friction at SCARA's q2, and a first-order lag at ar."""
     spec.joint("q2").frictionloss = 0.5
     servo = spec.actuator("ar")
@@ -82,7 +82,7 @@ def stiff_and_late(spec: Any) -> None:
     servo.dynprm[0] = 0.04
 
 
-def play(spec: Any) -> None:
+def add_backlash(spec: Any) -> None:
     """Play between the motor of b, which is measured, and its link."""
     spec.body("l2").add_joint(
         name="b_gap",
@@ -94,24 +94,24 @@ def play(spec: Any) -> None:
     )
 
 
-def longer(spec: Any) -> None:
+def lengthen_link(spec: Any) -> None:
     """The planar arm's second link is 0.29 m long, its mass as it was."""
     spec.body("l3").pos = [0.29, 0, 0]
     spec.body("l2").geoms[0].fromto = [0, 0, 0, 0.29, 0, 0]
 
 
-def off_center(spec: Any) -> None:
+def shift_drone_mass(spec: Any) -> None:
     """The drone's mass lies ahead of its middle."""
     spec.body("drone").geoms[0].pos = [0.012, 0, 0]
 
 
-def slippery(spec: Any) -> None:
+def halve_friction(spec: Any) -> None:
     """Half of the sled's friction."""
     for name in ("floor", "hull"):
         spec.geom(name).friction[0] = 0.17
 
 
-def thick_air(spec: Any) -> None:
+def thicken_air(spec: Any) -> None:
     """A medium of four times the density of air."""
     spec.option.density = 4.8
 
@@ -119,38 +119,42 @@ def thick_air(spec: Any) -> None:
 # ---------------------------------------------------------------- key entries
 
 
-def viscous(joint: str, damping: float, unit: str) -> Effect:
+def state_viscous_friction(joint: str, damping: float, unit: str) -> TrueEffect:
     """Of a joint, in its own unit."""
-    return Effect("viscous_friction", f"joint:{joint}", {"damping": (damping, unit)})
+    return TrueEffect(
+        "viscous_friction", f"joint:{joint}", {"damping": (damping, unit)}
+    )
 
 
-def dry(joint: str, loss: float) -> Effect:
+def state_coulomb_friction(joint: str, loss: float) -> TrueEffect:
     """Of a hinge."""
     values = {"frictionloss": (loss, "N m")}
-    return Effect("coulomb_friction", f"joint:{joint}", values)
+    return TrueEffect("coulomb_friction", f"joint:{joint}", values)
 
 
-def late(actuator: str, delay: float) -> Effect:
+def state_command_delay(actuator: str, delay: float) -> TrueEffect:
     """Of a command."""
-    return Effect("command_delay", f"actuator:{actuator}", {"delay": (delay, "s")})
+    return TrueEffect("command_delay", f"actuator:{actuator}", {"delay": (delay, "s")})
 
 
-def bias(signal: str, bias: float) -> Effect:
+def state_sensor_bias(signal: str, bias: float) -> TrueEffect:
     """Of an angle's reading."""
-    return Effect("sensor_bias", f"sensor:{signal}", {"bias": (bias, "rad")})
+    return TrueEffect("sensor_bias", f"sensor:{signal}", {"bias": (bias, "rad")})
 
 
-def slope(tilt: float) -> Effect:
+def state_slope(tilt: float) -> TrueEffect:
     """Downhill is +x."""
-    return Effect("slope", "world", {"tilt": (tilt, "rad"), "azimuth": (0.0, "rad")})
+    return TrueEffect(
+        "slope", "world", {"tilt": (tilt, "rad"), "azimuth": (0.0, "rad")}
+    )
 
 
-def payload(body: str, mass: float, **place: float) -> Effect:
+def state_payload(body: str, mass: float, **place: float) -> TrueEffect:
     """At a place of a body, as far as it shows."""
     values = {f"position_{axis}": (value, "m") for axis, value in place.items()}
-    return Effect("payload", f"body:{body}", {"mass": (mass, "kg"), **values})
+    return TrueEffect("payload", f"body:{body}", {"mass": (mass, "kg"), **values})
 
 
-def gain(actuator: str, kp: float, unit: str) -> Effect:
+def state_servo_gain(actuator: str, kp: float, unit: str) -> TrueEffect:
     """Of a servo or a motor, in its own unit."""
-    return Effect("servo_gain", f"actuator:{actuator}", {"kp": (kp, unit)})
+    return TrueEffect("servo_gain", f"actuator:{actuator}", {"kp": (kp, unit)})

@@ -9,7 +9,7 @@ from benchmarks.other_cases.motions import Motion, Rng
 
 
 @dataclass(frozen=True)
-class Reading:
+class Sensor:
     """What one sensor says.
 
     Attributes:
@@ -49,7 +49,7 @@ class Robot:
 
     name: str
     xml: str
-    signals: Mapping[str, Reading]
+    signals: Mapping[str, Sensor]
     motion: Motion
     seconds: float
     episodes: int
@@ -59,26 +59,28 @@ class Robot:
     piece: float = 0.0
 
 
-def angle(joint: str, noise: float, bias: float = 0.0, step: float = 0.0) -> Reading:
+def measure_angle(
+    joint: str, noise: float, bias: float = 0.0, step: float = 0.0
+) -> Sensor:
     """A hinge's position."""
-    return Reading("joint_position", joint, "rad", noise, bias, step)
+    return Sensor("joint_position", joint, "rad", noise, bias, step)
 
 
-def speed(joint: str, noise: float) -> Reading:
+def measure_speed(joint: str, noise: float) -> Sensor:
     """A hinge's velocity."""
-    return Reading("joint_velocity", joint, "rad/s", noise)
+    return Sensor("joint_velocity", joint, "rad/s", noise)
 
 
-def slide(joint: str, noise: float) -> Reading:
+def measure_slide(joint: str, noise: float) -> Sensor:
     """A slide's position."""
-    return Reading("joint_position", joint, "m", noise)
+    return Sensor("joint_position", joint, "m", noise)
 
 
-def pose(body: str, place: float, turn: float) -> dict[str, Reading]:
+def measure_pose(body: str, place: float, turn: float) -> dict[str, Sensor]:
     """Where a camera sees a body."""
     return {
-        "pos": Reading("body_position", body, "m", place),
-        "ori": Reading("body_orientation", body, "quaternion", turn),
+        "pos": Sensor("body_position", body, "m", place),
+        "ori": Sensor("body_orientation", body, "quaternion", turn),
     }
 
 
@@ -110,12 +112,12 @@ GANTRY = Robot(
 </mujoco>
 """,
     {
-        "px": slide("x", 2e-4),
-        "py": slide("y", 2e-4),
-        "sx": angle("swing_x", 1e-3),
-        "sy": angle("swing_y", 1e-3),
+        "px": measure_slide("x", 2e-4),
+        "py": measure_slide("y", 2e-4),
+        "sx": measure_angle("swing_x", 1e-3),
+        "sy": measure_angle("swing_y", 1e-3),
     },
-    move.crane,
+    move.drive_crane,
     seconds=8,
     episodes=8,
     rate=200,
@@ -159,13 +161,13 @@ ARM = Robot(
   </actuator>
 </mujoco>
 """,
-    {f"q_{j}": angle(j, 3e-4) for j in _ARM_JOINTS}
-    | {f"dq_{j}": speed(j, 1e-2) for j in _ARM_JOINTS},
-    move.arm,
+    {f"q_{j}": measure_angle(j, 3e-4) for j in _ARM_JOINTS}
+    | {f"dq_{j}": measure_speed(j, 1e-2) for j in _ARM_JOINTS},
+    move.drive_arm,
     seconds=10,
     episodes=6,
     rate=250,
-    start=move.arm_start,
+    start=move.start_arm,
     piece=0.5,
 )
 
@@ -186,8 +188,8 @@ FURUTA = Robot(
   <actuator><velocity name="drive" joint="turn" kv="0.6"/></actuator>
 </mujoco>
 """,
-    {"enc": angle("turn", 5e-4), "stick": angle("swing", 1.5e-3)},
-    move.sines(4.0, 0.3, 1.5),
+    {"enc": measure_angle("turn", 5e-4), "stick": measure_angle("swing", 1.5e-3)},
+    move.command_sines(4.0, 0.3, 1.5),
     seconds=6,
     episodes=8,
     rate=100,
@@ -205,9 +207,9 @@ FURUTA_IMU = replace(
         "</sensor>\n</mujoco>",
     ),
     signals={
-        "enc": angle("turn", 5e-4),
-        "swing": angle("swing", 1.5e-3),
-        "imu": Reading("sensor", "imu", "rad/s", 5e-3, bias=(0, 0.08, 0)),
+        "enc": measure_angle("turn", 5e-4),
+        "swing": measure_angle("swing", 1.5e-3),
+        "imu": Sensor("sensor", "imu", "rad/s", 5e-3, bias=(0, 0.08, 0)),
     },
 )
 
@@ -249,13 +251,13 @@ HOPPER = Robot(
   </actuator>
 </mujoco>
 """,
-    {j: slide(j, 5e-4) for j in ("rx", "rz")}
-    | {j: angle(j, 5e-4) for j in _HOPPER_JOINTS},
-    move.hops,
+    {j: measure_slide(j, 5e-4) for j in ("rx", "rz")}
+    | {j: measure_angle(j, 5e-4) for j in _HOPPER_JOINTS},
+    move.command_hops,
     seconds=4,
     episodes=8,
     rate=200,
-    start=move.hopper_start,
+    start=move.start_hopper,
     fine=0.00025,
     piece=1.0,
 )
@@ -287,9 +289,9 @@ ROVER = Robot(
   </actuator>
 </mujoco>
 """,
-    {"left": angle("left", 1e-3), "right": angle("right", 1e-3)}
-    | pose("chassis", 1e-3, 1e-3),
-    move.sines(8.0, 0.1, 0.6),
+    {"left": measure_angle("left", 1e-3), "right": measure_angle("right", 1e-3)}
+    | measure_pose("chassis", 1e-3, 1e-3),
+    move.command_sines(8.0, 0.1, 0.6),
     seconds=6,
     episodes=8,
     rate=100,
@@ -332,12 +334,12 @@ SCARA = Robot(
 </mujoco>
 """,
     {
-        "q1": angle("q1", 2e-4),
-        "q2": angle("q2", 2e-4),
-        "z": slide("z", 5e-5),
-        "r": angle("r", 1e-3),
+        "q1": measure_angle("q1", 2e-4),
+        "q2": measure_angle("q2", 2e-4),
+        "z": measure_slide("z", 5e-5),
+        "r": measure_angle("r", 1e-3),
     },
-    move.sines([0.8, 0.8, 0.05, 1.5], 0.1, 0.8, 0.2),
+    move.command_sines([0.8, 0.8, 0.05, 1.5], 0.1, 0.8, 0.2),
     seconds=8,
     episodes=6,
     rate=100,

@@ -7,12 +7,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.other_cases.cases import Other
-from benchmarks.other_cases.jointed_robots import Reading, Robot
+from benchmarks.other_cases.cases import OtherCase
+from benchmarks.other_cases.jointed_robots import Robot, Sensor
 from benchmarks.other_cases.motions import Rng
-from benchmarks.replay_error import open_loop, score, values
+from benchmarks.replay_error import compute_score, extract_values, simulate_open_loop
 from benchmarks.sealed.cases import Case
-from benchmarks.sealed.sensors import pieces
+from benchmarks.sealed.sensors import cut_segments
 from selfheal.recording import Episode, Recording, Signal
 
 STATED = 0.06  # share that a stated mass is off at most; a damping twice that
@@ -20,7 +20,7 @@ TEST = 1000  # added to the seed of a recording
 
 
 @dataclass(frozen=True)
-class Run:
+class Rollout:
     """What the robot did.
 
     Attributes:
@@ -37,7 +37,7 @@ class Run:
     seen: dict[str, np.ndarray]
 
 
-def hidden(case: Other) -> Any:
+def make_hidden_spec(case: OtherCase) -> Any:
     """The hidden robot's specification, effects included, at the given step."""
     rng = np.random.default_rng(case.stated)
     spec = mujoco.MjSpec.from_string(case.robot.xml)
@@ -51,14 +51,14 @@ def hidden(case: Other) -> Any:
     return spec
 
 
-def truth(case: Other) -> Any:
+def compile_hidden_robot(case: OtherCase) -> Any:
     """The hidden robot, compiled."""
-    spec = hidden(case)
+    spec = make_hidden_spec(case)
     spec.option.timestep = case.robot.fine or spec.option.timestep / 5
     return spec.compile()
 
 
-def _true(reading: Reading, data: Any) -> Any:
+def _read_sensor(reading: Sensor, data: Any) -> Any:
     """What a sensor would say without noise; those of the model a fine step late."""
     if reading.kind == "joint_position":
         value = data.joint(reading.target).qpos[0]
@@ -74,7 +74,7 @@ def _true(reading: Reading, data: Any) -> Any:
     return value + np.array(reading.bias)
 
 
-def simulate(case: Other, model: Any, rng: Rng) -> Run:
+def simulate_episode(case: OtherCase, model: Any, rng: Rng) -> Rollout:
     """One episode; the command that is sent takes `case.delay` to arrive."""
     robot, data = case.robot, mujoco.MjData(model)
     if robot.start:
@@ -87,22 +87,22 @@ def simulate(case: Other, model: Any, rng: Rng) -> Run:
         if now >= due - 1e-12:
             ctrl = np.asarray(command(now, data), float)
             sent.append((now + case.delay, ctrl))
-            seen = {k: _true(r, data) for k, r in robot.signals.items()}
+            seen = {k: _read_sensor(r, data) for k, r in robot.signals.items()}
             rows.append((now, ctrl, data.qpos.copy(), data.qvel.copy(), seen))
             due += 1 / robot.rate * (1 + case.jitter * rng.uniform(-1, 1))
         while sent and sent[0][0] <= now + 1e-12:
             data.ctrl[:] = sent.pop(0)[1]
         mujoco.mj_step(model, data)
-    return _run(case.robot, model, rows)
+    return _collect_rollout(case.robot, model, rows)
 
 
-def _run(robot: Robot, model: Any, rows: Sequence[Any]) -> Run:
+def _collect_rollout(robot: Robot, model: Any, rows: Sequence[Any]) -> Rollout:
     """The samples as arrays, without the joints that the given model does not have."""
     time, ctrl, qpos, qvel, seen = zip(*rows, strict=True)
     given = mujoco.MjModel.from_xml_string(robot.xml)
     names = {given.joint(j).name for j in range(given.njnt)}
     extra = [j for j in range(model.njnt) if model.joint(j).name not in names]
-    return Run(
+    return Rollout(
         np.array(time),
         np.array(ctrl).reshape(len(time), model.nu),
         np.delete(np.array(qpos), model.jnt_qposadr[extra], axis=1),
@@ -111,7 +111,9 @@ def _run(robot: Robot, model: Any, rows: Sequence[Any]) -> Run:
     )
 
 
-def _noisy(case: Other, reading: Reading, seen: np.ndarray, rng: Rng) -> np.ndarray:
+def _add_noise(
+    case: OtherCase, reading: Sensor, seen: np.ndarray, rng: Rng
+) -> np.ndarray:
     """A signal as recorded."""
     if reading.step:
         seen = np.round(seen / reading.step) * reading.step
@@ -123,7 +125,9 @@ def _noisy(case: Other, reading: Reading, seen: np.ndarray, rng: Rng) -> np.ndar
     return seen
 
 
-def _episode(case: Other, model: Any, run: Run, seen, *, state: bool) -> Episode:
+def _make_episode(
+    case: OtherCase, model: Any, run: Rollout, seen, *, state: bool
+) -> Episode:
     readings = case.robot.signals
     signals = {
         name: Signal(seen[name], r.kind, r.target, r.unit)
@@ -139,42 +143,53 @@ def _episode(case: Other, model: Any, run: Run, seen, *, state: bool) -> Episode
     )
 
 
-def record(case: Other, seed: int, *, state: bool) -> tuple[Recording, Recording, list]:
+def record_case(
+    case: OtherCase, seed: int, *, state: bool
+) -> tuple[Recording, Recording, list]:
     """A recording, the same without noise, and the runs behind both."""
-    rng, model, readings = np.random.default_rng(seed), truth(case), case.robot.signals
+    rng, model, readings = (
+        np.random.default_rng(seed),
+        compile_hidden_robot(case),
+        case.robot.signals,
+    )
     noisy, clean, runs = {}, {}, []
     for k in range(case.robot.episodes):
-        run = simulate(case, model, rng)
-        seen = {n: _noisy(case, r, run.seen[n], rng) for n, r in readings.items()}
-        noisy[f"run{k}"] = _episode(case, model, run, seen, state=state)
-        clean[f"run{k}"] = _episode(case, model, run, run.seen, state=state)
+        run = simulate_episode(case, model, rng)
+        seen = {n: _add_noise(case, r, run.seen[n], rng) for n, r in readings.items()}
+        noisy[f"run{k}"] = _make_episode(case, model, run, seen, state=state)
+        clean[f"run{k}"] = _make_episode(case, model, run, run.seen, state=state)
         runs.append(run)
     file = "recording.h5"
     return Recording(noisy, file=file), Recording(clean, file=file), runs
 
 
-def make(case: Other) -> Case:
+def make_case(case: OtherCase) -> Case:
     """One case, always the same."""
-    train, _, _ = record(case, case.seed, state=case.state)
-    test, clean, runs = record(case, case.seed + TEST, state=True)
+    train, _, _ = record_case(case, case.seed, state=case.state)
+    test, clean, runs = record_case(case, case.seed + TEST, state=True)
     if length := case.robot.piece:
-        test, clean = pieces(test, runs, length), pieces(clean, runs, length)
-    key = key_of(case) | {"test": _standard(case, test, clean)}
+        test, clean = (
+            cut_segments(test, runs, length),
+            cut_segments(clean, runs, length),
+        )
+    key = make_key(case) | {"test": _score_references(case, test, clean)}
     return Case(case.name, case.robot, train, test, key)
 
 
-def _standard(case: Other, test: Recording, clean: Recording) -> dict[str, float]:
+def _score_references(
+    case: OtherCase, test: Recording, clean: Recording
+) -> dict[str, float]:
     """Scores on the test as the sealed benchmark's key has them."""
     given = mujoco.MjModel.from_xml_string(case.robot.xml)
-    stated = hidden(replace(case, change=lambda spec: None)).compile()
+    stated = make_hidden_spec(replace(case, change=lambda spec: None)).compile()
     return {
-        "given": score(open_loop(given, test), test),
-        "stated": score(open_loop(stated, test), test),
-        "floor": score(values(clean), test),
+        "given": compute_score(simulate_open_loop(given, test), test),
+        "stated": compute_score(simulate_open_loop(stated, test), test),
+        "floor": compute_score(extract_values(clean), test),
     }
 
 
-def key_of(case: Other) -> dict[str, Any]:
+def make_key(case: OtherCase) -> dict[str, Any]:
     """What the scorer reads of the truth."""
     signals = case.robot.signals.items()
     return {
@@ -183,12 +198,12 @@ def key_of(case: Other) -> dict[str, Any]:
         "kind": case.kind,
         "seed": case.seed,
         "robot": case.robot.name,
-        "effects": [_told(effect) for effect in case.effects],
+        "effects": [_describe_effect(effect) for effect in case.effects],
         "quantized_noise": [f"sensor:{name}" for name, r in signals if r.step],
     }
 
 
-def _told(effect: Any) -> dict[str, Any]:
+def _describe_effect(effect: Any) -> dict[str, Any]:
     told: dict[str, Any] = {
         "effect": effect.name,
         "target": effect.target,

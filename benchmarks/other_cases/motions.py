@@ -14,18 +14,20 @@ GRAVITY = 9.81  # [m/s^2]
 DRONE_MASS, DRONE_ARM, DRONE_SPIN = 0.6, 0.12, 0.02  # [kg], [m], [m] of `DRONE`
 
 
-def _waves(rng: Rng, count: int, columns: int, slow: float, fast: float):
+def _draw_waves(rng: Rng, count: int, columns: int, slow: float, fast: float):
     """Rates [Hz] and phases of `count` waves, each (count, columns)."""
     rates = rng.uniform(slow, fast, (count, columns))
     return rates, rng.uniform(0, 6.3, (count, columns))
 
 
-def sines(size: float | Sequence[float], slow=0.2, fast=1.2, steps=0.3) -> Motion:
+def command_sines(
+    size: float | Sequence[float], slow=0.2, fast=1.2, steps=0.3
+) -> Motion:
     """Two sines and a square wave, each actuator its own."""
 
     def motion(rng: Rng, model: Any) -> Command:
         sizes = np.atleast_1d(size) * np.ones(model.nu)
-        f, p = _waves(rng, 3, model.nu, slow, fast)
+        f, p = _draw_waves(rng, 3, model.nu, slow, fast)
 
         def command(t: float, data: Any) -> np.ndarray:
             wave = [np.sin(TURN * f[k] * t + p[k]) for k in range(3)]
@@ -36,9 +38,9 @@ def sines(size: float | Sequence[float], slow=0.2, fast=1.2, steps=0.3) -> Motio
     return motion
 
 
-def crane(rng: Rng, model: Any) -> Command:
+def drive_crane(rng: Rng, model: Any) -> Command:
     """A feedback that drives bridge and trolley; the load swings."""
-    f, p = _waves(rng, 2, 2, 0.1, 0.6)
+    f, p = _draw_waves(rng, 2, 2, 0.1, 0.6)
 
     def command(t: float, data: Any) -> np.ndarray:
         goal = 0.3 * np.sin(TURN * f[0] * t + p[0])
@@ -51,9 +53,9 @@ def crane(rng: Rng, model: Any) -> Command:
 ARM_REST = np.array([0, 0.6, 0.4, 0])  # [rad]
 
 
-def arm(rng: Rng, model: Any) -> Command:
+def drive_arm(rng: Rng, model: Any) -> Command:
     """Computed torques of four geared motors: feedback, and most of the weight."""
-    f, p = _waves(rng, 2, 4, 0.15, 0.7)
+    f, p = _draw_waves(rng, 2, 4, 0.15, 0.7)
     stiff, damp = np.array([60, 150, 60, 12.0]), np.array([6, 12, 4, 0.6])
     weight, gear = np.array([0, -6, -2.2, -0.1]), np.array([60, 80, 50, 20.0])
 
@@ -65,7 +67,7 @@ def arm(rng: Rng, model: Any) -> Command:
     return command
 
 
-def arm_start(data: Any, rng: Rng) -> None:
+def start_arm(data: Any, rng: Rng) -> None:
     """Near the rest pose."""
     data.qpos[:] = ARM_REST + 0.1 * rng.normal(size=4)
 
@@ -73,7 +75,7 @@ def arm_start(data: Any, rng: Rng) -> None:
 CROUCH = np.array([0.35, -0.7, -0.35, 0.7])  # [rad]
 
 
-def hops(rng: Rng, model: Any) -> Command:
+def command_hops(rng: Rng, model: Any) -> Command:
     """Both legs bend and stretch, each joint in its own phase."""
     rate, phase = rng.uniform(0.5, 1.5), rng.uniform(0, 6.3, 4)
 
@@ -84,7 +86,7 @@ def hops(rng: Rng, model: Any) -> Command:
     return command
 
 
-def hopper_start(data: Any, rng: Rng) -> None:
+def start_hopper(data: Any, rng: Rng) -> None:
     """Crouched, with both feet on the floor."""
     data.qpos[:] = [0, -0.052, 0, *CROUCH]
 
@@ -94,9 +96,9 @@ MIXER = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [-1, 1, 1, -1], [1, -1, 1, -1]])
 MIXER = MIXER * np.array([[1, DRONE_ARM, DRONE_ARM, DRONE_SPIN]]).T
 
 
-def flight(rng: Rng, model: Any) -> Command:
+def fly_drone(rng: Rng, model: Any) -> Command:
     """The thrusts of an autopilot that follows a wavy path."""
-    f, p = _waves(rng, 2, 3, 0.1, 0.5)
+    f, p = _draw_waves(rng, 2, 3, 0.1, 0.5)
     sizes = np.array([0.6, 0.6, 0.3])
 
     def command(t: float, data: Any) -> np.ndarray:
@@ -105,13 +107,13 @@ def flight(rng: Rng, model: Any) -> Command:
         push = 4 * (goal - data.qpos[:3]) - 3 * data.qvel[:3]
         lean = np.clip(push[:2] / GRAVITY, -0.4, 0.4)
         lift = DRONE_MASS * (GRAVITY + push[2])
-        wanted = [lift, *_moments(lean, data)]
+        wanted = [lift, *_compute_moments(lean, data)]
         return np.clip(np.linalg.solve(MIXER, wanted), 0, 6)
 
     return command
 
 
-def _moments(lean: np.ndarray, data: Any) -> tuple[float, float, float]:
+def _compute_moments(lean: np.ndarray, data: Any) -> tuple[float, float, float]:
     """Moments [N m] that turn the body to a lean [rad] along x and y."""
     flat = np.zeros(9)
     mujoco.mju_quat2Mat(flat, data.qpos[3:7])
@@ -126,7 +128,7 @@ def _moments(lean: np.ndarray, data: Any) -> tuple[float, float, float]:
     )
 
 
-def lift(rng: Rng, model: Any) -> Command:
+def drive_lift(rng: Rng, model: Any) -> Command:
     """The force of a winch that follows heights, most of the weight included."""
     f, p = rng.uniform(0.1, 0.5, 2), rng.uniform(0, 6.3, 2)
 
@@ -139,7 +141,7 @@ def lift(rng: Rng, model: Any) -> Command:
     return command
 
 
-def rail(rng: Rng, model: Any) -> Command:
+def push_cart(rng: Rng, model: Any) -> Command:
     """A force on the cart: a sine, a square wave, and a pull to the middle."""
     f, p = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 6.3, 3)
 
@@ -151,12 +153,12 @@ def rail(rng: Rng, model: Any) -> Command:
     return command
 
 
-def none(rng: Rng, model: Any) -> Command:
+def command_nothing(rng: Rng, model: Any) -> Command:
     """Nothing to command."""
     return lambda t, data: np.zeros(0)
 
 
-def throw(data: Any, rng: Rng) -> None:
+def throw_ball(data: Any, rng: Rng) -> None:
     """From a hand, upwards and to some side, spinning."""
     data.qpos[:3] = [0, 0, 1.2]
     data.qvel[:3] = rng.normal(size=3) * [3, 3, 1] + [0, 0, 3.5]

@@ -2,12 +2,12 @@
 
 from benchmarks.other_cases import motions as move
 from benchmarks.other_cases.jointed_robots import (
-    Reading,
     Robot,
-    angle,
-    pose,
-    slide,
-    speed,
+    Sensor,
+    measure_angle,
+    measure_pose,
+    measure_slide,
+    measure_speed,
 )
 
 DRONE = Robot(
@@ -32,8 +32,8 @@ DRONE = Robot(
   </actuator>
 </mujoco>
 """,
-    pose("drone", 1e-3, 1e-3),
-    move.flight,
+    measure_pose("drone", 1e-3, 1e-3),
+    move.fly_drone,
     seconds=8,
     episodes=6,
     rate=120,
@@ -55,14 +55,14 @@ PENDULUM = Robot(
   </actuator>
 </mujoco>
 """,
-    {"angle": angle("hinge", 1e-3)},
-    move.sines(1.0, 0.1, 0.8),
+    {"angle": measure_angle("hinge", 1e-3)},
+    move.command_sines(1.0, 0.1, 0.8),
     seconds=20,
     episodes=3,
     rate=50,
 )
-COARSE_ENCODER = {"angle": angle("hinge", 0.0, step=0.0015)}
-ENCODER_AND_TACHO = PENDULUM.signals | {"speed": speed("hinge", 2e-2)}
+COARSE_ENCODER = {"angle": measure_angle("hinge", 0.0, step=0.0015)}
+ENCODER_AND_TACHO = PENDULUM.signals | {"speed": measure_speed("hinge", 2e-2)}
 
 PLANAR = Robot(
     "planar_arm",
@@ -89,8 +89,8 @@ PLANAR = Robot(
   </actuator>
 </mujoco>
 """,
-    {f"p{j}": angle(j, 2e-4) for j in "abc"},
-    move.sines(0.8),
+    {f"p{j}": measure_angle(j, 2e-4) for j in "abc"},
+    move.command_sines(0.8),
     seconds=8,
     episodes=6,
     rate=250,
@@ -110,8 +110,8 @@ ELEVATOR = Robot(
   <actuator><motor name="winch" joint="z"/></actuator>
 </mujoco>
 """,
-    {"h": slide("z", 5e-4)},
-    move.lift,
+    {"h": measure_slide("z", 5e-4)},
+    move.drive_lift,
     seconds=10,
     episodes=5,
     rate=100,
@@ -138,8 +138,8 @@ SLED = Robot(
   </actuator>
 </mujoco>
 """,
-    pose("sled", 1e-3, 1e-3),
-    move.sines(5.0, 0.1, 0.6),
+    measure_pose("sled", 1e-3, 1e-3),
+    move.command_sines(5.0, 0.1, 0.6),
     seconds=8,
     episodes=6,
     rate=100,
@@ -160,12 +160,12 @@ BALL = Robot(
   </worldbody>
 </mujoco>
 """,
-    pose("ball", 1e-3, 2e-3),
-    move.none,
+    measure_pose("ball", 1e-3, 2e-3),
+    move.command_nothing,
     seconds=0.8,
     episodes=20,
     rate=240,
-    start=move.throw,
+    start=move.throw_ball,
     fine=0.0005,
 )
 
@@ -192,14 +192,17 @@ CARTPOLE = Robot(
 </mujoco>
 """,
     {
-        "rail_enc": Reading("sensor", "rail_enc", "m", 3e-4),
-        "pole_enc": Reading("sensor", "pole_enc", "rad", 1e-3),
-        "tacho": Reading("sensor", "tacho", "m/s", 1e-2),
+        "rail_enc": Sensor("sensor", "rail_enc", "m", 3e-4),
+        "pole_enc": Sensor("sensor", "pole_enc", "rad", 1e-3),
+        "tacho": Sensor("sensor", "tacho", "m/s", 1e-2),
     },
-    move.rail,
+    move.push_cart,
     seconds=8,
     episodes=6,
     rate=125,
     piece=0.5,
 )
-TILTED_POLE = {"rail": slide("rail", 3e-4), "pole": angle("hinge", 1e-3, bias=-0.05)}
+TILTED_POLE = {
+    "rail": measure_slide("rail", 3e-4),
+    "pole": measure_angle("hinge", 1e-3, bias=-0.05),
+}

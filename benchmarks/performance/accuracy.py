@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.performance.servo_fit import held_out
-from benchmarks.writer import INTACT, Section, parser, publish
+from benchmarks.performance.servo_fit import score_held_out
+from benchmarks.writer import INTACT, Section, make_parser, publish_results
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build, random_genomes
 from selfheal.body.mjcf import Physics
@@ -25,14 +25,16 @@ SAME = 2.0  # [deg] poses this near, in the worse tilt, are the same (issue's fi
 LEFT_OUT = 0.05  # largest share of poses that may be left out (issue's figure)
 
 
-def readings(path) -> tuple[np.ndarray, np.ndarray]:
+def read_readings(path) -> tuple[np.ndarray, np.ndarray]:
     """Joint targets (A, P) [rad] and channels felt (A, 3) of a recording."""
     robot = open_robot("starfish-2006", recordings=path)
     measured = [felt(robot.act(k)) for k in range(len(robot.actions))]
     return robot.actions, np.array(measured)
 
 
-def published_body(actions: np.ndarray, measured: np.ndarray) -> tuple[Section, Any]:
+def score_published_body(
+    actions: np.ndarray, measured: np.ndarray
+) -> tuple[Section, Any]:
     """(i) The published body, nothing fitted, servos at the commanded angles."""
     engines = {
         "mujoco": MuJoCo(),
@@ -42,7 +44,9 @@ def published_body(actions: np.ndarray, measured: np.ndarray) -> tuple[Section, 
     }
     bodies = published()[np.zeros(len(actions), int)]
     seen = {k: channels(e.simulate(bodies, actions)) for k, e in engines.items()}
-    data = {name: _against(x, seen["mujoco"], measured) for name, x in seen.items()}
+    data = {
+        name: _summarize_errors(x, seen["mujoco"], measured) for name, x in seen.items()
+    }
     rows = [[k, *(f"{x:.3f}" for x in row.values())] for k, row in data.items()]
     text = (
         "36 intact readings of the robot of 2006; tilt error is |left/right| + "
@@ -54,7 +58,7 @@ def published_body(actions: np.ndarray, measured: np.ndarray) -> tuple[Section, 
     return Section("The published body, nothing fitted", text, header, rows), data
 
 
-def _against(seen, reference, measured) -> dict[str, float]:
+def _summarize_errors(seen, reference, measured) -> dict[str, float]:
     """Errors of channels (A, 3) against what was measured and another engine."""
     error, gap = np.abs(seen - measured), np.abs(seen - reference)[:, :2].max(axis=1)
     return {
@@ -65,7 +69,7 @@ def _against(seen, reference, measured) -> dict[str, float]:
     }
 
 
-def random_trees(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
+def draw_random_trees(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
     """`count` random trees of the starfish's parts, a random 2006 action for each."""
     anatomy, rng = published().anatomy, np.random.default_rng(seed)
     genomes = random_genomes(anatomy, count, rng, sides=False)
@@ -73,16 +77,18 @@ def random_trees(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
     return build(anatomy, genomes), actions[rng.integers(len(actions), size=count)]
 
 
-def agreement(count: int, seed: int) -> tuple[Section, Any]:
+def measure_agreement(count: int, seed: int) -> tuple[Section, Any]:
     """(ii) Random trees under random actions: who rests where `mujoco` does."""
-    bodies, targets = random_trees(count, seed)
+    bodies, targets = draw_random_trees(count, seed)
 
     def tilt(engine) -> np.ndarray:
         return np.degrees(engine.simulate(bodies, targets).tilt)
 
     reference = tilt(MuJoCo())
     others = [Physics(timestep=Physics().timestep / 2), Physics(friction=0.5)]
-    own = np.max([_gap(tilt(MuJoCo(p)), reference) for p in others], axis=0)
+    own = np.max(
+        [_compute_tilt_gap(tilt(MuJoCo(p)), reference) for p in others], axis=0
+    )
     most = int(LEFT_OUT * count)
     doubtful = np.argsort(-own, kind="stable")[:most]
     kept = np.setdiff1d(np.arange(count), doubtful[own[doubtful] > SAME])
@@ -94,7 +100,7 @@ def agreement(count: int, seed: int) -> tuple[Section, Any]:
     data = {"unstable": int((own > SAME).sum()), "left_out": count - len(kept)}
     rows = []
     for name, engine in engines.items():
-        near = _gap(tilt(engine), reference) <= SAME
+        near = _compute_tilt_gap(tilt(engine), reference) <= SAME
         every, some = int(near.sum()), int(near[kept].sum())
         data[name] = {"all": every, "kept": some}
         rows.append([name, share(every, count), share(some, len(kept))])
@@ -110,7 +116,7 @@ def agreement(count: int, seed: int) -> tuple[Section, Any]:
     return Section("Against `mujoco` on random trees", text, header, rows), data
 
 
-def _gap(tilt: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def _compute_tilt_gap(tilt: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """(N) the worse tilt's difference [deg], infinite where one diverged."""
     gap = np.abs(tilt - reference).max(axis=1)
     return np.where(np.isnan(gap), np.inf, gap)
@@ -118,7 +124,7 @@ def _gap(tilt: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Run all three parts and publish."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     line.add_argument("--trees", type=int, default=300, help="random trees")
     line.add_argument("--seed", type=int, default=20261121, help="of the trees")
     line.add_argument("--fold-seed", type=int, default=2006, help="of the six folds")
@@ -126,15 +132,15 @@ def main() -> None:
                       "the spread")  # fmt: skip
     line.add_argument("--recordings", default=INTACT, help="intact.h5 of 2006")
     options = line.parse_args()
-    actions, measured = readings(options.recordings)
+    actions, measured = read_readings(options.recordings)
     parts = {
-        "published": published_body(actions, measured),
-        "random_trees": agreement(options.trees, options.seed),
-        "fitted": held_out(actions, measured, options.fold_seed, options.splits),
+        "published": score_published_body(actions, measured),
+        "random_trees": measure_agreement(options.trees, options.seed),
+        "fitted": score_held_out(actions, measured, options.fold_seed, options.splits),
     }
     sections = [section for section, _ in parts.values()]
     data = {name: found for name, (_, found) in parts.items()}
-    publish(options.root, "accuracy", "Accuracy of the engines", sections, data)
+    publish_results(options.root, "accuracy", "Accuracy of the engines", sections, data)
 
 
 if __name__ == "__main__":

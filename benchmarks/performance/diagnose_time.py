@@ -18,7 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.writer import Section, parser, publish
+from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.recording import Episode, Recording, Signal, write
 
 EPISODES, SECONDS, RATE = 10, 6.0, 100  # episodes, [s] of each, [Hz] of their samples
@@ -29,7 +29,7 @@ LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
 ASKED = {1: "45 s", 7: "360 s"}
 
 
-def arm(joints: int) -> str:
+def write_arm(joints: int) -> str:
     """MJCF of a hanging chain whose joints turn about y and z in turns."""
     bodies, servos = "", ""
     for k in range(joints, 0, -1):
@@ -53,9 +53,9 @@ def arm(joints: int) -> str:
 """
 
 
-def hidden(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
+def compile_hidden_arm(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
     """The robot that is recorded: finer steps, wrong values, dry friction."""
-    spec = mujoco.MjSpec.from_string(arm(joints))
+    spec = mujoco.MjSpec.from_string(write_arm(joints))
     spec.option.timestep = STEP / FINER
     for body in spec.bodies[1:]:
         body.mass *= 1 + OFF["mass"] * rng.uniform(-1, 1)
@@ -67,15 +67,15 @@ def hidden(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
     return spec.compile()
 
 
-def recorded(joints: int, seed: int) -> Recording:
+def record_arm(joints: int, seed: int) -> Recording:
     """What its sensors say while it follows sines and steps."""
     rng = np.random.default_rng(seed)
-    model = hidden(joints, rng)
-    episodes = {f"{n:03d}": _episode(model, rng) for n in range(EPISODES)}
+    model = compile_hidden_arm(joints, rng)
+    episodes = {f"{n:03d}": _record_episode(model, rng) for n in range(EPISODES)}
     return Recording(episodes, file="recording.h5")
 
 
-def _episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
+def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     each = round(1 / RATE / model.opt.timestep)
     t = np.arange(round(SECONDS * RATE)) / RATE
     f, p = rng.uniform(0.2, 1.0, (2, model.nu)), rng.uniform(0, 6.3, (2, model.nu))
@@ -93,21 +93,21 @@ def _episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     return Episode(t, ctrl, tuple(f"m{k + 1}" for k in range(model.nu)), signals)
 
 
-def plain(joints: int) -> float:
+def time_plain_mujoco(joints: int) -> float:
     """Wall time [s] in which MuJoCo alone simulates the log once, on one core."""
-    model = mujoco.MjModel.from_xml_string(arm(joints))
+    model = mujoco.MjModel.from_xml_string(write_arm(joints))
     data = mujoco.MjData(model)
     start = time.perf_counter()
     mujoco.mj_step(model, data, round(EPISODES * SECONDS / STEP))
     return time.perf_counter() - start
 
 
-def measured(joints: int, seed: int) -> dict[str, Any]:
+def measure_diagnosis(joints: int, seed: int) -> dict[str, Any]:
     """One diagnosis by the command: time, memory, and what it says."""
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
-        (room / "model.xml").write_text(arm(joints))
-        write(recorded(joints, seed), room / "recording.h5")
+        (room / "model.xml").write_text(write_arm(joints))
+        write(record_arm(joints, seed), room / "recording.h5")
         words = ["selfheal", "diagnose", "model.xml", "recording.h5", "--out", "d"]
         start = time.perf_counter()
         process = subprocess.Popen(words, cwd=room, stdout=subprocess.DEVNULL)
@@ -118,13 +118,13 @@ def measured(joints: int, seed: int) -> dict[str, Any]:
         said = json.loads((room / "d" / "diagnosis.json").read_text())
     named = [f"{f['effect']} {f['target']}" for f in said["findings"]]
     return {
-        "joints": joints, "seconds": seconds, "plain": plain(joints),
+        "joints": joints, "seconds": seconds, "plain": time_plain_mujoco(joints),
         "cpu": usage.ru_utime + usage.ru_stime, "megabytes": usage.ru_maxrss / 1024,
         "verdict": said["verdict"], "named": named,
     }  # fmt: skip
 
 
-def section(rows: list[dict[str, Any]]) -> Section:
+def make_section(rows: list[dict[str, Any]]) -> Section:
     """The table."""
     shown = [
         [r["joints"], f"{r['seconds']:.0f} s", ASKED.get(r["joints"], ""),
@@ -146,13 +146,15 @@ def section(rows: list[dict[str, Any]]) -> Section:
 
 def main() -> None:
     """Measure and publish."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     line.add_argument("--joints", type=int, nargs="+", default=[1, 7])
     line.add_argument("--seed", type=int, default=0)
     options = line.parse_args()
-    rows = [measured(joints, options.seed) for joints in options.joints]
+    rows = [measure_diagnosis(joints, options.seed) for joints in options.joints]
     title = "Time and memory of `selfheal diagnose`"
-    publish(options.root, "diagnose-time", title, [section(rows)], {"rows": rows})
+    publish_results(
+        options.root, "diagnose-time", title, [make_section(rows)], {"rows": rows}
+    )
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ OFFSET_SD, WIDTH_SD, READING_SD = 1.5, 1.0, 0.3  # [deg], [mm], [deg]
 _STEP = np.append(np.full(8, 0.1), [0.1, 0.1])  # of the finite differences [deg], [mm]
 
 
-def predict(values: np.ndarray, targets: np.ndarray, engine) -> np.ndarray:
+def predict_tilts(values: np.ndarray, targets: np.ndarray, engine) -> np.ndarray:
     """(M, A, 2) tilts [deg] of M settings under A actions.
 
     Args:
@@ -42,7 +42,9 @@ def predict(values: np.ndarray, targets: np.ndarray, engine) -> np.ndarray:
     return np.degrees(tilts)
 
 
-def fit(targets: np.ndarray, tilts: np.ndarray, free: int, robust: str) -> np.ndarray:
+def fit_servos(
+    targets: np.ndarray, tilts: np.ndarray, free: int, robust: str
+) -> np.ndarray:
     """(10) the most probable settings.
 
     Args:
@@ -58,12 +60,12 @@ def fit(targets: np.ndarray, tilts: np.ndarray, free: int, robust: str) -> np.nd
         return np.hstack([x, np.zeros((*x.shape[:-1], 10 - free))])
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        seen = predict(full(x[None]), targets, engine)[0]
+        seen = predict_tilts(full(x[None]), targets, engine)[0]
         return np.append((seen - tilts).ravel() / READING_SD, x / sd)
 
     def slope(x: np.ndarray) -> np.ndarray:
         moves = np.diag(_STEP[:free])
-        both = predict(full(np.vstack([x + moves, x - moves])), targets, engine)
+        both = predict_tilts(full(np.vstack([x + moves, x - moves])), targets, engine)
         rise = (both[:free] - both[free:]).reshape(free, -1) / READING_SD
         return np.vstack([(rise / (2 * _STEP[:free, None])).T, np.diag(1 / sd)])
 
@@ -79,9 +81,11 @@ def cross_validate(
     errors = []
     for rows in np.array_split(order, FOLDS):
         known = np.setdiff1d(order, rows)
-        found = fit(targets[known], tilts[known], free, robust)[None]
+        found = fit_servos(targets[known], tilts[known], free, robust)[None]
         gaps = [
-            np.abs(predict(found, targets[rows], engine)[0] - tilts[rows]).sum(axis=1)
+            np.abs(predict_tilts(found, targets[rows], engine)[0] - tilts[rows]).sum(
+                axis=1
+            )
             for engine in (Statics(threads=1), MuJoCo())
         ]
         errors.append(np.transpose(gaps))
@@ -89,14 +93,16 @@ def cross_validate(
     return float(statics), float(mujoco)
 
 
-def held_out(
+def score_held_out(
     targets: np.ndarray, measured: np.ndarray, seed: int, splits: int
 ) -> tuple[Section, Any]:
     """(iii) What servo offsets and widths explain of actions that were not fitted."""
     tilts = measured[:, :2]
     score = partial(cross_validate, targets, tilts)
     nothing = [
-        np.abs(predict(np.zeros((1, 10)), targets, e)[0] - tilts).sum(axis=1).mean()
+        np.abs(predict_tilts(np.zeros((1, 10)), targets, e)[0] - tilts)
+        .sum(axis=1)
+        .mean()
         for e in (Statics(threads=1), MuJoCo())
     ]
     rows, data = [["nothing", *(f"{x:.3f}" for x in nothing), ""]], {}
@@ -106,7 +112,7 @@ def held_out(
             name = f"{what}, {robust} loss"
             found = score(free, robust=robust, seed=seed)
             more = [score(free, robust=robust, seed=s)[0] for s in range(splits)]
-            every = fit(targets, tilts, free, robust)
+            every = fit_servos(targets, tilts, free, robust)
             data[name] = {
                 "statics": found[0], "mujoco": found[1], "splits": more,
                 "all_actions": every.round(3).tolist(),

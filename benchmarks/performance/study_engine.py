@@ -20,7 +20,7 @@ from typing import Any
 import h5py
 import psutil
 
-from benchmarks.writer import INTACT, Section, parser, publish
+from benchmarks.writer import INTACT, Section, make_parser, publish_results
 from selfheal.study.plan import Task
 from selfheal.study.store import create, journal_of, load, merge, writing
 
@@ -28,7 +28,7 @@ _RUNS, _KILLS, _EMPTY, _KEPT = 60, 20, 2000, 100_000
 _HERE = Path(__file__).parent
 
 
-def _client(*words: Any) -> subprocess.Popen:
+def _start_client(*words: Any) -> subprocess.Popen:
     """`selfheal study` in a process of its own."""
     program = [sys.executable, str(_HERE / "_study_runs.py"), "study"]
     quiet = subprocess.DEVNULL
@@ -37,7 +37,7 @@ def _client(*words: Any) -> subprocess.Popen:
     )
 
 
-def _done(file: Path) -> int:
+def _count_records(file: Path) -> int:
     """Records kept so far."""
     try:
         return len(load(file).records)
@@ -45,34 +45,34 @@ def _done(file: Path) -> int:
         return 0
 
 
-def _workers(client: subprocess.Popen) -> list[psutil.Process]:
+def _find_workers(client: subprocess.Popen) -> list[psutil.Process]:
     """The worker processes of a client."""
     found = psutil.Process(client.pid).children(recursive=True)
     return [p for p in found if "resource_tracker" not in " ".join(p.cmdline())]
 
 
-def _values(file: Path) -> list[tuple]:
+def _read_outcomes(file: Path) -> list[tuple]:
     """What every run gave."""
     with h5py.File(file) as kept:
         records = [json.loads(text) for text in kept["records"].asstr()[()]]
     return [(r["key"], r["outcome"], r["error"]) for r in records]
 
 
-def kills(folder: Path) -> dict[str, Any]:
+def kill_processes(folder: Path) -> dict[str, Any]:
     """The same study left alone, and with a worker or the client killed in turn."""
     if not INTACT.is_file():
         sys.exit(f"no readings of the robot of 2006 at {INTACT}")
     start = time.perf_counter()
     calm = folder / "calm" / "study.h5"
-    code = _client("short", "--runs", _RUNS, "--out", calm.parent).wait()
+    code = _start_client("short", "--runs", _RUNS, "--out", calm.parent).wait()
     spent = time.perf_counter() - start
     killed = folder / "killed" / "study.h5"
     words: tuple[Any, ...] = ("--runs", _RUNS, "--out", killed.parent)
     dice, count = random.Random(0), {"worker": 0, "client": 0}
-    client = _client("short", *words)
+    client = _start_client("short", *words)
     for k in range(_KILLS):
         until = (k + 1) * _RUNS // (_KILLS + 1)
-        while _done(killed) < until:
+        while _count_records(killed) < until:
             if client.poll() is not None:
                 sys.exit(f"a client ended by itself, with {client.returncode}")
             time.sleep(0.02)
@@ -80,13 +80,13 @@ def kills(folder: Path) -> dict[str, Any]:
         if k % 2:
             client.kill()
             client.wait()
-            client = _client("short", "--resume", killed)
+            client = _start_client("short", "--resume", killed)
             count["client"] += 1
-        elif workers := _workers(client):
+        elif workers := _find_workers(client):
             dice.choice(workers).kill()
             count["worker"] += 1
     ended = client.wait()
-    values = [_values(file) for file in (calm, killed)]
+    values = [_read_outcomes(file) for file in (calm, killed)]
     return {
         "codes": [code, ended],
         "kills": count,
@@ -97,28 +97,28 @@ def kills(folder: Path) -> dict[str, Any]:
     }
 
 
-def overhead(folder: Path) -> dict[str, Any]:
+def measure_overhead(folder: Path) -> dict[str, Any]:
     """Runs a second where runs do nothing, and the client's memory."""
     file = folder / "empty" / "study.h5"
-    start, before = time.perf_counter(), _cpu()
+    start, before = time.perf_counter(), _sum_children_cpu()
     words = ("--workers", 1, "--out", file.parent)
-    _client("empty", "--runs", 1, *words).wait()
-    one, alone = time.perf_counter() - start, _cpu() - before
-    start, before = time.perf_counter(), _cpu()
-    _client("empty", "--runs", _EMPTY, *words, "--force").wait()
-    many, cpu = time.perf_counter() - start, _cpu() - before - alone
+    _start_client("empty", "--runs", 1, *words).wait()
+    one, alone = time.perf_counter() - start, _sum_children_cpu() - before
+    start, before = time.perf_counter(), _sum_children_cpu()
+    _start_client("empty", "--runs", _EMPTY, *words, "--force").wait()
+    many, cpu = time.perf_counter() - start, _sum_children_cpu() - before - alone
     peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     return {"start": one, "runs": _EMPTY, "each": (many - one) / (_EMPTY - 1),
             "cpu": cpu / (_EMPTY - 1), "peak": peak}  # fmt: skip
 
 
-def _cpu() -> float:
+def _sum_children_cpu() -> float:
     """Seconds of all processes that were waited for, and of theirs."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
-def writer(folder: Path) -> dict[str, Any]:
+def measure_writer(folder: Path) -> dict[str, Any]:
     """Records kept a second, by the size of chunks; and what the one file costs."""
     tasks = [Task(f"run {k}", {"seed": k}) for k in range(_KEPT)]
     records = [{"key": t.key, "settings": dict(t.settings), "error": "",
@@ -149,7 +149,9 @@ def writer(folder: Path) -> dict[str, Any]:
     return found
 
 
-def _sections(k: dict[str, Any], o: dict[str, Any], w: dict[str, Any]) -> list[Section]:
+def _make_sections(
+    k: dict[str, Any], o: dict[str, Any], w: dict[str, Any]
+) -> list[Section]:
     cores = len(os.sched_getaffinity(0))
     text = (
         f"{_RUNS} short real runs, {cores} worker(s), left alone; then the same while "
@@ -197,13 +199,13 @@ def _sections(k: dict[str, Any], o: dict[str, Any], w: dict[str, Any]) -> list[S
 
 def main() -> None:
     """Measure all three and publish."""
-    options = parser(__doc__ or "").parse_args()
+    options = make_parser(__doc__ or "").parse_args()
     with tempfile.TemporaryDirectory(prefix="study-") as room:
         folder = Path(room)
-        found = kills(folder), overhead(folder), writer(folder)
+        found = kill_processes(folder), measure_overhead(folder), measure_writer(folder)
     data = dict(zip(("kills", "overhead", "writer"), found, strict=True))
     title = "Studies: what they survive and cost"
-    publish(options.root, "study-engine", title, _sections(*found), data)
+    publish_results(options.root, "study-engine", title, _make_sections(*found), data)
 
 
 if __name__ == "__main__":

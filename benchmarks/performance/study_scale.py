@@ -19,7 +19,7 @@ from typing import Any
 import _study_runs
 import numpy as np
 
-from benchmarks.writer import Section, parser, publish
+from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.body.body import Anatomy, Bodies
 from selfheal.body.genome import build, random_genomes
 from selfheal.engine.statics import Statics
@@ -43,7 +43,7 @@ _AHEAD, _EACH = 2, 20  # tasks that a worker has (Dask's default), runs of each 
 Row = dict[str, float]
 
 
-def anatomy_of(parts: int) -> Anatomy:
+def make_anatomy(parts: int) -> Anatomy:
     """The starfish's with another even number of parts: upper ones, then lower ones."""
     known, half = published().anatomy, parts // 2
     rows = [k % 4 for k in range(half)] + [4 + k % 4 for k in range(half)]
@@ -57,11 +57,11 @@ def anatomy_of(parts: int) -> Anatomy:
     )
 
 
-def by_parts() -> list[Row]:
+def measure_by_parts() -> list[Row]:
     """Short runs of hidden random trees of more and more parts."""
     rows = []
     for parts in _PARTS:
-        anatomy, rng = anatomy_of(parts), np.random.default_rng([parts, 0])
+        anatomy, rng = make_anatomy(parts), np.random.default_rng([parts, 0])
         bodies = build(anatomy, random_genomes(anatomy, _POSES, rng, False))
         actions = actions_2006(parts)
         targets = actions[rng.integers(len(actions), size=_POSES)]
@@ -69,29 +69,32 @@ def by_parts() -> list[Row]:
         Statics().simulate(bodies, targets)
         pose = (time.process_time() - start) / _POSES
         twins = Twins.of(anatomy, actions)
-        runs = [_run(bodies[[k]], seed=k, cycles=_CYCLES) for k in range(_SEEDS)]
+        runs = [_time_run(bodies[[k]], seed=k, cycles=_CYCLES) for k in range(_SEEDS)]
         rows.append(
             {
                 "parts": parts,
                 "actions": len(actions),
                 "pose": pose,
                 "twins": len(twins.turns) * len(twins.trade),
-                **_mean(runs),
+                **_average_rows(runs),
             }
         )
     return rows
 
 
-def by_actions() -> list[Row]:
+def measure_by_actions() -> list[Row]:
     """Runs of more and more actions, with as many simulations for each."""
     body = published()
     return [
-        {"cycles": n, **_mean([_run(body, seed=k, cycles=n) for k in range(_SEEDS)])}
+        {
+            "cycles": n,
+            **_average_rows([_time_run(body, seed=k, cycles=n) for k in range(_SEEDS)]),
+        }
         for n in _ACTIONS
     ]
 
 
-def by_sensors() -> list[dict[str, Any]]:
+def measure_by_sensors() -> list[dict[str, Any]]:
     """Runs of `schema`, our way, by what is sensed."""
     play, rows = study_of("schema").play, []
     for names in SENSOR_SETS:
@@ -104,7 +107,7 @@ def by_sensors() -> list[dict[str, Any]]:
     return rows
 
 
-def _run(body: Bodies, *, seed: int, cycles: int) -> Row:
+def _time_run(body: Bodies, *, seed: int, cycles: int) -> Row:
     """CPU of a short run [s], and its simulations."""
     robot = SimulatedRobot("starfish", body, seed)
     budget = _BUDGET * cycles // _CYCLES
@@ -116,11 +119,11 @@ def _run(body: Bodies, *, seed: int, cycles: int) -> Row:
     return {"seconds": spent, "search": counts["statics"], "choice": counts["choice"]}
 
 
-def _mean(rows: list[Row]) -> Row:
+def _average_rows(rows: list[Row]) -> Row:
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
 
 
-def handled(folder: Path) -> float:
+def measure_service(folder: Path) -> float:
     """CPU that client, scheduler and writer, one process, spend on a run [s]."""
     study = Study("", lambda asked: [], _study_runs._empty, lambda records: [])
     tasks = [Task(f"run {k}", {"seed": k}) for k in range(_EMPTY)]
@@ -134,7 +137,7 @@ def handled(folder: Path) -> float:
         return (time.process_time() - start) / _EMPTY
 
 
-def busy(workers: int, seconds: float, service: float) -> float:
+def simulate_utilization(workers: int, seconds: float, service: float) -> float:
     """Share of their time for which workers work, one server handing out the runs.
 
     Every worker starts with nothing, has two runs at hand where it can, and gets the
@@ -164,7 +167,7 @@ def busy(workers: int, seconds: float, service: float) -> float:
     return worked / (now * workers)
 
 
-def _sections(found: dict[str, Any]) -> list[Section]:
+def _make_sections(found: dict[str, Any]) -> list[Section]:
     service = found["service"]
     rows = [
         (
@@ -217,18 +220,22 @@ def _sections(found: dict[str, Any]) -> list[Section]:
 
 def main() -> None:
     """Measure and publish."""
-    options = parser(__doc__ or "").parse_args()
+    options = make_parser(__doc__ or "").parse_args()
     os.environ["NPROC"] = "1"  # as in a worker
-    _run(published(), seed=0, cycles=2)  # compiles
+    _time_run(published(), seed=0, cycles=2)  # compiles
     found: dict[str, Any] = {
-        "parts": by_parts(), "actions": by_actions(), "sensors": by_sensors()
-    }  # fmt: skip
+        "parts": measure_by_parts(),
+        "actions": measure_by_actions(),
+        "sensors": measure_by_sensors(),
+    }
     with tempfile.TemporaryDirectory(prefix="study-") as room:
-        found["service"] = handled(Path(room))
-    found["busy"] = [(workers, seconds, busy(workers, seconds, found["service"]))
-                     for workers, seconds in product(_WORKERS, _SECONDS)]  # fmt: skip
+        found["service"] = measure_service(Path(room))
+    found["busy"] = [
+        (workers, seconds, simulate_utilization(workers, seconds, found["service"]))
+        for workers, seconds in product(_WORKERS, _SECONDS)
+    ]
     title = "Studies: what they cost as they grow"
-    publish(options.root, "study-scale", title, _sections(found), found)
+    publish_results(options.root, "study-scale", title, _make_sections(found), found)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-from benchmarks.writer import Section, parser, publish
+from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.diagnosis import score
 from selfheal.diagnosis.case import LONG, WINDOW, Case, pieces_of, prepare
 from selfheal.diagnosis.fit import fit
@@ -60,7 +60,7 @@ EPISODES, HELD, SECONDS, NOISE = 6, 2, 5.0, 1e-3  # [s], [rad]; chosen
 
 
 @dataclass(frozen=True)
-class Robot:
+class HiddenArm:
     """A hidden arm and what it did.
 
     Attributes:
@@ -74,7 +74,7 @@ class Robot:
     truth: np.ndarray
 
 
-def scaled(model: mujoco.MjModel, name: str, factor: float) -> None:
+def scale_value(model: mujoco.MjModel, name: str, factor: float) -> None:
     """Change one of VALUES in a compiled model."""
     target, _, field = name.partition("/")
     sort, _, thing = target.partition(":")
@@ -88,23 +88,23 @@ def scaled(model: mujoco.MjModel, name: str, factor: float) -> None:
         model.actuator(thing).biasprm[1] *= factor
 
 
-def robot(folder: Path, seed: int) -> Robot:
+def make_hidden_arm(folder: Path, seed: int) -> HiddenArm:
     """An arm with wrong values, moving to slow sines and steps."""
     rng = np.random.default_rng(seed)
     reach = np.array([*VALUES.values()])
     truth = 1 + WRONG * reach * rng.uniform(-1, 1, len(VALUES))
     model = mujoco.MjModel.from_xml_string(XML)
     for name, factor in zip(VALUES, truth, strict=True):
-        scaled(model, name, factor)
+        scale_value(model, name, factor)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     path = folder / f"{seed}.xml"
     path.write_text(XML)
     names = [f"{k:03d}" for k in range(EPISODES)]
-    episodes = {name: _episode(model, rng) for name in names}
-    return Robot(path, Recording(episodes, file=f"{seed}.h5"), truth)
+    episodes = {name: _record_episode(model, rng) for name in names}
+    return HiddenArm(path, Recording(episodes, file=f"{seed}.h5"), truth)
 
 
-def _episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
+def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     """Commands and readings at every time step, so that nobody has to interpolate."""
     t = np.arange(0, SECONDS, model.opt.timestep)
     f, p = rng.uniform(0.3, 1.5, (2, 2)), rng.uniform(0, 6, (2, 3))
@@ -129,24 +129,24 @@ def _episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     return Episode(t, ctrl, servos, signals, start, np.zeros(2))
 
 
-def split(robot: Robot) -> list[str]:
+def name_held_out(robot: HiddenArm) -> list[str]:
     """Names of the held-out episodes."""
     return [*robot.recording.episodes][-HELD:]
 
 
-def opened(case: Case) -> list[Term]:
+def select_terms(case: Case) -> list[Term]:
     """The terms of VALUES, in their order."""
     terms = {t.targets[0]: t for t in stated_terms(case.scene)}
     return [terms[name] for name in VALUES]
 
 
-def ours(robot: Robot, seconds: float | None) -> np.ndarray:
+def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
     """Factors of VALUES by `diagnosis.fit`, in pieces of so many s, or episodes whole.
 
     Pieces begin where readings say; what that leaves open is told to the fit.
     """
-    case = prepare(robot.model, [robot.recording], split(robot))
-    world, terms = case.world, opened(case)
+    case = prepare(robot.model, [robot.recording], name_held_out(robot))
+    world, terms = case.world, select_terms(case)
     pieces = pieces_of(world, seconds) if seconds else replayed(world)
     apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
     sigma = np.sqrt(np.nanmean(apart**2, axis=0))
@@ -157,7 +157,7 @@ def ours(robot: Robot, seconds: float | None) -> np.ndarray:
     return fit(problem, terms, begin).values
 
 
-def theirs(robot: Robot) -> np.ndarray:
+def fit_with_sysid(robot: HiddenArm) -> np.ndarray:
     """Factors of VALUES by `mujoco.sysid` with its defaults."""
     logging.getLogger("absl").setLevel(logging.ERROR)  # "data dimension does not match"
     spec = mujoco.MjSpec.from_file(str(robot.model))
@@ -165,8 +165,8 @@ def theirs(robot: Robot) -> np.ndarray:
     params = sysid.ParameterDict()
     for name, reach in VALUES.items():
         params.add(sysid.Parameter(name, 1.0, 1 - reach, 1 + reach,
-                                   modifier=_modifier(model, name)))  # fmt: skip
-    starts, controls, sensors, held = [], [], [], split(robot)
+                                   modifier=_make_modifier(model, name)))  # fmt: skip
+    starts, controls, sensors, held = [], [], [], name_held_out(robot)
     names = [(j, sysid.SignalType.MjStateQPos) for j in JOINTS]
     for key, episode in robot.recording.episodes.items():
         if key not in held:
@@ -188,7 +188,7 @@ def theirs(robot: Robot) -> np.ndarray:
     return found.as_vector()
 
 
-def _modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], None]:
+def _make_modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], None]:
     """What writes a factor of one of VALUES into an MjSpec."""
     target, _, field = name.partition("/")
     sort, _, thing = target.partition(":")
@@ -211,58 +211,68 @@ def _modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], None]:
     return write
 
 
-def judged(robot: Robot, values: np.ndarray) -> float:
+def score_values(robot: HiddenArm, values: np.ndarray) -> float:
     """The contract's score of some factors of VALUES on the held-out episodes."""
-    case = prepare(robot.model, [robot.recording], split(robot))
+    case = prepare(robot.model, [robot.recording], name_held_out(robot))
     pieces = replayed(case.held)
-    squares = score.errors(case.held, pieces, opened(case), values)
+    squares = score.errors(case.held, pieces, select_terms(case), values)
     return score.score(case.held, squares, score.counts(case.held, pieces))
 
 
 THEIRS = "mujoco.sysid, defaults"
-METHODS: dict[str, Callable[[Robot], np.ndarray]] = {
-    "selfheal, whole episodes": partial(ours, seconds=None),
-    "selfheal, pieces of 2 s": partial(ours, seconds=LONG),
-    "selfheal, pieces of 0.5 s": partial(ours, seconds=WINDOW),
-    THEIRS: theirs,
+METHODS: dict[str, Callable[[HiddenArm], np.ndarray]] = {
+    "selfheal, whole episodes": partial(fit_with_selfheal, seconds=None),
+    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG),
+    "selfheal, pieces of 0.5 s": partial(fit_with_selfheal, seconds=WINDOW),
+    THEIRS: fit_with_sysid,
 }
 
 
-def measured(seeds: Sequence[int]) -> list[dict[str, Any]]:
+def measure_methods(seeds: Sequence[int]) -> list[dict[str, Any]]:
     """All methods on the same robots, in turn, forwards and backwards."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for method in METHODS.values():  # the first call of each loads and compiles
-            method(robot(Path(folder), 0))
+            method(make_hidden_arm(Path(folder), 0))
         for n, seed in enumerate(seeds):
-            hidden = robot(Path(folder), seed)
+            hidden = make_hidden_arm(Path(folder), seed)
             row: dict[str, Any] = {
                 "seed": seed,
-                "given": judged(hidden, np.ones(len(VALUES))),
-                "truth": judged(hidden, hidden.truth),
+                "given": score_values(hidden, np.ones(len(VALUES))),
+                "truth": score_values(hidden, hidden.truth),
             }
             for name in [*METHODS][:: -1 if n % 2 else 1]:
-                row[name] = _tried(METHODS[name], hidden)
+                row[name] = _try_method(METHODS[name], hidden)
             rows.append(row)
     return rows
 
 
-def _tried(method: Callable[[Robot], np.ndarray], hidden: Robot) -> dict[str, Any]:
+def _try_method(
+    method: Callable[[HiddenArm], np.ndarray], hidden: HiddenArm
+) -> dict[str, Any]:
     """What a method found, how long it took, and how good it is."""
     start, used = time.perf_counter(), time.process_time()
     values = method(hidden)
     seconds, cpu = time.perf_counter() - start, time.process_time() - used
     off = float(np.sqrt(np.mean((values / hidden.truth - 1) ** 2)))
-    return {"seconds": seconds, "cpu": cpu, "score": judged(hidden, values), "off": off,
-            "factors": values.tolist()}  # fmt: skip
+    return {
+        "seconds": seconds,
+        "cpu": cpu,
+        "score": score_values(hidden, values),
+        "off": off,
+        "factors": values.tolist(),
+    }
 
 
-def section(rows: list[dict[str, Any]]) -> Section:
+def make_section(rows: list[dict[str, Any]]) -> Section:
     """The table of the methods."""
     shown = []
     for name in METHODS:
-        wall, cpu, error, off = (_each(rows, name, k) for k in KEYS)
-        against = [_each(rows, name, k) / _each(rows, THEIRS, k) for k in KEYS[:3]]
+        wall, cpu, error, off = (_collect_figures(rows, name, k) for k in KEYS)
+        against = [
+            _collect_figures(rows, name, k) / _collect_figures(rows, THEIRS, k)
+            for k in KEYS[:3]
+        ]
         shown.append(
             [name, f"{np.median(wall):.2f} s, {np.median(cpu):.2f} s",
              f"{np.median(against[0]):.2f}, {np.median(against[1]):.2f}",
@@ -272,17 +282,19 @@ def section(rows: list[dict[str, Any]]) -> Section:
         )  # fmt: skip
     header = ["method", "wall, CPU time", "each : theirs", "held-out error",
               "error : theirs (range)", "values off by"]  # fmt: skip
-    return Section("The same values on the same data", _text(rows), header, shown)
+    return Section(
+        "The same values on the same data", _describe_comparison(rows), header, shown
+    )
 
 
 KEYS = ("seconds", "cpu", "score", "off")
 
 
-def _each(rows: list[dict[str, Any]], method: str, key: str) -> np.ndarray:
+def _collect_figures(rows: list[dict[str, Any]], method: str, key: str) -> np.ndarray:
     return np.array([row[method][key] for row in rows])
 
 
-def _text(rows: list[dict[str, Any]]) -> str:
+def _describe_comparison(rows: list[dict[str, Any]]) -> str:
     """What was compared."""
     given, truth = (np.median([row[k] for row in rows]) for k in ("given", "truth"))
     most = [f"{100 * WRONG * reach:.0f} %" for reach in (REST, MASS)]
@@ -305,14 +317,16 @@ def _text(rows: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Measure and publish."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     line.add_argument("--robots", type=int, default=10, help="how many")
     options = line.parse_args()
     if not hasattr(sysid, "optimize"):
         raise SystemExit("mujoco.sysid lacks a library: pip install 'mujoco[sysid]'")
-    rows = measured(range(1, options.robots + 1))
+    rows = measure_methods(range(1, options.robots + 1))
     title = "One refit against `mujoco.sysid`"
-    publish(options.root, "sysid", title, [section(rows)], {"robots": rows})
+    publish_results(
+        options.root, "sysid", title, [make_section(rows)], {"robots": rows}
+    )
 
 
 if __name__ == "__main__":

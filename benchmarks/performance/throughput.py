@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.writer import ROOT, Section, cores, parser, publish
+from benchmarks.writer import ROOT, Section, count_cores, make_parser, publish_results
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build, random_genomes
 from selfheal.robot.actions import actions_2006, published
@@ -29,7 +29,7 @@ REPEATS = 20  # of the candidates in a call of statics, which is done too soon; 
 CPU_BATCHES, GPU_BATCHES = (64, 256, 1024), (1024, 4096, 16384, 65536)
 
 
-def candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
+def draw_candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
     """`count` random trees and a random 2006 action for each (count, P) [rad]."""
     anatomy, rng = published().anatomy, np.random.default_rng(seed)
     genomes = random_genomes(anatomy, count, rng, sides=False)
@@ -37,14 +37,14 @@ def candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
     return build(anatomy, genomes), actions[rng.integers(len(actions), size=count)]
 
 
-def seconds(work: Callable[[], Any]) -> float:
+def time_call(work: Callable[[], Any]) -> float:
     """How long some work takes [s]."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
 
 
-def models(bodies: Bodies) -> list:
+def compile_models(bodies: Bodies) -> list:
     """Each body compiled for the reference."""
     from selfheal.body.mjcf import Physics, to_spec
 
@@ -54,7 +54,7 @@ def models(bodies: Bodies) -> list:
         return list(pool.map(lambda k: to_spec(bodies, k, physics).compile(), rows))
 
 
-def roll(compiled: list, targets: np.ndarray) -> None:
+def roll_out(compiled: list, targets: np.ndarray) -> None:
     """The reference: each model's simulation by `mujoco.rollout`, on two threads."""
     import mujoco
     from mujoco import rollout
@@ -76,21 +76,21 @@ def roll(compiled: list, targets: np.ndarray) -> None:
         list(pool.map(one, zip(compiled, targets, strict=True)))
 
 
-def compare(count: int, rounds: int, seed: int) -> dict[str, float]:
+def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
     """Simulations/s of the reference and poses/s of statics, taking turns."""
     from selfheal.engine.statics import Statics
 
-    bodies, targets = candidates(count, seed)
-    compiled, both, one = models(bodies), Statics(), Statics(threads=1)
+    bodies, targets = draw_candidates(count, seed)
+    compiled, both, one = compile_models(bodies), Statics(), Statics(threads=1)
     often = bodies[np.tile(np.arange(count), REPEATS)], np.tile(targets, (REPEATS, 1))
     both.simulate(*often)  # compiles
     work: dict[str, Callable[[], Any]] = {
-        "reference": lambda: roll(compiled, targets),
-        "compile": lambda: models(bodies),
+        "reference": lambda: roll_out(compiled, targets),
+        "compile": lambda: compile_models(bodies),
         "statics, all cores": lambda: both.simulate(*often),
         "statics, one core": lambda: one.simulate(*often),
     }
-    taken = [[seconds(w) for w in work.values()] for _ in range(rounds)]
+    taken = [[time_call(w) for w in work.values()] for _ in range(rounds)]
     spent = dict(zip(work, np.median(taken, axis=0).tolist(), strict=True))
     return {
         "reference": count / spent["reference"],
@@ -100,7 +100,7 @@ def compare(count: int, rounds: int, seed: int) -> dict[str, float]:
     }
 
 
-def ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
+def make_ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
     """The table of the ratios asked for."""
     statics = found["statics, all cores"]
     against = {"reference": "60", "reference with compile": "150"}
@@ -120,7 +120,7 @@ def ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
     return Section("Statics against `mujoco.rollout`", text, header, rows)
 
 
-def child(engine: str, batch: int, count: int) -> dict[str, Any]:
+def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
     """What a fresh process measures of one engine; runs in that process."""
     import resource
 
@@ -139,20 +139,20 @@ def child(engine: str, batch: int, count: int) -> dict[str, Any]:
     made = make_engine(engine)
     if engine == "mjx":
         made = type(made)(batch=batch)
-    bodies, targets = candidates(count, 1)
+    bodies, targets = draw_candidates(count, 1)
     head = slice(0, batch)
-    first = seconds(lambda: made.simulate(bodies[head], targets[head]))
-    again = seconds(lambda: made.simulate(bodies[head], targets[head]))
+    first = time_call(lambda: made.simulate(bodies[head], targets[head]))
+    again = time_call(lambda: made.simulate(bodies[head], targets[head]))
     chunks = [slice(k, k + batch) for k in range(0, count, batch)]
-    spent = seconds(lambda: [made.simulate(bodies[c], targets[c]) for c in chunks])
+    spent = time_call(lambda: [made.simulate(bodies[c], targets[c]) for c in chunks])
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {
         "import": imported, "compile": first - again, "rate": count / spent,
-        "memory": most, "steps": _steps(made), "device": _device(engine),
+        "memory": most, "steps": _count_steps(made), "device": _name_device(engine),
     }  # fmt: skip
 
 
-def _steps(engine: Any) -> int:
+def _count_steps(engine: Any) -> int:
     """Time steps in a simulation; 0 where there is no time."""
     if engine.name == "mjx":
         from selfheal.engine.mjx import TIMESTEP as step
@@ -165,7 +165,7 @@ def _steps(engine: Any) -> int:
     return round((engine.ramp + engine.hold) / step)
 
 
-def _device(engine: str) -> str:
+def _name_device(engine: str) -> str:
     """What computes, as JAX calls it."""
     if engine != "mjx":
         return "cpu"
@@ -174,7 +174,7 @@ def _device(engine: str) -> str:
     return str(jax.devices()[0].device_kind)
 
 
-def in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> dict:
+def run_in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> dict:
     """`child` in a process of its own whose compiled programs are kept in `cache`."""
     environment = {
         **os.environ,
@@ -188,19 +188,19 @@ def in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> dict:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
+def measure_engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
     """Each engine at each batch size, twice: nothing compiled before, then cached."""
     found = []
     for engine, batch, count in jobs:
         with tempfile.TemporaryDirectory() as folder:
-            cold = in_fresh_process(engine, batch, count, Path(folder))
-            warm = in_fresh_process(engine, batch, count, Path(folder))
+            cold = run_in_fresh_process(engine, batch, count, Path(folder))
+            warm = run_in_fresh_process(engine, batch, count, Path(folder))
         found.append({"engine": engine, "batch": batch, "cold": cold, "warm": warm})
         print(f"{engine}, batch {batch}: {warm['rate']:,.0f}/s", file=sys.stderr)
     return found
 
 
-def engine_section(found: list[dict[str, Any]]) -> Section:
+def make_engine_section(found: list[dict[str, Any]]) -> Section:
     """The table of engines and batch sizes."""
     rows = []
     for one in found:
@@ -223,7 +223,7 @@ def engine_section(found: list[dict[str, Any]]) -> Section:
     return Section("Engines and batch sizes, all cores", text, header, rows)
 
 
-def help_seconds(times: int = 5) -> float:
+def time_help(times: int = 5) -> float:
     """Median time of `selfheal --help` [s]."""
     program = Path(sys.executable).with_name("selfheal")
     words = [str(program), "--help"]
@@ -231,13 +231,13 @@ def help_seconds(times: int = 5) -> float:
     def run() -> None:
         subprocess.run(words, stdout=subprocess.DEVNULL, check=True)
 
-    return float(np.median([seconds(run) for _ in range(times)]))
+    return float(np.median([time_call(run) for _ in range(times)]))
 
 
-def _jobs(quick: bool) -> list[tuple[str, int, int]]:
+def _list_jobs(quick: bool) -> list[tuple[str, int, int]]:
     """(engine, batch size, simulations) to measure on this machine."""
     with tempfile.TemporaryDirectory() as folder:
-        device = in_fresh_process("mjx", 64, 64, Path(folder))["device"]
+        device = run_in_fresh_process("mjx", 64, 64, Path(folder))["device"]
     batches = CPU_BATCHES if device == "cpu" else GPU_BATCHES
     if quick:
         return [("statics", 256, 2048), ("mujoco", 64, 64), ("mjx", batches[0], 256)]
@@ -248,27 +248,32 @@ def _jobs(quick: bool) -> list[tuple[str, int, int]]:
 
 def main() -> None:
     """Measure everything and publish."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     line.add_argument("--quick", action="store_true", help="tiny sizes")
     line.add_argument("--seed", type=int, default=20261121, help="of the candidates")
     line.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     options = line.parse_args()
     if options.child:
         engine, batch, count = options.child
-        print(json.dumps(child(engine, int(batch), int(count))))
+        print(json.dumps(measure_engine(engine, int(batch), int(count))))
         return
     count, rounds = (200, 1) if options.quick else (2000, 5)
-    help_time = help_seconds()
-    ratios = compare(count, rounds, options.seed)
-    found = engines(_jobs(options.quick))
+    help_time = time_help()
+    ratios = compare_engines(count, rounds, options.seed)
+    found = measure_engines(_list_jobs(options.quick))
     text = f"{help_time:.2f} s, median of 5; target 0.4 s."
     sections = [
-        ratio_section(ratios, count, rounds),
-        engine_section(found),
+        make_ratio_section(ratios, count, rounds),
+        make_engine_section(found),
         Section("`selfheal --help`", text),
     ]
-    data = {"ratios": ratios, "engines": found, "help": help_time, "cores": cores()}
-    publish(options.root, "throughput", "Throughput", sections, data)
+    data = {
+        "ratios": ratios,
+        "engines": found,
+        "help": help_time,
+        "cores": count_cores(),
+    }
+    publish_results(options.root, "throughput", "Throughput", sections, data)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.writer import Section, publish
+from benchmarks.writer import Section, publish_results
 from selfheal.study.statistics import share
 
 Records = Mapping[str, Mapping[str, Any]]
@@ -16,22 +16,27 @@ _HEAD = ("robot", "scenario", "seed", "damage", "believed", "named", "whole [m]"
 _CLEAR = (1, 2, 3, 5)  # "approaches or exceeds" (overview.txt 4.5)
 
 
-def write(root: Path, known: Mapping[str, Records], remarks: str) -> None:
+def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
     """Publish the page of all suites."""
     sections = [
-        Section("What was reached", "", ("figure", "target", "measured"), _top(known)),
-        _cells(known["ours"], "Our method", _OURS),
-        _cells(known["described"], "As described", _DESCRIBED),
-        _control(known),
-        _cells(known["beyond"], "Graded damage, changed worlds", _BEYOND),
-        _cells(known["gap"], "A robot that is 5 % off its model", _GAP),
-        _speed(known["speed"]),
+        Section(
+            "What was reached",
+            "",
+            ("figure", "target", "measured"),
+            _tabulate_targets(known),
+        ),
+        _make_runs_section(known["ours"], "Our method", _OURS),
+        _make_runs_section(known["described"], "As described", _DESCRIBED),
+        _make_control_section(known),
+        _make_runs_section(known["beyond"], "Graded damage, changed worlds", _BEYOND),
+        _make_runs_section(known["gap"], "A robot that is 5 % off its model", _GAP),
+        _make_speed_section(known["speed"]),
         Section("What is not reached, was not run, and why", remarks),
     ]
     note = " (timings: one core that other work shared; CPU seconds are of this work)"
     data = {suite: list(records.values()) for suite, records in known.items()}
     title = "Recovery of legged robots"
-    publish(root, "recover", title, sections, data, hardware=note)
+    publish_results(root, "recover", title, sections, data, hardware=note)
 
 
 _OURS = "One run a row. Trials that were not needed any more were not made."
@@ -47,17 +52,17 @@ _GAP = (
 )
 
 
-def _ratio(record: Mapping[str, Any]) -> float:
+def _compute_recovery(record: Mapping[str, Any]) -> float:
     """Recovered over original displacement."""
     d = record["distance"]
     return float(d["healed"] or 0.0) / float(d["intact"])
 
 
-def _ratios(records: Iterable[Mapping[str, Any]]) -> list[float]:
-    return [_ratio(r) for r in records]
+def _list_recoveries(records: Iterable[Mapping[str, Any]]) -> list[float]:
+    return [_compute_recovery(r) for r in records]
 
 
-def _quantiles(values: Sequence[float]) -> str:
+def _format_quantiles(values: Sequence[float]) -> str:
     """Median and 10th percentile, and of how many."""
     if not len(values):
         return "not run"
@@ -65,12 +70,12 @@ def _quantiles(values: Sequence[float]) -> str:
     return f"{middle:.2f}; {low:.2f}, of {len(values)}"
 
 
-def _named(records: Iterable[Mapping[str, Any]]) -> str:
+def _format_named_share(records: Iterable[Mapping[str, Any]]) -> str:
     known = [r["named"] for r in records if r["named"] is not None]
     return share(sum(known), len(known))
 
 
-def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
+def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     """The figures that were asked for."""
     ours, old = (list(known[name].values()) for name in ("ours", "described"))
     first = [r for r in old if r["scenario"] == 1]
@@ -86,65 +91,107 @@ def _top(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
     spent = "; ".join(f"{name} {np.median(v):.0f} s, worst {max(v):.0f} s of CPU"
                       for name, v in cpu.items() if v)  # fmt: skip
     return [
-        ("as described, recovered / original: median; 10th percentile",
-         "reported", _quantiles(_ratios(old))),
-        ("as described, scenario 1", "about 0.7 in 2004", _quantiles(_ratios(first))),
-        ("as described, scenarios 1, 2, 3, 5", "approaches or exceeds 1 in 2004",
-         _quantiles(_ratios(clear))),
-        ("ours, recovered / original: median; 10th percentile", ">= 0.9; >= 0.6",
-         _quantiles(_ratios(ours))),
-        ("ours, kind and place named, scenarios 1 to 8", ">= 80 %", _named(broken)),
-        ("as described, the same", "",
-         _named(r for r in old if r["scenario"] not in (9, 10))),
-        ("ours, scenario 9 says that nothing broke", ">= 90 %", _named(nothing)),
-        ("hardware trials, ours : control, for the same recovery", "<= 1 : 500",
-         "; ".join(_needs(known)) or "not run"),
+        (
+            "as described, recovered / original: median; 10th percentile",
+            "reported",
+            _format_quantiles(_list_recoveries(old)),
+        ),
+        (
+            "as described, scenario 1",
+            "about 0.7 in 2004",
+            _format_quantiles(_list_recoveries(first)),
+        ),
+        (
+            "as described, scenarios 1, 2, 3, 5",
+            "approaches or exceeds 1 in 2004",
+            _format_quantiles(_list_recoveries(clear)),
+        ),
+        (
+            "ours, recovered / original: median; 10th percentile",
+            ">= 0.9; >= 0.6",
+            _format_quantiles(_list_recoveries(ours)),
+        ),
+        (
+            "ours, kind and place named, scenarios 1 to 8",
+            ">= 80 %",
+            _format_named_share(broken),
+        ),
+        (
+            "as described, the same",
+            "",
+            _format_named_share(r for r in old if r["scenario"] not in (9, 10)),
+        ),
+        (
+            "ours, scenario 9 says that nothing broke",
+            ">= 90 %",
+            _format_named_share(nothing),
+        ),
+        (
+            "hardware trials, ours : control, for the same recovery",
+            "<= 1 : 500",
+            "; ".join(_compare_trials(known)) or "not run",
+        ),
         ("one run, quadruped", "<= 10 min on 2 cores", spent),
-        ("evaluations/s against plain MuJoCo", ">= 5 : 1", _faster(known["speed"])),
-    ]  # fmt: skip
+        (
+            "evaluations/s against plain MuJoCo",
+            ">= 5 : 1",
+            _summarize_speed(known["speed"]),
+        ),
+    ]
 
 
-def _cells(records: Records, title: str, words: str) -> Section:
+def _make_runs_section(records: Records, title: str, words: str) -> Section:
     """A row a run."""
     rows = []
-    for r in sorted(records.values(), key=_order):
+    for r in sorted(records.values(), key=_order_run):
         d = r["distance"]
         walked = ", ".join("failed" if w is None else f"{w:.2f}" for w in r["walked"])
         named = {True: "yes", False: "no", None: ""}[r["named"]]
-        rows.append((r["robot"], r["scenario"], r["seed"], _words(r["damage"]),
-                     _words(r["hypotheses"]), named, f"{d['intact']:.2f}",
-                     f"{d['damaged'] or 0:.2f}", walked, f"{_ratio(r):.2f}",
-                     f"{r['cpu_seconds']:.0f}"))  # fmt: skip
+        rows.append(
+            (
+                r["robot"],
+                r["scenario"],
+                r["seed"],
+                _describe_damages(r["damage"]),
+                _describe_damages(r["hypotheses"]),
+                named,
+                f"{d['intact']:.2f}",
+                f"{d['damaged'] or 0:.2f}",
+                walked,
+                f"{_compute_recovery(r):.2f}",
+                f"{r['cpu_seconds']:.0f}",
+            )
+        )
     return Section(title, words if rows else "Not run.", _HEAD, rows)
 
 
-def _order(record: Mapping[str, Any]) -> tuple[bool, int, int]:
+def _order_run(record: Mapping[str, Any]) -> tuple[bool, int, int]:
     """Where a run stands in a table."""
     return record["robot"] == "hexapod", record["scenario"], record["seed"]
 
 
-def _words(damages: Sequence[Mapping[str, Any]]) -> str:
+def _describe_damages(damages: Sequence[Mapping[str, Any]]) -> str:
     """Damages as short as a table has room for."""
-    said = [f"{d['kind']} {d['target'].partition(':')[2]} {_value(d)}".strip()
+    said = [f"{d['kind']} {d['target'].partition(':')[2]} {_format_value(d)}".strip()
             for d in damages if d["kind"] != "none"]  # fmt: skip
     return ", ".join(said) or "nothing"
 
 
-def _value(damage: Mapping[str, Any]) -> str:
+def _format_value(damage: Mapping[str, Any]) -> str:
     """A value where there is one."""
     return f"{damage['value']:.2f}" if damage["value"] else ""
 
 
-def _pairs(known: Mapping[str, Records]) -> list[tuple[Any, Any]]:
+def _pair_with_control(known: Mapping[str, Records]) -> list[tuple[Any, Any]]:
     """Runs of the control with our run of the same cell."""
     return [(known["ours"][key], control) for key, control in known["hardware"].items()
             if key in known["ours"]]  # fmt: skip
 
 
-def _needs(known: Mapping[str, Records]) -> list[str]:
+def _compare_trials(known: Mapping[str, Records]) -> list[str]:
     """Trials of both until the lesser of both recoveries, each pair."""
     found = []
-    for ours, control in _pairs(known):
+    for ours, control in _pair_with_control(known):
         goal = min(ours["distance"]["healed"], control["distance"]["healed"])
         goal -= 1e-3  # records are rounded
         mine = 1 + int(np.argmax([(w or -np.inf) >= goal for w in ours["walked"]]))
@@ -154,13 +201,22 @@ def _needs(known: Mapping[str, Records]) -> list[str]:
     return found
 
 
-def _control(known: Mapping[str, Records]) -> Section:
+def _make_control_section(known: Mapping[str, Records]) -> Section:
     """Our trials beside those of the control."""
-    rows = [(f"scenario {c['scenario']}, seed {c['seed']}", f"{_ratio(c):.2f}",
-             f"{_ratio(o):.2f}", f"{c['actions']:,}", o["actions"], n,
-             f"{c['cpu_seconds']:.0f}")
-            for (o, c), n in zip(_pairs(known), _needs(known), strict=True)
-            ]  # fmt: skip
+    rows = [
+        (
+            f"scenario {c['scenario']}, seed {c['seed']}",
+            f"{_compute_recovery(c):.2f}",
+            f"{_compute_recovery(o):.2f}",
+            f"{c['actions']:,}",
+            o["actions"],
+            n,
+            f"{c['cpu_seconds']:.0f}",
+        )
+        for (o, c), n in zip(
+            _pair_with_control(known), _compare_trials(known), strict=True
+        )
+    ]
     head = (
         "quadruped",
         "control, recovered / whole",
@@ -178,30 +234,32 @@ def _control(known: Mapping[str, Records]) -> Section:
     return Section("The control", words, head, rows)
 
 
-def _clock(record: Mapping[str, Any]) -> str:
+def _choose_clock(record: Mapping[str, Any]) -> str:
     """CPU seconds where one core was used, which others share; else wall seconds."""
     return "cpu" if record["cores"] == 1 else "wall"
 
 
-def _faster(records: Records) -> str:
+def _summarize_speed(records: Records) -> str:
     """Ratios of evaluations a second."""
     found = []
     for key in dict.fromkeys((r["robot"], r["cores"]) for r in records.values()):
         rows = [r for r in records.values() if (r["robot"], r["cores"]) == key]
         for what in ("batch", "search"):
             ratio = np.median(
-                [r["plain"][_clock(r)] / r[what][_clock(r)] for r in rows]
+                [r["plain"][_choose_clock(r)] / r[what][_choose_clock(r)] for r in rows]
             )
             count = f"{key[1]} core{'s' * (key[1] != 1)}"
             found.append(f"{key[0]}, {count}, {what} {ratio:.1f} : 1")
     return "; ".join(found) or "not run"
 
 
-def _speed(records: Records) -> Section:
+def _make_speed_section(records: Records) -> Section:
     """Seconds of an evaluation."""
     rows = []
     for r in records.values():
-        each = [f"{1 / r[k][_clock(r)]:.0f}" for k in ("plain", "batch", "search")]
+        each = [
+            f"{1 / r[k][_choose_clock(r)]:.0f}" for k in ("plain", "batch", "search")
+        ]
         rows.append((r["robot"], r["cores"], *each))
     head = ("robot", "cores", "plain MuJoCo, network in numpy", "one batch of 100",
             "a whole search")  # fmt: skip

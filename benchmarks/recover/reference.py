@@ -7,7 +7,7 @@ from selfheal.body.body import Floats
 from selfheal.body.legged import HIDDEN, Legged
 
 
-def plain_way(robot: Legged, weights: Floats, steps: int = 1000) -> float:
+def walk_plain(robot: Legged, weights: Floats, steps: int = 1000) -> float:
     """Forward displacement [m] of a whole robot under a controller (synapses)."""
     model = robot.model
     data = mujoco.MjData(model)

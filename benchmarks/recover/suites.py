@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.recover.page import write
-from benchmarks.recover.reference import plain_way
-from benchmarks.writer import Plays, cores, main
+from benchmarks.recover.page import write_page
+from benchmarks.recover.reference import walk_plain
+from benchmarks.writer import KeyedRuns, count_cores, run_suites
 from selfheal.body.legged import LEGGED, legged
 from selfheal.engine.reflex import drive, whole
 from selfheal.gait.genetic import (
@@ -36,49 +36,51 @@ FIRST = 5000
 BEYOND = range(len(TABLE) + 1, len(SCENARIOS) + 1)
 
 
-def ours(seeds: int) -> Plays:
+def list_our_runs(seeds: int) -> KeyedRuns:
     """The twenty cells of the overview, our method."""
-    return _cells("ours", seeds)
+    return _list_runs("ours", seeds)
 
 
-def described(seeds: int) -> Plays:
+def list_described_runs(seeds: int) -> KeyedRuns:
     """The twenty cells, as described."""
-    return _cells("as-described", seeds)
+    return _list_runs("as-described", seeds)
 
 
-def hardware(seeds: int) -> Plays:
+def list_control_runs(seeds: int) -> KeyedRuns:
     """The control, on the quadruped as in the overview: a lower leg or a leg lost."""
-    return _cells("hardware-only", seeds, ("quadruped",), (1, 2))
+    return _list_runs("hardware-only", seeds, ("quadruped",), (1, 2))
 
 
-def beyond(seeds: int) -> Plays:
+def list_further_runs(seeds: int) -> KeyedRuns:
     """Graded damage and changed worlds, our method on the quadruped."""
-    return _cells("ours", seeds, ("quadruped",), BEYOND)
+    return _list_runs("ours", seeds, ("quadruped",), BEYOND)
 
 
-def gap(seeds: int) -> Plays:
+def list_gap_runs(seeds: int) -> KeyedRuns:
     """A robot that is 5 % off its model, our method on the quadruped."""
-    return _cells("ours", seeds, ("quadruped",), (1, 2, 3, 9), gap=0.05)
+    return _list_runs("ours", seeds, ("quadruped",), (1, 2, 3, 9), gap=0.05)
 
 
-def _cells(
+def _list_runs(
     method: str,
     seeds: int,
     robots: tuple[str, ...] = LEGGED[::-1],
     numbers: Any = TABLE,
     **more: Any,
-) -> Plays:
+) -> KeyedRuns:
     """A run for each seed, robot and scenario."""
     for seed in range(FIRST, FIRST + seeds):
         for robot in robots:
             for number in numbers:
                 yield (
                     f"{robot} {number} {seed}",
-                    lambda r=robot, n=number, s=seed: _run(method, r, n, s, more),
+                    lambda r=robot, n=number, s=seed: _recover_robot(
+                        method, r, n, s, more
+                    ),
                 )
 
 
-def _run(
+def _recover_robot(
     method: str, robot: str, number: int, seed: int, more: dict[str, Any]
 ) -> dict[str, Any]:
     body = legged(robot)
@@ -96,19 +98,19 @@ def _run(
     return kept
 
 
-def speed(seeds: int) -> Plays:
+def list_speed_runs(seeds: int) -> KeyedRuns:
     """Evaluations a second against plain MuJoCo, in turns on the same machine."""
     for seed in range(FIRST, FIRST + seeds):
         for robot in LEGGED[::-1]:
-            key = f"{robot} {seed} {cores()}"
-            yield key, lambda r=robot, s=seed: _speed(r, s)
+            key = f"{robot} {seed} {count_cores()}"
+            yield key, lambda r=robot, s=seed: _time_evaluations(r, s)
 
 
-def _speed(name: str, seed: int) -> dict[str, Any]:
+def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
     """CPU and wall seconds of an evaluation, each way."""
     robot, rng = legged(name), np.random.default_rng(seed)
     genomes = draw(100, robot.synapses, rng)
-    spent: dict[str, Any] = {"robot": name, "cores": cores()}
+    spent: dict[str, Any] = {"robot": name, "cores": count_cores()}
 
     def timed(what: str, count: int, play: Callable[[], Any]) -> None:
         wall, cpu = time.perf_counter(), time.process_time()
@@ -116,7 +118,7 @@ def _speed(name: str, seed: int) -> dict[str, Any]:
         spent[what] = {"wall": (time.perf_counter() - wall) / count,
                        "cpu": (time.process_time() - cpu) / count}  # fmt: skip
 
-    timed("plain", 20, lambda: [plain_way(robot, g) for g in genomes[:20]])
+    timed("plain", 20, lambda: [walk_plain(robot, g) for g in genomes[:20]])
     timed("batch", 100, lambda: drive(whole(robot, 100), genomes))
 
     def search() -> None:
@@ -132,10 +134,15 @@ def _speed(name: str, seed: int) -> dict[str, Any]:
     return spent
 
 
-SUITES = {"speed": (speed, 3), "ours": (ours, 3), "described": (described, 3),
-          "hardware": (hardware, 3), "beyond": (beyond, 3),
-          "gap": (gap, 3)}  # fmt: skip
+SUITES = {
+    "speed": (list_speed_runs, 3),
+    "ours": (list_our_runs, 3),
+    "described": (list_described_runs, 3),
+    "hardware": (list_control_runs, 3),
+    "beyond": (list_further_runs, 3),
+    "gap": (list_gap_runs, 3),
+}
 
 
 if __name__ == "__main__":
-    main("recover", __doc__ or "", SUITES, write, counted="seeds")
+    run_suites("recover", __doc__ or "", SUITES, write_page, counted="seeds")

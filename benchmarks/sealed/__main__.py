@@ -15,17 +15,22 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks.diagnosis_runs import Limits, run_cases
-from benchmarks.sealed.cases import KINDS, MIXED, case_name, make, save
-from benchmarks.sealed.hidden_robot import Unfit
-from benchmarks.sealed.score import confusion, figures, read_all, sections
-from benchmarks.writer import parser, publish
+from benchmarks.diagnosis_runs import ProcessLimits, diagnose_cases
+from benchmarks.sealed.cases import KINDS, MIXED, make_case, name_case, save_case
+from benchmarks.sealed.hidden_robot import UnfitDraw
+from benchmarks.sealed.score import (
+    compute_figures,
+    count_confusions,
+    make_sections,
+    read_cases,
+)
+from benchmarks.writer import make_parser, publish_results
 from selfheal.body.mjcf import ignore_warnings
 
 
 def _is_made(options, seed: int) -> bool:
     """True where the case is there; a seed is of one kind only."""
-    file = options.keys / case_name(seed) / "key.json"
+    file = options.keys / name_case(seed) / "key.json"
     if not file.is_file():
         return False
     kind = MIXED[seed % len(MIXED)] if options.kind == "mixed" else options.kind
@@ -43,42 +48,42 @@ def make_cases(options) -> int:
         if _is_made(options, seed):
             continue
         try:
-            case = make(
+            case = make_case(
                 options.kind, seed, effects=options.effects, robots=options.robots
             )
-        except Unfit as reason:
+        except UnfitDraw as reason:
             failed += 1
             print(f"no case {seed}: {reason}", file=sys.stderr)
             continue
-        save(case, options.out, options.keys)
+        save_case(case, options.out, options.keys)
         spent = time.perf_counter() - start
         print(f"{case.name}: {spent:.1f} s", file=sys.stderr)
     return 1 if failed else 0
 
 
-def run(options) -> int:
+def run_diagnoses(options) -> int:
     """Diagnose the cases that have no diagnosis yet."""
     program = tuple(options.program.split())
-    limits = Limits(options.seconds, program)
-    return 1 if run_cases(options.cases, options.jobs, limits) else 0
+    limits = ProcessLimits(options.seconds, program)
+    return 1 if diagnose_cases(options.cases, options.jobs, limits) else 0
 
 
-def score(options) -> int:
+def score_diagnoses(options) -> int:
     """Open the keys and write the page."""
-    cases = read_all(options.cases, options.keys, tuple(options.replay.split()))
+    cases = read_cases(options.cases, options.keys, tuple(options.replay.split()))
     data = {
-        "figures": figures(cases),
-        "confusion": confusion(cases),
+        "figures": compute_figures(cases),
+        "confusion": count_confusions(cases),
         "cases": cases,
     }
     title = f"The {options.name} benchmark of diagnose"
-    publish(options.root, options.name, title, sections(cases), data)
+    publish_results(options.root, options.name, title, make_sections(cases), data)
     return 0
 
 
 def main() -> int:
     """Read the command line and do what it says."""
-    line = parser(__doc__ or "")
+    line = make_parser(__doc__ or "")
     commands = line.add_subparsers(dest="command", required=True)
     making = commands.add_parser("make", help="simulate cases")
     making.add_argument("--cases", type=int, default=60)
@@ -94,7 +99,7 @@ def main() -> int:
     running.add_argument("--jobs", type=int, default=2)
     running.add_argument("--seconds", type=float, default=900.0, help="of each at most")
     running.add_argument("--program", default="selfheal diagnose")
-    running.set_defaults(do=run)
+    running.set_defaults(do=run_diagnoses)
     scoring = commands.add_parser("score", help="open the keys")
     scoring.add_argument("--cases", type=Path, required=True)
     scoring.add_argument("--keys", type=Path, required=True)
@@ -104,7 +109,7 @@ def main() -> int:
         default="selfheal replay",
         help="proves each diagnosis on its test; empty: not",
     )
-    scoring.set_defaults(do=score)
+    scoring.set_defaults(do=score_diagnoses)
     options = line.parse_args()
     return options.do(options)
 

@@ -9,22 +9,37 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.replay_error import open_loop, score, values
-from benchmarks.sealed.effects import EFFECTS, Effect, blank, drawing
-from benchmarks.sealed.hidden_robot import (
-    Plan,
-    Truth,
-    Unfit,
-    change,
-    hidden,
-    nuisances,
-    simulate,
+from benchmarks.replay_error import compute_score, extract_values, simulate_open_loop
+from benchmarks.sealed.effects import (
+    EFFECTS,
+    Effect,
+    choose_omissions,
+    make_blank_robot,
 )
-from benchmarks.sealed.mjcf import FAST, Draw, Robot
-from benchmarks.sealed.motions import plans, sampling
+from benchmarks.sealed.hidden_robot import (
+    HiddenRobot,
+    MotionPlan,
+    UnfitDraw,
+    list_nuisances,
+    make_hidden_robot,
+    scale_value,
+    simulate_plans,
+)
+from benchmarks.sealed.mjcf import FAST, NumberDraw, Robot
+from benchmarks.sealed.motions import draw_plans, draw_sampling
 from benchmarks.sealed.robots import ROBOTS
-from benchmarks.sealed.sensors import Bench, Noise, draw_noise, draw_sensors, pieces
-from benchmarks.sealed.strength import coarse, integration, strength
+from benchmarks.sealed.sensors import (
+    Instruments,
+    Noise,
+    cut_segments,
+    draw_noise,
+    draw_sensors,
+)
+from benchmarks.sealed.strength import (
+    make_coarse_spec,
+    measure_integration_error,
+    measure_strength,
+)
 from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, write
@@ -61,7 +76,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedEffect:
     """An effect at a place, with what it is made of.
 
     Attributes:
@@ -78,57 +93,59 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Experiment:
     """A given robot, its stated errors, its sensors and its motions."""
 
     robot: Robot
     errors: dict[tuple[str, str], float]
     rk4: bool
-    bench: Bench
-    train: Sequence[Plan]
-    test: Sequence[Plan]
+    bench: Instruments
+    train: Sequence[MotionPlan]
+    test: Sequence[MotionPlan]
     link_side: bool
 
-    def truth(self, placed: Sequence[Placed] = ()) -> Truth:
+    def make_hidden_robot(self, placed: Sequence[PlacedEffect] = ()) -> HiddenRobot:
         """The hidden robot with these effects."""
-        truth = hidden(self.robot, rk4=self.rk4)
+        truth = make_hidden_robot(self.robot, rk4=self.rk4)
         truth.motor_side = not self.link_side
-        for nuisance in nuisances(self.robot):
+        for nuisance in list_nuisances(self.robot):
             key = (nuisance.kind, nuisance.name)
-            change(truth.spec, nuisance, 1 + self.errors.get(key, 0.0))
+            scale_value(truth.spec, nuisance, 1 + self.errors.get(key, 0.0))
         for one in placed:
             one.effect.install(truth, one.target, one.values)
         return truth
 
-    def measured(self, truth: Truth) -> Bench:
+    def make_instruments(self, truth: HiddenRobot) -> Instruments:
         """The bench that has the hidden robot's readings."""
         return replace(self.bench, readings=truth.readings)
 
 
-def scene(name: str, rng: Rng, zero=frozenset(), density: float = 0.0) -> Scene:
+def draw_experiment(
+    name: str, rng: Rng, zero=frozenset(), density: float = 0.0
+) -> Experiment:
     """Everything of a case but its effects."""
-    robot = ROBOTS[name](Draw(rng, zero, density))
+    robot = ROBOTS[name](NumberDraw(rng, zero, density))
     errors = {
         (n.kind, n.name): float(rng.uniform(-1, 1) * SHARE * n.bound)
-        for n in nuisances(robot)
+        for n in list_nuisances(robot)
     }
     for key in errors:
         if key[0] == "friction":
             errors[key] = errors[key] / 2  # of both geoms of a contact
-    sampled = sampling(robot, rng)
-    bench = Bench(robot, {}, draw_noise(rng), draw_sensors(robot, rng))
-    return Scene(
+    sampled = draw_sampling(robot, rng)
+    bench = Instruments(robot, {}, draw_noise(rng), draw_sensors(robot, rng))
+    return Experiment(
         robot,
         errors,
         bool(rng.random() < 0.5 and not robot.contact and FAST in robot.xml),
         bench,
-        plans(robot, rng, sampled, test=False),
-        plans(robot, rng, sampled, test=True),
+        draw_plans(robot, rng, sampled, test=False),
+        draw_plans(robot, rng, sampled, test=True),
         bool(rng.random() < 0.7),
     )
 
 
-def _probe(scene: Scene) -> list[Plan]:
+def _select_probe_plans(scene: Experiment) -> list[MotionPlan]:
     """A few episodes of different motions, to size an effect on."""
     if scene.robot.free and not scene.robot.joints:
         return list(scene.train[:8])
@@ -139,7 +156,9 @@ def _probe(scene: Scene) -> list[Plan]:
     ]
 
 
-def sized(scene: Scene, effect: Effect, target: str, rng: Rng) -> Placed:
+def size_effect(
+    scene: Experiment, effect: Effect, target: str, rng: Rng
+) -> PlacedEffect:
     """An effect as large as the case needs.
 
     Raises:
@@ -150,10 +169,10 @@ def sized(scene: Scene, effect: Effect, target: str, rng: Rng) -> Placed:
     size = float(np.clip(np.exp(rng.uniform(-0.7, 0.7)), low, high))
     aim = float(np.exp(rng.uniform(np.log(5.0), np.log(22.0))))
     for _ in range(7):
-        placed = Placed(effect, target, values(size))
+        placed = PlacedEffect(effect, target, values(size))
         try:
-            raw, left = _strength(scene, placed)
-        except Unfit:
+            raw, left = _measure_strength(scene, placed)
+        except UnfitDraw:
             raw, left = np.inf, np.inf
         if LEAST <= left <= MOST:
             return replace(placed, strength=(raw, left))
@@ -164,22 +183,24 @@ def sized(scene: Scene, effect: Effect, target: str, rng: Rng) -> Placed:
         if new == size:
             break
         size = new
-    raise Unfit(f"{effect.name} at {target} of {scene.robot.name} does not show")
+    raise UnfitDraw(f"{effect.name} at {target} of {scene.robot.name} does not show")
 
 
-def _strength(scene: Scene, placed: Placed) -> tuple[float, float]:
-    truth = scene.truth([placed])
-    runs = simulate(truth, _probe(scene))
-    base = scene.truth()
+def _measure_strength(scene: Experiment, placed: PlacedEffect) -> tuple[float, float]:
+    truth = scene.make_hidden_robot([placed])
+    runs = simulate_plans(truth, _select_probe_plans(scene))
+    base = scene.make_hidden_robot()
     base.motor_side = truth.motor_side
-    return strength(scene.measured(truth), base, runs)
+    return measure_strength(scene.make_instruments(truth), base, runs)
 
 
-def _robots_for(effect: Effect) -> list[str]:
-    return [name for name in ROBOTS if effect.targets(blank(name))]
+def _list_robots(effect: Effect) -> list[str]:
+    return [name for name in ROBOTS if effect.targets(make_blank_robot(name))]
 
 
-def _choice(kind: str, seed: int, rng: Rng, wanted: Sequence[str]) -> list[Effect]:
+def _choose_effects(
+    kind: str, seed: int, rng: Rng, wanted: Sequence[str]
+) -> list[Effect]:
     """The effects of a case: by turns, so that a row of seeds has them all."""
     if kind == "null":
         return []
@@ -188,9 +209,9 @@ def _choice(kind: str, seed: int, rng: Rng, wanted: Sequence[str]) -> list[Effec
         menu = [e for e in menu if e.name in wanted]
     chosen = [menu[seed % len(menu)]]
     if kind == "double":
-        rest = [e for e in EFFECTS if _compatible(chosen[0], e)]
+        rest = [e for e in EFFECTS if _are_compatible(chosen[0], e)]
         if not rest:
-            raise Unfit(f"nothing goes with {chosen[0].name}")
+            raise UnfitDraw(f"nothing goes with {chosen[0].name}")
         chosen.append(rest[rng.integers(len(rest))])
     return chosen
 
@@ -209,15 +230,15 @@ _FAMILIES = (
 )
 
 
-def _compatible(one: Effect, other: Effect) -> bool:
+def _are_compatible(one: Effect, other: Effect) -> bool:
     if one.name == other.name or other.name == "joint_jam" or one.name == "joint_jam":
         return False
     names = {one.name, other.name}
-    shared = set(_robots_for(one)) & set(_robots_for(other))
+    shared = set(_list_robots(one)) & set(_list_robots(other))
     return bool(shared) and not any(names <= family for family in _FAMILIES)
 
 
-def make(kind: str, seed: int, *, effects=(), robots=()) -> Case:
+def make_case(kind: str, seed: int, *, effects=(), robots=()) -> Case:
     """One case, the same for the same seed.
 
     Args:
@@ -235,81 +256,91 @@ def make(kind: str, seed: int, *, effects=(), robots=()) -> Case:
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, KINDS.index(kind), attempt])
         try:
-            return _attempt(kind, seed, attempt, rng, effects, robots)
-        except Unfit as reason:
+            return _attempt_case(kind, seed, attempt, rng, effects, robots)
+        except UnfitDraw as reason:
             reasons.append(str(reason))
-    raise Unfit(f"{kind} {seed}: " + "; ".join(sorted(set(reasons))))
+    raise UnfitDraw(f"{kind} {seed}: " + "; ".join(sorted(set(reasons))))
 
 
-def _attempt(kind: str, seed: int, attempt: int, rng: Rng, effects, robots) -> Case:
-    chosen = _choice(kind, seed, rng, effects)
+def _attempt_case(
+    kind: str, seed: int, attempt: int, rng: Rng, effects, robots
+) -> Case:
+    chosen = _choose_effects(kind, seed, rng, effects)
     fit = set(robots or ROBOTS)
     for effect in chosen:
-        fit &= set(_robots_for(effect))
+        fit &= set(_list_robots(effect))
     names = [name for name in ROBOTS if name in fit]
     if not names:
-        raise Unfit(f"no robot for {[e.name for e in chosen]}")
+        raise UnfitDraw(f"no robot for {[e.name for e in chosen]}")
     menu = len(UNLISTED if kind == "unlisted" else EFFECTS)
     turn = seed if kind == "null" else seed // menu + 5 * seed
     name = names[(turn + attempt // 3) % len(names)]
-    return _build(kind, seed, name, chosen, rng)
+    return _build_case(kind, seed, name, chosen, rng)
 
 
-def _build(kind: str, seed: int, name: str, chosen: list[Effect], rng: Rng) -> Case:
-    shape, targets, zero, density = blank(name), [], frozenset[str](), 0.0
+def _build_case(
+    kind: str, seed: int, name: str, chosen: list[Effect], rng: Rng
+) -> Case:
+    shape, targets, zero, density = make_blank_robot(name), [], frozenset[str](), 0.0
     for effect in chosen:
         places = effect.targets(shape)
         targets.append(places[int(rng.integers(len(places)))])
-        more, medium = drawing(effect, targets[-1], rng)
+        more, medium = choose_omissions(effect, targets[-1], rng)
         zero, density = zero | more, max(density, medium)
-    made = scene(name, rng, zero, density)
+    made = draw_experiment(name, rng, zero, density)
     placed = [
-        sized(made, effect, target, rng)
+        size_effect(made, effect, target, rng)
         for effect, target in zip(chosen, targets, strict=True)
     ]
-    truth = made.truth(placed)
-    train, test = simulate(truth, made.train), simulate(truth, made.test)
-    bench, rest = made.measured(truth), made.robot.drive
+    truth = made.make_hidden_robot(placed)
+    train, test = simulate_plans(truth, made.train), simulate_plans(truth, made.test)
+    bench, rest = made.make_instruments(truth), made.robot.drive
     state = made.bench.sensors.state and (rest == "servo" or bool(made.robot.free))
     if made.robot.contact and made.robot.joints:
         state = False
-    recorded = bench.recording(made.train, train, rng, state=state)
-    proof = bench.recording(made.test, test, rng, state=True)
-    if length := _test_piece(made.robot):
-        proof = pieces(proof, test, length)
-    key = _key(kind, seed, made, bench, placed, train)
-    key["test"] = _standard(made, bench, proof, test)
-    return Case(case_name(seed), made.robot, recorded, proof, key)
+    recorded = bench.record_episodes(made.train, train, rng, state=state)
+    proof = bench.record_episodes(made.test, test, rng, state=True)
+    if length := _choose_test_length(made.robot):
+        proof = cut_segments(proof, test, length)
+    key = _make_key(kind, seed, made, bench, placed, train)
+    key["test"] = _score_references(made, bench, proof, test)
+    return Case(name_case(seed), made.robot, recorded, proof, key)
 
 
-def _standard(made: Scene, bench: Bench, proof: Recording, runs) -> dict[str, Any]:
+def _score_references(
+    made: Experiment, bench: Instruments, proof: Recording, runs
+) -> dict[str, Any]:
     """Scores on the test that any diagnosis is to be held against.
 
     given: the model as given. stated: with the true values of all it states, without
     the effects. floor: the truth itself, so noise alone.
     """
     given = mujoco.MjModel.from_xml_string(made.robot.xml)
-    stated = coarse(made.truth()).compile()
+    stated = make_coarse_spec(made.make_hidden_robot()).compile()
     silent = replace(bench, noise=Noise(*[0.0] * 8))
-    clean = silent.recording(made.test, runs, np.random.default_rng(0), state=True)
-    if length := _test_piece(made.robot):
-        clean = pieces(clean, runs, length)
+    clean = silent.record_episodes(
+        made.test, runs, np.random.default_rng(0), state=True
+    )
+    if length := _choose_test_length(made.robot):
+        clean = cut_segments(clean, runs, length)
     scores = {
-        "given": score(open_loop(given, proof), proof),
-        "stated": score(open_loop(stated, proof), proof),
-        "floor": score(values(clean), proof),
+        "given": compute_score(simulate_open_loop(given, proof), proof),
+        "stated": compute_score(simulate_open_loop(stated, proof), proof),
+        "floor": compute_score(extract_values(clean), proof),
     }
     return {k: v if np.isfinite(v) else None for k, v in scores.items()}
 
 
-def _test_piece(robot: Robot) -> float:
+def _choose_test_length(robot: Robot) -> float:
     """Length [s] of the pieces of a test, 0 for whole episodes."""
     if robot.free and not robot.joints:
         return 0.0
     return 1.0 if robot.contact else TEST_PIECES.get(robot.drive, 0.0)
 
 
-def _key(kind, seed, made: Scene, bench: Bench, placed, runs) -> dict[str, Any]:
+def _make_key(
+    kind, seed, made: Experiment, bench: Instruments, placed, runs
+) -> dict[str, Any]:
     lattice = bench.noise.lattice
     besides = [f"sensor:{j}_position" for j in made.robot.joints] if lattice else []
     return {
@@ -318,22 +349,24 @@ def _key(kind, seed, made: Scene, bench: Bench, placed, runs) -> dict[str, Any]:
         "kind": kind,
         "seed": seed,
         "robot": made.robot.name,
-        "effects": [_told(one, made) for one in placed],
+        "effects": [_describe_effect(one, made) for one in placed],
         "quantized_noise": besides,
         "parameter_errors": {":".join(k): v for k, v in made.errors.items()},
         "integrator": "RK4" if made.rk4 else "implicit",
         "fine_step": made.robot.fine,
-        "integration_over_noise": integration(made.bench, made.truth(), runs),
-        **bench.facts(),
+        "integration_over_noise": measure_integration_error(
+            made.bench, made.make_hidden_robot(), runs
+        ),
+        **bench.describe(),
     }
 
 
-def _told(one: Placed, made: Scene) -> dict[str, Any]:
+def _describe_effect(one: PlacedEffect, made: Experiment) -> dict[str, Any]:
     told: dict[str, Any] = {
         "effect": one.effect.name,
         "target": one.target,
         "parameters": [
-            {"name": name, "value": value, "unit": _unit(one, name, made)}
+            {"name": name, "value": value, "unit": _find_unit(one, name, made)}
             for name, value in one.values.items()
             if name in one.effect.units
         ],
@@ -346,7 +379,7 @@ def _told(one: Placed, made: Scene) -> dict[str, Any]:
     return told
 
 
-def _unit(one: Placed, name: str, made: Scene) -> str:
+def _find_unit(one: PlacedEffect, name: str, made: Experiment) -> str:
     """Its unit; a slide's has m and N."""
     unit = one.effect.units[name]
     kind, _, target = one.target.partition(":")
@@ -359,12 +392,12 @@ def _unit(one: Placed, name: str, made: Scene) -> str:
     return unit.replace("N m", "N").replace("rad", "m").replace("kg m^2", "kg")
 
 
-def case_name(seed: int) -> str:
+def name_case(seed: int) -> str:
     """A name that does not tell the kind; a seed makes one case of one kind."""
     return f"case_{seed:05d}"
 
 
-def save(case: Case, cases: Path, keys: Path) -> None:
+def save_case(case: Case, cases: Path, keys: Path) -> None:
     """Write a case into two folders: what is given, and what is concealed."""
     given, sealed = cases / case.name, keys / case.name
     given.mkdir(parents=True, exist_ok=True)
@@ -374,9 +407,9 @@ def save(case: Case, cases: Path, keys: Path) -> None:
     write(case.train, given / "recording.h5")
     write(case.test, sealed / "test.h5")
     with atomic_path(sealed / "key.json") as path:
-        path.write_text(json.dumps(case.key, indent=1, default=_plain) + "\n")
+        path.write_text(json.dumps(case.key, indent=1, default=_to_python) + "\n")
 
 
-def _plain(value: Any) -> Any:
+def _to_python(value: Any) -> Any:
     """A numpy number as Python's own."""
     return value.item()

@@ -18,11 +18,11 @@ SETTLE = 1.0  # [s] under the first command before time 0; chosen: all come to r
 WILD = 1e4  # [rad/s or m/s] a velocity beyond it is a simulation that failed
 
 
-class Unfit(Exception):
+class UnfitDraw(Exception):
     """A draw that makes no case: it diverges, or the effect does not show."""
 
 
-class Shaper(Protocol):
+class CommandShaper(Protocol):
     """What happens to one command on its way; keeps its state from step to step."""
 
     def __call__(self, command: float, first: bool) -> float:
@@ -37,7 +37,7 @@ class Force(Protocol):
 
 
 @dataclass(frozen=True)
-class Reading:
+class SensorModel:
     """reading = round to step (gain x true(t - delay) + bias)."""
 
     gain: float = 1.0
@@ -47,7 +47,7 @@ class Reading:
 
 
 @dataclass
-class Truth:
+class HiddenRobot:
     """A hidden robot in the making.
 
     Attributes:
@@ -63,16 +63,18 @@ class Truth:
 
     robot: Robot
     spec: Any
-    shapers: dict[str, list[Callable[[float], Shaper]]] = field(default_factory=dict)
+    shapers: dict[str, list[Callable[[float], CommandShaper]]] = field(
+        default_factory=dict
+    )
     forces: list[Callable[[Any], Force]] = field(default_factory=list)
-    readings: dict[str, Reading] = field(default_factory=dict)
+    readings: dict[str, SensorModel] = field(default_factory=dict)
     plays: dict[str, str] = field(default_factory=dict)
     pinned: dict[str, float] = field(default_factory=dict)
     motor_side: bool = False
 
 
 @dataclass(frozen=True)
-class Plan:
+class MotionPlan:
     """What the robot is told in one episode.
 
     Attributes:
@@ -93,7 +95,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Run:
+class Rollout:
     """What the robot did.
 
     Attributes:
@@ -112,7 +114,7 @@ class Run:
     force: np.ndarray
 
 
-def hidden(robot: Robot, *, rk4: bool = False) -> Truth:
+def make_hidden_robot(robot: Robot, *, rk4: bool = False) -> HiddenRobot:
     """The hidden robot before any edit: the model as given, simulated finer."""
     spec = mujoco.MjSpec.from_string(robot.xml)
     model = spec.compile()
@@ -121,7 +123,7 @@ def hidden(robot: Robot, *, rk4: bool = False) -> Truth:
     spec.option.timestep = robot.fine
     kinds = mujoco.mjtIntegrator
     spec.option.integrator = kinds.mjINT_RK4 if rk4 else kinds.mjINT_IMPLICIT
-    return Truth(robot, spec)
+    return HiddenRobot(robot, spec)
 
 
 def _state_inertia(body: Any, compiled: Any) -> None:
@@ -148,7 +150,7 @@ class Nuisance:
     bound: float
 
 
-def nuisances(robot: Robot) -> list[Nuisance]:
+def list_nuisances(robot: Robot) -> list[Nuisance]:
     """Every stated, nonzero value, with the contract's bound on its error."""
     spec = mujoco.MjSpec.from_string(robot.xml)
     found = []
@@ -171,7 +173,7 @@ def nuisances(robot: Robot) -> list[Nuisance]:
     return found
 
 
-def change(spec: Any, what: Nuisance, factor: float) -> None:
+def scale_value(spec: Any, what: Nuisance, factor: float) -> None:
     """Multiply a value in the hidden robot's spec."""
     if what.kind == "friction":
         for geom in spec.geoms:
@@ -185,7 +187,7 @@ def change(spec: Any, what: Nuisance, factor: float) -> None:
     elif what.kind == "inertia":
         spec.body(what.name).inertia = spec.body(what.name).inertia * factor
     elif what.kind == "length":
-        stretch(spec.body(what.name), np.full(3, factor))
+        stretch_body(spec.body(what.name), np.full(3, factor))
     elif what.kind == "damping":
         spec.joint(what.name).damping[0] *= factor
     else:
@@ -202,7 +204,7 @@ def scale_gain(actuator: Any, kind: str, factor: float) -> None:
         actuator.biasprm[2] *= factor
 
 
-def stretch(body: Any, factors: np.ndarray) -> None:
+def stretch_body(body: Any, factors: np.ndarray) -> None:
     """Scale a body's geometry, center of mass and inertia along its axes; mass stays.
 
     Args:
@@ -235,7 +237,7 @@ def _stretch_inertia(body: Any, factors: np.ndarray) -> None:
 
 
 @dataclass(frozen=True)
-class _View:
+class _CoordinateMap:
     """Where the given model's coordinates lie in the hidden robot's."""
 
     qpos: np.ndarray
@@ -244,7 +246,7 @@ class _View:
     vplay: np.ndarray
 
 
-def _view(truth: Truth, given: Any, model: Any) -> _View:
+def _map_coordinates(truth: HiddenRobot, given: Any, model: Any) -> _CoordinateMap:
     qpos, qvel = np.zeros(given.nq, int), np.zeros(given.nv, int)
     qplay, vplay = np.zeros((given.nq, model.nq)), np.zeros((given.nv, model.nv))
     for j in range(given.njnt):
@@ -256,28 +258,28 @@ def _view(truth: Truth, given: Any, model: Any) -> _View:
         if mine.name in truth.plays and not truth.motor_side:
             play = model.joint(truth.plays[mine.name])
             qplay[q, play.qposadr[0]] = vplay[v, play.dofadr[0]] = 1.0
-    return _View(qpos, qvel, qplay, vplay)
+    return _CoordinateMap(qpos, qvel, qplay, vplay)
 
 
 class Simulator:
     """One hidden robot, compiled, ready to run plans."""
 
-    def __init__(self, truth: Truth) -> None:
+    def __init__(self, truth: HiddenRobot) -> None:
         self.truth, self.robot = truth, truth.robot
         self.given = mujoco.MjModel.from_xml_string(truth.robot.xml)
         self.compiled = self._compile(truth)
-        self.view = _view(truth, self.given, self.compiled)
+        self.view = _map_coordinates(truth, self.given, self.compiled)
         delays = {round(r.delay / self.robot.fine) for r in truth.readings.values()}
         self.delays = sorted(delays - {0})
 
     @staticmethod
-    def _compile(truth: Truth) -> Any:
+    def _compile(truth: HiddenRobot) -> Any:
         try:
             return truth.spec.compile()
         except ValueError as error:
-            raise Unfit(str(error)) from error
+            raise UnfitDraw(str(error)) from error
 
-    def run(self, plan: Plan) -> Run:
+    def run(self, plan: MotionPlan) -> Rollout:
         """Play one episode.
 
         Raises:
@@ -299,25 +301,25 @@ class Simulator:
             self._advance(int(follow - stop), int(stop), force, i)
         return self._collect(plan, stops, states, ctrl, force)
 
-    def _collect(self, plan, stops, states, ctrl, force) -> Run:
+    def _collect(self, plan, stops, states, ctrl, force) -> Rollout:
         qpos = np.array([q for q, _ in states])
         qvel = np.array([v for _, v in states])
         if not np.isfinite(qpos).all() or np.abs(qvel).max(initial=0) > WILD:
-            raise Unfit(f"{self.robot.name} diverges in {plan.motion}")
+            raise UnfitDraw(f"{self.robot.name} diverges in {plan.motion}")
 
         def pick(delay: int) -> np.ndarray:
             return np.searchsorted(stops, np.maximum(plan.rows - delay, 0))
 
         late = {d: qpos[pick(d)] for d in self.delays}
         now = pick(0)
-        return Run(plan.rows, ctrl, qpos[now], qvel[now], late, force)
+        return Rollout(plan.rows, ctrl, qpos[now], qvel[now], late, force)
 
     def _state(self) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity in the given model's coordinates."""
         v, d = self.view, self.data
         return d.qpos[v.qpos] + v.qplay @ d.qpos, d.qvel[v.qvel] + v.vplay @ d.qvel
 
-    def _begin(self, plan: Plan) -> None:
+    def _begin(self, plan: MotionPlan) -> None:
         """Put the robot where the episode starts; settle if it is driven."""
         self.model = copy.copy(self.compiled)  # forces write into it
         self.data = mujoco.MjData(self.model)
@@ -339,7 +341,7 @@ class Simulator:
         self._settle(plan)
         self.data.time = 0.0
 
-    def _settle(self, plan: Plan) -> None:
+    def _settle(self, plan: MotionPlan) -> None:
         if self.robot.drive == "none":
             self.command = np.zeros(0)
             return
@@ -392,7 +394,7 @@ class Simulator:
         mujoco.mj_step(self.model, data)
 
 
-def simulate(truth: Truth, plans: Sequence[Plan]) -> list[Run]:
+def simulate_plans(truth: HiddenRobot, plans: Sequence[MotionPlan]) -> list[Rollout]:
     """Play every plan."""
     simulator = Simulator(truth)
     return [simulator.run(plan) for plan in plans]

@@ -9,24 +9,29 @@ import mujoco
 import numpy as np
 
 from benchmarks.sealed import targets as at
-from benchmarks.sealed.hidden_robot import Reading, Truth, scale_gain, stretch
+from benchmarks.sealed.hidden_robot import (
+    HiddenRobot,
+    SensorModel,
+    scale_gain,
+    stretch_body,
+)
 from benchmarks.sealed.magnitudes import Values
 from benchmarks.sealed.mjcf import GRAVITY
-from benchmarks.sealed.shapers import integral, speed_limit, steady
+from benchmarks.sealed.shapers import apply_torque, integrate_error, limit_by_speed
 
 PLAY = 1e-6  # [kg m^2] rotor inertia of a joint that is added; chosen: negligible
 STOP = (0.002, 1.0)  # solref of stops and gaps: as hard as the fine step resolves
 
 
-def joint_at(truth: Truth, target: str) -> Any:
-    return truth.spec.joint(at.name_of(target))
+def find_joint(truth: HiddenRobot, target: str) -> Any:
+    return truth.spec.joint(at.get_name(target))
 
 
-def set_value(key: str) -> Callable[[Truth, str, Values], None]:
+def set_joint_value(key: str) -> Callable[[HiddenRobot, str, Values], None]:
     """A value of the joint, under MJCF's own name."""
 
-    def install(truth: Truth, target: str, values: Values) -> None:
-        joint = joint_at(truth, target)
+    def install(truth: HiddenRobot, target: str, values: Values) -> None:
+        joint = find_joint(truth, target)
         if key == "damping2":
             joint.damping[1] = values[key]
         elif key == "damping":
@@ -37,16 +42,18 @@ def set_value(key: str) -> Callable[[Truth, str, Values], None]:
     return install
 
 
-def uneven(truth: Truth, target: str, values: Values) -> None:
+def install_asymmetric_friction(
+    truth: HiddenRobot, target: str, values: Values
+) -> None:
     """Dry friction of another level in each direction: a symmetric one and a push."""
     positive, negative = values["positive"], values["negative"]
-    joint_at(truth, target).frictionloss = (positive + negative) / 2
-    truth.forces.append(steady(at.name_of(target), (negative - positive) / 2))
+    find_joint(truth, target).frictionloss = (positive + negative) / 2
+    truth.forces.append(apply_torque(at.get_name(target), (negative - positive) / 2))
 
 
-def add_hinge(truth: Truth, target: str, suffix: str, **settings: Any) -> None:
+def add_joint(truth: HiddenRobot, target: str, suffix: str, **settings: Any) -> None:
     """A joint between the motor's joint and the link."""
-    joint = joint_at(truth, target)
+    joint = find_joint(truth, target)
     name = f"{joint.name}_{suffix}"
     joint.parent.add_joint(
         name=name, type=joint.type, axis=joint.axis, pos=joint.pos, **settings
@@ -54,9 +61,9 @@ def add_hinge(truth: Truth, target: str, suffix: str, **settings: Any) -> None:
     truth.plays[joint.name] = name
 
 
-def backlash(truth: Truth, target: str, values: Values) -> None:
+def install_backlash(truth: HiddenRobot, target: str, values: Values) -> None:
     half = values["gap"] / 2
-    add_hinge(
+    add_joint(
         truth,
         target,
         "play",
@@ -67,20 +74,20 @@ def backlash(truth: Truth, target: str, values: Values) -> None:
     )
 
 
-def flexible(truth: Truth, target: str, values: Values) -> None:
-    add_hinge(truth, target, "flex", armature=PLAY)
-    flex = truth.spec.joint(truth.plays[at.name_of(target)])
+def install_compliance(truth: HiddenRobot, target: str, values: Values) -> None:
+    add_joint(truth, target, "flex", armature=PLAY)
+    flex = truth.spec.joint(truth.plays[at.get_name(target)])
     flex.stiffness[0], flex.damping[0] = values["stiffness"], values["damping"]
 
 
-def sprung(truth: Truth, target: str, values: Values) -> None:
-    joint = joint_at(truth, target)
+def install_spring(truth: HiddenRobot, target: str, values: Values) -> None:
+    joint = find_joint(truth, target)
     joint.stiffness[0], joint.springref = values["stiffness"], values["springref"]
 
 
-def coupled(truth: Truth, target: str, values: Values) -> None:
+def install_coupling(truth: HiddenRobot, target: str, values: Values) -> None:
     """A tendon: it also pulls at the other joint."""
-    mine = at.name_of(target)
+    mine = at.get_name(target)
     other = truth.robot.joints[truth.robot.joints.index(mine) - 1]
     tendon = truth.spec.add_tendon(name="belt", springlength=[0.0, 0.0])
     tendon.wrap_joint(mine, 1.0)
@@ -88,99 +95,101 @@ def coupled(truth: Truth, target: str, values: Values) -> None:
     tendon.stiffness[0] = values["stiffness"]
 
 
-def stopped(truth: Truth, target: str, values: Values) -> None:
-    joint, angle = joint_at(truth, target), values["range"]
+def install_stop(truth: HiddenRobot, target: str, values: Values) -> None:
+    joint, angle = find_joint(truth, target), values["range"]
     above = angle > truth.robot.center.get(joint.name, 0.0)
     joint.range = [-10.0, angle] if above else [angle, 10.0]
     joint.limited, joint.solref_limit = 1, (0.005, 1.0)
 
 
-def shaped(make: Callable[..., Any], key: str) -> Callable[[Truth, str, Values], None]:
+def install_shaper(
+    make: Callable[..., Any], key: str
+) -> Callable[[HiddenRobot, str, Values], None]:
     """A shaper of an actuator's command."""
 
-    def install(truth: Truth, target: str, values: Values) -> None:
-        chain = truth.shapers.setdefault(at.name_of(target), [])
+    def install(truth: HiddenRobot, target: str, values: Values) -> None:
+        chain = truth.shapers.setdefault(at.get_name(target), [])
         chain.append(lambda fine: make(values[key], fine))
 
     return install
 
 
-def saturated(truth: Truth, target: str, values: Values) -> None:
-    actuator = truth.spec.actuator(at.name_of(target))
+def install_saturation(truth: HiddenRobot, target: str, values: Values) -> None:
+    actuator = truth.spec.actuator(at.get_name(target))
     actuator.forcerange = [-values["limit"], values["limit"]]
     actuator.forcelimited = 1
 
 
-def weak(truth: Truth, target: str, values: Values) -> None:
-    truth.spec.actuator(at.name_of(target)).forcerange = [-1.0, 1.0]
-    truth.spec.actuator(at.name_of(target)).forcelimited = 1
-    joint = at.joint_of(truth.robot, target)
+def install_speed_limit(truth: HiddenRobot, target: str, values: Values) -> None:
+    truth.spec.actuator(at.get_name(target)).forcerange = [-1.0, 1.0]
+    truth.spec.actuator(at.get_name(target)).forcelimited = 1
+    joint = at.find_joint(truth.robot, target)
     limits = values["stall_torque"], values["no_load_speed"]
-    truth.forces.append(speed_limit(at.name_of(target), joint, *limits))
+    truth.forces.append(limit_by_speed(at.get_name(target), joint, *limits))
 
 
-def gain(truth: Truth, target: str, values: Values) -> None:
-    actuator = truth.spec.actuator(at.name_of(target))
+def install_gain(truth: HiddenRobot, target: str, values: Values) -> None:
+    actuator = truth.spec.actuator(at.get_name(target))
     scale_gain(actuator, "kp", values["kp"] / float(actuator.gainprm[0]))
 
 
-def integrating(truth: Truth, target: str, values: Values) -> None:
-    joint = at.joint_of(truth.robot, target)
+def install_integral_action(truth: HiddenRobot, target: str, values: Values) -> None:
+    joint = at.find_joint(truth.robot, target)
     truth.forces.append(
-        integral(at.name_of(target), joint, values["ki"], values["imax"])
+        integrate_error(at.get_name(target), joint, values["ki"], values["imax"])
     )
 
 
-def loaded(truth: Truth, target: str, values: Values) -> None:
+def install_payload(truth: HiddenRobot, target: str, values: Values) -> None:
     place = [values[f"position_{c}"] for c in "xyz"]
-    child = truth.spec.body(at.name_of(target)).add_body(name="payload", pos=place)
+    child = truth.spec.body(at.get_name(target)).add_body(name="payload", pos=place)
     child.explicitinertial, child.mass = True, values["mass"]
     child.inertia = np.full(3, 0.4 * values["mass"] * 0.01**2)
 
 
-def shifted(truth: Truth, target: str, values: Values) -> None:
-    body = truth.spec.body(at.name_of(target))
+def install_com_shift(truth: HiddenRobot, target: str, values: Values) -> None:
+    body = truth.spec.body(at.get_name(target))
     body.ipos = body.ipos + [values[c] for c in "xyz"]
 
 
-def tilted(truth: Truth, target: str, values: Values) -> None:
+def install_slope(truth: HiddenRobot, target: str, values: Values) -> None:
     tilt, way = values["tilt"], values["azimuth"]
     down = np.array([math.sin(tilt) * math.cos(way), math.sin(tilt) * math.sin(way)])
     truth.spec.option.gravity = GRAVITY * np.r_[down, -math.cos(tilt)]
 
 
-def medium(truth: Truth, target: str, values: Values) -> None:
+def install_medium(truth: HiddenRobot, target: str, values: Values) -> None:
     truth.spec.option.density = values["density"]
 
 
-def blown(truth: Truth, target: str, values: Values) -> None:
+def install_wind(truth: HiddenRobot, target: str, values: Values) -> None:
     truth.spec.option.wind = [values[c] for c in ("vx", "vy", "vz")]
 
 
-def slippery(truth: Truth, target: str, values: Values) -> None:
-    geoms = at.ground(truth.spec)
+def install_ground_friction(truth: HiddenRobot, target: str, values: Values) -> None:
+    geoms = at.find_contact_geoms(truth.spec)
     highest = max(g.friction[0] for g in geoms)
     for geom in geoms:
         geom.friction[0] *= values["friction"] / highest
 
 
-def yielding(truth: Truth, target: str, values: Values) -> None:
-    for geom in at.ground(truth.spec):
+def install_ground_compliance(truth: HiddenRobot, target: str, values: Values) -> None:
+    for geom in at.find_contact_geoms(truth.spec):
         geom.solref = [values["timeconst"], values["dampratio"]]
 
 
-def longer(truth: Truth, target: str, values: Values) -> None:
-    link = truth.spec.body(at.name_of(target))
-    stretch(link, np.array([1.0, 1.0, values["length"] / at.limb_length(link)]))
+def install_link_length(truth: HiddenRobot, target: str, values: Values) -> None:
+    link = truth.spec.body(at.get_name(target))
+    stretch_body(link, np.array([1.0, 1.0, values["length"] / at.measure_limb(link)]))
 
 
-def moved(truth: Truth, target: str, values: Values) -> None:
-    body = truth.spec.body(at.name_of(target))
+def install_mount_shift(truth: HiddenRobot, target: str, values: Values) -> None:
+    body = truth.spec.body(at.get_name(target))
     body.pos = body.pos + [values[c] for c in "xyz"]
 
 
-def gone(truth: Truth, target: str, values: Values) -> None:
-    body = truth.spec.body(at.name_of(target))
+def install_limb_loss(truth: HiddenRobot, target: str, values: Values) -> None:
+    body = truth.spec.body(at.get_name(target))
     body.mass = 1e-4
     body.inertia = np.full(3, 1e-7)
     body.ipos = np.zeros(3)
@@ -188,21 +197,23 @@ def gone(truth: Truth, target: str, values: Values) -> None:
         geom.contype = geom.conaffinity = 0
 
 
-def stuck(truth: Truth, target: str, values: Values) -> None:
-    joint, angle = at.name_of(target), values["angle"]
+def install_joint_jam(truth: HiddenRobot, target: str, values: Values) -> None:
+    joint, angle = at.get_name(target), values["angle"]
     lock = truth.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint)
     lock.data[:5] = [angle, 0, 0, 0, 0]
     lock.objtype, lock.solref = mujoco.mjtObj.mjOBJ_JOINT, STOP
     truth.pinned[joint] = angle
 
 
-def reading(key: str, field: str) -> Callable[[Truth, str, Values], None]:
-    def install(truth: Truth, target: str, values: Values) -> None:
-        now = truth.readings.get(at.name_of(target), Reading())
+def install_sensor_error(
+    key: str, field: str
+) -> Callable[[HiddenRobot, str, Values], None]:
+    def install(truth: HiddenRobot, target: str, values: Values) -> None:
+        now = truth.readings.get(at.get_name(target), SensorModel())
         value = values[key]
         if field == "delay":
             value = round(value / truth.robot.fine) * truth.robot.fine
             values[key] = value
-        truth.readings[at.name_of(target)] = replace(now, **{field: value})
+        truth.readings[at.get_name(target)] = replace(now, **{field: value})
 
     return install

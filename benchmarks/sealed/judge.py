@@ -37,7 +37,7 @@ class Places:
 
     same: Mapping[str, frozenset[str]]
 
-    def of(self, finding: Finding) -> frozenset[str]:
+    def find_place(self, finding: Finding) -> frozenset[str]:
         """The place of a finding or of a truth."""
         target = str(finding.get("target", ""))
         world = {"world"} if finding.get("effect") in WORLDLY else set()
@@ -64,10 +64,10 @@ def read_places(case: Path) -> Places:
         body = model.geom_bodyid[g]
         name = f"body:{model.body(body).name}"
         same[f"geom:{model.geom(g).name}"] = same[name] if body else same["world"]
-    return Places(same | _signals(case, same))
+    return Places(same | _place_signals(case, same))
 
 
-def _signals(case: Path, same: Mapping[str, frozenset[str]]):
+def _place_signals(case: Path, same: Mapping[str, frozenset[str]]):
     """The place of every signal."""
     found = {}
     with h5py.File(case / "recording.h5") as file:
@@ -80,7 +80,7 @@ def _signals(case: Path, same: Mapping[str, frozenset[str]]):
     return found
 
 
-def alike(one: str, other: str) -> bool:
+def are_alike(one: str, other: str) -> bool:
     """The same effect, or one of its class."""
     return one == other or any({one, other} <= c for c in CLASSES)
 
@@ -88,10 +88,10 @@ def alike(one: str, other: str) -> bool:
 def names_truth(finding: Finding, truth: Finding) -> bool:
     """The finding is the truth, of its class, or says that it may be it."""
     name = truth["effect"]
-    return alike(finding["effect"], name) or name in finding.get("equivalent", ())
+    return are_alike(finding["effect"], name) or name in finding.get("equivalent", ())
 
 
-def real_findings(diagnosis: Mapping[str, Any] | None, key: Mapping[str, Any]):
+def select_real_findings(diagnosis: Mapping[str, Any] | None, key: Mapping[str, Any]):
     """Findings but those that the noise itself made true: encoder steps."""
     steps = set(key.get("quantized_noise", ()))
     findings = (diagnosis or {}).get("findings") or []
@@ -102,7 +102,7 @@ def real_findings(diagnosis: Mapping[str, Any] | None, key: Mapping[str, Any]):
     ]
 
 
-def judge(
+def judge_case(
     key: Mapping[str, Any],
     diagnosis: Mapping[str, Any] | None,
     run: Mapping[str, Any] | None,
@@ -116,7 +116,7 @@ def judge(
         run: run.json, or None.
         places: of the model.
     """
-    findings = real_findings(diagnosis, key)
+    findings = select_real_findings(diagnosis, key)
     fit = (diagnosis or {}).get("fit") or {}
     judged: dict[str, Any] = {
         "seed": key["seed"],
@@ -131,11 +131,11 @@ def judge(
     return judged | _JUDGES[key["kind"]](key["effects"], findings, places, judged)
 
 
-def _null(truths, findings, places: Places, judged) -> dict[str, Any]:
+def _judge_null(truths, findings, places: Places, judged) -> dict[str, Any]:
     return {"false_name": bool(findings), "quiet": judged["verdict"] == "nothing"}
 
 
-def _unlisted(truths, findings, places: Places, judged) -> dict[str, Any]:
+def _judge_unlisted(truths, findings, places: Places, judged) -> dict[str, Any]:
     related = RELATED.get(truths[0]["effect"], ())
     described = all(f["effect"] in related for f in findings)
     return {
@@ -145,7 +145,7 @@ def _unlisted(truths, findings, places: Places, judged) -> dict[str, Any]:
     }
 
 
-def _single(truths, findings, places: Places, judged) -> dict[str, Any]:
+def _judge_single(truths, findings, places: Places, judged) -> dict[str, Any]:
     truth = truths[0]
     first = findings[0] if findings else None
     right = first is not None and names_truth(first, truth)
@@ -153,63 +153,69 @@ def _single(truths, findings, places: Places, judged) -> dict[str, Any]:
         "first": first["effect"] if first else judged["verdict"],
         "exact": first is not None and first["effect"] == truth["effect"],
         "class": right,
-        "place": first is not None and bool(places.of(first) & places.of(truth)),
+        "place": first is not None
+        and bool(places.find_place(first) & places.find_place(truth)),
         "listed": any(names_truth(f, truth) for f in findings),
         "extra": sum(not names_truth(f, truth) for f in findings),
-        "covered": coverage(truths, findings, places),
+        "covered": check_intervals(truths, findings, places),
     }
 
 
-def _double(truths, findings, places: Places, judged) -> dict[str, Any]:
+def _judge_double(truths, findings, places: Places, judged) -> dict[str, Any]:
     def exact(finding, truth):
         return finding["effect"] == truth["effect"]
 
     def placed(finding, truth):
-        same = places.of(finding) & places.of(truth)
+        same = places.find_place(finding) & places.find_place(truth)
         return names_truth(finding, truth) and bool(same)
 
     return {
         "hits": {
-            "exact": _matched(truths, findings, exact),
-            "class": _matched(truths, findings, names_truth),
-            "class and place": _matched(truths, findings, placed),
+            "exact": _count_matches(truths, findings, exact),
+            "class": _count_matches(truths, findings, names_truth),
+            "class and place": _count_matches(truths, findings, placed),
         },
         "truths": len(truths),
         "findings": len(findings),
-        "covered": coverage(truths, findings, places),
+        "covered": check_intervals(truths, findings, places),
     }
 
 
-_JUDGES = {"null": _null, "unlisted": _unlisted, "single": _single, "double": _double}
+_JUDGES = {
+    "null": _judge_null,
+    "unlisted": _judge_unlisted,
+    "single": _judge_single,
+    "double": _judge_double,
+}
 
 
-def _matched(truths: Sequence, findings: Sequence, fits) -> int:
+def _count_matches(truths: Sequence, findings: Sequence, fits) -> int:
     """The most pairs of a truth and a finding that fit, each used once."""
     if not truths:
         return 0
     truth, rest = truths[0], truths[1:]
-    best = _matched(rest, findings, fits)
+    best = _count_matches(rest, findings, fits)
     for i, finding in enumerate(findings):
         if fits(finding, truth):
             others = [*findings[:i], *findings[i + 1 :]]
-            best = max(best, 1 + _matched(rest, others, fits))
+            best = max(best, 1 + _count_matches(rest, others, fits))
     return best
 
 
-def coverage(truths, findings, places: Places) -> list[dict[str, Any]]:
+def check_intervals(truths, findings, places: Places) -> list[dict[str, Any]]:
     """Each parameter of a rightly named effect: does its interval hold the truth."""
     found = []
     for truth in truths:
         for finding in findings:
             same = finding["effect"] == truth["effect"]
-            if same and places.of(finding) & places.of(truth):
-                found += _intervals(truth, finding)
+            if same and places.find_place(finding) & places.find_place(truth):
+                found += _check_parameters(truth, finding)
                 break
     return found
 
 
-def _intervals(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
-    stated = dict(_scalars(finding.get("parameters", ())))
+def _check_parameters(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
+    stated = dict(_flatten_parameters(finding.get("parameters", ())))
     found = []
     for parameter in truth["parameters"]:
         name, value = parameter["name"], parameter["value"]
@@ -225,7 +231,7 @@ def _intervals(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
     return found
 
 
-def _scalars(parameters):
+def _flatten_parameters(parameters):
     """Name and (value, low, high), a vector as its columns x, y, z."""
     for p in parameters:
         value, low, high = p.get("value"), p.get("low"), p.get("high")
@@ -239,11 +245,11 @@ def _scalars(parameters):
 def read_case(case: Path, keys: Path) -> dict[str, Any]:
     """Judge one case of a folder."""
     key = json.loads((keys / case.name / "key.json").read_text())
-    diagnosis = _read(case / "diagnosis" / "diagnosis.json")
-    run = _read(case / "run.json")
-    judged = judge(key, diagnosis, run, read_places(case))
+    diagnosis = _read_json(case / "diagnosis" / "diagnosis.json")
+    run = _read_json(case / "run.json")
+    judged = judge_case(key, diagnosis, run, read_places(case))
     return {"case": case.name, **judged, "test": key.get("test", {})}
 
 
-def _read(file: Path) -> dict[str, Any] | None:
+def _read_json(file: Path) -> dict[str, Any] | None:
     return json.loads(file.read_text()) if file.is_file() else None

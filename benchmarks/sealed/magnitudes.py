@@ -17,16 +17,16 @@ Values = dict[str, float]
 Sized = Callable[[float], Values]
 
 
-def load_of(robot: Robot, target: str) -> float:
-    return robot.load[at.joint_of(robot, target)]
+def find_load(robot: Robot, target: str) -> float:
+    return robot.load[at.find_joint(robot, target)]
 
 
-def speed_of(robot: Robot, target: str) -> float:
+def find_speed(robot: Robot, target: str) -> float:
     """Typical speed of a joint [rad/s]: its motion once a second."""
-    return 2 * math.pi * robot.amplitude[at.joint_of(robot, target)] / 2
+    return 2 * math.pi * robot.amplitude[at.find_joint(robot, target)] / 2
 
 
-def number(key: str, value: float, signed: bool = False):
+def draw_number(key: str, value: float, signed: bool = False):
     """One parameter that starts from a plain number."""
 
     def draw(robot: Robot, target: str, rng: Rng) -> Sized:
@@ -36,31 +36,34 @@ def number(key: str, value: float, signed: bool = False):
     return draw
 
 
-def stated_of(robot: Robot, target: str, key: str) -> float:
+def find_least_value(robot: Robot, target: str, key: str) -> float:
     """Smallest value of a joint that no refit of the given one may reach."""
-    joint = mujoco.MjSpec.from_string(robot.xml).joint(at.name_of(target))
+    joint = mujoco.MjSpec.from_string(robot.xml).joint(at.get_name(target))
     return 1.35 * float(np.ravel(getattr(joint, key))[0])
 
 
-def damping(robot: Robot, target: str, rng: Rng) -> Sized:
-    base = load_of(robot, target) / speed_of(robot, target)
-    least = stated_of(robot, target, "damping")
+def draw_damping(robot: Robot, target: str, rng: Rng) -> Sized:
+    base = find_load(robot, target) / find_speed(robot, target)
+    least = find_least_value(robot, target, "damping")
     return lambda size: {"damping": least + 0.15 * size * base}
 
 
-def dry(robot: Robot, target: str, rng: Rng) -> Sized:
-    least, base = stated_of(robot, target, "frictionloss"), load_of(robot, target)
+def draw_dry_friction(robot: Robot, target: str, rng: Rng) -> Sized:
+    least, base = (
+        find_least_value(robot, target, "frictionloss"),
+        find_load(robot, target),
+    )
     return lambda size: {"frictionloss": least + 0.12 * size * base}
 
 
-def damping2(robot: Robot, target: str, rng: Rng) -> Sized:
-    base = load_of(robot, target) / speed_of(robot, target) ** 2
+def draw_damping2(robot: Robot, target: str, rng: Rng) -> Sized:
+    base = find_load(robot, target) / find_speed(robot, target) ** 2
     return lambda size: {"damping2": 0.15 * size * base}
 
 
-def stribeck(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_stribeck(robot: Robot, target: str, rng: Rng) -> Sized:
     ratio, slow = rng.uniform(2.0, 3.5), rng.uniform(0.05, 0.2)
-    base = 0.08 * load_of(robot, target)
+    base = 0.08 * find_load(robot, target)
 
     def values(size: float) -> Values:
         coulomb = size * base
@@ -68,65 +71,65 @@ def stribeck(robot: Robot, target: str, rng: Rng) -> Sized:
         return {
             "coulomb": coulomb,
             "static": static,
-            "stribeck_velocity": slow * speed_of(robot, target) / 4,
+            "stribeck_velocity": slow * find_speed(robot, target) / 4,
         }
 
     return values
 
 
-def asymmetric(robot: Robot, target: str, rng: Rng) -> Sized:
-    base, uneven = 0.1 * load_of(robot, target), rng.uniform(2.0, 4.0)
+def draw_asymmetric_friction(robot: Robot, target: str, rng: Rng) -> Sized:
+    base, uneven = 0.1 * find_load(robot, target), rng.uniform(2.0, 4.0)
     pair = rng.permutation([1.0, uneven])
     return lambda s: {"positive": s * base * pair[0], "negative": s * base * pair[1]}
 
 
-def compliance(robot: Robot, target: str, rng: Rng) -> Sized:
-    base, lossy = 15 * load_of(robot, target), rng.uniform(0.002, 0.008)
+def draw_compliance(robot: Robot, target: str, rng: Rng) -> Sized:
+    base, lossy = 15 * find_load(robot, target), rng.uniform(0.002, 0.008)
     return lambda s: {"stiffness": base / s, "damping": lossy * base / s}
 
 
-def ripple(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_cogging(robot: Robot, target: str, rng: Rng) -> Sized:
     poles, phase = float(rng.integers(6, 25)), rng.uniform(0, 2 * math.pi)
     if robot.name == "cartpole" and target == "joint:j1":
         poles *= 4
-    base = 0.15 * load_of(robot, target)
+    base = 0.15 * find_load(robot, target)
     return lambda s: {"amplitude": s * base, "poles": poles, "phase": phase}
 
 
-def armature(robot: Robot, target: str, rng: Rng) -> Sized:
-    typical = load_of(robot, target) / GRAVITY * 0.1
+def draw_armature(robot: Robot, target: str, rng: Rng) -> Sized:
+    typical = find_load(robot, target) / GRAVITY * 0.1
     if robot.name == "cartpole" and target == "joint:j1":
         typical = 0.5
-    least = stated_of(robot, target, "armature")
+    least = find_least_value(robot, target, "armature")
     return lambda s: {"armature": least + 0.5 * s * typical}
 
 
-def spring(robot: Robot, target: str, rng: Rng) -> Sized:
-    rest = rng.uniform(-0.4, 0.4) * robot.amplitude[at.name_of(target)]
-    base = 0.25 * load_of(robot, target) / robot.amplitude[at.name_of(target)]
+def draw_spring(robot: Robot, target: str, rng: Rng) -> Sized:
+    rest = rng.uniform(-0.4, 0.4) * robot.amplitude[at.get_name(target)]
+    base = 0.25 * find_load(robot, target) / robot.amplitude[at.get_name(target)]
     return lambda s: {"stiffness": s * base, "springref": rest}
 
 
-def coupling(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_coupling(robot: Robot, target: str, rng: Rng) -> Sized:
     ratio = rng.choice([-1, 1]) * rng.uniform(0.5, 1.2)
-    base = 0.25 * load_of(robot, target)
+    base = 0.25 * find_load(robot, target)
     return lambda s: {"stiffness": s * base, "ratio": ratio}
 
 
-def stop(robot: Robot, target: str, rng: Rng) -> Sized:
-    joint = at.name_of(target)
+def draw_stop(robot: Robot, target: str, rng: Rng) -> Sized:
+    joint = at.get_name(target)
     side, reach = rng.choice([-1, 1]), robot.amplitude[joint]
     middle = robot.center.get(joint, 0.0)
     return lambda s: {"range": middle + side * reach * max(0.8 - 0.2 * s, 0.15)}
 
 
-def limit(robot: Robot, target: str, rng: Rng) -> Sized:
-    load = load_of(robot, target)
+def draw_torque_limit(robot: Robot, target: str, rng: Rng) -> Sized:
+    load = find_load(robot, target)
     return lambda s: {"limit": load * max(1.6 / (1 + 0.5 * s), 0.15)}
 
 
-def motor(robot: Robot, target: str, rng: Rng) -> Sized:
-    load, speed = load_of(robot, target), speed_of(robot, target)
+def draw_speed_limit(robot: Robot, target: str, rng: Rng) -> Sized:
+    load, speed = find_load(robot, target), find_speed(robot, target)
     stall = rng.uniform(2.0, 3.5)
 
     def values(size: float) -> Values:
@@ -139,29 +142,29 @@ def motor(robot: Robot, target: str, rng: Rng) -> Sized:
     return values
 
 
-def rate(robot: Robot, target: str, rng: Rng) -> Sized:
-    speed = speed_of(robot, target)
+def draw_rate(robot: Robot, target: str, rng: Rng) -> Sized:
+    speed = find_speed(robot, target)
     return lambda s: {"rate": 2.0 * speed / (1 + s)}
 
 
-def kp(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_kp(robot: Robot, target: str, rng: Rng) -> Sized:
     spec = mujoco.MjSpec.from_string(robot.xml)
-    actuator, more = spec.actuator(at.name_of(target)), rng.random() < 0.4
+    actuator, more = spec.actuator(at.get_name(target)), rng.random() < 0.4
     given = float(actuator.gainprm[0])
     if more:
         return lambda s: {"kp": given * (1.4 + 0.5 * s)}
     return lambda s: {"kp": given * max(0.65 / (1 + 0.4 * s), 0.2)}
 
 
-def integral(robot: Robot, target: str, rng: Rng) -> Sized:
-    load = load_of(robot, target)
+def draw_integral(robot: Robot, target: str, rng: Rng) -> Sized:
+    load = find_load(robot, target)
     return lambda s: {"ki": 10 * load * s, "imax": 0.6 * load}
 
 
-def payload(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_payload(robot: Robot, target: str, rng: Rng) -> Sized:
     spec = mujoco.MjSpec.from_string(robot.xml)
     model = spec.compile()
-    body = model.body(at.name_of(target))
+    body = model.body(at.get_name(target))
     mass = body.mass[0]
     if robot.free:
         place = rng.uniform(-0.03, 0.03, 3)
@@ -171,7 +174,7 @@ def payload(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"mass": 0.35 * s * mass, **names}
 
 
-def shift(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_com_shift(robot: Robot, target: str, rng: Rng) -> Sized:
     """A center of mass that moves across the link, where hinges can see it."""
     direction = rng.normal(size=3)
     if not robot.free:
@@ -181,13 +184,13 @@ def shift(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: dict(zip("xyz", s * scale * direction, strict=True))
 
 
-def slope(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_slope(robot: Robot, target: str, rng: Rng) -> Sized:
     planar = not robot.free and robot.name != "arm3"
     azimuth = rng.choice([0.0, math.pi]) if planar else rng.uniform(-math.pi, math.pi)
     return lambda s: {"tilt": 0.04 * s, "azimuth": azimuth}
 
 
-def wind(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_wind(robot: Robot, target: str, rng: Rng) -> Sized:
     azimuth = rng.uniform(-0.4, 0.4) + rng.choice([0, math.pi])
     speed = 3.0
     direction = [math.cos(azimuth), math.sin(azimuth) if robot.free else 0.0, 0.0]
@@ -196,28 +199,28 @@ def wind(robot: Robot, target: str, rng: Rng) -> Sized:
     )
 
 
-def grip(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_ground_friction(robot: Robot, target: str, rng: Rng) -> Sized:
     spec = mujoco.MjSpec.from_string(robot.xml)
     spec.compile()
-    given = max(float(g.friction[0]) for g in at.ground(spec))
+    given = max(float(g.friction[0]) for g in at.find_contact_geoms(spec))
     if rng.random() < 0.35:
         return lambda s: {"friction": given * (1.35 + 0.4 * s)}
     return lambda s: {"friction": given * max(0.65 / (1 + 0.5 * s), 0.1)}
 
 
-def soft(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_ground_compliance(robot: Robot, target: str, rng: Rng) -> Sized:
     ratio = rng.uniform(0.5, 1.0)
     return lambda s: {"timeconst": 0.02 * (1 + s), "dampratio": ratio}
 
 
-def length(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_length(robot: Robot, target: str, rng: Rng) -> Sized:
     spec = mujoco.MjSpec.from_string(robot.xml)
-    length, sign = at.limb_length(spec.body(at.name_of(target))), rng.choice([-1, 1])
+    length, sign = at.measure_limb(spec.body(at.get_name(target))), rng.choice([-1, 1])
     return lambda s: {"length": length * max(1 + sign * (0.06 + 0.08 * s), 0.4)}
 
 
-def mount(robot: Robot, target: str, rng: Rng) -> Sized:
-    if at.limbs(robot):
+def draw_mount_shift(robot: Robot, target: str, rng: Rng) -> Sized:
+    if at.has_limbs(robot):
         direction = rng.normal(size=3) * [1, 0.3, 1]
     else:
         direction = rng.normal(size=3) * [1, 0, 0.3]
@@ -225,16 +228,16 @@ def mount(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: dict(zip("xyz", 0.012 * s * direction, strict=True))
 
 
-def none(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_nothing(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {}
 
 
-def angle(robot: Robot, target: str, rng: Rng) -> Sized:
-    joint = at.name_of(target)
+def draw_jam_angle(robot: Robot, target: str, rng: Rng) -> Sized:
+    joint = at.get_name(target)
     angle = robot.center.get(joint, 0.0) + robot.amplitude[joint] * rng.uniform(-1, 1)
     return lambda s: {"angle": angle * 0.7}
 
 
-def sensor_gain(robot: Robot, target: str, rng: Rng) -> Sized:
+def draw_sensor_gain(robot: Robot, target: str, rng: Rng) -> Sized:
     sign = rng.choice([-1, 1])
     return lambda s: {"gain": max(1 + sign * 0.05 * s, 0.3)}

@@ -7,7 +7,7 @@ import numpy as np
 
 GRAVITY = 9.81  # [m/s^2]
 FAST = "implicitfast"
-OPEN = 'contype="0" conaffinity="0"'  # a geom that is only drawn
+DRAWN_ONLY = 'contype="0" conaffinity="0"'  # a geom that is only drawn
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Robot:
 
 
 @dataclass
-class Draw:
+class NumberDraw:
     """Draws a model's numbers; those listed as zero are stated as 0.
 
     Attributes:
@@ -63,35 +63,42 @@ class Draw:
     zero: frozenset[str] = frozenset()
     density: float = 0.0
 
-    def about(self, value: float) -> float:
+    def draw_about(self, value: float) -> float:
         """A number within 25 % of `value`, as a user would write it."""
         return float(f"{value * self.rng.uniform(0.75, 1.25):.3g}")
 
-    def joint(self, name: str, damping: float, armature: float, friction: float) -> str:
+    def write_joint(
+        self, name: str, damping: float, armature: float, friction: float
+    ) -> str:
         """The attributes of a joint."""
         values = {"damping": damping, "armature": armature, "frictionloss": friction}
         texts = [f'name="{name}"']
         for key, value in values.items():
-            drawn = self.about(value)
+            drawn = self.draw_about(value)
             zero = f"{key}:{name}" in self.zero or value == 0
             texts += [] if zero else [f'{key}="{drawn:.4g}"']
         return " ".join(texts)
 
-    def servo(self, name: str, joint: str, kp: float, kv: float) -> str:
+    def write_servo(self, name: str, joint: str, kp: float, kv: float) -> str:
         """A position servo."""
-        kp, kv = self.about(kp), self.about(kv)
+        kp, kv = self.draw_about(kp), self.draw_about(kv)
         return f'<position name="{name}" joint="{joint}" kp="{kp}" kv="{kv}"/>'
 
-    def flip(self, chance: float) -> bool:
+    def draw_flag(self, chance: float) -> bool:
         """True with a chance."""
         return bool(self.rng.random() < chance)
 
 
-def model(
-    draw: Draw, name: str, world: str, rest: str, step: float, integrator: str = FAST
+def write_model(
+    numbers: NumberDraw,
+    name: str,
+    world: str,
+    rest: str,
+    step: float,
+    integrator: str = FAST,
 ) -> str:
     """A whole MJCF file."""
-    medium = f' density="{draw.density:g}"' if draw.density else ""
+    medium = f' density="{numbers.density:g}"' if numbers.density else ""
     return f"""<mujoco model="{name}">
   <compiler angle="radian"/>
   <option timestep="{step:g}" integrator="{integrator}"{medium}/>
@@ -103,7 +110,7 @@ def model(
 """
 
 
-def link(length: float, mass: float, thick: float = 0.012) -> str:
+def write_link(length: float, mass: float, thick: float = 0.012) -> str:
     """Inertia and shape of a uniform rod that hangs from its origin."""
     inertia = mass * (length**2 / 12 + thick**2 / 4)
     along = mass * thick**2 / 2
@@ -111,10 +118,10 @@ def link(length: float, mass: float, thick: float = 0.012) -> str:
         f'<inertial pos="0 0 {-length / 2:.5g}" mass="{mass:.4g}" '
         f'diaginertia="{inertia:.4g} {inertia:.4g} {along:.4g}"/>\n'
         f'      <geom type="capsule" size="{thick:g} {length / 2 - thick:.4g}" '
-        f'pos="0 0 {-length / 2:.5g}" {OPEN}/>'
+        f'pos="0 0 {-length / 2:.5g}" {DRAWN_ONLY}/>'
     )
 
 
-def actuators(texts: Sequence[str]) -> str:
+def write_actuators(texts: Sequence[str]) -> str:
     """The element that holds them."""
     return "  <actuator>\n    " + "\n    ".join(texts) + "\n  </actuator>"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.sealed.hidden_robot import Plan
+from benchmarks.sealed.hidden_robot import MotionPlan
 from benchmarks.sealed.mjcf import Robot
 
 Rng = np.random.Generator
@@ -18,7 +18,7 @@ TOSSES = 24
 PIECES = 16
 
 
-def multisine(time: np.ndarray, rng: Rng) -> np.ndarray:
+def draw_multisine(time: np.ndarray, rng: Rng) -> np.ndarray:
     """Five sines between 0.15 and 2.5 Hz, within -1 to 1."""
     rates = np.exp(rng.uniform(np.log(0.15), np.log(2.5), 5))
     weights = rng.uniform(0.4, 1.0, 5) / np.sqrt(rates / 0.15)
@@ -27,13 +27,13 @@ def multisine(time: np.ndarray, rng: Rng) -> np.ndarray:
     return waves @ weights / weights.sum() * 1.4
 
 
-def steps(time: np.ndarray, rng: Rng) -> np.ndarray:
+def draw_steps(time: np.ndarray, rng: Rng) -> np.ndarray:
     """Levels that change at once every 0.5 to 1 s."""
     edges = np.cumsum(rng.uniform(0.5, 1.0, 60))
     return rng.uniform(-0.8, 0.8, 61)[np.searchsorted(edges, time, side="right")]
 
 
-def holds(time: np.ndarray, rng: Rng) -> np.ndarray:
+def draw_holds(time: np.ndarray, rng: Rng) -> np.ndarray:
     """Levels held 0.6 to 1.2 s, with ramps of 0.4 s between them."""
     edges = np.repeat(np.cumsum(rng.uniform(1.0, 1.6, 60)), 2)
     edges[1::2] += 0.4
@@ -41,23 +41,23 @@ def holds(time: np.ndarray, rng: Rng) -> np.ndarray:
     return np.interp(time, edges, levels)
 
 
-def _triangle(time: np.ndarray, period: float, phase: float) -> np.ndarray:
+def _make_triangle(time: np.ndarray, period: float, phase: float) -> np.ndarray:
     return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * time / period + phase))
 
 
-def slow(time: np.ndarray, rng: Rng) -> np.ndarray:
+def draw_slow_ramps(time: np.ndarray, rng: Rng) -> np.ndarray:
     """A ramp back and forth of 3 to 6 s, over a part of the range."""
     middle, size = rng.uniform(-0.3, 0.3), rng.uniform(0.25, 0.6)
     period, phase = rng.uniform(3.0, 6.0), rng.uniform(0, 2 * np.pi)
-    return middle + size * _triangle(time, period, phase)
+    return middle + size * _make_triangle(time, period, phase)
 
 
-def fast(time: np.ndarray, rng: Rng) -> np.ndarray:
+def draw_fast_ramps(time: np.ndarray, rng: Rng) -> np.ndarray:
     """A ramp back and forth of 0.7 to 1.4 s."""
-    return 0.7 * _triangle(time, rng.uniform(0.7, 1.4), rng.uniform(0, 2 * np.pi))
+    return 0.7 * _make_triangle(time, rng.uniform(0.7, 1.4), rng.uniform(0, 2 * np.pi))
 
 
-def chirp(time: np.ndarray, rng: Rng) -> np.ndarray:
+def draw_chirp(time: np.ndarray, rng: Rng) -> np.ndarray:
     """A sine that climbs from 0.2 to about 4 Hz and becomes smaller."""
     top, phase = rng.uniform(3.0, 5.0), rng.uniform(0, 2 * np.pi)
     rate = 0.2 + (top - 0.2) * time / max(time[-1], 1e-9) / 2
@@ -65,16 +65,18 @@ def chirp(time: np.ndarray, rng: Rng) -> np.ndarray:
 
 
 MOTIONS: dict[str, Callable[[np.ndarray, Rng], np.ndarray]] = {
-    "multisine": multisine,
-    "steps": steps,
-    "holds": holds,
-    "slow": slow,
-    "fast": fast,
-    "chirp": chirp,
+    "multisine": draw_multisine,
+    "steps": draw_steps,
+    "holds": draw_holds,
+    "slow": draw_slow_ramps,
+    "fast": draw_fast_ramps,
+    "chirp": draw_chirp,
 }
 
 
-def rows(robot: Robot, rng: Rng, rate: float, seconds: float, jitter: float):
+def draw_sample_steps(
+    robot: Robot, rng: Rng, rate: float, seconds: float, jitter: float
+):
     """(T) fine steps of the samples: at `rate` [Hz], each moved by `jitter` of it."""
     count = int(seconds * rate)
     ideal = np.arange(count) / rate
@@ -82,35 +84,39 @@ def rows(robot: Robot, rng: Rng, rate: float, seconds: float, jitter: float):
     return np.unique(np.round(ideal / robot.fine).astype(int))
 
 
-def _driven(robot: Robot, rng: Rng, motion: str, sampling, seconds: float) -> Plan:
+def _plan_driven(
+    robot: Robot, rng: Rng, motion: str, sampling, seconds: float
+) -> MotionPlan:
     rate, jitter, hold = sampling
-    at = rows(robot, rng, rate, seconds, jitter)
+    at = draw_sample_steps(robot, rng, rate, seconds, jitter)
     columns = []
     for joint in robot.actuators.values():
         middle = robot.center.get(joint, 0.0)
         wave = MOTIONS[motion](at * robot.fine, rng)
         columns.append(middle + robot.amplitude[joint] * wave)
-    return Plan(motion, at, hold, np.stack(columns, 1))
+    return MotionPlan(motion, at, hold, np.stack(columns, 1))
 
 
-def _released(robot: Robot, rng: Rng, sampling, seconds: float) -> Plan:
-    at = rows(robot, rng, sampling[0], seconds, sampling[1])
+def _plan_release(robot: Robot, rng: Rng, sampling, seconds: float) -> MotionPlan:
+    at = draw_sample_steps(robot, rng, sampling[0], seconds, sampling[1])
     sizes = np.array([robot.amplitude[j] for j in robot.joints])
     start = rng.uniform(0.4, 1.3, len(sizes)) * sizes * rng.choice([-1, 1], len(sizes))
-    return Plan("release", at, 1, np.zeros((len(at), 0)), start, np.zeros(len(start)))
+    return MotionPlan(
+        "release", at, 1, np.zeros((len(at), 0)), start, np.zeros(len(start))
+    )
 
 
-def _thrown(robot: Robot, rng: Rng, sampling) -> Plan:
-    at = rows(robot, rng, sampling[0], TOSS_SECONDS, sampling[1])
+def _plan_toss(robot: Robot, rng: Rng, sampling) -> MotionPlan:
+    at = draw_sample_steps(robot, rng, sampling[0], TOSS_SECONDS, sampling[1])
     turn = rng.normal(size=4)
     speed = np.r_[rng.uniform(-1.2, 1.2, 2), rng.uniform(-0.5, 0.8)]
     spin = rng.normal(0, 3.0, 3)
     place = np.r_[rng.uniform(-0.1, 0.1, 2), rng.uniform(0.16, 0.3)]
     start = np.r_[place, turn / np.linalg.norm(turn)]
-    return Plan("toss", at, 1, np.zeros((len(at), 0)), start, np.r_[speed, spin])
+    return MotionPlan("toss", at, 1, np.zeros((len(at), 0)), start, np.r_[speed, spin])
 
 
-def sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
+def draw_sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
     """Rate [Hz], jitter (share of a period), samples that a command is held."""
     # of a driven robot, whole steps of the given model: commands then fall between
     # two steps in the jittered cases only
@@ -126,14 +132,14 @@ def sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
     return rate, jitter, hold
 
 
-def plans(robot: Robot, rng: Rng, sampled, *, test: bool) -> list[Plan]:
+def draw_plans(robot: Robot, rng: Rng, sampled, *, test: bool) -> list[MotionPlan]:
     """The episodes of one file."""
     if robot.drive != "none":
         seconds = LEGGED_SECONDS if robot.contact else SECONDS
         names = TEST if test else TRAIN
-        return [_driven(robot, rng, name, sampled, seconds) for name in names]
+        return [_plan_driven(robot, rng, name, sampled, seconds) for name in names]
     if robot.free:
         count = TOSSES // 3 if test else TOSSES
-        return [_thrown(robot, rng, sampled) for _ in range(count)]
+        return [_plan_toss(robot, rng, sampled) for _ in range(count)]
     count = 4 if test else 8
-    return [_released(robot, rng, sampled, SWING_SECONDS) for _ in range(count)]
+    return [_plan_release(robot, rng, sampled, SWING_SECONDS) for _ in range(count)]

@@ -8,23 +8,33 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from benchmarks.sealed.mjcf import GRAVITY, OPEN, Draw, Robot, actuators, link, model
+from benchmarks.sealed.mjcf import (
+    DRAWN_ONLY,
+    GRAVITY,
+    NumberDraw,
+    Robot,
+    write_actuators,
+    write_link,
+    write_model,
+)
 
 
-def pendulum(draw: Draw) -> Robot:
+def make_pendulum(numbers: NumberDraw) -> Robot:
     """One link on a position servo."""
-    length, mass = draw.about(0.16), draw.about(0.4)
+    length, mass = numbers.draw_about(0.16), numbers.draw_about(0.4)
     load = mass * GRAVITY * length / 2
-    joint = draw.joint("j1", 0.02, 0.006, 0.01 if draw.flip(0.5) else 0)
+    joint = numbers.write_joint(
+        "j1", 0.02, 0.006, 0.01 if numbers.draw_flag(0.5) else 0
+    )
     world = f"""    <!-- a weight on a light arm; zero is hanging -->
     <body name="link1" pos="0 0 0.5">
       <joint {joint} axis="0 1 0"/>
-      {link(length, mass, 0.02)}
+      {write_link(length, mass, 0.02)}
     </body>"""
-    rest = actuators([draw.servo("m1", "j1", 12 * load, 0.5 * load)])
+    rest = write_actuators([numbers.write_servo("m1", "j1", 12 * load, 0.5 * load)])
     return Robot(
         "pendulum",
-        model(draw, "pendulum", world, rest, 0.001, "RK4"),
+        write_model(numbers, "pendulum", world, rest, 0.001, "RK4"),
         ("j1",),
         {"m1": "j1"},
         "servo",
@@ -35,17 +45,17 @@ def pendulum(draw: Draw) -> Robot:
     )
 
 
-def _chain2(draw: Draw, joints: Sequence[str]) -> tuple[str, list[float]]:
+def _write_chain(numbers: NumberDraw, joints: Sequence[str]) -> tuple[str, list[float]]:
     """Two links in a vertical plane, and the static torque each joint can see."""
-    l1, l2 = draw.about(0.25), draw.about(0.2)
-    m1, m2 = draw.about(0.7), draw.about(0.4)
+    l1, l2 = numbers.draw_about(0.25), numbers.draw_about(0.2)
+    m1, m2 = numbers.draw_about(0.7), numbers.draw_about(0.4)
     world = f"""    <body name="base" pos="0 0 0.8">
     <body name="link1">
       <joint {joints[0]} axis="0 1 0"/>
-      {link(l1, m1, 0.02)}
+      {write_link(l1, m1, 0.02)}
       <body name="link2" pos="0 0 {-l1:.4g}">
         <joint {joints[1]} axis="0 1 0"/>
-        {link(l2, m2, 0.015)}
+        {write_link(l2, m2, 0.015)}
       </body>
     </body>
     </body>"""
@@ -53,21 +63,21 @@ def _chain2(draw: Draw, joints: Sequence[str]) -> tuple[str, list[float]]:
     return world, [GRAVITY * (m1 * l1 / 2 + m2 * l1) + low, low]
 
 
-def arm2_servo(draw: Draw) -> Robot:
+def make_arm2_servo(numbers: NumberDraw) -> Robot:
     """A 2-joint arm on position servos."""
-    dry = draw.flip(0.5)
+    dry = numbers.draw_flag(0.5)
     joints = [
-        draw.joint("j1", 0.15, 0.02, 0.03 if dry else 0),
-        draw.joint("j2", 0.05, 0.008, 0.01 if dry else 0),
+        numbers.write_joint("j1", 0.15, 0.02, 0.03 if dry else 0),
+        numbers.write_joint("j2", 0.05, 0.008, 0.01 if dry else 0),
     ]
-    world, load = _chain2(draw, joints)
+    world, load = _write_chain(numbers, joints)
     servos = [
-        draw.servo(f"m{i + 1}", f"j{i + 1}", 15 * load[i], 0.7 * load[i])
+        numbers.write_servo(f"m{i + 1}", f"j{i + 1}", 15 * load[i], 0.7 * load[i])
         for i in range(2)
     ]
     return Robot(
         "arm2_servo",
-        model(draw, "arm2", world, actuators(servos), 0.001),
+        write_model(numbers, "arm2", world, write_actuators(servos), 0.001),
         ("j1", "j2"),
         {"m1": "j1", "m2": "j2"},
         "servo",
@@ -78,14 +88,17 @@ def arm2_servo(draw: Draw) -> Robot:
     )
 
 
-def arm2_torque(draw: Draw) -> Robot:
+def make_arm2_torque(numbers: NumberDraw) -> Robot:
     """A 2-joint arm whose recorded command is a feedback's torque."""
-    joints = [draw.joint("j1", 0.12, 0.02, 0), draw.joint("j2", 0.05, 0.008, 0)]
-    world, load = _chain2(draw, joints)
+    joints = [
+        numbers.write_joint("j1", 0.12, 0.02, 0),
+        numbers.write_joint("j2", 0.05, 0.008, 0),
+    ]
+    world, load = _write_chain(numbers, joints)
     motors = [f'<motor name="m{i}" joint="j{i}"/>' for i in (1, 2)]
     return Robot(
         "arm2_torque",
-        model(draw, "arm2", world, actuators(motors), 0.001, "RK4"),
+        write_model(numbers, "arm2", world, write_actuators(motors), 0.001, "RK4"),
         ("j1", "j2"),
         {"m1": "j1", "m2": "j2"},
         "torque",
@@ -99,23 +112,27 @@ def arm2_torque(draw: Draw) -> Robot:
     )
 
 
-def arm3(draw: Draw) -> Robot:
+def make_arm3(numbers: NumberDraw) -> Robot:
     """A 3-joint arm that also turns about the vertical, on position servos."""
-    l2, l3 = draw.about(0.22), draw.about(0.18)
-    m1, m2, m3 = draw.about(0.8), draw.about(0.5), draw.about(0.35)
-    j1 = draw.joint("j1", 0.15, 0.02, 0.02)
-    j2 = draw.joint("j2", 0.15, 0.02, 0)
-    j3 = draw.joint("j3", 0.05, 0.008, 0)
+    l2, l3 = numbers.draw_about(0.22), numbers.draw_about(0.18)
+    m1, m2, m3 = (
+        numbers.draw_about(0.8),
+        numbers.draw_about(0.5),
+        numbers.draw_about(0.35),
+    )
+    j1 = numbers.write_joint("j1", 0.15, 0.02, 0.02)
+    j2 = numbers.write_joint("j2", 0.15, 0.02, 0)
+    j3 = numbers.write_joint("j3", 0.05, 0.008, 0)
     world = f"""    <body name="link1" pos="0 0 0.6">
       <joint {j1} axis="0 0 1"/>
       <inertial pos="0 0 0" mass="{m1}" diaginertia="1.2e-3 1.2e-3 1.5e-3"/>
-      <geom type="cylinder" size="0.05 0.03" {OPEN}/>
+      <geom type="cylinder" size="0.05 0.03" {DRAWN_ONLY}/>
       <body name="link2" pos="0.04 0 0">
         <joint {j2} axis="0 1 0"/>
-      {link(l2, m2, 0.02)}
+      {write_link(l2, m2, 0.02)}
         <body name="link3" pos="0 0 {-l2:.4g}">
           <joint {j3} axis="0 1 0"/>
-      {link(l3, m3, 0.015)}
+      {write_link(l3, m3, 0.015)}
         </body>
       </body>
     </body>"""
@@ -123,12 +140,12 @@ def arm3(draw: Draw) -> Robot:
     load = [1.0, GRAVITY * (m2 * l2 / 2 + m3 * l2) + low, low]
     stiff = [12.0, 15 * load[1], 15 * load[2]]
     servos = [
-        draw.servo(f"m{i + 1}", f"j{i + 1}", stiff[i], 0.06 * stiff[i])
+        numbers.write_servo(f"m{i + 1}", f"j{i + 1}", stiff[i], 0.06 * stiff[i])
         for i in range(3)
     ]
     return Robot(
         "arm3",
-        model(draw, "arm3", world, actuators(servos), 0.001),
+        write_model(numbers, "arm3", world, write_actuators(servos), 0.001),
         ("j1", "j2", "j3"),
         {"m1": "j1", "m2": "j2", "m3": "j3"},
         "servo",
@@ -140,26 +157,30 @@ def arm3(draw: Draw) -> Robot:
     )
 
 
-def cartpole(draw: Draw) -> Robot:
+def make_cartpole(numbers: NumberDraw) -> Robot:
     """A cart on a rail with a pole that hangs; the command is the force on the cart."""
-    length, cart, mass = draw.about(0.4), draw.about(0.8), draw.about(0.2)
-    slide = draw.joint("j1", 1.0, 0, 0.5 if draw.flip(0.5) else 0)
-    hinge = draw.joint("j2", 0.002, 0, 0)
+    length, cart, mass = (
+        numbers.draw_about(0.4),
+        numbers.draw_about(0.8),
+        numbers.draw_about(0.2),
+    )
+    slide = numbers.write_joint("j1", 1.0, 0, 0.5 if numbers.draw_flag(0.5) else 0)
+    hinge = numbers.write_joint("j2", 0.002, 0, 0)
     world = f"""    <geom name="rail" type="capsule" size="0.01 1" quat="1 0 1 0"
-          {OPEN}/>
+          {DRAWN_ONLY}/>
     <body name="cart">
       <joint {slide} type="slide" axis="1 0 0"/>
       <inertial pos="0 0 0" mass="{cart}" diaginertia="2e-3 2e-3 2e-3"/>
-      <geom type="box" size="0.08 0.05 0.03" {OPEN}/>
+      <geom type="box" size="0.08 0.05 0.03" {DRAWN_ONLY}/>
       <body name="pole">
         <joint {hinge} axis="0 1 0"/>
-      {link(length, mass, 0.01)}
+      {write_link(length, mass, 0.01)}
       </body>
     </body>"""
-    rest = actuators(['<motor name="m1" joint="j1"/>'])
+    rest = write_actuators(['<motor name="m1" joint="j1"/>'])
     return Robot(
         "cartpole",
-        model(draw, "cartpole", world, rest, 0.001, "RK4"),
+        write_model(numbers, "cartpole", world, rest, 0.001, "RK4"),
         ("j1", "j2"),
         {"m1": "j1"},
         "torque",
@@ -170,13 +191,16 @@ def cartpole(draw: Draw) -> Robot:
     )
 
 
-def double_pendulum(draw: Draw) -> Robot:
+def make_double_pendulum(numbers: NumberDraw) -> Robot:
     """Two links that are let go and swing freely."""
-    joints = [draw.joint("j1", 0.006, 0, 0), draw.joint("j2", 0.002, 0, 0)]
-    world, load = _chain2(draw, joints)
+    joints = [
+        numbers.write_joint("j1", 0.006, 0, 0),
+        numbers.write_joint("j2", 0.002, 0, 0),
+    ]
+    world, load = _write_chain(numbers, joints)
     return Robot(
         "double_pendulum",
-        model(draw, "double_pendulum", world, "", 0.002, "RK4"),
+        write_model(numbers, "double_pendulum", world, "", 0.002, "RK4"),
         ("j1", "j2"),
         {},
         "none",
@@ -188,16 +212,20 @@ def double_pendulum(draw: Draw) -> Robot:
     )
 
 
-def _leg(draw: Draw, number: int, x: float, y: float, sizes: Sequence[float]) -> str:
+def _write_leg(
+    numbers: NumberDraw, number: int, x: float, y: float, sizes: Sequence[float]
+) -> str:
     """Two links and a round foot below a corner of the torso."""
     upper, lower, mass = sizes
     rod = 'type="capsule" contype="0" conaffinity="0"'
+    hip = numbers.write_joint(f"hip{number}", 0.05, 0.005, 0.02)
+    knee = numbers.write_joint(f"knee{number}", 0.05, 0.005, 0.02)
     return f"""      <body name="leg{number}_upper" pos="{x:.4g} {y:.4g} 0">
-        <joint {draw.joint(f"hip{number}", 0.05, 0.005, 0.02)} axis="0 1 0"/>
+        <joint {hip} axis="0 1 0"/>
         <geom {rod} size="0.012 {upper / 2:.4g}" pos="0 0 {-upper / 2:.4g}"
               mass="{mass:.4g}"/>
         <body name="leg{number}_lower" pos="0 0 {-upper:.4g}">
-          <joint {draw.joint(f"knee{number}", 0.05, 0.005, 0.02)} axis="0 1 0"/>
+          <joint {knee} axis="0 1 0"/>
           <geom {rod} size="0.01 {lower / 2:.4g}" pos="0 0 {-lower / 2:.4g}"
                 mass="{0.6 * mass:.4g}"/>
           <geom name="foot{number}" class="ground" size="0.015" pos="0 0 {-lower:.4g}"
@@ -207,20 +235,24 @@ def _leg(draw: Draw, number: int, x: float, y: float, sizes: Sequence[float]) ->
 """
 
 
-def quadruped(draw: Draw) -> Robot:
+def make_quadruped(numbers: NumberDraw) -> Robot:
     """A torso on four legs of two servos each, on the floor."""
-    width, depth, mass = draw.about(0.12), draw.about(0.09), draw.about(1.4)
-    sizes = draw.about(0.1), draw.about(0.1), draw.about(0.12)
+    width, depth, mass = (
+        numbers.draw_about(0.12),
+        numbers.draw_about(0.09),
+        numbers.draw_about(1.4),
+    )
+    sizes = numbers.draw_about(0.1), numbers.draw_about(0.1), numbers.draw_about(0.12)
     corners = [(1, width, depth), (2, width, -depth), (3, -width, depth)]
     corners.append((4, -width, -depth))
-    legs = "".join(_leg(draw, n, x, y, sizes) for n, x, y in corners)
+    legs = "".join(_write_leg(numbers, n, x, y, sizes) for n, x, y in corners)
     height = sizes[0] * np.cos(0.45) + sizes[1] * np.cos(0.45) + 0.02
     world = f"""    <geom name="floor" class="ground" type="plane" size="3 3 0.1"/>
     <body name="torso" pos="0 0 {height:.4g}">
       <freejoint name="root"/>
-      <geom type="box" size="{width:.4g} {depth:.4g} 0.03" mass="{mass}" {OPEN}/>
+      <geom type="box" size="{width:.4g} {depth:.4g} 0.03" mass="{mass}" {DRAWN_ONLY}/>
 {legs}    </body>"""
-    kp = draw.about(18.0)
+    kp = numbers.draw_about(18.0)
     servos = [
         f'<position name="{j}{n}_servo" joint="{j}{n}" kp="{kp}" kv="0.5"/>'
         for n in range(1, 5)
@@ -228,7 +260,7 @@ def quadruped(draw: Draw) -> Robot:
     ]
     defaults = f"""  <default>
     <default class="ground">
-      <geom friction="{draw.about(0.7)} 0.005 0.0001" condim="3"/>
+      <geom friction="{numbers.draw_about(0.7)} 0.005 0.0001" condim="3"/>
     </default>
   </default>
 """
@@ -236,7 +268,9 @@ def quadruped(draw: Draw) -> Robot:
     amplitude = {j: 0.2 if j.startswith("hip") else 0.25 for j in joints}
     return Robot(
         "quadruped",
-        model(draw, "quadruped", world, defaults + actuators(servos), 0.002),
+        write_model(
+            numbers, "quadruped", world, defaults + write_actuators(servos), 0.002
+        ),
         joints,
         {f"{j}_servo": j for j in joints},
         "servo",
@@ -251,17 +285,17 @@ def quadruped(draw: Draw) -> Robot:
     )
 
 
-def _toss(draw: Draw, name: str, geom: str, step: float = 0.001) -> Robot:
+def _make_toss(numbers: NumberDraw, name: str, geom: str, step: float = 0.001) -> Robot:
     world = f"""    <geom name="table" type="plane" size="3 3 0.1"
           friction="FRI 0.005 1e-4"/>
     <body name="{name}">
       <freejoint/>
       {geom}
     </body>"""
-    world = world.replace("FRI", str(draw.about(0.4)))
+    world = world.replace("FRI", str(numbers.draw_about(0.4)))
     return Robot(
         f"toss_{name}",
-        model(draw, name, world, "", step, "RK4"),
+        write_model(numbers, name, world, "", step, "RK4"),
         (),
         {},
         "none",
@@ -275,32 +309,32 @@ def _toss(draw: Draw, name: str, geom: str, step: float = 0.001) -> Robot:
     )
 
 
-def toss_box(draw: Draw) -> Robot:
+def make_toss_box(numbers: NumberDraw) -> Robot:
     """A box thrown on a table."""
-    sides = " ".join(f"{draw.about(0.045):.4g}" for _ in range(3))
-    mass = draw.about(0.3)
+    sides = " ".join(f"{numbers.draw_about(0.045):.4g}" for _ in range(3))
+    mass = numbers.draw_about(0.3)
     geom = f'<geom type="box" size="{sides}" mass="{mass}" friction="0.1 0.005 1e-4"/>'
-    return _toss(draw, "box", geom)
+    return _make_toss(numbers, "box", geom)
 
 
-def toss_stick(draw: Draw) -> Robot:
+def make_toss_stick(numbers: NumberDraw) -> Robot:
     """A stick thrown on a table."""
-    size = f"{draw.about(0.015):.4g} {draw.about(0.09):.4g}"
-    mass = draw.about(0.15)
+    size = f"{numbers.draw_about(0.015):.4g} {numbers.draw_about(0.09):.4g}"
+    mass = numbers.draw_about(0.15)
     geom = (
         f'<geom type="capsule" size="{size}" mass="{mass}" friction="0.1 0.005 1e-4"/>'
     )
-    return _toss(draw, "stick", geom, 0.0005)
+    return _make_toss(numbers, "stick", geom, 0.0005)
 
 
-ROBOTS: Mapping[str, Callable[[Draw], Robot]] = {
-    "pendulum": pendulum,
-    "arm2_servo": arm2_servo,
-    "arm2_torque": arm2_torque,
-    "arm3": arm3,
-    "cartpole": cartpole,
-    "double_pendulum": double_pendulum,
-    "quadruped": quadruped,
-    "toss_box": toss_box,
-    "toss_stick": toss_stick,
+ROBOTS: Mapping[str, Callable[[NumberDraw], Robot]] = {
+    "pendulum": make_pendulum,
+    "arm2_servo": make_arm2_servo,
+    "arm2_torque": make_arm2_torque,
+    "arm3": make_arm3,
+    "cartpole": make_cartpole,
+    "double_pendulum": make_double_pendulum,
+    "quadruped": make_quadruped,
+    "toss_box": make_toss_box,
+    "toss_stick": make_toss_stick,
 }

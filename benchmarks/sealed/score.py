@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks.diagnosis_runs import prove
+from benchmarks.diagnosis_runs import score_diagnosis
 from benchmarks.sealed.judge import read_case
 from benchmarks.writer import Section
 from selfheal.study.statistics import share
@@ -16,7 +16,7 @@ from selfheal.study.statistics import share
 Judged = dict[str, Any]
 
 
-def rate(flags: Iterable[bool]) -> dict[str, Any]:
+def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
     """A share with its 95 % Wilson interval."""
     flags = list(flags)
     count, hits = len(flags), sum(map(bool, flags))
@@ -26,52 +26,58 @@ def rate(flags: Iterable[bool]) -> dict[str, Any]:
     return {"hits": hits, "n": count, "rate": hits / count, "low": low, "high": high}
 
 
-def _of(cases: Sequence[Judged], kind: str) -> list[Judged]:
+def _select_kind(cases: Sequence[Judged], kind: str) -> list[Judged]:
     return [c for c in cases if c["kind"] == kind]
 
 
-def figures(cases: Sequence[Judged]) -> dict[str, Any]:
+def compute_figures(cases: Sequence[Judged]) -> dict[str, Any]:
     """Every figure of the issue's table.
 
     Args:
         cases: judged by `read_case`.
     """
-    single, null = _of(cases, "single"), _of(cases, "null")
-    odd, double = _of(cases, "unlisted"), _of(cases, "double")
+    single, null = _select_kind(cases, "single"), _select_kind(cases, "null")
+    odd, double = _select_kind(cases, "unlisted"), _select_kind(cases, "double")
     covered = [p for c in single + double for p in c["covered"]]
-    removed = [c["removed"] for c in single + double if _explained(c)]
+    removed = [c["removed"] for c in single + double if _is_explained(c)]
     return {
-        "exact name first": rate(c["exact"] for c in single),
-        "name or class first": rate(c["class"] for c in single),
-        "joint or body right": rate(c["place"] for c in single),
-        "named anywhere": rate(c["listed"] for c in single),
-        "singles with a further, wrong name": rate(c["extra"] > 0 for c in single),
-        "false names on nulls": rate(c["false_name"] for c in null),
-        "nulls with verdict nothing": rate(c["quiet"] for c in null),
-        "unlisted without a wrong name": rate(c["no_wrong_name"] for c in odd),
-        "unlisted, at most a related name and not explained": rate(
+        "exact name first": compute_rate(c["exact"] for c in single),
+        "name or class first": compute_rate(c["class"] for c in single),
+        "joint or body right": compute_rate(c["place"] for c in single),
+        "named anywhere": compute_rate(c["listed"] for c in single),
+        "singles with a further, wrong name": compute_rate(
+            c["extra"] > 0 for c in single
+        ),
+        "false names on nulls": compute_rate(c["false_name"] for c in null),
+        "nulls with verdict nothing": compute_rate(c["quiet"] for c in null),
+        "unlisted without a wrong name": compute_rate(c["no_wrong_name"] for c in odd),
+        "unlisted, at most a related name and not explained": compute_rate(
             c["related_only"] for c in odd
         ),
-        "unlisted noticed": rate(c["noticed"] for c in odd),
-        "set F1": {k: f1(double, k) for k in ("exact", "class", "class and place")},
-        "explainable removed, median over explained": median(removed),
-        "of what the effect costs on the test, removed, median": median(
-            removed_on_test(c) for c in single + double if c["verdict"] == "explained"
+        "unlisted noticed": compute_rate(c["noticed"] for c in odd),
+        "set F1": {
+            k: compute_f1(double, k) for k in ("exact", "class", "class and place")
+        },
+        "explainable removed, median over explained": compute_median(removed),
+        "of what the effect costs on the test, removed, median": compute_median(
+            compute_removed_on_test(c)
+            for c in single + double
+            if c["verdict"] == "explained"
         ),
         "explained with a figure": len([r for r in removed if r is not None]),
-        "intervals that hold the truth": rate(p["inside"] for p in covered),
-        "parameter error, median": median([p["error"] for p in covered]),
-        "failed": rate(c["verdict"] == "failed" for c in cases),
-        "seconds": spread([c["run"].get("seconds") for c in cases]),
-        "megabytes": spread([c["run"].get("megabytes") for c in cases]),
+        "intervals that hold the truth": compute_rate(p["inside"] for p in covered),
+        "parameter error, median": compute_median([p["error"] for p in covered]),
+        "failed": compute_rate(c["verdict"] == "failed" for c in cases),
+        "seconds": summarize_spread([c["run"].get("seconds") for c in cases]),
+        "megabytes": summarize_spread([c["run"].get("megabytes") for c in cases]),
     }
 
 
-def _explained(case: Judged) -> bool:
+def _is_explained(case: Judged) -> bool:
     return case["verdict"] == "explained" and case["removed"] is not None
 
 
-def removed_on_test(case: Judged) -> float | None:
+def compute_removed_on_test(case: Judged) -> float | None:
     """(stated - patched) / (stated - floor), by `selfheal replay` on the sealed test.
 
     stated is the score of the true values without the effects, floor that of the truth.
@@ -83,37 +89,37 @@ def removed_on_test(case: Judged) -> float | None:
     return (stated - patched) / (stated - floor)
 
 
-def f1(cases: Sequence[Judged], how: str) -> float | None:
+def compute_f1(cases: Sequence[Judged], how: str) -> float | None:
     """F1 of all cases' sets taken together."""
     total = sum(c["truths"] + c["findings"] for c in cases)
     return 2 * sum(c["hits"][how] for c in cases) / total if total else None
 
 
-def median(values: Iterable[float | None]) -> float | None:
+def compute_median(values: Iterable[float | None]) -> float | None:
     """The median of those that are there."""
     known = [v for v in values if v is not None]
     return float(np.median(known)) if known else None
 
 
-def spread(values: Iterable[float | None]) -> dict[str, float | None]:
+def summarize_spread(values: Iterable[float | None]) -> dict[str, float | None]:
     """Median and largest."""
     known = [v for v in values if v is not None]
-    return {"median": median(known), "largest": max(known, default=None)}
+    return {"median": compute_median(known), "largest": max(known, default=None)}
 
 
-def confusion(cases: Sequence[Judged]) -> dict[str, Counter[str]]:
+def count_confusions(cases: Sequence[Judged]) -> dict[str, Counter[str]]:
     """First finding (or the verdict, where there is none) by true effect."""
     rows: dict[str, Counter[str]] = defaultdict(Counter)
-    for case in _of(cases, "single"):
+    for case in _select_kind(cases, "single"):
         rows[case["truth"][0].split()[0]][case["first"]] += 1
-    for case in _of(cases, "null") + _of(cases, "unlisted"):
+    for case in _select_kind(cases, "null") + _select_kind(cases, "unlisted"):
         truth = case["truth"][0].split()[0] if case["truth"] else "(nothing missing)"
         found = [f.split()[0] for f in case["found"]]
         rows[truth][found[0] if found else case["verdict"]] += 1
     return dict(rows)
 
 
-def read_all(folder: Path, keys: Path, replay: tuple[str, ...] = ()) -> list[Judged]:
+def read_cases(folder: Path, keys: Path, replay: tuple[str, ...] = ()) -> list[Judged]:
     """Every case that has a key, judged.
 
     Args:
@@ -125,7 +131,7 @@ def read_all(folder: Path, keys: Path, replay: tuple[str, ...] = ()) -> list[Jud
     found = [read_case(folder / n, keys) for n in names if (folder / n).is_dir()]
     for case in found if replay else ():
         name = case["case"]
-        case["patched"] = prove(folder / name, keys / name, replay)
+        case["patched"] = score_diagnosis(folder / name, keys / name, replay)
     return found
 
 
@@ -143,23 +149,23 @@ TARGETS = {
 }
 
 
-def _text(value: Any) -> str:
+def _format_figure(value: Any) -> str:
     """A figure as the page shows it."""
     if value is None:
         return "-"
     if isinstance(value, dict) and "hits" in value:
         return share(value["hits"], value["n"])
     if isinstance(value, dict):
-        return ", ".join(f"{k} {_text(v)}" for k, v in value.items())
+        return ", ".join(f"{k} {_format_figure(v)}" for k, v in value.items())
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def sections(cases: Sequence[Judged]) -> list[Section]:
+def make_sections(cases: Sequence[Judged]) -> list[Section]:
     """The page of a scored benchmark."""
-    found = figures(cases)
+    found = compute_figures(cases)
     counts = Counter(c["kind"] for c in cases)
     told = ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items()))
-    rows = [(k, _text(v), TARGETS.get(k, "")) for k, v in found.items()]
+    rows = [(k, _format_figure(v), TARGETS.get(k, "")) for k, v in found.items()]
     return [
         Section(
             "Figures",
@@ -168,65 +174,77 @@ def sections(cases: Sequence[Judged]) -> list[Section]:
             ("figure", "value", "target"),
             rows,
         ),
-        _by("By robot", cases, lambda c: c["robot"]),
-        _by("By effect", _of(cases, "single"), lambda c: c["truth"][0].split()[0]),
-        _confusion_section(cases),
-        _parameters(cases),
-        _wrong(cases),
+        _make_group_section("By robot", cases, lambda c: c["robot"]),
+        _make_group_section(
+            "By effect",
+            _select_kind(cases, "single"),
+            lambda c: c["truth"][0].split()[0],
+        ),
+        _make_confusion_section(cases),
+        _make_parameters_section(cases),
+        _make_wrong_section(cases),
     ]
 
 
-def _by(title: str, cases: Sequence[Judged], label: Callable) -> Section:
+def _make_group_section(
+    title: str, cases: Sequence[Judged], label: Callable
+) -> Section:
     header = ("", "exact", "class", "place", "false on null", "unlisted kept", "s")
     groups: dict[str, list[Judged]] = defaultdict(list)
     for case in cases:
         groups[label(case)].append(case)
-    return Section(title, "", header, [_row(k, v) for k, v in sorted(groups.items())])
+    return Section(
+        title, "", header, [_summarize_group(k, v) for k, v in sorted(groups.items())]
+    )
 
 
-def _row(name: str, cases: Sequence[Judged]) -> list[str]:
-    single, null, odd = (_of(cases, k) for k in ("single", "null", "unlisted"))
+def _summarize_group(name: str, cases: Sequence[Judged]) -> list[str]:
+    single, null, odd = (_select_kind(cases, k) for k in ("single", "null", "unlisted"))
 
     def count(some: Sequence[Judged], key: str) -> str:
         return f"{sum(bool(c[key]) for c in some)}/{len(some)}" if some else "-"
 
-    seconds = median([c["run"].get("seconds") for c in cases])
+    seconds = compute_median([c["run"].get("seconds") for c in cases])
     return [
         name,
         *(count(single, key) for key in ("exact", "class", "place")),
         count(null, "false_name"),
         count(odd, "no_wrong_name"),
-        _text(seconds),
+        _format_figure(seconds),
     ]
 
 
-def _confusion_section(cases: Sequence[Judged]) -> Section:
+def _make_confusion_section(cases: Sequence[Judged]) -> Section:
     rows = [
         (truth, sum(row.values()), ", ".join(f"{k} {n}" for k, n in row.most_common()))
-        for truth, row in sorted(confusion(cases).items())
+        for truth, row in sorted(count_confusions(cases).items())
     ]
     text = "What was named first, or the verdict where nothing was named."
     return Section("Confusions", text, ("truth", "n", "first"), rows)
 
 
-def _parameters(cases: Sequence[Judged]) -> Section:
+def _make_parameters_section(cases: Sequence[Judged]) -> Section:
     groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for case in cases:
         for parameter in case.get("covered", ()):
             groups[parameter["parameter"]].append(parameter)
     rows = [
-        (name, share(sum(p["inside"] for p in some), len(some)), _text(_middle(some)))
+        (
+            name,
+            share(sum(p["inside"] for p in some), len(some)),
+            _format_figure(_compute_median_error(some)),
+        )
         for name, some in sorted(groups.items())
     ]
     text = "Of effects named exactly, at the right place. Error: |stated/true - 1|."
     return Section("Parameters", text, ("parameter", "covered", "median error"), rows)
 
 
-def _middle(parameters: Sequence[dict[str, Any]]) -> float | None:
-    return median([p["error"] for p in parameters])
+def _compute_median_error(parameters: Sequence[dict[str, Any]]) -> float | None:
+    return compute_median([p["error"] for p in parameters])
 
 
-def _wrong(cases: Sequence[Judged]) -> Section:
+def _make_wrong_section(cases: Sequence[Judged]) -> Section:
     header = ("case", "robot", "truth", "verdict", "found")
     rows = [
         (
@@ -237,12 +255,12 @@ def _wrong(cases: Sequence[Judged]) -> Section:
             "; ".join(c["found"]) or "-",
         )
         for c in cases
-        if not _good(c)
+        if not _went_well(c)
     ]
     return Section("Cases that went wrong", "", header, rows)
 
 
-def _good(case: Judged) -> bool:
+def _went_well(case: Judged) -> bool:
     if case["kind"] == "double":
         return case["hits"]["class"] == case["truths"] == case["findings"]
     flag = {"single": "class", "null": "false_name", "unlisted": "no_wrong_name"}

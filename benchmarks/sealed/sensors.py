@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.sealed.hidden_robot import Plan, Reading, Run
+from benchmarks.sealed.hidden_robot import MotionPlan, Rollout, SensorModel
 from benchmarks.sealed.mjcf import Robot
 from selfheal.recording import Episode, Recording, Signal
 
@@ -39,7 +39,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Sensors:
+class SensorSet:
     """Which signals are recorded, and what is said of the start.
 
     Attributes:
@@ -75,10 +75,10 @@ def draw_noise(rng: Rng) -> Noise:
     )
 
 
-def draw_sensors(robot: Robot, rng: Rng) -> Sensors:
+def draw_sensors(robot: Robot, rng: Rng) -> SensorSet:
     """Which signals one case has."""
     velocity, torque, state, epoch = rng.random(4)
-    return Sensors(
+    return SensorSet(
         bool(robot.joints) and velocity < 0.35,
         bool(robot.actuators) and torque < 0.3,
         bool(state < 0.5),
@@ -86,7 +86,7 @@ def draw_sensors(robot: Robot, rng: Rng) -> Sensors:
     )
 
 
-def disturbance(shape: tuple[int, ...], memory: float, rng: Rng) -> np.ndarray:
+def draw_disturbance(shape: tuple[int, ...], memory: float, rng: Rng) -> np.ndarray:
     """Noise of unit variance; AR(1) along the first axis where it has a memory."""
     fresh = rng.normal(size=shape)
     if not memory:
@@ -97,7 +97,7 @@ def disturbance(shape: tuple[int, ...], memory: float, rng: Rng) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Bench:
+class Instruments:
     """Turns runs into recordings.
 
     Attributes:
@@ -108,19 +108,19 @@ class Bench:
     """
 
     robot: Robot
-    readings: dict[str, Reading]
+    readings: dict[str, SensorModel]
     noise: Noise
-    sensors: Sensors
+    sensors: SensorSet
 
-    def clean(self, run: Run) -> dict[str, Signal]:
+    def read_clean(self, run: Rollout) -> dict[str, Signal]:
         """Every signal, measurement effects included, noise not."""
         model = mujoco.MjModel.from_xml_string(self.robot.xml)
         signals: dict[str, Signal] = {}
         for name in self.robot.joints:
-            self._joint(signals, model.joint(name), run)
+            self._read_joint(signals, model.joint(name), run)
         if self.sensors.torque:
             for a, (name, joint) in enumerate(self.robot.actuators.items()):
-                unit = "N" if _slides(model.joint(joint)) else "N m"
+                unit = "N" if _is_slide(model.joint(joint)) else "N m"
                 torque = Signal(run.force[:, a].copy(), "joint_torque", name, unit)
                 signals[f"{name}_torque"] = torque
         if body := self.robot.free:
@@ -131,9 +131,9 @@ class Bench:
             )
         return signals
 
-    def _joint(self, signals: dict[str, Signal], joint: Any, run: Run) -> None:
-        name, unit = joint.name, "m" if _slides(joint) else "rad"
-        reading = self.readings.get(f"{name}_position", Reading())
+    def _read_joint(self, signals: dict[str, Signal], joint: Any, run: Rollout) -> None:
+        name, unit = joint.name, "m" if _is_slide(joint) else "rad"
+        reading = self.readings.get(f"{name}_position", SensorModel())
         delay = round(reading.delay / self.robot.fine)
         true = (run.late[delay] if delay else run.qpos)[:, joint.qposadr[0]]
         values = reading.gain * true + reading.bias
@@ -144,7 +144,7 @@ class Bench:
                 speed, "joint_velocity", name, f"{unit}/s"
             )
 
-    def sigma(self, signal: Signal) -> float:
+    def find_sigma(self, signal: Signal) -> float:
         """Standard deviation of a signal's noise."""
         noise = self.noise
         if signal.kind == "joint_torque":
@@ -156,17 +156,19 @@ class Bench:
             "body_orientation": noise.turn,
         }[signal.kind]
 
-    def disturb(self, name: str, signal: Signal, rng: Rng) -> Signal:
+    def add_noise(self, name: str, signal: Signal, rng: Rng) -> Signal:
         """The signal as recorded."""
         values = signal.values
-        size = self.sigma(signal)
+        size = self.find_sigma(signal)
         if signal.kind == "body_orientation":
-            error = disturbance((len(values), 3), self.noise.memory, rng) * size
+            error = draw_disturbance((len(values), 3), self.noise.memory, rng) * size
             pairs = zip(values, error, strict=True)
-            values = np.array([_turned(q, e) for q, e in pairs])
+            values = np.array([_turn_quaternion(q, e) for q, e in pairs])
         else:
-            values = values + size * disturbance(values.shape, self.noise.memory, rng)
-        step = self.readings.get(name, Reading()).step
+            values = values + size * draw_disturbance(
+                values.shape, self.noise.memory, rng
+            )
+        step = self.readings.get(name, SensorModel()).step
         if signal.kind == "joint_position" and (step := step or self.noise.lattice):
             values = np.round(values / step) * step
         if self.noise.dropout:
@@ -174,11 +176,13 @@ class Bench:
             values[rng.random(len(values)) < self.noise.dropout] = np.nan
         return Signal(values, signal.kind, signal.target, signal.unit)
 
-    def episode(self, plan: Plan, run: Run, rng: Rng, *, state: bool) -> Episode:
+    def record_episode(
+        self, plan: MotionPlan, run: Rollout, rng: Rng, *, state: bool
+    ) -> Episode:
         """One episode as recorded."""
         signals = {
-            name: self.disturb(name, signal, rng)
-            for name, signal in self.clean(run).items()
+            name: self.add_noise(name, signal, rng)
+            for name, signal in self.read_clean(run).items()
         }
         return Episode(
             np.round(self.sensors.epoch + run.rows * self.robot.fine, 9),
@@ -190,42 +194,42 @@ class Bench:
             plan.motion,
         )
 
-    def recording(self, plans, runs, rng: Rng, *, state: bool) -> Recording:
+    def record_episodes(self, plans, runs, rng: Rng, *, state: bool) -> Recording:
         """All episodes as a file."""
         made = [
-            self.episode(plan, run, rng, state=state)
+            self.record_episode(plan, run, rng, state=state)
             for plan, run in zip(plans, runs, strict=True)
         ]
         episodes = {f"{i:03d}": episode for i, episode in enumerate(made)}
         return Recording(episodes, robot=self.robot.name, file="recording.h5")
 
-    def facts(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """What the key says of it."""
         return {"noise": asdict(self.noise), "sensors": asdict(self.sensors)}
 
 
-def _slides(joint: Any) -> bool:
+def _is_slide(joint: Any) -> bool:
     return joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
 
 
-def _turned(quaternion: np.ndarray, error: np.ndarray) -> np.ndarray:
+def _turn_quaternion(quaternion: np.ndarray, error: np.ndarray) -> np.ndarray:
     turned = quaternion.copy()
     mujoco.mju_quatIntegrate(turned, error, 1.0)
     return turned
 
 
-def pieces(recording: Recording, runs, seconds: float) -> Recording:
+def cut_segments(recording: Recording, runs, seconds: float) -> Recording:
     """Every episode cut into pieces of `seconds` that state where they start."""
     cut: dict[str, Episode] = {}
     for (name, episode), run in zip(recording.episodes.items(), runs, strict=True):
         since = episode.time - episode.time[0]
         for k in range(int(since[-1] / seconds + 1e-6)):
             at = (since >= k * seconds) & (since < (k + 1) * seconds)
-            cut[f"{name}_{k}"] = _piece(episode, run, at)
+            cut[f"{name}_{k}"] = _cut_segment(episode, run, at)
     return Recording(cut, robot=recording.robot, file=recording.file)
 
 
-def _piece(episode: Episode, run: Run, at: np.ndarray) -> Episode:
+def _cut_segment(episode: Episode, run: Rollout, at: np.ndarray) -> Episode:
     first = int(np.argmax(at))
     signals = {
         name: Signal(s.values[at], s.kind, s.target, s.unit)

@@ -9,12 +9,12 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.sealed.hidden_robot import Force, Shaper
+from benchmarks.sealed.hidden_robot import CommandShaper, Force
 
 Maker = Callable[[Any], Force]
 
 
-def delayed(delay: float, fine: float) -> Shaper:
+def delay_command(delay: float, fine: float) -> CommandShaper:
     """The command of `delay` [s] ago; before the first, the first."""
     line: deque[float] = deque(maxlen=round(delay / fine) + 1)
 
@@ -27,7 +27,7 @@ def delayed(delay: float, fine: float) -> Shaper:
     return shape
 
 
-def lagged(timeconst: float, fine: float) -> Shaper:
+def lag_command(timeconst: float, fine: float) -> CommandShaper:
     """First-order lag: d command / dt = (sent - command) / timeconst."""
     share, state = 1 - math.exp(-fine / timeconst), [0.0]
 
@@ -40,7 +40,7 @@ def lagged(timeconst: float, fine: float) -> Shaper:
     return shape
 
 
-def slewed(rate: float, fine: float) -> Shaper:
+def limit_rate(rate: float, fine: float) -> CommandShaper:
     """The command moves at most at `rate` [rad/s]."""
     most, state = rate * fine, [0.0]
 
@@ -53,16 +53,16 @@ def slewed(rate: float, fine: float) -> Shaper:
     return shape
 
 
-def _places(model: Any, joint: str) -> tuple[int, int]:
+def _find_addresses(model: Any, joint: str) -> tuple[int, int]:
     found = model.joint(joint)
     return int(found.qposadr[0]), int(found.dofadr[0])
 
 
-def steady(joint: str, torque: float) -> Maker:
+def apply_torque(joint: str, torque: float) -> Maker:
     """A constant torque [N m]."""
 
     def make(model: Any) -> Force:
-        dof = _places(model, joint)[1]
+        dof = _find_addresses(model, joint)[1]
 
         def push(model: Any, data: Any, time: float) -> None:
             data.qfrc_applied[dof] += torque
@@ -72,13 +72,13 @@ def steady(joint: str, torque: float) -> Maker:
     return make
 
 
-def stribeck(
+def apply_stribeck(
     joint: str, coulomb: float, static: float, stribeck_velocity: float
 ) -> Maker:
     """Friction = coulomb + (static - coulomb) exp(-(v / stribeck_velocity)^2)."""
 
     def make(model: Any) -> Force:
-        dof = _places(model, joint)[1]
+        dof = _find_addresses(model, joint)[1]
 
         def push(model: Any, data: Any, time: float) -> None:
             ratio = float(data.qvel[dof]) / stribeck_velocity
@@ -90,11 +90,11 @@ def stribeck(
     return make
 
 
-def load_friction(joint: str, load_coefficient: float) -> Maker:
+def apply_load_friction(joint: str, load_coefficient: float) -> Maker:
     """Friction = what there is + load_coefficient x |torque of the motor|."""
 
     def make(model: Any) -> Force:
-        dof = _places(model, joint)[1]
+        dof = _find_addresses(model, joint)[1]
         dry = float(model.dof_frictionloss[dof])
 
         def push(model: Any, data: Any, time: float) -> None:
@@ -106,11 +106,11 @@ def load_friction(joint: str, load_coefficient: float) -> Maker:
     return make
 
 
-def cogging(joint: str, amplitude: float, poles: float, phase: float) -> Maker:
+def apply_cogging(joint: str, amplitude: float, poles: float, phase: float) -> Maker:
     """Torque = amplitude sin(poles q + phase)."""
 
     def make(model: Any) -> Force:
-        place, dof = _places(model, joint)
+        place, dof = _find_addresses(model, joint)
 
         def push(model: Any, data: Any, time: float) -> None:
             angle = poles * float(data.qpos[place]) + phase
@@ -121,11 +121,11 @@ def cogging(joint: str, amplitude: float, poles: float, phase: float) -> Maker:
     return make
 
 
-def speed_limit(actuator: str, joint: str, stall: float, no_load: float) -> Maker:
+def limit_by_speed(actuator: str, joint: str, stall: float, no_load: float) -> Maker:
     """Torque in the direction of motion falls from stall to 0 at the no-load speed."""
 
     def make(model: Any) -> Force:
-        dof, index = _places(model, joint)[1], model.actuator(actuator).id
+        dof, index = _find_addresses(model, joint)[1], model.actuator(actuator).id
 
         def push(model: Any, data: Any, time: float) -> None:
             ratio = float(data.qvel[dof]) / no_load
@@ -138,11 +138,11 @@ def speed_limit(actuator: str, joint: str, stall: float, no_load: float) -> Make
     return make
 
 
-def integral(actuator: str, joint: str, ki: float, imax: float) -> Maker:
+def integrate_error(actuator: str, joint: str, ki: float, imax: float) -> Maker:
     """Torque = ki x integral of the servo's error, within imax; 0 at time 0."""
 
     def make(model: Any) -> Force:
-        place, dof = _places(model, joint)
+        place, dof = _find_addresses(model, joint)
         index, sum_ = model.actuator(actuator).id, [0.0]
         fine = float(model.opt.timestep)
 

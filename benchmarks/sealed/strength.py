@@ -12,9 +12,15 @@ import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from benchmarks.sealed.hidden_robot import Nuisance, Run, Truth, change, nuisances
+from benchmarks.sealed.hidden_robot import (
+    HiddenRobot,
+    Nuisance,
+    Rollout,
+    list_nuisances,
+    scale_value,
+)
 from benchmarks.sealed.mjcf import Robot
-from benchmarks.sealed.sensors import Bench
+from benchmarks.sealed.sensors import Instruments
 
 PIECES = 10  # chosen: about ten seconds of simulation
 SEEN = 60  # samples of a piece that are compared
@@ -23,19 +29,19 @@ NUDGE = 0.05  # of a value, for its sensitivity
 
 
 @dataclass(frozen=True)
-class Piece:
+class Segment:
     """A stretch of a run."""
 
     run: int
     first: int
     last: int
 
-    def seen(self) -> range:
+    def list_samples(self) -> range:
         """Samples that are compared."""
         return range(self.first, self.last + 1, (self.last - self.first) // SEEN + 1)
 
 
-def pick(robot: Robot, runs: Sequence[Run]) -> list[Piece]:
+def pick_segments(robot: Robot, runs: Sequence[Rollout]) -> list[Segment]:
     """Pieces spread evenly over the runs."""
     found = []
     for number, run in enumerate(runs):
@@ -44,12 +50,14 @@ def pick(robot: Robot, runs: Sequence[Run]) -> list[Piece]:
         starts = np.arange(0.0, since[-1] - 0.9 * length + 1e-9, length)
         for start in starts if len(starts) else [0.0]:
             at = np.flatnonzero((since >= start) & (since <= start + length))
-            found.append(Piece(number, int(at[0]), int(at[-1])))
+            found.append(Segment(number, int(at[0]), int(at[-1])))
     chosen = np.linspace(0, len(found) - 1, min(PIECES, len(found))).round()
     return [found[int(i)] for i in chosen]
 
 
-def replay(model: Any, fine: float, runs: Sequence[Run], pieces: Sequence[Piece]):
+def replay_segments(
+    model: Any, fine: float, runs: Sequence[Rollout], pieces: Sequence[Segment]
+):
     """Positions (samples, nq) of all pieces, simulated from where they begin."""
     each = max(round(float(model.opt.timestep) / fine), 1)
     data, found = mujoco.MjData(model), []
@@ -65,7 +73,7 @@ def replay(model: Any, fine: float, runs: Sequence[Run], pieces: Sequence[Piece]
                 mujoco.mj_step(model, data, steps)
             done += steps
             data.ctrl[:] = run.ctrl[i]
-            if i in piece.seen():
+            if i in piece.list_samples():
                 rest = (run.rows[i] - run.rows[piece.first] - done * each) * fine
                 qpos = data.qpos.copy()
                 mujoco.mj_integratePos(model, qpos, data.qvel, rest)
@@ -73,7 +81,9 @@ def replay(model: Any, fine: float, runs: Sequence[Run], pieces: Sequence[Piece]
     return np.array(found)
 
 
-def residual(bench: Bench, seen: np.ndarray, other: np.ndarray) -> dict[str, Any]:
+def compute_residuals(
+    bench: Instruments, seen: np.ndarray, other: np.ndarray
+) -> dict[str, Any]:
     """Differences of two sets of positions, over noise, by signal: (samples, d)."""
     robot, noise = bench.robot, bench.noise
     model = mujoco.MjModel.from_xml_string(robot.xml)
@@ -84,47 +94,53 @@ def residual(bench: Bench, seen: np.ndarray, other: np.ndarray) -> dict[str, Any
     if robot.free:
         found["place"] = (seen - other)[:, :3] / noise.place
         pairs = zip(seen[:, 3:7], other[:, 3:7], strict=True)
-        found["turn"] = np.array([_apart(a, b) for a, b in pairs]) / noise.turn
+        found["turn"] = (
+            np.array([_compute_rotation(a, b) for a, b in pairs]) / noise.turn
+        )
     return found
 
 
-def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def _compute_rotation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     turn = np.zeros(3)
     mujoco.mju_subQuat(turn, one, other)
     return turn
 
 
-def largest(errors: dict[str, np.ndarray]) -> float:
+def find_largest_rms(errors: dict[str, np.ndarray]) -> float:
     """RMS over noise of the signal where it is largest."""
     return max(float(np.sqrt(np.mean(e**2))) for e in errors.values())
 
 
-def groups(robot: Robot) -> list[list[Nuisance]]:
+def group_nuisances(robot: Robot) -> list[list[Nuisance]]:
     """The stated values, each alone, or by kind where they are many."""
-    every = nuisances(robot)
+    every = list_nuisances(robot)
     if len(every) <= MANY:
         return [[n] for n in every]
     kinds = dict.fromkeys(n.kind for n in every)
     return [[n for n in every if n.kind == kind] for kind in kinds]
 
 
-def observed(bench: Bench, runs: Sequence[Run], pieces: Sequence[Piece]) -> np.ndarray:
+def read_segments(
+    bench: Instruments, runs: Sequence[Rollout], pieces: Sequence[Segment]
+) -> np.ndarray:
     """Positions (samples, nq) of the pieces as sensors without noise say them."""
     model = mujoco.MjModel.from_xml_string(bench.robot.xml)
     columns = {f"{j}_position": model.joint(j).qposadr[0] for j in bench.robot.joints}
     found = []
     for piece in pieces:
         run = runs[piece.run]
-        signals, qpos = bench.clean(run), run.qpos.copy()
+        signals, qpos = bench.read_clean(run), run.qpos.copy()
         for name, column in columns.items():
             qpos[:, column] = signals[name].values
             if step := bench.readings[name].step if name in bench.readings else 0.0:
                 qpos[:, column] = np.round(qpos[:, column] / step) * step
-        found.append(qpos[piece.seen()])
+        found.append(qpos[piece.list_samples()])
     return np.concatenate(found)
 
 
-def strength(bench: Bench, base: Truth, runs: Sequence[Run]) -> tuple[float, float]:
+def measure_strength(
+    bench: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
+) -> tuple[float, float]:
     """Error without the effect over noise: as it is, and after a bounded refit.
 
     Args:
@@ -132,31 +148,31 @@ def strength(bench: Bench, base: Truth, runs: Sequence[Run]) -> tuple[float, flo
         base: the same robot without the effect.
         runs: of the robot with the effect.
     """
-    robot, pieces = base.robot, pick(base.robot, runs)
-    seen = observed(bench, runs, pieces)
+    robot, pieces = base.robot, pick_segments(base.robot, runs)
+    seen = read_segments(bench, runs, pieces)
 
     def simulated(spec: Any) -> np.ndarray:
-        return replay(spec.compile(), robot.fine, runs, pieces)
+        return replay_segments(spec.compile(), robot.fine, runs, pieces)
 
-    raw = residual(bench, seen, simulated(base.spec))
+    raw = compute_residuals(bench, seen, simulated(base.spec))
     if not all(np.isfinite(e).all() for e in raw.values()):
         return np.inf, np.inf
-    if largest(raw) < 1:
-        return largest(raw), largest(raw)
-    given, slopes, bounds = coarse(base), [], []
+    if find_largest_rms(raw) < 1:
+        return find_largest_rms(raw), find_largest_rms(raw)
+    given, slopes, bounds = make_coarse_spec(base), [], []
     plain = simulated(given)
-    for group in groups(robot):
+    for group in group_nuisances(robot):
         nudged = given.copy()
         for nuisance in group:
-            change(nudged, nuisance, 1 + NUDGE)
-        moved = residual(bench, simulated(nudged), plain)
+            scale_value(nudged, nuisance, 1 + NUDGE)
+        moved = compute_residuals(bench, simulated(nudged), plain)
         slopes.append(np.concatenate([m.ravel() for m in moved.values()]) / NUDGE)
         bounds.append(0.8 * group[0].bound)
-    left = _refitted(raw, np.array(slopes).T, np.array(bounds))
-    return largest(raw), largest(left)
+    left = _subtract_refit(raw, np.array(slopes).T, np.array(bounds))
+    return find_largest_rms(raw), find_largest_rms(left)
 
 
-def coarse(base: Truth) -> Any:
+def make_coarse_spec(base: HiddenRobot) -> Any:
     """The hidden robot with the given model's step and integrator."""
     given = mujoco.MjModel.from_xml_string(base.robot.xml)
     spec = base.spec.copy()
@@ -165,7 +181,7 @@ def coarse(base: Truth) -> Any:
     return spec
 
 
-def _refitted(raw: dict[str, np.ndarray], slopes: np.ndarray, bounds: np.ndarray):
+def _subtract_refit(raw: dict[str, np.ndarray], slopes: np.ndarray, bounds: np.ndarray):
     """What a refit within bounds leaves of the errors."""
     flat = np.concatenate([e.ravel() for e in raw.values()])
     slopes = np.nan_to_num(slopes)
@@ -177,9 +193,11 @@ def _refitted(raw: dict[str, np.ndarray], slopes: np.ndarray, bounds: np.ndarray
     return found
 
 
-def integration(bench: Bench, base: Truth, runs: Sequence[Run]) -> float:
+def measure_integration_error(
+    bench: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
+) -> float:
     """What the given model's step and integrator alone cost, over noise."""
-    robot, pieces = base.robot, pick(base.robot, runs)
-    one = replay(base.spec.compile(), robot.fine, runs, pieces)
-    other = replay(coarse(base).compile(), robot.fine, runs, pieces)
-    return largest(residual(bench, one, other))
+    robot, pieces = base.robot, pick_segments(base.robot, runs)
+    one = replay_segments(base.spec.compile(), robot.fine, runs, pieces)
+    other = replay_segments(make_coarse_spec(base).compile(), robot.fine, runs, pieces)
+    return find_largest_rms(compute_residuals(bench, one, other))

@@ -8,34 +8,34 @@ import mujoco
 import numpy as np
 
 from benchmarks.sealed.effects import Effect, Rng, Sized, Values
-from benchmarks.sealed.hidden_robot import Force, Truth
+from benchmarks.sealed.hidden_robot import Force, HiddenRobot
 from benchmarks.sealed.mjcf import Robot
 
 Push = Force
 
 
-def _joints(robot: Robot) -> list[str]:
+def _list_arm_joints(robot: Robot) -> list[str]:
     return [f"joint:{j}" for j in robot.joints] if robot.free != "torso" else []
 
 
-def _all_joints(robot: Robot) -> list[str]:
+def _list_all_joints(robot: Robot) -> list[str]:
     return [f"joint:{j}" for j in robot.joints]
 
 
-def _pairs(robot: Robot) -> list[str]:
-    return _joints(robot) if len(robot.joints) > 1 else []
+def _list_paired_joints(robot: Robot) -> list[str]:
+    return _list_arm_joints(robot) if len(robot.joints) > 1 else []
 
 
-def _servos(robot: Robot) -> list[str]:
+def _list_servo_joints(robot: Robot) -> list[str]:
     driven = robot.drive == "servo"
     return [f"joint:{j}" for j in robot.actuators.values()] if driven else []
 
 
-def _flying(robot: Robot) -> list[str]:
+def _list_flying_bodies(robot: Robot) -> list[str]:
     return [f"body:{robot.free}"] if robot.free and not robot.joints else []
 
 
-def _shares(share: float, **fixed: tuple[float, float]):
+def _draw_share(share: float, **fixed: tuple[float, float]):
     """A "size" that is a share of the joint's load, and other values drawn."""
 
     def draw(robot: Robot, target: str, rng: Rng) -> Sized:
@@ -49,10 +49,10 @@ def _shares(share: float, **fixed: tuple[float, float]):
     return draw
 
 
-def _force(make: Callable[[Any, Truth, str, Values], Push]):
+def _install_force(make: Callable[[Any, HiddenRobot, str, Values], Push]):
     """An install function from a maker of forces."""
 
-    def install(truth: Truth, target: str, values: Values) -> None:
+    def install(truth: HiddenRobot, target: str, values: Values) -> None:
         name = target.partition(":")[2]
 
         def compiled(model: Any) -> Force:
@@ -63,14 +63,14 @@ def _force(make: Callable[[Any, Truth, str, Values], Push]):
     return install
 
 
-def _place(model: Any, joint: str) -> tuple[int, int]:
+def _find_addresses(model: Any, joint: str) -> tuple[int, int]:
     found = model.joint(joint)
     return int(found.qposadr[0]), int(found.dofadr[0])
 
 
-def _rough_spot(model: Any, truth: Truth, joint: str, v: Values) -> Push:
+def _apply_rough_spot(model: Any, truth: HiddenRobot, joint: str, v: Values) -> Push:
     """Dry friction in one narrow range of angles only."""
-    q, dof = _place(model, joint)
+    q, dof = _find_addresses(model, joint)
     dry, center = float(model.dof_frictionloss[dof]), v["middle"] + v["at"] * v["reach"]
 
     def push(model: Any, data: Any, time: float) -> None:
@@ -80,9 +80,11 @@ def _rough_spot(model: Any, truth: Truth, joint: str, v: Values) -> Push:
     return push
 
 
-def _negative_band(model: Any, truth: Truth, joint: str, v: Values) -> Push:
+def _apply_negative_damping(
+    model: Any, truth: HiddenRobot, joint: str, v: Values
+) -> Push:
     """A push along the motion at middling speeds."""
-    dof, fast = _place(model, joint)[1], v["speed"] * v["reach"]
+    dof, fast = _find_addresses(model, joint)[1], v["speed"] * v["reach"]
 
     def push(model: Any, data: Any, time: float) -> None:
         ratio = float(data.qvel[dof]) / fast
@@ -91,9 +93,11 @@ def _negative_band(model: Any, truth: Truth, joint: str, v: Values) -> Push:
     return push
 
 
-def _breathing(model: Any, truth: Truth, joint: str, v: Values) -> Push:
+def _apply_breathing_gain(
+    model: Any, truth: HiddenRobot, joint: str, v: Values
+) -> Push:
     """A servo whose gain comes and goes."""
-    q, dof = _place(model, joint)
+    q, dof = _find_addresses(model, joint)
     names = {j: a for a, j in truth.robot.actuators.items()}
     index = model.actuator(names[joint]).id
     stiff = float(model.actuator_gainprm[index, 0])
@@ -109,11 +113,11 @@ def _breathing(model: Any, truth: Truth, joint: str, v: Values) -> Push:
     return push
 
 
-def _crossed(model: Any, truth: Truth, joint: str, v: Values) -> Push:
+def _apply_crossed_cubic(model: Any, truth: HiddenRobot, joint: str, v: Values) -> Push:
     """Torque with the third power of another joint's speed and angle."""
     joints = list(truth.robot.joints)
     other = joints[joints.index(joint) - 1]
-    q, dof = _place(model, other)[0], _place(model, joint)[1]
+    q, dof = _find_addresses(model, other)[0], _find_addresses(model, joint)[1]
     reach = truth.robot.amplitude[other]
 
     def push(model: Any, data: Any, time: float) -> None:
@@ -124,9 +128,9 @@ def _crossed(model: Any, truth: Truth, joint: str, v: Values) -> Push:
     return push
 
 
-def _bouc_wen(model: Any, truth: Truth, joint: str, v: Values) -> Push:
+def _apply_bouc_wen(model: Any, truth: HiddenRobot, joint: str, v: Values) -> Push:
     """A spring with a memory: dz/dt = w - |w| z |z|, w = speed / yield angle."""
-    dof, z = _place(model, joint)[1], [0.0]
+    dof, z = _find_addresses(model, joint)[1], [0.0]
     fine, small = float(model.opt.timestep), v["yield"] * v["reach"]
 
     def push(model: Any, data: Any, time: float) -> None:
@@ -137,9 +141,9 @@ def _bouc_wen(model: Any, truth: Truth, joint: str, v: Values) -> Push:
     return push
 
 
-def _bursts(model: Any, truth: Truth, joint: str, v: Values) -> Push:
+def _apply_bursts(model: Any, truth: HiddenRobot, joint: str, v: Values) -> Push:
     """Random pulses of torque while the joint is in one range of angles."""
-    q, dof = _place(model, joint)
+    q, dof = _find_addresses(model, joint)
     noise = np.random.default_rng(int(v["seed"] * 2**31))
     center, now = v["middle"] + v["at"] * v["reach"], [0.0, -1.0]
 
@@ -152,7 +156,7 @@ def _bursts(model: Any, truth: Truth, joint: str, v: Values) -> Push:
     return push
 
 
-def _magnus(model: Any, truth: Truth, body: str, v: Values) -> Push:
+def _apply_magnus(model: Any, truth: HiddenRobot, body: str, v: Values) -> Push:
     """A force across the spin and the velocity."""
     mass = float(model.body(body).mass[0])
 
@@ -165,7 +169,7 @@ def _magnus(model: Any, truth: Truth, body: str, v: Values) -> Push:
     return push
 
 
-def _magnet(model: Any, truth: Truth, body: str, v: Values) -> Push:
+def _apply_magnet(model: Any, truth: HiddenRobot, body: str, v: Values) -> Push:
     """A pull towards a point of the table, strong when near."""
     mass, point = float(model.body(body).mass[0]), np.array([v["x"], v["y"], 0.0])
 
@@ -177,7 +181,7 @@ def _magnet(model: Any, truth: Truth, body: str, v: Values) -> Push:
     return push
 
 
-def _flywheel(model: Any, truth: Truth, body: str, v: Values) -> Push:
+def _apply_flywheel(model: Any, truth: HiddenRobot, body: str, v: Values) -> Push:
     """The moment of a rotor that spins inside the body."""
     inertia = float(model.body(body).inertia.max())
     axis = inertia * v["size"] * 3.0 * np.array([v["x"], v["y"], 0.3])
@@ -194,44 +198,66 @@ SIDE = (-0.3, 0.3)
 UNLISTED: Sequence[Effect] = (
     Effect(
         "rough_spot",
-        _joints,
-        _shares(0.5, at=AT),
-        _force(_rough_spot),
+        _list_arm_joints,
+        _draw_share(0.5, at=AT),
+        _install_force(_apply_rough_spot),
         NOWHERE,
     ),
     Effect(
         "negative_damping_band",
-        _joints,
-        _shares(0.2, speed=(0.7, 1.5)),
-        _force(_negative_band),
+        _list_arm_joints,
+        _draw_share(0.2, speed=(0.7, 1.5)),
+        _install_force(_apply_negative_damping),
         NOWHERE,
     ),
     Effect(
         "breathing_gain",
-        _servos,
-        _shares(0.4, period=(0.9, 2.5)),
-        _force(_breathing),
+        _list_servo_joints,
+        _draw_share(0.4, period=(0.9, 2.5)),
+        _install_force(_apply_breathing_gain),
         NOWHERE,
     ),
-    Effect("crossed_cubic", _pairs, _shares(0.2), _force(_crossed), NOWHERE),
+    Effect(
+        "crossed_cubic",
+        _list_paired_joints,
+        _draw_share(0.2),
+        _install_force(_apply_crossed_cubic),
+        NOWHERE,
+    ),
     Effect(
         "bouc_wen",
-        _joints,
-        _shares(0.2, **{"yield": (0.1, 0.3)}),
-        _force(_bouc_wen),
+        _list_arm_joints,
+        _draw_share(0.2, **{"yield": (0.1, 0.3)}),
+        _install_force(_apply_bouc_wen),
         NOWHERE,
     ),
     Effect(
         "angle_bursts",
-        _all_joints,
-        _shares(0.3, at=AT, seed=(0.0, 1.0)),
-        _force(_bursts),
+        _list_all_joints,
+        _draw_share(0.3, at=AT, seed=(0.0, 1.0)),
+        _install_force(_apply_bursts),
         NOWHERE,
     ),
-    Effect("magnus", _flying, _shares(1.0), _force(_magnus), NOWHERE),
-    Effect("magnet", _flying, _shares(1.0, x=SIDE, y=SIDE), _force(_magnet), NOWHERE),
     Effect(
-        "flywheel", _flying, _shares(1.0, x=SIDE, y=SIDE), _force(_flywheel), NOWHERE
+        "magnus",
+        _list_flying_bodies,
+        _draw_share(1.0),
+        _install_force(_apply_magnus),
+        NOWHERE,
+    ),
+    Effect(
+        "magnet",
+        _list_flying_bodies,
+        _draw_share(1.0, x=SIDE, y=SIDE),
+        _install_force(_apply_magnet),
+        NOWHERE,
+    ),
+    Effect(
+        "flywheel",
+        _list_flying_bodies,
+        _draw_share(1.0, x=SIDE, y=SIDE),
+        _install_force(_apply_flywheel),
+        NOWHERE,
     ),
 )
 # findings that describe a part of an unlisted effect: wrong, but counted apart
