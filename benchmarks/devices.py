@@ -1,6 +1,6 @@
 """Real devices: each diagnosed from its training file and proven on its test.
 
-    python benchmarks/devices.py --recordings ../shared/recordings --out DIR [NAME ...]
+    python -m benchmarks.devices --recordings ../shared/recordings --out DIR [NAME ...]
 
 Each set is diagnosed in DIR/NAME by a process of its own; what is there already is not
 done again. `test.h5`, its samples taken out, is replayed and scored as the contract
@@ -16,9 +16,15 @@ from typing import Any
 
 import mujoco
 
-from benchmarks.diagnosis_runs import ProcessLimits, diagnose_cases, score_replay
+from benchmarks.diagnosis_runs import (
+    DOCUMENT,
+    ProcessLimits,
+    diagnose_cases,
+    score_replay,
+)
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.recording import Recording, read, write
+from selfheal.study.sealed import FOUND
 
 HIPS_UP = 0.015  # [m] by which the hips of the raised starfish are too high
 
@@ -51,6 +57,7 @@ class Device:
 
 
 def _define_servo(kp: int) -> Device:
+    """A servo at one gain, whose findings are replayed at another."""
     folder = "xl330/servo"
     return Device(
         f"{folder}/model_kp{kp}.xml", f"{folder}/train_kp{kp}.h5",
@@ -59,8 +66,9 @@ def _define_servo(kp: int) -> Device:
 
 
 def _define_device(folder: str, asked: float, kind: str = "") -> Device:
-    files = (f"model{kind}.xml", f"train{kind}.h5", f"test{kind}.h5")
-    return Device(*(f"{folder}/{name}" for name in files), asked)
+    """A device whose three files lie in one folder."""
+    model, train, test = f"model{kind}.xml", f"train{kind}.h5", f"test{kind}.h5"
+    return Device(f"{folder}/{model}", f"{folder}/{train}", f"{folder}/{test}", asked)
 
 
 _STAR = "starfish_2006"
@@ -116,12 +124,12 @@ def score_on_test(
         test = replace(test, episodes=episodes)
     other = ["--model", str((recordings / device.other).resolve())]
     more = other if device.other else []
-    return score_replay(case / "diagnosis", test, (program, "replay"), *more)
+    return score_replay(case / FOUND, test, (program, "replay"), *more)
 
 
 def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, Any]:
     """What came of one device."""
-    said = json.loads((case / "diagnosis/diagnosis.json").read_text())
+    said = json.loads((case / DOCUMENT).read_text())
     ran = json.loads((case / "run.json").read_text())
     named = []
     for f in said["findings"]:
@@ -163,7 +171,7 @@ def main() -> int:
     rows = []
     for name, device in DEVICES.items():
         case = options.out / name
-        if (case / "diagnosis/diagnosis.json").is_file():
+        if (case / DOCUMENT).is_file():
             reached = score_on_test(device, options.recordings, case, options.program)
             rows.append(summarize_device(name, case, reached))
     shown = [

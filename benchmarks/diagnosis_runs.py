@@ -1,7 +1,8 @@
-"""Runs of the sealed benchmark: takes cases, gives each its diagnosis folder.
+"""Diagnoses in supervised processes: takes cases, gives each its diagnosis folder.
 
 Every case is diagnosed by a process of its own, in a temporary folder that holds its
-model and its recording and nothing else.
+model and its recording and nothing else. What a case is, `selfheal study sealed` says,
+whose workers know no time limit; for that, a process is watched here.
 """
 
 import json
@@ -22,8 +23,9 @@ from typing import Any
 from benchmarks.replay_error import compute_score, drop_samples, extract_values
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
+from selfheal.study.sealed import FOUND, GIVEN, find_cases
 
-GIVEN = ("model.xml", "recording.h5")
+DOCUMENT = f"{FOUND}/diagnosis.json"  # in the folder of a diagnosed case
 TAIL = 2000  # characters of a process's last words that are kept
 
 
@@ -42,16 +44,9 @@ class ProcessLimits:
     cores: frozenset[int] = frozenset()
 
 
-def find_cases(folder: Path) -> list[Path]:
-    """Every case of a folder, in order."""
-    return sorted(p.parent for p in folder.glob("*/model.xml"))
-
-
 def find_undiagnosed(folder: Path) -> list[Path]:
-    """Cases without a diagnosis."""
-    return [
-        c for c in find_cases(folder) if not (c / "diagnosis/diagnosis.json").is_file()
-    ]
+    """The cases of a folder that have no diagnosis yet."""
+    return [c for c in find_cases(folder) if not (c / DOCUMENT).is_file()]
 
 
 def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
@@ -60,11 +55,10 @@ def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
         for name in GIVEN:
             shutil.copy(case / name, room)
         record = _run_process(Path(room), limits)
-        made = Path(room) / "diagnosis"
-        if record["exit_code"] == 0 and (made / "diagnosis.json").is_file():
-            shutil.rmtree(case / "diagnosis", ignore_errors=True)
+        if record["exit_code"] == 0 and (Path(room) / DOCUMENT).is_file():
+            shutil.rmtree(case / FOUND, ignore_errors=True)
             (case / "proof.json").unlink(missing_ok=True)  # of another diagnosis
-            shutil.copytree(made, case / "diagnosis")
+            shutil.copytree(Path(room) / FOUND, case / FOUND)
     with atomic_path(case / "run.json") as path:
         path.write_text(json.dumps(record, indent=1) + "\n")
     return record
@@ -72,7 +66,7 @@ def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
 
 def _run_process(room: Path, limits: ProcessLimits) -> dict[str, Any]:
     """Start the process, wait for it, kill it when its time is over."""
-    words = [*limits.program, *GIVEN, "--out", "diagnosis/", "--json"]
+    words = [*limits.program, *GIVEN, "--out", f"{FOUND}/", "--json"]
     start = time.perf_counter()
     with (
         tempfile.TemporaryFile() as out,
@@ -125,10 +119,10 @@ def score_diagnosis(case: Path, key: Path, program: tuple[str, ...]) -> float | 
         key: folder that has test.h5.
         program: words that start the replay.
     """
-    kept, diagnosis = case / "proof.json", case / "diagnosis"
+    kept, diagnosis = case / "proof.json", case / FOUND
     if kept.is_file():
         return json.loads(kept.read_text())["patched"]
-    if not (diagnosis / "diagnosis.json").is_file():
+    if not (case / DOCUMENT).is_file():
         return None
     patched = score_replay(diagnosis, read(key / "test.h5"), program)
     with atomic_path(kept) as path:

@@ -15,22 +15,14 @@ from benchmarks.diagnosis_runs import (
     find_undiagnosed,
     score_diagnosis,
 )
-from benchmarks.sealed.cases import (
-    PlacedEffect,
-    UnfitDraw,
-    draw_experiment,
-    make_case,
-    save_case,
-)
+from benchmarks.sealed.cases import UnfitDraw, make_case, save_case
 from benchmarks.sealed.effects import BY_NAME, EFFECTS, make_blank_robot
-from benchmarks.sealed.hidden_robot import simulate_plans
+from benchmarks.sealed.experiment import PlacedEffect, draw_experiment
 from benchmarks.sealed.judge import read_case, read_places
+from benchmarks.sealed.page import make_sections
 from benchmarks.sealed.robots import ROBOTS
-from benchmarks.sealed.score import (
-    compute_figures,
-    compute_removed_on_test,
-    make_sections,
-)
+from benchmarks.sealed.score import compute_figures, compute_removed_on_test
+from benchmarks.sealed.simulator import simulate_plans
 from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.recording import check_against_model, read, read_names, validate, write
 

@@ -1,17 +1,26 @@
-"""The page of `heal.py`: records of its suites in, docs/results/heal.md out."""
+"""The page of healing: records of its suites in, docs/results/heal.md out."""
 
 import csv
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.heal.figures import (
+    LEG,
+    LOWER,
+    Records,
+    format_named_share,
+    format_quantiles,
+    is_named,
+    list_broken_walks,
+    list_delays,
+    list_healed_ratios,
+    tabulate_targets,
+)
 from benchmarks.writer import INTACT, Section, publish_results
-from selfheal.study.statistics import share
-
-Records = Mapping[str, Mapping[str, Any]]
 
 _COUNTS = (3, 4, 5, 6, 8, 10)  # actions after which naming is looked at
 
@@ -23,7 +32,7 @@ def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
             "What was reached",
             "",
             ("figure", "target", "measured"),
-            _tabulate_targets(known),
+            tabulate_targets(known),
         ),
         _make_real_section(known["real"]),
         _make_gaits_section(known["gaits"]),
@@ -41,158 +50,11 @@ def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
     )
 
 
-def _format_quantiles(values: Sequence[float], *at: float) -> str:
-    """Quantiles of values in words."""
-    if not len(values):
-        return "none"
-    return ", ".join(f"{q:.2f}" for q in np.quantile(values, at))
-
-
-def _is_named(record: Mapping[str, Any], names: Sequence[str], most: int) -> bool:
-    """Whether the summed probability of names has passed 0.9 within some actions."""
-    steps = record["steps"][:most]
-    return any(sum(step[n] for n in names) > 0.9 for step in steps)
-
-
-_LEG, _LOWER = ("right_upper", "right_lower"), ("right_lower",)
-
-
-def _format_named_share(
-    real: Records, chosen: bool, names: Sequence[str], most: int
-) -> str:
-    """Share of repeats that named these parts within some actions."""
-    rows = [r for r in real.values() if r["chosen"] is chosen]
-    return share(sum(_is_named(r, names, most) for r in rows), len(rows))
-
-
-def _list_walk_ratios(records: Records) -> list[float]:
-    """Walked over predicted distance, waves."""
-    rows = [r for r in records.values() if r.get("gait") == "waves"]
-    return [w[0] / r["predicted"] for r in rows for w in r["walked"]]
-
-
-def _list_healed_ratios(heals: Records) -> tuple[list[float], list[float], list[float]]:
-    """Healed, old and intact distance, over that of a gait made for the true body."""
-    rows = [r for r in heals.values() if r["best_known"]]
-    parts = ("healed", "damaged", "intact")
-    return tuple([r[p] / r["best_known"] for r in rows] for p in parts)  # type: ignore
-
-
-def _list_delays(broken: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Delay of the alarms that came [cycles]."""
-    return [b["delay"] for b in broken if b["delay"] is not None]
-
-
-def _list_broken_walks(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
-    """All walks in which something broke, of every suite."""
-    found = [b for r in known["alarms"].values() for b in r["broken"]]
-    for r in (r for suite in _WATCHED for r in known[suite].values()):
-        early = r["delay"] is not None and r["delay"] < 0
-        found.append({"damage": r["damage"], "early": early,
-                      "delay": None if early else r["delay"],
-                      "cost": 1 - r["damaged"] / r["intact"]})  # fmt: skip
-    return found
-
-
-def _leaves_body_whole(found: Mapping[str, Any]) -> bool:
-    """Whether a verdict leaves the body whole."""
-    return found["world"] or found["nothing"]
-
-
-def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
-    """The figures that were to be reached."""
-    real, gaits, alarms = known["real"], known["gaits"], known["alarms"]
-    heals, worlds = known["heals"], known["worlds"]
-    bodies = [*heals.values(), *known["verdicts"].values()]
-    good = [r for r in bodies if r["right"] and r["actions"] <= 8]
-    healed, _, _ = _list_healed_ratios(heals)
-    broken = _list_broken_walks(known)
-    costly = [b for b in broken if b["cost"] > 0.2]
-    missed = [b for b in costly if b["delay"] is None and not b["early"]]
-    hours = sum(r["seconds"] for r in alarms.values()) / 3600
-    false, fallen = (sum(r[k] for r in alarms.values()) for k in ("false", "fallen"))
-    told = [r for r in bodies if not _leaves_body_whole(r)]
-    left = [r for r in worlds.values() if _leaves_body_whole(r)]
-    errors = [r["length_error"] for r in bodies]
-    walked = [w[0] for r in gaits.values() if r.get("gait") == "waves"
-              for w in r["walked"]]  # fmt: skip
-    random = np.linalg.norm(gaits["random"]["poses"], axis=1)
-    synthesis = [r["cpu_seconds"] for r in gaits.values() if "gait" in r]
-    whole = [r["cpu_seconds"] for r in heals.values()]
-    return [
-        (
-            "walked / predicted on the hidden robot, median",
-            ">= 0.8 (2006: 0.45)",
-            f"{_format_quantiles(_list_walk_ratios(gaits), 0.5)} of {len(_list_walk_ratios(gaits))}",
-        ),
-        (
-            "walked, synthesized : random poses",
-            ">= 4 : 1 (2006: 3 : 1)",
-            f"{np.median(walked) / np.mean(random):.1f} : 1",
-        ),
-        (
-            "real robot, right leg named, <= 6 chosen actions",
-            ">= 95 %",
-            _format_named_share(real, True, _LEG, 6),
-        ),
-        ("the same, <= 4", ">= 70 %", _format_named_share(real, True, _LEG, 4)),
-        (
-            "the same, the lower part, <= 10",
-            "named",
-            _format_named_share(real, True, _LOWER, 10),
-        ),
-        (
-            "hidden damage, part and kind right with <= 8 actions",
-            ">= 85 %",
-            share(len(good), len(bodies)),
-        ),
-        (
-            "length error, mean over parts, mean over damages",
-            "<= 0.5 cm (2006: 2.17)",
-            f"{np.mean(errors):.2f} cm, worst {np.max(errors):.2f}",
-        ),
-        (
-            "healed / gait made for the true damaged body, median",
-            ">= 0.9",
-            f"{_format_quantiles(healed, 0.5)} of {len(healed)}",
-        ),
-        ("the same, 10th percentile", ">= 0.7", _format_quantiles(healed, 0.1)),
-        (
-            "missed damages that cost more than 20 %",
-            "0 of 30",
-            f"{len(missed)} of {len(costly)}",
-        ),
-        (
-            "false alarms",
-            "<= 1 an hour",
-            f"{false} in {hours:.2f} hours, {fallen} of a whole robot that fell",
-        ),
-        (
-            "delay of the alarm, median",
-            "<= 2 cycles",
-            f"{_format_quantiles(_list_delays(broken), 0.5)} cycles of {len(_list_delays(broken))}",
-        ),
-        (
-            "environment told from body",
-            ">= 85 %",
-            share(len(told) + len(left), len(bodies) + len(worlds)),
-        ),
-        ("one gait", "<= 90 s on 2 cores", f"{np.median(synthesis):.0f} s of CPU"),
-        (
-            "one heal, its comparison with the known truth included",
-            "<= 6 min on 2 cores",
-            f"median {np.median(whole):.0f} s, worst {np.max(whole):.0f} s of CPU, of "
-            "which about 22 s are the comparison; the first gait is made once for each "
-            "robot and adds 22 s",
-        ),
-    ]
-
-
 def _make_real_section(real: Records) -> Section:
     """The robot of 2006."""
     rows = [
-        (what, how, *(_format_named_share(real, chosen, names, n) for n in _COUNTS))
-        for what, names in (("right leg", _LEG), ("right lower part", _LOWER))
+        (what, how, *(format_named_share(real, chosen, names, n) for n in _COUNTS))
+        for what, names in (("right leg", LEG), ("right lower part", LOWER))
         for how, chosen in (("chosen", True), ("random", False))
     ]
     text = (
@@ -209,7 +71,7 @@ def _make_real_section(real: Records) -> Section:
 def _names_whole_leg(record: Mapping[str, Any]) -> bool:
     """Whether a leg that is whole was ever named."""
     legs = [(f"{leg}_upper", f"{leg}_lower") for leg in ("left", "forward", "back")]
-    return any(_is_named(record, leg, 10) for leg in legs)
+    return any(is_named(record, leg, 10) for leg in legs)
 
 
 def _make_gaits_section(gaits: Records) -> Section:
@@ -265,14 +127,14 @@ def _summarize_ends(ends: np.ndarray) -> tuple[str, ...]:
 def _make_alarms_section(known: Mapping[str, Records]) -> Section:
     """The monitor."""
     rows = []
-    kinds = dict.fromkeys(b["damage"]["kind"] for b in _list_broken_walks(known))
+    kinds = dict.fromkeys(b["damage"]["kind"] for b in list_broken_walks(known))
     for kind in kinds:
-        here = [b for b in _list_broken_walks(known) if b["damage"]["kind"] == kind]
+        here = [b for b in list_broken_walks(known) if b["damage"]["kind"] == kind]
         costly = [b for b in here if b["cost"] > 0.2]
         caught = sum(b["delay"] is not None for b in here)
         rows.append((kind, len(here), caught, sum(b["early"] for b in here),
                      sum(b["delay"] is None and not b["early"] for b in costly),
-                     _format_quantiles(_list_delays(here), 0.5, 0.9)))  # fmt: skip
+                     format_quantiles(list_delays(here), 0.5, 0.9)))  # fmt: skip
     head = ("kind", "walks", "noticed", "alarm before it", "missed, cost > 20 %",
             "delay, median and 90 % [cycles]")  # fmt: skip
     text = (
@@ -297,17 +159,20 @@ def _make_heals_section(heals: Records) -> Section:
     head = ("seed", "damage", "found", "sure", "actions", "whole [m]", "old gait [m]",
             "healed [m]", "known [m]", "length error, mean / worst part [cm]",
             "CPU [s]")  # fmt: skip
-    healed, old, intact = _list_healed_ratios(heals)
+    healed, old, intact = list_healed_ratios(heals)
     wrong = Counter(r["damage"]["kind"] for r in heals.values() if not r["right"])
+    far = [format_quantiles(r, 0.1, 0.5, 0.9) for r in (healed, old, intact)]
+    kept = [format_quantiles(_list_walked_over_predicted(heals, name), 0.5)
+            for name in ("intact", "healed")]  # fmt: skip
     text = (
         "From `identify` on: hidden robots with their own physics, a self-model found "
         "by the default run of 16 actions, a gait, a damage, the alarm, actions, a new "
         "gait. Over the gait made knowing the true damaged body, 10th percentile, "
-        f"median, 90th: healed {_format_quantiles(healed, 0.1, 0.5, 0.9)}; the old gait on "
-        f"the damaged body {_format_quantiles(old, 0.1, 0.5, 0.9)}; the whole robot "
-        f"{_format_quantiles(intact, 0.1, 0.5, 0.9)}. Walked over predicted, median: whole "
-        f"{_format_quantiles(_list_walked_over_predicted(heals, 'intact'), 0.5)}, healed "
-        f"{_format_quantiles(_list_walked_over_predicted(heals, 'healed'), 0.5)}. Wrong kind or part: "
+        f"median, 90th: healed {far[0]}; the old gait on "
+        f"the damaged body {far[1]}; the whole robot "
+        f"{far[2]}. Walked over predicted, median: whole "
+        f"{kept[0]}, healed "
+        f"{kept[1]}. Wrong kind or part: "
         f"{dict(wrong) or 'none'}."
     )
     return Section("Heals", text, head, rows)
@@ -331,7 +196,6 @@ def _format_meters(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-_WATCHED = ("heals", "verdicts", "worlds")  # suites that go by an alarm
 _MORE = (
     "Alarm and actions on further damages of the same robots, without a new gait. A "
     "damage that raises no alarm is not asked for."

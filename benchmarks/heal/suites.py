@@ -1,22 +1,14 @@
-"""Figures of `gait`, `watch` and `heal` on fresh seeds, and on the readings of 2006.
-
-    python benchmarks/heal.py SUITE... [--count N]
-    python benchmarks/heal.py page
-
-Every suite appends its records to benchmarks/results/heal-SUITE.jsonl and leaves out
-what is there already; `page` makes docs/results/heal.md of them. Seeds are 5000 and up;
-development used seeds below 5000.
-"""
+"""Suites of `gait`, `watch` and `heal` on fresh seeds, and on readings of 2006."""
 
 import time
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from benchmarks.heal.page import write_page
-from benchmarks.writer import INTACT, KeyedRuns, run_suites
+from benchmarks.suites import KeyedRuns
+from benchmarks.writer import INTACT
 from selfheal.body.body import length_error
 from selfheal.engine.plant import damaged, rated
 from selfheal.engine.walk import channels_of, into_frame, sensed
@@ -34,6 +26,8 @@ from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw
 from selfheal.robot.actions import published
 from selfheal.robot.base import open_robot, walker
 from selfheal.robot.replay import replay
+from selfheal.selfmodel.loop import identify
+from selfheal.selfmodel.run import Settings
 
 FIRST = 5000
 ROBOTS = 2  # hidden robots of `heals`, each identified once
@@ -43,7 +37,7 @@ def list_real_runs(count: int) -> KeyedRuns:
     """Naming the damage of the robot of 2006, chosen actions against random ones."""
     for seed in range(FIRST, FIRST + count):
         for chosen in (True, False):
-            yield f"{seed} {chosen}", lambda s=seed, c=chosen: _name_real_damage(s, c)
+            yield f"{seed} {chosen}", partial(_name_real_damage, seed, chosen)
 
 
 def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
@@ -62,16 +56,18 @@ def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
 
 @cache
 def _read_tables() -> Tables:
-    robots = [replay("starfish-2006", read(INTACT.with_name(f"{name}.h5")), published())
-              for name in ("intact", "damaged")]  # fmt: skip
-    return tables(*robots, published())
+    robots: list[Any] = [
+        replay("starfish-2006", read(INTACT.with_name(f"{name}.h5")), published())
+        for name in ("intact", "damaged")
+    ]
+    return tables(robots[0], robots[1], published())
 
 
 def list_gait_runs(count: int) -> KeyedRuns:
     """Gaits of the true body's self-model, each walked on three hidden robots."""
     for seed in range(FIRST, FIRST + count):
         for name in ("waves", "poses") if seed < FIRST + count // 3 else ("waves",):
-            yield f"{seed} {name}", lambda s=seed, n=name: _walk_gait(s, n)
+            yield f"{seed} {name}", partial(_walk_gait, seed, name)
     yield "random", _walk_random_gaits
 
 
@@ -110,16 +106,13 @@ def _walk_random_gaits() -> dict[str, Any]:
     return found
 
 
-def _prepare_robot(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
-    """A hidden robot, its self-models, and phases `gait` and `whole` of a heal."""
-    from selfheal.selfmodel.loop import identify
-    from selfheal.selfmodel.run import Settings
-
+def _prepare_robot(robot: int) -> tuple[Any, Any, Any]:
+    """A hidden robot, its self-models and their weights."""
     seed = FIRST + robot
     hidden = walker(open_robot("starfish", seed=seed))
     *_, run = identify(hidden, Settings("starfish", seed=seed))
     models, weights = believed(run)
-    return hidden, models, weights, run
+    return hidden, models, weights
 
 
 _PREPARED: dict[int, Any] = {}
@@ -128,26 +121,26 @@ _PREPARED: dict[int, Any] = {}
 def list_heal_runs(count: int) -> KeyedRuns:
     """Whole heals of random body damages, each kind as often."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _heal_damage(k, BODY_KINDS, whole=True)
+        yield f"{FIRST + k}", partial(_heal_damage, k, BODY_KINDS, whole=True)
 
 
 def list_verdict_runs(count: int) -> KeyedRuns:
     """More random body damages, alarm and verdict, no new gait."""
     for k in range(100, 100 + count):
-        yield f"{FIRST + k}", lambda k=k: _heal_damage(k, BODY_KINDS, whole=False)
+        yield f"{FIRST + k}", partial(_heal_damage, k, BODY_KINDS, whole=False)
 
 
 def list_world_runs(count: int) -> KeyedRuns:
     """Slopes and slippery ground: alarm and verdict, no new gait."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _heal_damage(k, WORLD_KINDS, whole=False)
+        yield f"{FIRST + k}", partial(_heal_damage, k, WORLD_KINDS, whole=False)
 
 
 def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     robot, seed = k % ROBOTS, FIRST + k
     if robot not in _PREPARED:
         _PREPARED[robot] = [*_prepare_robot(robot), {}]
-    hidden, models, weights, _, phases = _PREPARED[robot]
+    hidden, models, weights, phases = _PREPARED[robot]
     rng = np.random.default_rng([seed, 7])
     damage = draw(hidden.anatomy, rng, (kinds[k % len(kinds)],))
     onset = float(rng.uniform(8, 20))
@@ -156,7 +149,7 @@ def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     run, robots = begun, robots_of(hidden, settings)
     for run in heal(robots, models, weights, settings, run=begun):
         if len(run.phases) == 2:
-            _PREPARED[robot][4] = dict(run.phases)
+            _PREPARED[robot][3] = dict(run.phases)
         if not whole and "verdict" in run.phases:
             break
     return _summarize_heal(run, damage, onset, hidden.truth, models, robots)
@@ -190,7 +183,7 @@ def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]
 def list_alarm_runs(count: int) -> KeyedRuns:
     """Walks of hidden robots, whole and breaking, watched."""
     for k in range(count):
-        yield f"{FIRST + k}", lambda k=k: _watch_walks(k)
+        yield f"{FIRST + k}", partial(_watch_walks, k)
 
 
 def _watch_walks(k: int) -> dict[str, Any]:
@@ -245,7 +238,3 @@ SUITES = {
     "verdicts": (list_verdict_runs, 30),
     "worlds": (list_world_runs, 20),
 }
-
-
-if __name__ == "__main__":
-    run_suites("heal", __doc__ or "", SUITES, write_page, counted="count")

@@ -1,16 +1,15 @@
 """Tables of identification runs: records in, sections of a page out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import fisher_exact
 
 from benchmarks.identify.outcome import NEAR, explain_inexact_run, explain_likeness
 from benchmarks.identify.suites import SuiteRow
 from benchmarks.writer import Section
 from selfheal.selfmodel.explore import TOLD_APART
-from selfheal.study.statistics import share
+from selfheal.study.statistics import fisher, share
 
 Records = Sequence[dict[str, Any]]
 _PAPER_RUNS = 30  # runs of each regime in the paper
@@ -18,7 +17,7 @@ _BINS, _ENOUGH, _POINTS = 10, 50, 0.1  # the issue's: bins, statements, toleranc
 
 
 def make_sections(
-    rows: list[SuiteRow], records: dict[str, Records], jobs: int
+    rows: list[SuiteRow], records: Mapping[str, Records], jobs: int
 ) -> list[Section]:
     """All sections of a suite's page."""
     ours = [r for row in rows if row.settings.method == "default"
@@ -40,7 +39,7 @@ def _count_exact(records: Records) -> int:
 
 
 def _make_success_section(
-    rows: list[SuiteRow], records: dict[str, Records], jobs: int
+    rows: list[SuiteRow], records: Mapping[str, Records], jobs: int
 ) -> Section:
     """How often the true tree was found."""
     lines = []
@@ -91,7 +90,9 @@ def _list_search_simulations(record: dict[str, Any]) -> list[int]:
     return [n for name, n in record["simulations"].items() if name not in outside]
 
 
-def _make_tests_section(rows: list[SuiteRow], records: dict[str, Records]) -> Section:
+def _make_tests_section(
+    rows: list[SuiteRow], records: Mapping[str, Records]
+) -> Section:
     """Fisher's exact tests of the comparisons that a suite is for."""
     counts = {
         name: (_count_exact(found), len(found)) for name, found in records.items()
@@ -110,7 +111,7 @@ def _make_tests_section(rows: list[SuiteRow], records: dict[str, Records]) -> Se
 
 def _compare_shares(name: str, own: tuple, other: str, its: tuple) -> list[str]:
     """A line of a test of two shares, each (successes, count)."""
-    p = fisher_exact([[k, n - k] for k, n in (own, its)]).pvalue
+    p = fisher(own, its)
     return [name, f"{own[0]}/{own[1]}", other, f"{its[0]}/{its[1]}", f"{p:.2g}"]
 
 

@@ -1,8 +1,8 @@
 """Success of `identify` over seeds, for each method and robot.
 
-    python benchmarks/identify.py SUITE [--seeds N] [--first-seed K] [--jobs 2]
+    python -m benchmarks.identify SUITE [--seeds N] [--first-seed K] [--jobs 2]
 
-Takes a suite of `_suites.py`, gives docs/results/identify-SUITE.md. Finished runs are
+Takes a suite of `suites.py`, gives docs/results/identify-SUITE.md. Finished runs are
 kept in benchmarks/results/identify-SUITE.jsonl, so that an interrupted suite goes on;
 runs of other program code than today's are not counted. "calibration" runs nothing:
 it pools what the suites' runs said of how sure they are.
@@ -19,9 +19,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.identify.outcome import compare_with_truth
 from benchmarks.identify.page import make_calibration_section, make_sections
 from benchmarks.identify.suites import REAL, SUITES, SuiteRow
+from benchmarks.suites import read_lines
 from benchmarks.writer import INTACT, ROOT, count_cores, make_parser, publish_results
+from selfheal.robot.base import open_robot
+from selfheal.selfmodel.loop import identify
 from selfheal.selfmodel.run import Settings
 
 _ROOMS = ("body", "engine", "robot", "selfmodel", "models")  # what results depend on
@@ -43,17 +47,13 @@ def plan_suite(suite: str, options) -> list[tuple[SuiteRow, Settings]]:
         for seed in range(options.first_seed, options.first_seed + options.count(row)):
             robot = row.settings.robot.format(seed=seed)
             engine = options.engine or row.settings.engine
-            changes = {"robot": robot, "engine": engine, "seed": seed}
+            changes: dict[str, Any] = {"robot": robot, "engine": engine, "seed": seed}
             runs.append((row, replace(row.settings, **changes)))
     return runs
 
 
 def play_run(settings: Settings, recordings: str) -> dict[str, Any]:
     """One whole run, in a worker process."""
-    from benchmarks.identify.outcome import compare_with_truth
-    from selfheal.robot.base import open_robot
-    from selfheal.selfmodel.loop import identify
-
     file = Path(recordings) if settings.robot == REAL else None
     robot = open_robot(settings.robot, seed=settings.seed, recordings=file)
     start = time.perf_counter()
@@ -84,9 +84,7 @@ def start_workers(jobs: int) -> ProcessPoolExecutor:
 
 def read_known_runs(file: Path, now: str) -> dict[str, dict[str, Any]]:
     """Records of today's code in a file, by their settings."""
-    if not file.is_file():
-        return {}
-    records = [json.loads(line) for line in file.read_text().splitlines()]
+    records = read_lines(file)
     return {make_key(r["settings"]): r for r in records if r["code"] == now}
 
 
@@ -173,7 +171,3 @@ def main() -> None:
         pool_calibration(options, folder)
     else:
         run_suite(options.suite, options, folder)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""The named suites of `identify.py`: what runs, how often, and what it is held against.
+"""The suites of identification: what runs, how often, and what it is held against.
 
 Fixed before the runs that are reported.
 """
@@ -6,8 +6,8 @@ Fixed before the runs that are reported.
 from dataclasses import dataclass
 from itertools import product
 
+from selfheal.selfmodel.paper import CEILING
 from selfheal.selfmodel.run import Settings
-from selfheal.selfmodel.strategy import CEILING
 
 REAL, HIDDEN = "starfish-2006", "starfish"
 

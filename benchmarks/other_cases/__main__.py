@@ -1,8 +1,8 @@
 """Cases of another style than the sealed benchmark's, for `selfheal diagnose`.
 
-    python benchmarks/others.py --out DIR --keys KEYS [--only NAME ...]
-    python benchmarks/sealed.py run --cases DIR --jobs 2
-    python benchmarks/sealed.py --root ROOT score --cases DIR --keys KEYS --name others
+    python -m benchmarks.other_cases --out DIR --keys KEYS [--only NAME ...]
+    python -m benchmarks.sealed run --cases DIR --jobs 2
+    python -m benchmarks.sealed --root ROOT score --cases DIR --keys KEYS --name others
 
 A crane, a geared arm, a rover, a drone, a ball and more: robots, sensors and motions
 that the catalogue and its constants were not made with. Every case is always the same;

@@ -12,10 +12,9 @@ from benchmarks.other_cases.jointed_robots import (
     HOPPER,
     ROVER,
     SCARA,
-    Robot,
-    measure_angle,
 )
 from benchmarks.other_cases.motions import command_sines
+from benchmarks.other_cases.robot import Robot, measure_angle
 from benchmarks.other_cases.simple_robots import (
     BALL,
     CARTPOLE,
@@ -110,7 +109,7 @@ OTHER_CASES = (
     OtherCase(
         "arm_bias",
         replace(
-            ARM, signals=ARM.signals | {"q_wrist": measure_angle("wrist", 3e-4, 0.06)}
+            ARM, signals={**ARM.signals, "q_wrist": measure_angle("wrist", 3e-4, 0.06)}
         ),
         6,
         5,

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from benchmarks.other_cases.cases import OtherCase
-from benchmarks.other_cases.jointed_robots import Robot, Sensor
 from benchmarks.other_cases.motions import Rng
+from benchmarks.other_cases.robot import Robot, Sensor
 from benchmarks.replay_error import compute_score, extract_values, simulate_open_loop
 from benchmarks.sealed.cases import Case
 from benchmarks.sealed.sensors import cut_segments

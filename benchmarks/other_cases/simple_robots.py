@@ -1,7 +1,7 @@
 """More robots of the other cases: those of few joints, one that flies, one thrown."""
 
 from benchmarks.other_cases import motions as move
-from benchmarks.other_cases.jointed_robots import (
+from benchmarks.other_cases.robot import (
     Robot,
     Sensor,
     measure_angle,
@@ -62,7 +62,7 @@ PENDULUM = Robot(
     rate=50,
 )
 COARSE_ENCODER = {"angle": measure_angle("hinge", 0.0, step=0.0015)}
-ENCODER_AND_TACHO = PENDULUM.signals | {"speed": measure_speed("hinge", 2e-2)}
+ENCODER_AND_TACHO = {**PENDULUM.signals, "speed": measure_speed("hinge", 2e-2)}
 
 PLANAR = Robot(
     "planar_arm",

@@ -97,7 +97,10 @@ def measure_agreement(count: int, seed: int) -> tuple[Section, Any]:
         "statics, 20 sub-steps": Statics(20),
         "mjx": make_engine("mjx"),
     }
-    data = {"unstable": int((own > SAME).sum()), "left_out": count - len(kept)}
+    data: dict[str, Any] = {
+        "unstable": int((own > SAME).sum()),
+        "left_out": count - len(kept),
+    }
     rows = []
     for name, engine in engines.items():
         near = _compute_tilt_gap(tilt(engine), reference) <= SAME

@@ -1,6 +1,6 @@
 """How long one diagnosis takes and how much memory: arms of one and of seven joints.
 
-    python benchmarks/diagnose_time.py [--joints 1 7]
+    python -m benchmarks.performance.diagnose_time [--joints 1 7]
 
 Sixty seconds of log, dry friction at one joint that the given model lacks; makes
 docs/results/diagnose-time.md. Run it on an otherwise idle machine.

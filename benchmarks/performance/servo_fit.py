@@ -105,8 +105,10 @@ def score_held_out(
         .mean()
         for e in (Statics(threads=1), MuJoCo())
     ]
-    rows, data = [["nothing", *(f"{x:.3f}" for x in nothing), ""]], {}
-    data["nothing"] = {"statics": float(nothing[0]), "mujoco": float(nothing[1])}
+    rows = [["nothing", *(f"{x:.3f}" for x in nothing), ""]]
+    data: dict[str, dict[str, Any]] = {
+        "nothing": {"statics": float(nothing[0]), "mujoco": float(nothing[1])}
+    }
     for free, what in ((8, "offsets"), (10, "offsets + widths")):
         for robust in ("soft_l1", "linear"):
             name = f"{what}, {robust} loss"

@@ -1,6 +1,6 @@
 """What studies cost and survive, apart from what their runs do.
 
-    python benchmarks/study.py
+    python -m benchmarks.performance.study_engine
 
 Kills workers and clients of a study of 60 short real runs, measures what the machinery
 adds to empty runs, and how fast records are kept; gives docs/results/study-engine.md.
@@ -20,20 +20,19 @@ from typing import Any
 import h5py
 import psutil
 
-from benchmarks.writer import INTACT, Section, make_parser, publish_results
+from benchmarks.writer import INTACT, ROOT, Section, make_parser, publish_results
 from selfheal.study.plan import Task
 from selfheal.study.store import create, journal_of, load, merge, writing
 
 _RUNS, _KILLS, _EMPTY, _KEPT = 60, 20, 2000, 100_000
-_HERE = Path(__file__).parent
 
 
 def _start_client(*words: Any) -> subprocess.Popen:
     """`selfheal study` in a process of its own."""
-    program = [sys.executable, str(_HERE / "_study_runs.py"), "study"]
+    program = [sys.executable, "-m", "benchmarks.performance.study_client", "study"]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(
-        [*program, *map(str, words)], stdout=quiet, stderr=quiet, cwd=_HERE
+        [*program, *map(str, words)], stdout=quiet, stderr=quiet, cwd=ROOT
     )
 
 

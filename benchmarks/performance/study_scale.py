@@ -1,6 +1,6 @@
 """What runs cost as they grow, and what thousands of workers leave of a study.
 
-    python benchmarks/study_scale.py
+    python -m benchmarks.performance.study_scale
 
 Measures short runs by parts, actions and sensors, and what the one process of a study's
 client and scheduler spends on a run; imagines studies of up to 10,000 workers with
@@ -16,9 +16,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import _study_runs
 import numpy as np
 
+from benchmarks.performance.study_empty import STUDY
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.body.body import Anatomy, Bodies
 from selfheal.body.genome import build, random_genomes
@@ -30,7 +30,7 @@ from selfheal.selfmodel.run import Settings
 from selfheal.selfmodel.schema import SENSOR_SETS
 from selfheal.selfmodel.symmetry import Twins
 from selfheal.study.execute import execute
-from selfheal.study.plan import Study, Task, study_of
+from selfheal.study.plan import Task, study_of
 from selfheal.study.store import create, writing
 from selfheal.study.workers import Place, connected
 
@@ -109,7 +109,7 @@ def measure_by_sensors() -> list[dict[str, Any]]:
 
 def _time_run(body: Bodies, *, seed: int, cycles: int) -> Row:
     """CPU of a short run [s], and its simulations."""
-    robot = SimulatedRobot("starfish", body, seed)
+    robot: Any = SimulatedRobot("starfish", body, seed)
     budget = _BUDGET * cycles // _CYCLES
     asked = Settings("starfish", engine="statics", cycles=cycles, budget=budget)
     start = time.process_time()
@@ -125,14 +125,13 @@ def _average_rows(rows: list[Row]) -> Row:
 
 def measure_service(folder: Path) -> float:
     """CPU that client, scheduler and writer, one process, spend on a run [s]."""
-    study = Study("", lambda asked: [], _study_runs._empty, lambda records: [])
     tasks = [Task(f"run {k}", {"seed": k}) for k in range(_EMPTY)]
     file = folder / "study.h5"
     create(file, "empty", {}, tasks)
     with connected(Place(workers=1), folder) as client, writing(file) as journal:
         client.wait_for_workers(1)
         start = time.process_time()
-        for records, _ in execute(client, study, tasks):
+        for records, _ in execute(client, STUDY, tasks):
             journal.add(records)
         return (time.process_time() - start) / _EMPTY
 

@@ -181,7 +181,8 @@ def run_in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> di
         "JAX_COMPILATION_CACHE_DIR": str(cache / "jax"),
         "NUMBA_CACHE_DIR": str(cache / "numba"),
     }
-    words = [sys.executable, __file__, "--child", engine, str(batch), str(count)]
+    module = "benchmarks.performance.throughput"
+    words = [sys.executable, "-m", module, "--child", engine, str(batch), str(count)]
     done = subprocess.run(
         words, env=environment, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
     )

@@ -1,4 +1,4 @@
-"""The outside reference of `recover.py`: plain MuJoCo and a network, step by step."""
+"""The outside reference of recovery: plain MuJoCo and a network, step by step."""
 
 import mujoco
 import numpy as np

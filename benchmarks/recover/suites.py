@@ -1,22 +1,15 @@
-"""Figures of `recover` on fresh seeds: both robots, all ten scenarios, three methods.
-
-    python benchmarks/recover.py SUITE... [--seeds N]
-    python benchmarks/recover.py page
-
-Every suite appends its records to benchmarks/results/recover-SUITE.jsonl and leaves out
-what is there already; `page` makes docs/results/recover.md of them. Seeds are 5000 and
-up; development used seeds below 5000.
-"""
+"""Suites of `recover` on fresh seeds: two robots, all scenarios, three methods."""
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.recover.page import write_page
 from benchmarks.recover.reference import walk_plain
-from benchmarks.writer import KeyedRuns, count_cores, run_suites
+from benchmarks.suites import KeyedRuns
+from benchmarks.writer import count_cores
 from selfheal.body.legged import LEGGED, legged
 from selfheal.engine.reflex import drive, whole
 from selfheal.gait.genetic import (
@@ -72,12 +65,8 @@ def _list_runs(
     for seed in range(FIRST, FIRST + seeds):
         for robot in robots:
             for number in numbers:
-                yield (
-                    f"{robot} {number} {seed}",
-                    lambda r=robot, n=number, s=seed: _recover_robot(
-                        method, r, n, s, more
-                    ),
-                )
+                key = f"{robot} {number} {seed}"
+                yield key, partial(_recover_robot, method, robot, number, seed, more)
 
 
 def _recover_robot(
@@ -103,7 +92,7 @@ def list_speed_runs(seeds: int) -> KeyedRuns:
     for seed in range(FIRST, FIRST + seeds):
         for robot in LEGGED[::-1]:
             key = f"{robot} {seed} {count_cores()}"
-            yield key, lambda r=robot, s=seed: _time_evaluations(r, s)
+            yield key, partial(_time_evaluations, robot, seed)
 
 
 def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
@@ -142,7 +131,3 @@ SUITES = {
     "beyond": (list_further_runs, 3),
     "gap": (list_gap_runs, 3),
 }
-
-
-if __name__ == "__main__":
-    run_suites("recover", __doc__ or "", SUITES, write_page, counted="seeds")

@@ -1,8 +1,8 @@
 """The sealed benchmark of `selfheal diagnose`: effects that only the scorer knows.
 
-    python benchmarks/sealed.py make --cases 60 --kind mixed --out DIR --keys KEYS
-    python benchmarks/sealed.py run --cases DIR --jobs 2
-    python benchmarks/sealed.py score --cases DIR --keys KEYS
+    python -m benchmarks.sealed make --cases 60 --kind mixed --out DIR --keys KEYS
+    python -m benchmarks.sealed run --cases DIR --jobs 2
+    python -m benchmarks.sealed score --cases DIR --keys KEYS
 
 `make` simulates robots that differ from the model as given; `run` diagnoses each case
 in a folder that holds its model and its recording alone, and goes on where it was
@@ -18,12 +18,8 @@ from pathlib import Path
 from benchmarks.diagnosis_runs import ProcessLimits, diagnose_cases
 from benchmarks.sealed.cases import KINDS, MIXED, make_case, name_case, save_case
 from benchmarks.sealed.hidden_robot import UnfitDraw
-from benchmarks.sealed.score import (
-    compute_figures,
-    count_confusions,
-    make_sections,
-    read_cases,
-)
+from benchmarks.sealed.page import make_sections
+from benchmarks.sealed.score import compute_figures, count_confusions, read_cases
 from benchmarks.writer import make_parser, publish_results
 from selfheal.body.mjcf import ignore_warnings
 

@@ -24,6 +24,7 @@ STOP = (0.002, 1.0)  # solref of stops and gaps: as hard as the fine step resolv
 
 
 def find_joint(truth: HiddenRobot, target: str) -> Any:
+    """The joint of a target, in the hidden robot's MjSpec."""
     return truth.spec.joint(at.get_name(target))
 
 
@@ -62,6 +63,7 @@ def add_joint(truth: HiddenRobot, target: str, suffix: str, **settings: Any) -> 
 
 
 def install_backlash(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A free joint with a narrow range between the motor's joint and the link."""
     half = values["gap"] / 2
     add_joint(
         truth,
@@ -75,12 +77,14 @@ def install_backlash(truth: HiddenRobot, target: str, values: Values) -> None:
 
 
 def install_compliance(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A sprung joint between the motor's joint and the link."""
     add_joint(truth, target, "flex", armature=PLAY)
     flex = truth.spec.joint(truth.plays[at.get_name(target)])
     flex.stiffness[0], flex.damping[0] = values["stiffness"], values["damping"]
 
 
 def install_spring(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A spring of the joint with its rest angle."""
     joint = find_joint(truth, target)
     joint.stiffness[0], joint.springref = values["stiffness"], values["springref"]
 
@@ -96,6 +100,7 @@ def install_coupling(truth: HiddenRobot, target: str, values: Values) -> None:
 
 
 def install_stop(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A hard limit of the joint on one side of its motion."""
     joint, angle = find_joint(truth, target), values["range"]
     above = angle > truth.robot.center.get(joint.name, 0.0)
     joint.range = [-10.0, angle] if above else [angle, 10.0]
@@ -115,12 +120,14 @@ def install_shaper(
 
 
 def install_saturation(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A symmetric limit of the actuator's force."""
     actuator = truth.spec.actuator(at.get_name(target))
     actuator.forcerange = [-values["limit"], values["limit"]]
     actuator.forcelimited = 1
 
 
 def install_speed_limit(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A force limit of the actuator that falls with speed."""
     truth.spec.actuator(at.get_name(target)).forcerange = [-1.0, 1.0]
     truth.spec.actuator(at.get_name(target)).forcelimited = 1
     joint = at.find_joint(truth.robot, target)
@@ -129,11 +136,13 @@ def install_speed_limit(truth: HiddenRobot, target: str, values: Values) -> None
 
 
 def install_gain(truth: HiddenRobot, target: str, values: Values) -> None:
+    """Another proportional gain of a position servo."""
     actuator = truth.spec.actuator(at.get_name(target))
     scale_gain(actuator, "kp", values["kp"] / float(actuator.gainprm[0]))
 
 
 def install_integral_action(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A torque that integrates the servo's error."""
     joint = at.find_joint(truth.robot, target)
     truth.forces.append(
         integrate_error(at.get_name(target), joint, values["ki"], values["imax"])
@@ -141,6 +150,7 @@ def install_integral_action(truth: HiddenRobot, target: str, values: Values) -> 
 
 
 def install_payload(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A small massive ball fixed to the body."""
     place = [values[f"position_{c}"] for c in "xyz"]
     child = truth.spec.body(at.get_name(target)).add_body(name="payload", pos=place)
     child.explicitinertial, child.mass = True, values["mass"]
@@ -148,25 +158,30 @@ def install_payload(truth: HiddenRobot, target: str, values: Values) -> None:
 
 
 def install_com_shift(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A shift of the body's center of mass."""
     body = truth.spec.body(at.get_name(target))
     body.ipos = body.ipos + [values[c] for c in "xyz"]
 
 
 def install_slope(truth: HiddenRobot, target: str, values: Values) -> None:
+    """Gravity as a tilted floor has it."""
     tilt, way = values["tilt"], values["azimuth"]
     down = np.array([math.sin(tilt) * math.cos(way), math.sin(tilt) * math.sin(way)])
     truth.spec.option.gravity = GRAVITY * np.r_[down, -math.cos(tilt)]
 
 
 def install_medium(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A medium of another density, which drags."""
     truth.spec.option.density = values["density"]
 
 
 def install_wind(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A medium that moves."""
     truth.spec.option.wind = [values[c] for c in ("vx", "vy", "vz")]
 
 
 def install_ground_friction(truth: HiddenRobot, target: str, values: Values) -> None:
+    """Another sliding friction of all geoms that can touch."""
     geoms = at.find_contact_geoms(truth.spec)
     highest = max(g.friction[0] for g in geoms)
     for geom in geoms:
@@ -174,21 +189,25 @@ def install_ground_friction(truth: HiddenRobot, target: str, values: Values) -> 
 
 
 def install_ground_compliance(truth: HiddenRobot, target: str, values: Values) -> None:
+    """Softer contacts of all geoms that can touch."""
     for geom in at.find_contact_geoms(truth.spec):
         geom.solref = [values["timeconst"], values["dampratio"]]
 
 
 def install_link_length(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A link of another length, stretched with its mass and inertia."""
     link = truth.spec.body(at.get_name(target))
     stretch_body(link, np.array([1.0, 1.0, values["length"] / at.measure_limb(link)]))
 
 
 def install_mount_shift(truth: HiddenRobot, target: str, values: Values) -> None:
+    """Another place of the body on its parent."""
     body = truth.spec.body(at.get_name(target))
     body.pos = body.pos + [values[c] for c in "xyz"]
 
 
 def install_limb_loss(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A body without mass and without contacts."""
     body = truth.spec.body(at.get_name(target))
     body.mass = 1e-4
     body.inertia = np.full(3, 1e-7)
@@ -198,6 +217,7 @@ def install_limb_loss(truth: HiddenRobot, target: str, values: Values) -> None:
 
 
 def install_joint_jam(truth: HiddenRobot, target: str, values: Values) -> None:
+    """A constraint that holds the joint at an angle."""
     joint, angle = at.get_name(target), values["angle"]
     lock = truth.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint)
     lock.data[:5] = [angle, 0, 0, 0, 0]
@@ -208,6 +228,13 @@ def install_joint_jam(truth: HiddenRobot, target: str, values: Values) -> None:
 def install_sensor_error(
     key: str, field: str
 ) -> Callable[[HiddenRobot, str, Values], None]:
+    """A measurement error of a signal.
+
+    Args:
+        key: name of the parameter that holds the value.
+        field: field of `SensorModel` that it sets; a delay in whole fine steps.
+    """
+
     def install(truth: HiddenRobot, target: str, values: Values) -> None:
         now = truth.readings.get(at.get_name(target), SensorModel())
         value = values[key]

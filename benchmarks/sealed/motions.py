@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.sealed.hidden_robot import MotionPlan
 from benchmarks.sealed.mjcf import Robot
+from benchmarks.sealed.simulator import MotionPlan
 
 Rng = np.random.Generator
 TRAIN = ("multisine", "slow", "steps", "chirp", "fast", "holds", "multisine", "slow")
@@ -121,7 +121,7 @@ def draw_sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
     # of a driven robot, whole steps of the given model: commands then fall between
     # two steps in the jittered cases only
     legged = robot.contact and robot.drive == "servo"
-    rates = (100, 125) if legged else (100, 200, 250, 500)
+    rates: tuple[int, ...] = (100, 125) if legged else (100, 200, 250, 500)
     if robot.drive == "none":
         rates = (150, 200, 250, 400, 500)
     rate = float(rng.choice(rates))

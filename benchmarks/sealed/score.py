@@ -1,17 +1,15 @@
 """All cases scored: takes judged cases, gives the figures, the tables and the page."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from benchmarks.diagnosis_runs import score_diagnosis
 from benchmarks.sealed.judge import read_case
-from benchmarks.writer import Section
-from selfheal.study.statistics import share
+from selfheal.study.statistics import wilson
 
 Judged = dict[str, Any]
 
@@ -22,11 +20,12 @@ def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
     count, hits = len(flags), sum(map(bool, flags))
     if not count:
         return {"hits": 0, "n": 0, "rate": None, "low": None, "high": None}
-    low, high = binomtest(hits, count).proportion_ci(method="wilson")
+    low, high = wilson(hits, count)
     return {"hits": hits, "n": count, "rate": hits / count, "low": low, "high": high}
 
 
-def _select_kind(cases: Sequence[Judged], kind: str) -> list[Judged]:
+def select_kind(cases: Sequence[Judged], kind: str) -> list[Judged]:
+    """The judged cases of one kind."""
     return [c for c in cases if c["kind"] == kind]
 
 
@@ -36,8 +35,8 @@ def compute_figures(cases: Sequence[Judged]) -> dict[str, Any]:
     Args:
         cases: judged by `read_case`.
     """
-    single, null = _select_kind(cases, "single"), _select_kind(cases, "null")
-    odd, double = _select_kind(cases, "unlisted"), _select_kind(cases, "double")
+    single, null = select_kind(cases, "single"), select_kind(cases, "null")
+    odd, double = select_kind(cases, "unlisted"), select_kind(cases, "double")
     covered = [p for c in single + double for p in c["covered"]]
     removed = [c["removed"] for c in single + double if _is_explained(c)]
     return {
@@ -110,9 +109,9 @@ def summarize_spread(values: Iterable[float | None]) -> dict[str, float | None]:
 def count_confusions(cases: Sequence[Judged]) -> dict[str, Counter[str]]:
     """First finding (or the verdict, where there is none) by true effect."""
     rows: dict[str, Counter[str]] = defaultdict(Counter)
-    for case in _select_kind(cases, "single"):
+    for case in select_kind(cases, "single"):
         rows[case["truth"][0].split()[0]][case["first"]] += 1
-    for case in _select_kind(cases, "null") + _select_kind(cases, "unlisted"):
+    for case in select_kind(cases, "null") + select_kind(cases, "unlisted"):
         truth = case["truth"][0].split()[0] if case["truth"] else "(nothing missing)"
         found = [f.split()[0] for f in case["found"]]
         rows[truth][found[0] if found else case["verdict"]] += 1
@@ -133,135 +132,3 @@ def read_cases(folder: Path, keys: Path, replay: tuple[str, ...] = ()) -> list[J
         name = case["case"]
         case["patched"] = score_diagnosis(folder / name, keys / name, replay)
     return found
-
-
-# ---------------------------------------------------------------- the page
-
-TARGETS = {
-    "exact name first": ">= 80 %",
-    "name or class first": ">= 92 %",
-    "joint or body right": ">= 95 %",
-    "false names on nulls": "<= 2 of 200",
-    "unlisted without a wrong name": ">= 85 %",
-    "set F1": ">= 0.75",
-    "explainable removed, median over explained": ">= 0.90",
-    "intervals that hold the truth": "80 to 97 %",
-}
-
-
-def _format_figure(value: Any) -> str:
-    """A figure as the page shows it."""
-    if value is None:
-        return "-"
-    if isinstance(value, dict) and "hits" in value:
-        return share(value["hits"], value["n"])
-    if isinstance(value, dict):
-        return ", ".join(f"{k} {_format_figure(v)}" for k, v in value.items())
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def make_sections(cases: Sequence[Judged]) -> list[Section]:
-    """The page of a scored benchmark."""
-    found = compute_figures(cases)
-    counts = Counter(c["kind"] for c in cases)
-    told = ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items()))
-    rows = [(k, _format_figure(v), TARGETS.get(k, "")) for k, v in found.items()]
-    return [
-        Section(
-            "Figures",
-            f"{len(cases)} cases: {told}. Shares with their 95 % Wilson interval. The "
-            "key of each case was opened after all diagnoses were written.",
-            ("figure", "value", "target"),
-            rows,
-        ),
-        _make_group_section("By robot", cases, lambda c: c["robot"]),
-        _make_group_section(
-            "By effect",
-            _select_kind(cases, "single"),
-            lambda c: c["truth"][0].split()[0],
-        ),
-        _make_confusion_section(cases),
-        _make_parameters_section(cases),
-        _make_wrong_section(cases),
-    ]
-
-
-def _make_group_section(
-    title: str, cases: Sequence[Judged], label: Callable
-) -> Section:
-    header = ("", "exact", "class", "place", "false on null", "unlisted kept", "s")
-    groups: dict[str, list[Judged]] = defaultdict(list)
-    for case in cases:
-        groups[label(case)].append(case)
-    return Section(
-        title, "", header, [_summarize_group(k, v) for k, v in sorted(groups.items())]
-    )
-
-
-def _summarize_group(name: str, cases: Sequence[Judged]) -> list[str]:
-    single, null, odd = (_select_kind(cases, k) for k in ("single", "null", "unlisted"))
-
-    def count(some: Sequence[Judged], key: str) -> str:
-        return f"{sum(bool(c[key]) for c in some)}/{len(some)}" if some else "-"
-
-    seconds = compute_median([c["run"].get("seconds") for c in cases])
-    return [
-        name,
-        *(count(single, key) for key in ("exact", "class", "place")),
-        count(null, "false_name"),
-        count(odd, "no_wrong_name"),
-        _format_figure(seconds),
-    ]
-
-
-def _make_confusion_section(cases: Sequence[Judged]) -> Section:
-    rows = [
-        (truth, sum(row.values()), ", ".join(f"{k} {n}" for k, n in row.most_common()))
-        for truth, row in sorted(count_confusions(cases).items())
-    ]
-    text = "What was named first, or the verdict where nothing was named."
-    return Section("Confusions", text, ("truth", "n", "first"), rows)
-
-
-def _make_parameters_section(cases: Sequence[Judged]) -> Section:
-    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for case in cases:
-        for parameter in case.get("covered", ()):
-            groups[parameter["parameter"]].append(parameter)
-    rows = [
-        (
-            name,
-            share(sum(p["inside"] for p in some), len(some)),
-            _format_figure(_compute_median_error(some)),
-        )
-        for name, some in sorted(groups.items())
-    ]
-    text = "Of effects named exactly, at the right place. Error: |stated/true - 1|."
-    return Section("Parameters", text, ("parameter", "covered", "median error"), rows)
-
-
-def _compute_median_error(parameters: Sequence[dict[str, Any]]) -> float | None:
-    return compute_median([p["error"] for p in parameters])
-
-
-def _make_wrong_section(cases: Sequence[Judged]) -> Section:
-    header = ("case", "robot", "truth", "verdict", "found")
-    rows = [
-        (
-            c["case"],
-            c["robot"],
-            "; ".join(c["truth"]) or "(nothing missing)",
-            c["verdict"],
-            "; ".join(c["found"]) or "-",
-        )
-        for c in cases
-        if not _went_well(c)
-    ]
-    return Section("Cases that went wrong", "", header, rows)
-
-
-def _went_well(case: Judged) -> bool:
-    if case["kind"] == "double":
-        return case["hits"]["class"] == case["truths"] == case["findings"]
-    flag = {"single": "class", "null": "false_name", "unlisted": "no_wrong_name"}
-    return bool(case[flag[case["kind"]]]) != (case["kind"] == "null")

@@ -6,8 +6,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.sealed.hidden_robot import MotionPlan, Rollout, SensorModel
+from benchmarks.sealed.hidden_robot import SensorModel
 from benchmarks.sealed.mjcf import Robot
+from benchmarks.sealed.simulator import MotionPlan, Rollout
 from selfheal.recording import Episode, Recording, Signal
 
 Rng = np.random.Generator

@@ -15,12 +15,12 @@ from scipy.optimize import lsq_linear
 from benchmarks.sealed.hidden_robot import (
     HiddenRobot,
     Nuisance,
-    Rollout,
     list_nuisances,
     scale_value,
 )
 from benchmarks.sealed.mjcf import Robot
 from benchmarks.sealed.sensors import Instruments
+from benchmarks.sealed.simulator import Rollout
 
 PIECES = 10  # chosen: about ten seconds of simulation
 SEEN = 60  # samples of a piece that are compared

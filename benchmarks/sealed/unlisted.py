@@ -7,8 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.sealed.effects import Effect, Rng, Sized, Values
+from benchmarks.sealed.effects import Effect
 from benchmarks.sealed.hidden_robot import Force, HiddenRobot
+from benchmarks.sealed.magnitudes import Rng, Sized, Values
 from benchmarks.sealed.mjcf import Robot
 
 Push = Force

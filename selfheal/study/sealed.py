@@ -1,7 +1,7 @@
 """Study `sealed`: diagnoses of a folder of cases, whose truth it is not told.
 
 A case is a folder with model.xml and recording.h5; its diagnosis is written beside
-them. Who has the keys scores them: benchmarks/sealed.py makes such cases and does.
+them. Who has the keys scores them: `python -m benchmarks.sealed` makes and scores such.
 """
 
 from collections import Counter
@@ -17,20 +17,31 @@ from .plan import Asked, Outcome, Record, Study, Table, Task
 from .statistics import share, spread
 
 _SHOWN = ("given", "refit", "patched", "explainable_removed")
-_GIVEN = ("model.xml", "recording.h5")
+GIVEN = ("model.xml", "recording.h5")  # files of a case
+FOUND = "diagnosis"  # folder of its diagnosis, beside them
+
+
+def find_cases(folder: Path) -> list[Path]:
+    """The cases of a folder, by name: its folders with a model and a recording.
+
+    Raises:
+        InputError: there is no case, or one lacks its recording.
+    """
+    found = sorted(file.parent for file in folder.glob(f"*/{GIVEN[0]}"))
+    lacking = [case for case in found if not (case / GIVEN[1]).is_file()]
+    if lacking or not found:
+        what = f"{lacking[0]} has no {GIVEN[1]}" if lacking else "no case there"
+        raise InputError(f"--cases {folder}: {what}")
+    return found
 
 
 def _tasks(asked: Asked) -> list[Task]:
     if asked.cases is None:
         raise InputError(
             "study 'sealed' needs --cases FOLDER, of folders with "
-            f"{' and '.join(_GIVEN)}"
+            f"{' and '.join(GIVEN)}"
         )
-    found = sorted(file.parent for file in asked.cases.glob(f"*/{_GIVEN[0]}"))
-    lacking = [case for case in found if not (case / _GIVEN[1]).is_file()]
-    if lacking or not found:
-        what = f"{lacking[0]} has no {_GIVEN[1]}" if lacking else "no case there"
-        raise InputError(f"--cases {asked.cases}: {what}")
+    found = find_cases(asked.cases)
     return [
         Task(f"{case.name} {seed}", {"case": str(case), "seed": seed})
         for seed in asked.seeds for case in found
@@ -39,8 +50,8 @@ def _tasks(asked: Asked) -> list[Task]:
 
 def _play(settings: Mapping[str, Any]) -> Outcome:
     case = Path(settings["case"])
-    found = diagnose(*(case / name for name in _GIVEN), seed=settings["seed"])
-    found.save(case / "diagnosis", force=True)
+    found = diagnose(*(case / name for name in GIVEN), seed=settings["seed"])
+    found.save(case / FOUND, force=True)
     told = found.document
     return {
         "verdict": told["verdict"],
@@ -61,8 +72,8 @@ def _tables(records: Sequence[Record]) -> list[Table]:
     head = ("verdict", "cases (95 %)", "given", "refit", "patched", "removed")
     text = (
         "Held-out errors (normalized) and explainable error removed, medians. Whether "
-        "what was named is true is not known here: `benchmarks/sealed.py score` tells "
-        f"it who has the keys. Seconds a case: "
+        "what was named is true is not known here: `python -m benchmarks.sealed score` "
+        f"tells it who has the keys. Seconds a case: "
         f"{spread([record['seconds'] for record in records], 0)}."
     )
     effects = Counter(effect for o in outcomes for effect, _ in o["named"])

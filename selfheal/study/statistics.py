@@ -9,13 +9,19 @@ from ..body.body import Floats
 _DRAWS = 400  # of runs, for an interval; chosen
 
 
-def share(successes: int, count: int) -> str:
-    """A share with its 95 % Wilson interval, as "27/30 = 90.0 % (74 to 97)"."""
+def wilson(successes: int, count: int) -> tuple[float, float]:
+    """The 95 % Wilson interval of a share of at least one trial, both within 0 to 1."""
     from scipy.stats import binomtest
 
+    low, high = binomtest(successes, count).proportion_ci(method="wilson")
+    return float(low), float(high)
+
+
+def share(successes: int, count: int) -> str:
+    """A share with its 95 % Wilson interval, as "27/30 = 90.0 % (74 to 97)"."""
     if not count:
         return "0/0"
-    low, high = binomtest(successes, count).proportion_ci(method="wilson")
+    low, high = wilson(successes, count)
     return (
         f"{successes}/{count} = {100 * successes / count:.1f} % "
         f"({100 * low:.0f} to {100 * high:.0f})"

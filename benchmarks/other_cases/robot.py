@@ -1,0 +1,83 @@
+"""Robots of the other cases as values: a model, its sensors, and how it is moved."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from benchmarks.other_cases.motions import Motion, Rng
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What one sensor says.
+
+    Attributes:
+        kind: of contract section 1.
+        target: what it is a reading of.
+        unit: of it.
+        noise: its standard deviation.
+        bias: added to what is true, to each column its own where there are several.
+        step: of an encoder, 0: none.
+    """
+
+    kind: str
+    target: str
+    unit: str
+    noise: float
+    bias: float | tuple[float, ...] = 0.0
+    step: float = 0.0
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A given model, its sensors and its motion.
+
+    Attributes:
+        name: of it.
+        xml: the model as the user has it.
+        signals: by name.
+        motion: what commands it.
+        seconds: of an episode.
+        episodes: of a recording.
+        rate: [Hz] of the samples.
+        start: sets the first state of an episode; None: the model's own.
+        fine: [s] step of the hidden robot, 0: a fifth of the given one.
+        piece: [s] of the pieces of a test, where open loop does not hold longer; 0:
+            whole episodes.
+    """
+
+    name: str
+    xml: str
+    signals: Mapping[str, Sensor]
+    motion: Motion
+    seconds: float
+    episodes: int
+    rate: float
+    start: Callable[[Any, Rng], None] | None = None
+    fine: float = 0.0
+    piece: float = 0.0
+
+
+def measure_angle(
+    joint: str, noise: float, bias: float = 0.0, step: float = 0.0
+) -> Sensor:
+    """A hinge's position."""
+    return Sensor("joint_position", joint, "rad", noise, bias, step)
+
+
+def measure_speed(joint: str, noise: float) -> Sensor:
+    """A hinge's velocity."""
+    return Sensor("joint_velocity", joint, "rad/s", noise)
+
+
+def measure_slide(joint: str, noise: float) -> Sensor:
+    """A slide's position."""
+    return Sensor("joint_position", joint, "m", noise)
+
+
+def measure_pose(body: str, place: float, turn: float) -> dict[str, Sensor]:
+    """Where a camera sees a body."""
+    return {
+        "pos": Sensor("body_position", body, "m", place),
+        "ori": Sensor("body_orientation", body, "quaternion", turn),
+    }

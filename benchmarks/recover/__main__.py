@@ -1,0 +1,16 @@
+"""Figures of `recover` on fresh seeds: both robots, all ten scenarios, three methods.
+
+    python -m benchmarks.recover SUITE... [--seeds N]
+    python -m benchmarks.recover page
+
+Every suite appends its records to benchmarks/results/recover-SUITE.jsonl and leaves out
+what is there already; `page` makes docs/results/recover.md of them. Seeds are 5000 and
+up; development used seeds below 5000.
+"""
+
+from benchmarks.recover.page import write_page
+from benchmarks.recover.suites import SUITES
+from benchmarks.suites import run_suites
+
+if __name__ == "__main__":
+    run_suites("recover", __doc__ or "", SUITES, write_page, option="seeds")
