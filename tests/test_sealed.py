@@ -1,6 +1,8 @@
 """The sealed benchmark: same seed same case, nominal effects absent, a fair scorer."""
 
+import ast
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +28,7 @@ from benchmarks.sealed.simulator import simulate_plans
 from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.recording import check_against_model, read, read_names, validate, write
 
+ROOT = Path(__file__).parents[1]
 FAST = {"robots": ("pendulum",)}
 # the values at which each of these is exactly absent
 NOMINAL = {
@@ -80,11 +83,8 @@ def test_same_seed_same_case(case):
 @pytest.mark.parametrize("name", NOMINAL)
 def test_nominal_effect_changes_nothing(name):
     effect = BY_NAME[name]
-    robot = (
-        "arm2_servo"
-        if effect.targets(make_blank_robot("arm2_servo"))
-        else "double_pendulum"
-    )
+    fits = effect.targets(make_blank_robot("arm2_servo"))
+    robot = "arm2_servo" if fits else "double_pendulum"
     made = draw_experiment(robot, np.random.default_rng(3))
     plans = [
         replace(p, rows=p.rows[:40], reference=p.reference[:40]) for p in made.train[:2]
@@ -107,11 +107,8 @@ def test_nominal_effect_changes_nothing(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_robot_gives_a_valid_recording(name, tmp_path):
     rng = np.random.default_rng(5)
-    made, file, model = (
-        draw_experiment(name, rng),
-        tmp_path / "r.h5",
-        tmp_path / "model.xml",
-    )
+    made = draw_experiment(name, rng)
+    file, model = tmp_path / "r.h5", tmp_path / "model.xml"
     truth = made.make_hidden_robot()
     model.write_text(made.robot.xml)
     plans = [
@@ -158,6 +155,36 @@ def test_catalogue_is_the_contracts():
     assert len(BY_NAME) == len(EFFECTS)
     assert all(f"`{e.name}`" in text for e in EFFECTS)
     assert not any(f"`{e.name}`" in text for e in UNLISTED)
+
+
+def test_the_hidden_truth_knows_nothing_of_the_product_s_effects():
+    """An error in the product's physics cannot hide in the truth."""
+    folders = [ROOT / "benchmarks" / name for name in ("sealed", "other_cases")]
+    files = [path for folder in folders for path in folder.rglob("*.py")]
+    assert files
+    for path in files:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            else:
+                continue
+            assert not any(n.startswith("selfheal.diagnosis") for n in names), path
+    modules = [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for path in files
+        if path.stem != "__main__"
+    ]
+    code = f"import sys, {', '.join(modules)}; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
+    assert "selfheal.diagnosis.effects" not in loaded.stdout.split()
 
 
 def test_every_effect_fits_a_robot():
@@ -239,12 +266,10 @@ def test_places_join_joint_actuator_signal_and_body(folders, case):
     places = read_places(folders[0] / case.name)
     truth = {"effect": "coulomb_friction", "target": "joint:j1"}
     for target in ("actuator:m1", "sensor:j1_position", "body:link1"):
-        assert places.find_place({"effect": "x", "target": target}) & places.find_place(
-            truth
-        )
-    assert not places.find_place(
-        {"effect": "slope", "target": "world"}
-    ) & places.find_place(truth)
+        place = places.find_place({"effect": "x", "target": target})
+        assert place & places.find_place(truth)
+    world = places.find_place({"effect": "slope", "target": "world"})
+    assert not world & places.find_place(truth)
 
 
 def test_run_sees_model_and_recording_alone_and_goes_on(folders, case, tmp_path):
