@@ -1,4 +1,4 @@
-"""Real devices: each diagnosed from its training file and proven on its test.
+"""Real devices: each diagnosed from its training file and scored on its test.
 
     python -m benchmarks.devices --recordings ../shared/recordings --out DIR [NAME ...]
 
@@ -35,9 +35,9 @@ class Device:
 
     Attributes:
         model: its file, as are `train` and `test`; where both are the same, even
-            episodes are diagnosed and odd ones prove, by `vertical` alone.
+            episodes are diagnosed and odd ones score, by `vertical` alone.
         train: recording that is diagnosed.
-        test: recording that proves.
+        test: recording that scores.
         asked: score [1] to reach.
         other: model that the findings are replayed on; empty: the diagnosed one.
         raised: whether the model's hips are set too high.
@@ -89,7 +89,13 @@ DEVICES = {
 
 
 def prepare_case(device: Device, recordings: Path, case: Path) -> None:
-    """A case's folder: model.xml and recording.h5."""
+    """Write what is diagnosed of a device into a folder: model.xml and recording.h5.
+
+    Args:
+        device: the device.
+        recordings: folder of the recordings of all devices.
+        case: folder that is written; it is made.
+    """
     case.mkdir(parents=True, exist_ok=True)
     shutil.copy(recordings / device.model, case / "model.xml")
     if device.raised:
@@ -106,7 +112,7 @@ def prepare_case(device: Device, recordings: Path, case: Path) -> None:
 
 
 def _select_every_second(recording: Recording, first: int) -> Recording:
-    """Every second episode from the first-th on."""
+    """The recording with every second episode only, from the episode `first` on."""
     chosen = list(recording.episodes.items())[first::2]
     return replace(recording, episodes=dict(chosen))
 
@@ -114,7 +120,17 @@ def _select_every_second(recording: Recording, first: int) -> Recording:
 def score_on_test(
     device: Device, recordings: Path, case: Path, program: str
 ) -> float | None:
-    """Score of a diagnosis on the device's test, by `selfheal replay`."""
+    """Score of a diagnosis on the device's test, by `selfheal replay`.
+
+    Args:
+        device: the device.
+        recordings: folder of the recordings of all devices.
+        case: folder that has the diagnosis.
+        program: word that starts selfheal.
+
+    Returns:
+        The normalized error, or None where the replay failed.
+    """
     test = read(recordings / device.test)
     if device.split:
         episodes = {
@@ -128,7 +144,13 @@ def score_on_test(
 
 
 def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, Any]:
-    """What came of one device."""
+    """A row of the results: what was found of a device, its score, time and memory.
+
+    Args:
+        name: key of `DEVICES`.
+        case: folder that has the diagnosis and run.json.
+        reached: score on the test, None where the replay failed.
+    """
     said = json.loads((case / DOCUMENT).read_text())
     ran = json.loads((case / "run.json").read_text())
     named = []
@@ -153,7 +175,7 @@ def _format_score(reached: float | None) -> str:
 
 
 def main() -> int:
-    """Prepare what is asked for; diagnose and prove all that is there."""
+    """Prepare the named devices; diagnose and test all that the folder holds."""
     line = make_parser(__doc__ or "")
     line.add_argument("names", nargs="*", metavar="NAME", help=", ".join(DEVICES))
     line.add_argument("--recordings", type=Path, required=True)

@@ -50,7 +50,7 @@ def find_undiagnosed(folder: Path) -> list[Path]:
 
 
 def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
-    """Diagnose one case; what happened is written to its run.json."""
+    """Diagnose one case in a process of its own and write run.json, its record."""
     with tempfile.TemporaryDirectory(prefix="sealed-") as room:
         for name in GIVEN:
             shutil.copy(case / name, room)
@@ -153,11 +153,20 @@ def score_replay(
 
 
 def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:
-    """Diagnose every case that has no diagnosis yet; gives how many failed."""
+    """Diagnose every case of a folder that has no diagnosis yet.
+
+    Args:
+        folder: holds the cases.
+        jobs: processes at a time, each on a core of its own where there are several.
+        limits: of each process; its cores are chosen here.
+
+    Returns:
+        How many diagnoses failed.
+    """
     todo, free = find_undiagnosed(folder), SimpleQueue[frozenset[int]]()
-    mine = sorted(os.sched_getaffinity(0))
+    allowed = sorted(os.sched_getaffinity(0))
     for job in range(jobs):
-        free.put(frozenset() if jobs == 1 else frozenset({mine[job % len(mine)]}))
+        free.put(frozenset() if jobs == 1 else frozenset({allowed[job % len(allowed)]}))
 
     def one(case: Path) -> dict[str, Any]:
         cores = free.get()

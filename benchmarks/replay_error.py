@@ -66,7 +66,12 @@ def _extract_signals(
 def compute_score(
     predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
 ) -> float:
-    """Normalised RMSE over the position-like signals (contract section 2)."""
+    """Normalized RMSE over the position-like signals (contract section 2).
+
+    Args:
+        predicted: values by episode and signal.
+        seen: the recording that they are compared with.
+    """
     names = {
         name: signal.kind
         for episode in seen.episodes.values()
@@ -98,7 +103,7 @@ def _align_columns(predicted: np.ndarray, seen: np.ndarray, kind: str):
 
 
 def extract_values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
-    """The plain arrays of a recording."""
+    """The values of a recording's signals, by episode and signal."""
     return {
         name: {key: signal.values for key, signal in episode.signals.items()}
         for name, episode in recording.episodes.items()
@@ -106,7 +111,7 @@ def extract_values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
 
 
 def drop_samples(recording: Recording) -> Recording:
-    """The inputs alone: the same recording with every sample missing."""
+    """The recording with every sample missing: the inputs of a test alone."""
     episodes = {
         key: replace(
             e,

@@ -44,14 +44,14 @@ def make_parser(text: str) -> argparse.ArgumentParser:
     Args:
         text: what `--help` says.
     """
-    made = argparse.ArgumentParser(description=text)
-    made.add_argument(
+    line = argparse.ArgumentParser(prog=_name_command(), description=text)
+    line.add_argument(
         "--root",
         type=Path,
         default=ROOT,
         help="results go to ROOT/benchmarks/results and ROOT/docs/results",
     )
-    return made
+    return line
 
 
 def count_cores() -> int:
@@ -73,13 +73,18 @@ def describe_machine() -> str:
 
 def describe_command() -> str:
     """The command line of this process, without --root, as a reader would repeat it."""
-    spec = sys.modules["__main__"].__spec__  # None where no module was run by -m
-    name = spec.name if spec else Path(sys.argv[0]).name
-    words = [name.removesuffix(".__main__"), *sys.argv[1:]]
+    words = sys.argv[1:]
     if "--root" in words:
         place = words.index("--root")
         del words[place : place + 2]
-    return f"python -m {shlex.join(words)}"
+    return f"{_name_command()} {shlex.join(words)}".strip()
+
+
+def _name_command() -> str:
+    """How this process was started, without its arguments."""
+    spec = sys.modules["__main__"].__spec__  # None where no module was run by -m
+    name = spec.name if spec else Path(sys.argv[0]).name
+    return f"python -m {name.removesuffix('.__main__')}"
 
 
 def format_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -94,7 +99,13 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def format_page(title: str, sections: Sequence[Section], hardware: str) -> str:
-    """The Markdown page of one benchmark: title, command, date, machine, sections."""
+    """The Markdown page of one benchmark: title, command, date, machine, sections.
+
+    Args:
+        title: of the page.
+        sections: in order.
+        hardware: what is said of the machine.
+    """
     today = date.today().isoformat()
     parts = [f"# {title}", f"    {describe_command()}", f"{today}, on {hardware}."]
     for s in sections:

@@ -13,14 +13,20 @@ WATCHED = ("heals", "verdicts", "worlds")  # suites that go by an alarm
 
 
 def format_quantiles(values: Sequence[float], *at: float) -> str:
-    """Quantiles of values in words."""
+    """Quantiles of values as text, "none" where there are no values."""
     if not len(values):
         return "none"
     return ", ".join(f"{q:.2f}" for q in np.quantile(values, at))
 
 
 def is_named(record: Mapping[str, Any], names: Sequence[str], most: int) -> bool:
-    """Whether the summed probability of names has passed 0.9 within some actions."""
+    """Whether parts were named: their summed probability has passed 0.9 in time.
+
+    Args:
+        record: of a run of suite `real`.
+        names: parts whose probabilities are summed.
+        most: actions within which it must happen.
+    """
     steps = record["steps"][:most]
     return any(sum(step[n] for n in names) > 0.9 for step in steps)
 
@@ -31,31 +37,38 @@ LEG, LOWER = ("right_upper", "right_lower"), ("right_lower",)
 def format_named_share(
     real: Records, chosen: bool, names: Sequence[str], most: int
 ) -> str:
-    """Share of repeats that named these parts within some actions."""
+    """Share of the repeats of suite `real` that named some parts in time.
+
+    Args:
+        real: the records of the suite.
+        chosen: True for chosen actions, False for random ones.
+        names: the parts.
+        most: actions within which they must be named.
+    """
     rows = [r for r in real.values() if r["chosen"] is chosen]
     return share(sum(is_named(r, names, most) for r in rows), len(rows))
 
 
 def list_walk_ratios(records: Records) -> list[float]:
-    """Walked over predicted distance, waves."""
+    """Walked over predicted distance of every walk of pattern `waves`."""
     rows = [r for r in records.values() if r.get("gait") == "waves"]
     return [w[0] / r["predicted"] for r in rows for w in r["walked"]]
 
 
 def list_healed_ratios(heals: Records) -> tuple[list[float], list[float], list[float]]:
-    """Healed, old and intact distance, over that of a gait made for the true body."""
+    """Distances healed, damaged and intact, over a gait that knows the damage."""
     rows = [r for r in heals.values() if r["best_known"]]
     parts = ("healed", "damaged", "intact")
     return tuple([r[p] / r["best_known"] for r in rows] for p in parts)  # type: ignore
 
 
 def list_delays(broken: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Delay of the alarms that came [cycles]."""
+    """Delays [cycles] of the alarms that came after their damage."""
     return [b["delay"] for b in broken if b["delay"] is not None]
 
 
 def list_broken_walks(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
-    """All walks in which something broke, of every suite."""
+    """Every walk of any suite in which something broke, with its delay and cost."""
     found = [b for r in known["alarms"].values() for b in r["broken"]]
     for r in (r for suite in WATCHED for r in known[suite].values()):
         early = r["delay"] is not None and r["delay"] < 0
@@ -66,7 +79,7 @@ def list_broken_walks(known: Mapping[str, Records]) -> list[Mapping[str, Any]]:
 
 
 def leaves_body_whole(found: Mapping[str, Any]) -> bool:
-    """Whether a verdict leaves the body whole."""
+    """Whether a verdict leaves the body whole: nothing or the ground changed."""
     return found["world"] or found["nothing"]
 
 

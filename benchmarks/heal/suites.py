@@ -34,7 +34,7 @@ ROBOTS = 2  # hidden robots of `heals`, each identified once
 
 
 def list_real_runs(count: int) -> KeyedRuns:
-    """Naming the damage of the robot of 2006, chosen actions against random ones."""
+    """Runs that name the damage of the robot of 2006, by chosen or random actions."""
     for seed in range(FIRST, FIRST + count):
         for chosen in (True, False):
             yield f"{seed} {chosen}", partial(_name_real_damage, seed, chosen)
@@ -64,7 +64,7 @@ def _read_tables() -> Tables:
 
 
 def list_gait_runs(count: int) -> KeyedRuns:
-    """Gaits of the true body's self-model, each walked on three hidden robots."""
+    """Runs that synthesize a gait and walk it on three hidden robots."""
     for seed in range(FIRST, FIRST + count):
         for name in ("waves", "poses") if seed < FIRST + count // 3 else ("waves",):
             yield f"{seed} {name}", partial(_walk_gait, seed, name)
@@ -119,19 +119,19 @@ _PREPARED: dict[int, Any] = {}
 
 
 def list_heal_runs(count: int) -> KeyedRuns:
-    """Whole heals of random body damages, each kind as often."""
+    """Runs of whole heals after random body damages, each kind as often."""
     for k in range(count):
         yield f"{FIRST + k}", partial(_heal_damage, k, BODY_KINDS, whole=True)
 
 
 def list_verdict_runs(count: int) -> KeyedRuns:
-    """More random body damages, alarm and verdict, no new gait."""
+    """Runs of more random body damages: alarm and verdict, no new gait."""
     for k in range(100, 100 + count):
         yield f"{FIRST + k}", partial(_heal_damage, k, BODY_KINDS, whole=False)
 
 
 def list_world_runs(count: int) -> KeyedRuns:
-    """Slopes and slippery ground: alarm and verdict, no new gait."""
+    """Runs of slopes and slippery ground: alarm and verdict, no new gait."""
     for k in range(count):
         yield f"{FIRST + k}", partial(_heal_damage, k, WORLD_KINDS, whole=False)
 
@@ -181,7 +181,7 @@ def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]
 
 
 def list_alarm_runs(count: int) -> KeyedRuns:
-    """Walks of hidden robots, whole and breaking, watched."""
+    """Runs that watch hidden robots walk, whole and breaking."""
     for k in range(count):
         yield f"{FIRST + k}", partial(_watch_walks, k)
 
@@ -192,15 +192,15 @@ def _watch_walks(k: int) -> dict[str, Any]:
     plant, anatomy = rated(published()), hidden.anatomy
     predicted = sensed(walk([plant], gait, WATCHED), [plant])[0]
     channels = channels_of(anatomy)
-    felt = felt_over_time(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
-    known = baseline(felt, predicted[: len(felt)], gait.cycle, channels)
+    measured = felt_over_time(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
+    known = baseline(measured, predicted[: len(measured)], gait.cycle, channels)
 
     def seen(robot: Any, trial: int) -> tuple[Any, bool]:
         """The alarm, and whether the robot ended on its back."""
         move = robot.move(gait.commands(8, WATCHED), trial=trial)
-        felt = felt_over_time(move, anatomy)[1]
+        measured = felt_over_time(move, anatomy)[1]
         fallen = bool(into_frame(orientation(move)[-1], np.array([0.0, 0, 1]))[2] < 0)
-        return watch(felt, predicted, known, channels).alarm, fallen
+        return watch(measured, predicted, known, channels).alarm, fallen
 
     whole = [seen(hidden, trial) for trial in range(1, 9)]
     broken = []

@@ -74,7 +74,7 @@ def explain_likeness(record: dict[str, Any]) -> str:
 
 
 def explain_inexact_run(record: dict[str, Any]) -> str:
-    """What an inexact run ended at, in words."""
+    """In words, what a run ended at that did not find the true tree."""
     if why := explain_likeness(record):
         return why
     if record["loss"] <= record["truth_loss"]:

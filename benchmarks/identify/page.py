@@ -19,7 +19,13 @@ _BINS, _ENOUGH, _POINTS = 10, 50, 0.1  # the issue's: bins, statements, toleranc
 def make_sections(
     rows: list[SuiteRow], records: Mapping[str, Records], jobs: int
 ) -> list[Section]:
-    """All sections of a suite's page."""
+    """All sections of a suite's page.
+
+    Args:
+        rows: configurations of the suite.
+        records: finished runs by the name of their row.
+        jobs: how many ran at a time.
+    """
     ours = [r for row in rows if row.settings.method == "default"
             for r in records[row.name]]  # fmt: skip
     found = [_make_success_section(rows, records, jobs)]
@@ -116,7 +122,7 @@ def _compare_shares(name: str, own: tuple, other: str, its: tuple) -> list[str]:
 
 
 def make_calibration_section(records: Records, source: str) -> Section:
-    """How sure runs said they are of each attachment, against how often right."""
+    """Stated probability of each attachment against how often it was right, in bins."""
     stated = np.array([x for r in records for x in r["stated"]])
     right = np.array([x for r in records for x in r["right"]])
     place = np.minimum((stated * _BINS).astype(int), _BINS - 1)

@@ -32,7 +32,7 @@ _ROOMS = ("body", "engine", "robot", "selfmodel", "models")  # what results depe
 
 
 def hash_code() -> str:
-    """A name of the program code that the results depend on."""
+    """Hash of the program code and models that the results depend on."""
     digest = hashlib.sha256()
     files = [f for room in _ROOMS for f in (ROOT / "selfheal" / room).rglob("*.py")]
     for file in sorted(files + list((ROOT / "models").rglob("*.xml"))):
@@ -41,7 +41,7 @@ def hash_code() -> str:
 
 
 def plan_suite(suite: str, options) -> list[tuple[SuiteRow, Settings]]:
-    """Every run of a suite."""
+    """Every run of a suite: its row and its settings."""
     runs = []
     for row in SUITES[suite]:
         for seed in range(options.first_seed, options.first_seed + options.count(row)):
@@ -53,7 +53,7 @@ def plan_suite(suite: str, options) -> list[tuple[SuiteRow, Settings]]:
 
 
 def play_run(settings: Settings, recordings: str) -> dict[str, Any]:
-    """One whole run, in a worker process."""
+    """One whole identification in a worker process: its settings in, its record out."""
     file = Path(recordings) if settings.robot == REAL else None
     robot = open_robot(settings.robot, seed=settings.seed, recordings=file)
     start = time.perf_counter()
@@ -76,25 +76,34 @@ def start_workers(jobs: int) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")  # fork and threads do not mix
     if jobs == 1:
         return ProcessPoolExecutor(1, context)
-    free, mine = context.Manager().Queue(), sorted(os.sched_getaffinity(0))
+    free, allowed = context.Manager().Queue(), sorted(os.sched_getaffinity(0))
     for job in range(jobs):
-        free.put(mine[job % len(mine)])
+        free.put(allowed[job % len(allowed)])
     return ProcessPoolExecutor(jobs, context, _pin_to_core, (free,))
 
 
 def read_known_runs(file: Path, now: str) -> dict[str, dict[str, Any]]:
-    """Records of today's code in a file, by their settings."""
+    """The records in a file that the present code made, by their settings."""
     records = read_lines(file)
     return {make_key(r["settings"]): r for r in records if r["code"] == now}
 
 
 def make_key(settings: dict[str, Any]) -> str:
-    """Settings as a text to look them up by."""
+    """Settings as one text, by which a record is looked up."""
     return json.dumps(settings, sort_keys=True)
 
 
 def complete_runs(runs: list, file: Path, options) -> dict[str, dict[str, Any]]:
-    """Play the runs that are not known yet, writing each down as it ends."""
+    """Do the runs that have no record yet, writing each as it ends.
+
+    Args:
+        runs: rows and settings, as `plan_suite` gives them.
+        file: JSON lines that records are appended to.
+        options: of the command line.
+
+    Returns:
+        All records of the present code, by `make_key` of their settings.
+    """
     now = hash_code()
     done = read_known_runs(file, now)
     left = [s for _, s in runs if make_key(asdict(s)) not in done]
@@ -125,7 +134,13 @@ def _print_progress(
 
 
 def run_suite(name: str, options, folder: Path) -> None:
-    """Run a suite and publish it."""
+    """Do what is left of a suite and publish its page.
+
+    Args:
+        name: of the suite.
+        options: of the command line.
+        folder: that holds the suites' JSON lines.
+    """
     runs = plan_suite(name, options)
     done = complete_runs(runs, folder / f"identify-{name}.jsonl", options)
     records: dict[str, list[dict[str, Any]]] = {row.name: [] for row in SUITES[name]}
@@ -139,7 +154,7 @@ def run_suite(name: str, options, folder: Path) -> None:
 
 
 def pool_calibration(options, folder: Path) -> None:
-    """Pool what all suites' runs of our method said of how sure they are."""
+    """Publish how sure all suites' runs of our method were, against how often right."""
     now, pooled, used = hash_code(), [], []
     for name in SUITES:
         found = read_known_runs(folder / f"identify-{name}.jsonl", now).values()

@@ -38,7 +38,7 @@ class Rollout:
 
 
 def make_hidden_spec(case: OtherCase) -> Any:
-    """The hidden robot's specification, effects included, at the given step."""
+    """MjSpec of the hidden robot: wrong stated values, effects, the given time step."""
     rng = np.random.default_rng(case.stated)
     spec = mujoco.MjSpec.from_string(case.robot.xml)
     for body in spec.bodies[1:]:
@@ -52,7 +52,7 @@ def make_hidden_spec(case: OtherCase) -> Any:
 
 
 def compile_hidden_robot(case: OtherCase) -> Any:
-    """The hidden robot, compiled."""
+    """Compiled model of the hidden robot, at its finer time step."""
     spec = make_hidden_spec(case)
     spec.option.timestep = case.robot.fine or spec.option.timestep / 5
     return spec.compile()
@@ -75,7 +75,13 @@ def _read_sensor(reading: Sensor, data: Any) -> Any:
 
 
 def simulate_episode(case: OtherCase, model: Any, rng: Rng) -> Rollout:
-    """One episode; the command that is sent takes `case.delay` to arrive."""
+    """Simulate one episode; a command takes `case.delay` to arrive.
+
+    Args:
+        case: whose robot moves.
+        model: compiled hidden robot.
+        rng: draws the motion, the start and the jitter.
+    """
     robot, data = case.robot, mujoco.MjData(model)
     if robot.start:
         robot.start(data, rng)
@@ -146,7 +152,13 @@ def _make_episode(
 def record_case(
     case: OtherCase, seed: int, *, state: bool
 ) -> tuple[Recording, Recording, list]:
-    """A recording, the same without noise, and the runs behind both."""
+    """A recording, the same without noise, and the rollouts behind both.
+
+    Args:
+        case: that is recorded.
+        seed: of the motions and the noise.
+        state: whether episodes state where they start.
+    """
     rng, model, readings = (
         np.random.default_rng(seed),
         compile_hidden_robot(case),
@@ -164,7 +176,7 @@ def record_case(
 
 
 def make_case(case: OtherCase) -> Case:
-    """One case, always the same."""
+    """A case with its recordings and key; always the same for the same case."""
     train, _, _ = record_case(case, case.seed, state=case.state)
     test, clean, runs = record_case(case, case.seed + TEST, state=True)
     if length := case.robot.piece:
@@ -190,7 +202,7 @@ def _score_references(
 
 
 def make_key(case: OtherCase) -> dict[str, Any]:
-    """What the scorer reads of the truth."""
+    """The part of a case's key that the scorer reads."""
     signals = case.robot.signals.items()
     return {
         "format": "selfheal-sealed-key",
@@ -204,7 +216,7 @@ def make_key(case: OtherCase) -> dict[str, Any]:
 
 
 def _describe_effect(effect: Any) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    entry: dict[str, Any] = {
         "effect": effect.name,
         "target": effect.target,
         "parameters": [
@@ -213,5 +225,5 @@ def _describe_effect(effect: Any) -> dict[str, Any]:
         ],
     }
     if effect.measured:
-        told["measured"] = effect.measured
-    return told
+        entry["measured"] = effect.measured
+    return entry

@@ -23,7 +23,14 @@ def _draw_waves(rng: Rng, count: int, columns: int, slow: float, fast: float):
 def command_sines(
     size: float | Sequence[float], slow=0.2, fast=1.2, steps=0.3
 ) -> Motion:
-    """Two sines and a square wave, each actuator its own."""
+    """A motion of two sines and a square wave, each actuator its own.
+
+    Args:
+        size: of each actuator's command, in its unit.
+        slow: [Hz] lowest rate.
+        fast: [Hz] highest rate.
+        steps: share of the square wave.
+    """
 
     def motion(rng: Rng, model: Any) -> Command:
         sizes = np.atleast_1d(size) * np.ones(model.nu)
@@ -39,7 +46,7 @@ def command_sines(
 
 
 def drive_crane(rng: Rng, model: Any) -> Command:
-    """A feedback that drives bridge and trolley; the load swings."""
+    """A feedback drives bridge and trolley of a crane along sines; the load swings."""
     f, p = _draw_waves(rng, 2, 2, 0.1, 0.6)
 
     def command(t: float, data: Any) -> np.ndarray:
@@ -54,7 +61,7 @@ ARM_REST = np.array([0, 0.6, 0.4, 0])  # [rad]
 
 
 def drive_arm(rng: Rng, model: Any) -> Command:
-    """Computed torques of four geared motors: feedback, and most of the weight."""
+    """Torques of four geared motors along sines: feedback, and most of the weight."""
     f, p = _draw_waves(rng, 2, 4, 0.15, 0.7)
     stiff, damp = np.array([60, 150, 60, 12.0]), np.array([6, 12, 4, 0.6])
     weight, gear = np.array([0, -6, -2.2, -0.1]), np.array([60, 80, 50, 20.0])
@@ -68,7 +75,7 @@ def drive_arm(rng: Rng, model: Any) -> Command:
 
 
 def start_arm(data: Any, rng: Rng) -> None:
-    """Near the rest pose."""
+    """Start the arm near its rest pose."""
     data.qpos[:] = ARM_REST + 0.1 * rng.normal(size=4)
 
 
@@ -76,7 +83,7 @@ CROUCH = np.array([0.35, -0.7, -0.35, 0.7])  # [rad]
 
 
 def command_hops(rng: Rng, model: Any) -> Command:
-    """Both legs bend and stretch, each joint in its own phase."""
+    """Both legs of the hopper bend and stretch, each joint in its own phase."""
     rate, phase = rng.uniform(0.5, 1.5), rng.uniform(0, 6.3, 4)
 
     def command(t: float, data: Any) -> np.ndarray:
@@ -87,7 +94,7 @@ def command_hops(rng: Rng, model: Any) -> Command:
 
 
 def start_hopper(data: Any, rng: Rng) -> None:
-    """Crouched, with both feet on the floor."""
+    """Start the hopper crouched, with both feet on the floor."""
     data.qpos[:] = [0, -0.052, 0, *CROUCH]
 
 
@@ -97,7 +104,7 @@ MIXER = MIXER * np.array([[1, DRONE_ARM, DRONE_ARM, DRONE_SPIN]]).T
 
 
 def fly_drone(rng: Rng, model: Any) -> Command:
-    """The thrusts of an autopilot that follows a wavy path."""
+    """Thrusts of an autopilot that follows a wavy path."""
     f, p = _draw_waves(rng, 2, 3, 0.1, 0.5)
     sizes = np.array([0.6, 0.6, 0.3])
 
@@ -129,7 +136,7 @@ def _compute_moments(lean: np.ndarray, data: Any) -> tuple[float, float, float]:
 
 
 def drive_lift(rng: Rng, model: Any) -> Command:
-    """The force of a winch that follows heights, most of the weight included."""
+    """Force of a winch that follows heights, most of the weight included."""
     f, p = rng.uniform(0.1, 0.5, 2), rng.uniform(0, 6.3, 2)
 
     def command(t: float, data: Any) -> np.ndarray:
@@ -142,7 +149,7 @@ def drive_lift(rng: Rng, model: Any) -> Command:
 
 
 def push_cart(rng: Rng, model: Any) -> Command:
-    """A force on the cart: a sine, a square wave, and a pull to the middle."""
+    """Force on a cart: a sine, a square wave, and a pull to the middle."""
     f, p = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 6.3, 3)
 
     def command(t: float, data: Any) -> np.ndarray:
@@ -154,12 +161,12 @@ def push_cart(rng: Rng, model: Any) -> Command:
 
 
 def command_nothing(rng: Rng, model: Any) -> Command:
-    """Nothing to command."""
+    """No command: for a body that is thrown."""
     return lambda t, data: np.zeros(0)
 
 
 def throw_ball(data: Any, rng: Rng) -> None:
-    """From a hand, upwards and to some side, spinning."""
+    """Start a ball from a hand: upwards, to some side, spinning."""
     data.qpos[:3] = [0, 0, 1.2]
     data.qvel[:3] = rng.normal(size=3) * [3, 3, 1] + [0, 0, 3.5]
     data.qvel[3:] = rng.normal(size=3) * 2

@@ -61,22 +61,35 @@ class Robot:
 def measure_angle(
     joint: str, noise: float, bias: float = 0.0, step: float = 0.0
 ) -> Sensor:
-    """A hinge's position."""
+    """A sensor of a hinge's position.
+
+    Args:
+        joint: name of the hinge.
+        noise: [rad] standard deviation.
+        bias: [rad] added to each reading.
+        step: [rad] of the encoder, 0: none.
+    """
     return Sensor("joint_position", joint, "rad", noise, bias, step)
 
 
 def measure_speed(joint: str, noise: float) -> Sensor:
-    """A hinge's velocity."""
+    """A sensor of a hinge's velocity, with noise [rad/s]."""
     return Sensor("joint_velocity", joint, "rad/s", noise)
 
 
 def measure_slide(joint: str, noise: float) -> Sensor:
-    """A slide's position."""
+    """A sensor of a slide's position, with noise [m]."""
     return Sensor("joint_position", joint, "m", noise)
 
 
 def measure_pose(body: str, place: float, turn: float) -> dict[str, Sensor]:
-    """Where a camera sees a body."""
+    """A camera's two signals of a body: its position and orientation.
+
+    Args:
+        body: name of the body.
+        place: [m] noise of the position.
+        turn: [1] noise of the quaternion.
+    """
     return {
         "pos": Sensor("body_position", body, "m", place),
         "ori": Sensor("body_orientation", body, "quaternion", turn),

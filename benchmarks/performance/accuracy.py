@@ -26,7 +26,7 @@ LEFT_OUT = 0.05  # largest share of poses that may be left out (issue's figure)
 
 
 def read_readings(path) -> tuple[np.ndarray, np.ndarray]:
-    """Joint targets (A, P) [rad] and channels felt (A, 3) of a recording."""
+    """Joint targets (A, P) [rad] and measured channels (A, 3) of a recording."""
     robot = open_robot("starfish-2006", recordings=path)
     measured = [felt(robot.act(k)) for k in range(len(robot.actions))]
     return robot.actions, np.array(measured)
@@ -35,7 +35,7 @@ def read_readings(path) -> tuple[np.ndarray, np.ndarray]:
 def score_published_body(
     actions: np.ndarray, measured: np.ndarray
 ) -> tuple[Section, Any]:
-    """(i) The published body, nothing fitted, servos at the commanded angles."""
+    """Errors of the published body on the readings of 2006, with nothing fitted."""
     engines = {
         "mujoco": MuJoCo(),
         "statics": make_engine("statics"),
@@ -70,7 +70,7 @@ def _summarize_errors(seen, reference, measured) -> dict[str, float]:
 
 
 def draw_random_trees(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
-    """`count` random trees of the starfish's parts, a random 2006 action for each."""
+    """Random trees of the starfish (count), and an action (count, P) [rad] for each."""
     anatomy, rng = published().anatomy, np.random.default_rng(seed)
     genomes = random_genomes(anatomy, count, rng, sides=False)
     actions = actions_2006(anatomy.size)
@@ -78,7 +78,7 @@ def draw_random_trees(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
 
 
 def measure_agreement(count: int, seed: int) -> tuple[Section, Any]:
-    """(ii) Random trees under random actions: who rests where `mujoco` does."""
+    """How often engines agree with `mujoco` on random trees under random actions."""
     bodies, targets = draw_random_trees(count, seed)
 
     def tilt(engine) -> np.ndarray:
@@ -126,7 +126,7 @@ def _compute_tilt_gap(tilt: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Run all three parts and publish."""
+    """Measure all three parts of accuracy and publish them."""
     line = make_parser(__doc__ or "")
     line.add_argument("--trees", type=int, default=300, help="random trees")
     line.add_argument("--seed", type=int, default=20261121, help="of the trees")

@@ -54,7 +54,7 @@ def write_arm(joints: int) -> str:
 
 
 def compile_hidden_arm(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
-    """The robot that is recorded: finer steps, wrong values, dry friction."""
+    """Model of the recorded arm: finer steps, wrong values, Coulomb friction."""
     spec = mujoco.MjSpec.from_string(write_arm(joints))
     spec.option.timestep = STEP / FINER
     for body in spec.bodies[1:]:
@@ -68,7 +68,7 @@ def compile_hidden_arm(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
 
 
 def record_arm(joints: int, seed: int) -> Recording:
-    """What its sensors say while it follows sines and steps."""
+    """Recording of the hidden arm while it follows sines and steps."""
     rng = np.random.default_rng(seed)
     model = compile_hidden_arm(joints, rng)
     episodes = {f"{n:03d}": _record_episode(model, rng) for n in range(EPISODES)}
@@ -81,13 +81,15 @@ def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     f, p = rng.uniform(0.2, 1.0, (2, model.nu)), rng.uniform(0, 6.3, (2, model.nu))
     ctrl = 0.5 * np.sin(2 * np.pi * f[0] * t[:, None] + p[0])
     ctrl += 0.2 * np.sign(np.sin(2 * np.pi * f[1] * t[:, None] + p[1]))
-    data, told = mujoco.MjData(model), np.empty((len(t), model.nq))
+    data, readings = mujoco.MjData(model), np.empty((len(t), model.nq))
     for row, u in enumerate(ctrl):
-        told[row], data.ctrl[:] = data.qpos, u
+        readings[row], data.ctrl[:] = data.qpos, u
         mujoco.mj_step(model, data, each)
-    told += NOISE * rng.normal(size=told.shape)
+    readings += NOISE * rng.normal(size=readings.shape)
     signals = {
-        f"j{k + 1}_position": Signal(told[:, k], "joint_position", f"j{k + 1}", "rad")
+        f"j{k + 1}_position": Signal(
+            readings[:, k], "joint_position", f"j{k + 1}", "rad"
+        )
         for k in range(model.nq)
     }
     return Episode(t, ctrl, tuple(f"m{k + 1}" for k in range(model.nu)), signals)
@@ -103,7 +105,7 @@ def time_plain_mujoco(joints: int) -> float:
 
 
 def measure_diagnosis(joints: int, seed: int) -> dict[str, Any]:
-    """One diagnosis by the command: time, memory, and what it says."""
+    """Time, memory and findings of one diagnosis by the command."""
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
         (room / "model.xml").write_text(write_arm(joints))
@@ -125,7 +127,7 @@ def measure_diagnosis(joints: int, seed: int) -> dict[str, Any]:
 
 
 def make_section(rows: list[dict[str, Any]]) -> Section:
-    """The table."""
+    """The section with the table of all arms."""
     shown = [
         [r["joints"], f"{r['seconds']:.0f} s", ASKED.get(r["joints"], ""),
          f"{r['cpu']:.0f} s", f"{r['megabytes']:.0f} MB",
@@ -145,7 +147,7 @@ def make_section(rows: list[dict[str, Any]]) -> Section:
 
 
 def main() -> None:
-    """Measure and publish."""
+    """Diagnose each arm once and publish."""
     line = make_parser(__doc__ or "")
     line.add_argument("--joints", type=int, nargs="+", default=[1, 7])
     line.add_argument("--seed", type=int, default=0)

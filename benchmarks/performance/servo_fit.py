@@ -45,7 +45,7 @@ def predict_tilts(values: np.ndarray, targets: np.ndarray, engine) -> np.ndarray
 def fit_servos(
     targets: np.ndarray, tilts: np.ndarray, free: int, robust: str
 ) -> np.ndarray:
-    """(10) the most probable settings.
+    """The most probable servo offsets and body widths (10) [deg, mm] for some readings.
 
     Args:
         targets: (A, 8) commanded [rad].
@@ -76,7 +76,15 @@ def fit_servos(
 def cross_validate(
     targets: np.ndarray, tilts: np.ndarray, free: int, *, robust: str, seed: int
 ) -> tuple[float, float]:
-    """Held-out mean tilt error [deg] by statics and by `mujoco`; folds from a seed."""
+    """Held-out mean tilt error [deg] of fitted servos, by statics and by `mujoco`.
+
+    Args:
+        targets: (A, 8) commanded [rad].
+        tilts: (A, 2) measured [deg].
+        free: 8 = the offsets, 10 = the widths too.
+        robust: loss of a residual, as scipy calls it.
+        seed: of the folds.
+    """
     order = np.random.default_rng(seed).permutation(len(targets))
     errors = []
     for rows in np.array_split(order, FOLDS):
@@ -96,7 +104,14 @@ def cross_validate(
 def score_held_out(
     targets: np.ndarray, measured: np.ndarray, seed: int, splits: int
 ) -> tuple[Section, Any]:
-    """(iii) What servo offsets and widths explain of actions that were not fitted."""
+    """What servo offsets and body widths explain of actions that were not fitted.
+
+    Args:
+        targets: (A, 8) commanded [rad].
+        measured: (A, 3) channels, tilts [deg] first.
+        seed: of the folds.
+        splits: more ways to split, for the spread.
+    """
     tilts = measured[:, :2]
     score = partial(cross_validate, targets, tilts)
     nothing = [

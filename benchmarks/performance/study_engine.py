@@ -197,7 +197,7 @@ def _make_sections(
 
 
 def main() -> None:
-    """Measure all three and publish."""
+    """Measure kills, overhead and writer, and publish."""
     options = make_parser(__doc__ or "").parse_args()
     with tempfile.TemporaryDirectory(prefix="study-") as room:
         folder = Path(room)

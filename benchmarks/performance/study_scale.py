@@ -44,7 +44,7 @@ Row = dict[str, float]
 
 
 def make_anatomy(parts: int) -> Anatomy:
-    """The starfish's with another even number of parts: upper ones, then lower ones."""
+    """The starfish's anatomy with another even number of parts, upper ones first."""
     known, half = published().anatomy, parts // 2
     rows = [k % 4 for k in range(half)] + [4 + k % 4 for k in range(half)]
     columns = ("length", "radius", "mass", "block_half", "block_center", "block_mass")
@@ -58,7 +58,7 @@ def make_anatomy(parts: int) -> Anatomy:
 
 
 def measure_by_parts() -> list[Row]:
-    """Short runs of hidden random trees of more and more parts."""
+    """CPU of short runs of hidden random trees, by the number of parts."""
     rows = []
     for parts in _PARTS:
         anatomy, rng = make_anatomy(parts), np.random.default_rng([parts, 0])
@@ -83,7 +83,7 @@ def measure_by_parts() -> list[Row]:
 
 
 def measure_by_actions() -> list[Row]:
-    """Runs of more and more actions, with as many simulations for each."""
+    """CPU of runs by the number of actions, with as many simulations for each."""
     body = published()
     return [
         {
@@ -95,15 +95,15 @@ def measure_by_actions() -> list[Row]:
 
 
 def measure_by_sensors() -> list[dict[str, Any]]:
-    """Runs of `schema`, our way, by what is sensed."""
+    """CPU of runs of study `schema`, our way, by the set of sensors."""
     play, rows = study_of("schema").play, []
     for names in SENSOR_SETS:
         asked = {"robot": "starfish", "what": "ours", "sensors": "+".join(names)}
         start = time.process_time()
-        told = play({**asked, "seed": 0})
+        outcome = play({**asked, "seed": 0})
         spent = time.process_time() - start
         rows.append({"sensors": "+".join(names), "seconds": spent,
-                     "search": told["evaluations"]})  # fmt: skip
+                     "search": outcome["evaluations"]})  # fmt: skip
     return rows
 
 
@@ -124,7 +124,7 @@ def _average_rows(rows: list[Row]) -> Row:
 
 
 def measure_service(folder: Path) -> float:
-    """CPU that client, scheduler and writer, one process, spend on a run [s]."""
+    """CPU [s] that client, scheduler and writer, one process, spend on an empty run."""
     tasks = [Task(f"run {k}", {"seed": k}) for k in range(_EMPTY)]
     file = folder / "study.h5"
     create(file, "empty", {}, tasks)
@@ -137,11 +137,16 @@ def measure_service(folder: Path) -> float:
 
 
 def simulate_utilization(workers: int, seconds: float, service: float) -> float:
-    """Share of their time for which workers work, one server handing out the runs.
+    """Share of their time for which workers work when one server hands out the runs.
 
     Every worker starts with nothing, has two runs at hand where it can, and gets the
     next one when the server comes to its last answer. Runs take 0.5 to 1.5 times as
-    long as said.
+    long as stated.
+
+    Args:
+        workers: how many.
+        seconds: [s] of a run, on average.
+        service: [s] that the server spends on a run.
     """
     rng, left = np.random.default_rng(0), workers * _EACH
     free = worked = now = 0.0  # when the server is free; work done; the time
@@ -218,7 +223,7 @@ def _make_sections(found: dict[str, Any]) -> list[Section]:
 
 
 def main() -> None:
-    """Measure and publish."""
+    """Measure what runs cost, simulate many workers, and publish."""
     options = make_parser(__doc__ or "").parse_args()
     os.environ["NPROC"] = "1"  # as in a worker
     _time_run(published(), seed=0, cycles=2)  # compiles

@@ -75,12 +75,18 @@ class HiddenArm:
 
 
 def scale_value(model: mujoco.MjModel, name: str, factor: float) -> None:
-    """Change one of VALUES in a compiled model."""
+    """Multiply one of VALUES in a compiled model.
+
+    Args:
+        model: is changed.
+        name: key of VALUES.
+        factor: [1].
+    """
     target, _, field = name.partition("/")
-    sort, _, thing = target.partition(":")
-    if sort == "joint":
+    kind, _, thing = target.partition(":")
+    if kind == "joint":
         getattr(model, f"dof_{field}")[model.joint(thing).dofadr[0]] *= factor
-    elif sort == "body":
+    elif kind == "body":
         model.body(thing).mass *= factor
         model.body(thing).inertia *= factor
     else:
@@ -89,7 +95,7 @@ def scale_value(model: mujoco.MjModel, name: str, factor: float) -> None:
 
 
 def make_hidden_arm(folder: Path, seed: int) -> HiddenArm:
-    """An arm with wrong values, moving to slow sines and steps."""
+    """An arm whose stated values are wrong, moving to slow sines and steps."""
     rng = np.random.default_rng(seed)
     reach = np.array([*VALUES.values()])
     truth = 1 + WRONG * reach * rng.uniform(-1, 1, len(VALUES))
@@ -116,13 +122,13 @@ def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     ], axis=1)  # fmt: skip
     data = mujoco.MjData(model)
     data.qpos[:] = start = 0.3 * rng.normal(size=2)
-    told = np.empty((len(t), 2))
+    readings = np.empty((len(t), 2))
     for k, u in enumerate(ctrl):
-        told[k], data.ctrl[:] = data.qpos, u
+        readings[k], data.ctrl[:] = data.qpos, u
         mujoco.mj_step(model, data)
-    told += NOISE * rng.normal(size=told.shape)
+    readings += NOISE * rng.normal(size=readings.shape)
     signals = {
-        name: Signal(told[:, j], "joint_position", name, "rad")
+        name: Signal(readings[:, j], "joint_position", name, "rad")
         for j, name in enumerate(JOINTS)
     }
     servos = tuple(f"{name}_servo" for name in JOINTS)
@@ -130,20 +136,23 @@ def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
 
 
 def name_held_out(robot: HiddenArm) -> list[str]:
-    """Names of the held-out episodes."""
+    """Names of the episodes that are held out."""
     return [*robot.recording.episodes][-HELD:]
 
 
 def select_terms(case: Case) -> list[Term]:
-    """The terms of VALUES, in their order."""
+    """The terms of VALUES among the case's stated terms, in the order of VALUES."""
     terms = {t.targets[0]: t for t in stated_terms(case.scene)}
     return [terms[name] for name in VALUES]
 
 
 def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
-    """Factors of VALUES by `diagnosis.fit`, in pieces of so many s, or episodes whole.
+    """Factors of VALUES by `selfheal.diagnosis.fit`.
 
-    Pieces begin where readings say; what that leaves open is told to the fit.
+    Args:
+        robot: what is fitted.
+        seconds: [s] of the segments; None: whole episodes. Segments begin where
+            readings say, and their initial states are marginalized.
     """
     case = prepare(robot.model, [robot.recording], name_held_out(robot))
     world, terms = case.world, select_terms(case)
@@ -191,18 +200,18 @@ def fit_with_sysid(robot: HiddenArm) -> np.ndarray:
 def _make_modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], None]:
     """What writes a factor of one of VALUES into an MjSpec."""
     target, _, field = name.partition("/")
-    sort, _, thing = target.partition(":")
+    kind, _, thing = target.partition(":")
 
     def write(spec: mujoco.MjSpec, parameter: Any) -> None:
         factor = parameter.value[0]
-        if sort == "joint":
+        if kind == "joint":
             value = getattr(given, f"dof_{field}")[given.joint(thing).dofadr[0]]
             joint = spec.joint(thing)
             if field == "damping":
                 joint.damping[0] = factor * value
             else:
                 joint.armature = factor * value
-        elif sort == "body":
+        elif kind == "body":
             spec.body(thing).mass = factor * given.body(thing).mass[0]
             spec.body(thing).inertia = factor * given.body(thing).inertia
         else:
@@ -212,7 +221,7 @@ def _make_modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], Non
 
 
 def score_values(robot: HiddenArm, values: np.ndarray) -> float:
-    """The contract's score of some factors of VALUES on the held-out episodes."""
+    """The contract's score of factors of VALUES on the held-out episodes."""
     case = prepare(robot.model, [robot.recording], name_held_out(robot))
     pieces = replayed(case.held)
     squares = score.errors(case.held, pieces, select_terms(case), values)
@@ -229,7 +238,7 @@ METHODS: dict[str, Callable[[HiddenArm], np.ndarray]] = {
 
 
 def measure_methods(seeds: Sequence[int]) -> list[dict[str, Any]]:
-    """All methods on the same robots, in turn, forwards and backwards."""
+    """Results of all methods on the same robots, in turn, forwards and backwards."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for method in METHODS.values():  # the first call of each loads and compiles
@@ -265,7 +274,7 @@ def _try_method(
 
 
 def make_section(rows: list[dict[str, Any]]) -> Section:
-    """The table of the methods."""
+    """The section with the table of all methods."""
     shown = []
     for name in METHODS:
         wall, cpu, error, off = (_collect_figures(rows, name, k) for k in KEYS)
@@ -316,7 +325,7 @@ def _describe_comparison(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Measure and publish."""
+    """Fit all robots by all methods and publish."""
     line = make_parser(__doc__ or "")
     line.add_argument("--robots", type=int, default=10, help="how many")
     options = line.parse_args()

@@ -30,7 +30,7 @@ CPU_BATCHES, GPU_BATCHES = (64, 256, 1024), (1024, 4096, 16384, 65536)
 
 
 def draw_candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
-    """`count` random trees and a random 2006 action for each (count, P) [rad]."""
+    """Random trees (count), and a random action of 2006 (count, P) [rad] for each."""
     anatomy, rng = published().anatomy, np.random.default_rng(seed)
     genomes = random_genomes(anatomy, count, rng, sides=False)
     actions = actions_2006(anatomy.size)
@@ -38,14 +38,14 @@ def draw_candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
 
 
 def time_call(work: Callable[[], Any]) -> float:
-    """How long some work takes [s]."""
+    """Wall time [s] of a call."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
 
 
 def compile_models(bodies: Bodies) -> list:
-    """Each body compiled for the reference."""
+    """A compiled MuJoCo model of each body, for the reference."""
     from selfheal.body.mjcf import Physics, to_spec
 
     physics = Physics(timestep=TIMESTEP)
@@ -55,7 +55,7 @@ def compile_models(bodies: Bodies) -> list:
 
 
 def roll_out(compiled: list, targets: np.ndarray) -> None:
-    """The reference: each model's simulation by `mujoco.rollout`, on two threads."""
+    """Simulate each model by `mujoco.rollout`; targets are (N, P) [rad]."""
     import mujoco
     from mujoco import rollout
 
@@ -77,7 +77,13 @@ def roll_out(compiled: list, targets: np.ndarray) -> None:
 
 
 def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
-    """Simulations/s of the reference and poses/s of statics, taking turns."""
+    """Simulations a second of the reference and of statics, taking turns.
+
+    Args:
+        count: of random trees.
+        rounds: of turns; medians are taken.
+        seed: of the trees.
+    """
     from selfheal.engine.statics import Statics
 
     bodies, targets = draw_candidates(count, seed)
@@ -101,7 +107,13 @@ def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
 
 
 def make_ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
-    """The table of the ratios asked for."""
+    """The section with the ratios of statics to the reference.
+
+    Args:
+        found: simulations a second by engine.
+        count: of random trees.
+        rounds: of turns.
+    """
     statics = found["statics, all cores"]
     against = {"reference": "60", "reference with compile": "150"}
     rows = [
@@ -121,7 +133,13 @@ def make_ratio_section(found: dict[str, float], count: int, rounds: int) -> Sect
 
 
 def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
-    """What a fresh process measures of one engine; runs in that process."""
+    """Import and compile times, rate and memory of one engine in this process.
+
+    Args:
+        engine: its name.
+        batch: simulations in a call.
+        count: simulations in all.
+    """
     import resource
 
     from selfheal.engine import make_engine
@@ -175,7 +193,14 @@ def _name_device(engine: str) -> str:
 
 
 def run_in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> dict:
-    """`child` in a process of its own whose compiled programs are kept in `cache`."""
+    """`measure_engine` in a process of its own.
+
+    Args:
+        engine: its name.
+        batch: simulations in a call.
+        count: simulations in all.
+        cache: folder of the compiled programs.
+    """
     environment = {
         **os.environ,
         "JAX_COMPILATION_CACHE_DIR": str(cache / "jax"),
@@ -190,7 +215,7 @@ def run_in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> di
 
 
 def measure_engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
-    """Each engine at each batch size, twice: nothing compiled before, then cached."""
+    """Each engine at each batch size, with empty caches and with filled ones."""
     found = []
     for engine, batch, count in jobs:
         with tempfile.TemporaryDirectory() as folder:
@@ -202,7 +227,7 @@ def measure_engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
 
 
 def make_engine_section(found: list[dict[str, Any]]) -> Section:
-    """The table of engines and batch sizes."""
+    """The section with the table of engines and batch sizes."""
     rows = []
     for one in found:
         cold, warm = one["cold"], one["warm"]
@@ -248,7 +273,7 @@ def _list_jobs(quick: bool) -> list[tuple[str, int, int]]:
 
 
 def main() -> None:
-    """Measure everything and publish."""
+    """Measure all engines and publish."""
     line = make_parser(__doc__ or "")
     line.add_argument("--quick", action="store_true", help="tiny sizes")
     line.add_argument("--seed", type=int, default=20261121, help="of the candidates")

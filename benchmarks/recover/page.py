@@ -17,7 +17,13 @@ _CLEAR = (1, 2, 3, 5)  # "approaches or exceeds" (overview.txt 4.5)
 
 
 def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
-    """Publish the page of all suites."""
+    """Publish the page of all suites of recovery.
+
+    Args:
+        root: folder of the repository.
+        known: records by suite.
+        remarks: text of the last section.
+    """
     sections = [
         Section(
             "What was reached",
@@ -201,10 +207,10 @@ def _compare_trials(known: Mapping[str, Records]) -> list[str]:
     for ours, control in _pair_with_control(known):
         goal = min(ours["distance"]["healed"], control["distance"]["healed"])
         goal -= 1e-3  # records are rounded
-        mine = 1 + int(np.argmax([(w or -np.inf) >= goal for w in ours["walked"]]))
+        trials = 1 + int(np.argmax([(w or -np.inf) >= goal for w in ours["walked"]]))
         turn = int(np.argmax(np.array(control["best"]) >= goal))
         # the 50 that were kept are run first, then 50 in each generation
-        found.append(f"{mine} : {50 + 50 * turn:,}")
+        found.append(f"{trials} : {50 + 50 * turn:,}")
     return found
 
 

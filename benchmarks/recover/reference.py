@@ -8,7 +8,13 @@ from selfheal.body.legged import HIDDEN, Legged
 
 
 def walk_plain(robot: Legged, weights: Floats, steps: int = 1000) -> float:
-    """Forward displacement [m] of a whole robot under a controller (synapses)."""
+    """Forward displacement [m] of a whole robot under a controller, by plain MuJoCo.
+
+    Args:
+        robot: the legged robot.
+        weights: (synapses) [1] of the network, inner layer first.
+        steps: simulation steps.
+    """
     model = robot.model
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -18,9 +24,9 @@ def walk_plain(robot: Legged, weights: Floats, steps: int = 1000) -> float:
     sensed = np.ones(inputs)
     begin = 0.0
     for step in range(steps):
-        felt = data.sensordata
-        sensed[:feet] = np.where(felt[:feet] > 0, 1.0, -1.0)
-        sensed[feet : 2 * feet] = np.clip(felt[feet:] / robot.reach, -1, 1)
+        readings = data.sensordata
+        sensed[:feet] = np.where(readings[:feet] > 0, 1.0, -1.0)
+        sensed[feet : 2 * feet] = np.clip(readings[feet:] / robot.reach, -1, 1)
         hidden = np.where(sensed @ inner > 0, 1.0, -1.0)
         data.ctrl[:] = robot.reach * np.clip(hidden @ outer, -1, 1)
         mujoco.mj_step(model, data)

@@ -30,27 +30,27 @@ BEYOND = range(len(TABLE) + 1, len(SCENARIOS) + 1)
 
 
 def list_our_runs(seeds: int) -> KeyedRuns:
-    """The twenty cells of the overview, our method."""
+    """Runs of our method in all twenty cells of robot and scenario."""
     return _list_runs("ours", seeds)
 
 
 def list_described_runs(seeds: int) -> KeyedRuns:
-    """The twenty cells, as described."""
+    """Runs of the method as described in 2004, in all twenty cells."""
     return _list_runs("as-described", seeds)
 
 
 def list_control_runs(seeds: int) -> KeyedRuns:
-    """The control, on the quadruped as in the overview: a lower leg or a leg lost."""
+    """Runs of the control on the quadruped: a lower leg or a leg is lost."""
     return _list_runs("hardware-only", seeds, ("quadruped",), (1, 2))
 
 
 def list_further_runs(seeds: int) -> KeyedRuns:
-    """Graded damage and changed worlds, our method on the quadruped."""
+    """Runs of our method on the quadruped: graded damage and changed worlds."""
     return _list_runs("ours", seeds, ("quadruped",), BEYOND)
 
 
 def list_gap_runs(seeds: int) -> KeyedRuns:
-    """A robot that is 5 % off its model, our method on the quadruped."""
+    """Runs of our method on a quadruped that is 5 % off its model."""
     return _list_runs("ours", seeds, ("quadruped",), (1, 2, 3, 9), gap=0.05)
 
 
@@ -88,7 +88,7 @@ def _recover_robot(
 
 
 def list_speed_runs(seeds: int) -> KeyedRuns:
-    """Evaluations a second against plain MuJoCo, in turns on the same machine."""
+    """Runs that time evaluations against plain MuJoCo, in turns on one machine."""
     for seed in range(FIRST, FIRST + seeds):
         for robot in LEGGED[::-1]:
             key = f"{robot} {seed} {count_cores()}"

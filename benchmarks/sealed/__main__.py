@@ -22,6 +22,7 @@ from benchmarks.sealed.page import make_sections
 from benchmarks.sealed.score import compute_figures, count_confusions, read_cases
 from benchmarks.writer import make_parser, publish_results
 from selfheal.body.mjcf import ignore_warnings
+from selfheal.errors import InputError
 
 
 def _is_made(options, seed: int) -> bool:
@@ -61,7 +62,10 @@ def run_diagnoses(options) -> int:
     """Diagnose the cases that have no diagnosis yet."""
     program = tuple(options.program.split())
     limits = ProcessLimits(options.seconds, program)
-    return 1 if diagnose_cases(options.cases, options.jobs, limits) else 0
+    try:
+        return 1 if diagnose_cases(options.cases, options.jobs, limits) else 0
+    except InputError as reason:
+        sys.exit(str(reason))
 
 
 def score_diagnoses(options) -> int:
@@ -103,7 +107,7 @@ def main() -> int:
     scoring.add_argument(
         "--replay",
         default="selfheal replay",
-        help="proves each diagnosis on its test; empty: not",
+        help="scores each diagnosis on its test; empty: not",
     )
     scoring.set_defaults(do=score_diagnoses)
     options = line.parse_args()

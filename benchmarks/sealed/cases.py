@@ -68,7 +68,7 @@ class Case:
         name: of its folders.
         robot: the model as given.
         train: what is diagnosed.
-        test: what a diagnosis is proven on.
+        test: what a diagnosis is scored on.
         key: the truth.
     """
 
@@ -172,46 +172,55 @@ def _build_case(
         targets.append(places[int(rng.integers(len(places)))])
         more, medium = choose_omissions(effect, targets[-1], rng)
         zero, density = zero | more, max(density, medium)
-    made = draw_experiment(name, rng, zero, density)
+    experiment = draw_experiment(name, rng, zero, density)
     placed = [
-        size_effect(made, effect, target, rng)
+        size_effect(experiment, effect, target, rng)
         for effect, target in zip(chosen, targets, strict=True)
     ]
-    truth = made.make_hidden_robot(placed)
-    train, test = simulate_plans(truth, made.train), simulate_plans(truth, made.test)
-    bench, rest = made.make_instruments(truth), made.robot.drive
-    state = made.bench.sensors.state and (rest == "servo" or bool(made.robot.free))
-    if made.robot.contact and made.robot.joints:
+    truth = experiment.make_hidden_robot(placed)
+    train, test = (
+        simulate_plans(truth, experiment.train),
+        simulate_plans(truth, experiment.test),
+    )
+    instruments, rest = experiment.make_instruments(truth), experiment.robot.drive
+    state = experiment.instruments.sensors.state and (
+        rest == "servo" or bool(experiment.robot.free)
+    )
+    if experiment.robot.contact and experiment.robot.joints:
         state = False
-    recorded = bench.record_episodes(made.train, train, rng, state=state)
-    proof = bench.record_episodes(made.test, test, rng, state=True)
-    if length := _choose_test_length(made.robot):
-        proof = cut_segments(proof, test, length)
-    key = _make_key(kind, seed, made, bench, placed, train)
-    key["test"] = _score_references(made, bench, proof, test)
-    return Case(name_case(seed), made.robot, recorded, proof, key)
+    recorded = instruments.record_episodes(experiment.train, train, rng, state=state)
+    test_recording = instruments.record_episodes(experiment.test, test, rng, state=True)
+    if length := _choose_test_length(experiment.robot):
+        test_recording = cut_segments(test_recording, test, length)
+    key = _make_key(kind, seed, experiment, instruments, placed, train)
+    key["test"] = _score_references(experiment, instruments, test_recording, test)
+    return Case(name_case(seed), experiment.robot, recorded, test_recording, key)
 
 
 def _score_references(
-    made: Experiment, bench: Instruments, proof: Recording, runs
+    experiment: Experiment, instruments: Instruments, test_recording: Recording, runs
 ) -> dict[str, Any]:
     """Scores on the test that any diagnosis is to be held against.
 
     given: the model as given. stated: with the true values of all it states, without
     the effects. floor: the truth itself, so noise alone.
     """
-    given = mujoco.MjModel.from_xml_string(made.robot.xml)
-    stated = make_coarse_spec(made.make_hidden_robot()).compile()
-    silent = replace(bench, noise=Noise(*[0.0] * 8))
+    given = mujoco.MjModel.from_xml_string(experiment.robot.xml)
+    stated = make_coarse_spec(experiment.make_hidden_robot()).compile()
+    silent = replace(instruments, noise=Noise(*[0.0] * 8))
     clean = silent.record_episodes(
-        made.test, runs, np.random.default_rng(0), state=True
+        experiment.test, runs, np.random.default_rng(0), state=True
     )
-    if length := _choose_test_length(made.robot):
+    if length := _choose_test_length(experiment.robot):
         clean = cut_segments(clean, runs, length)
     scores = {
-        "given": compute_score(simulate_open_loop(given, proof), proof),
-        "stated": compute_score(simulate_open_loop(stated, proof), proof),
-        "floor": compute_score(extract_values(clean), proof),
+        "given": compute_score(
+            simulate_open_loop(given, test_recording), test_recording
+        ),
+        "stated": compute_score(
+            simulate_open_loop(stated, test_recording), test_recording
+        ),
+        "floor": compute_score(extract_values(clean), test_recording),
     }
     return {k: v if np.isfinite(v) else None for k, v in scores.items()}
 
@@ -224,34 +233,36 @@ def _choose_test_length(robot: Robot) -> float:
 
 
 def _make_key(
-    kind, seed, made: Experiment, bench: Instruments, placed, runs
+    kind, seed, experiment: Experiment, instruments: Instruments, placed, runs
 ) -> dict[str, Any]:
-    lattice = bench.noise.lattice
-    besides = [f"sensor:{j}_position" for j in made.robot.joints] if lattice else []
+    lattice = instruments.noise.lattice
+    quantized = (
+        [f"sensor:{j}_position" for j in experiment.robot.joints] if lattice else []
+    )
     return {
         "format": "selfheal-sealed-key",
         "version": 1,
         "kind": kind,
         "seed": seed,
-        "robot": made.robot.name,
-        "effects": [_describe_effect(one, made) for one in placed],
-        "quantized_noise": besides,
-        "parameter_errors": {":".join(k): v for k, v in made.errors.items()},
-        "integrator": "RK4" if made.rk4 else "implicit",
-        "fine_step": made.robot.fine,
+        "robot": experiment.robot.name,
+        "effects": [_describe_effect(one, experiment) for one in placed],
+        "quantized_noise": quantized,
+        "parameter_errors": {":".join(k): v for k, v in experiment.errors.items()},
+        "integrator": "RK4" if experiment.rk4 else "implicit",
+        "fine_step": experiment.robot.fine,
         "integration_over_noise": measure_integration_error(
-            made.bench, made.make_hidden_robot(), runs
+            experiment.instruments, experiment.make_hidden_robot(), runs
         ),
-        **bench.describe(),
+        **instruments.describe(),
     }
 
 
-def _describe_effect(one: PlacedEffect, made: Experiment) -> dict[str, Any]:
-    told: dict[str, Any] = {
+def _describe_effect(one: PlacedEffect, experiment: Experiment) -> dict[str, Any]:
+    entry: dict[str, Any] = {
         "effect": one.effect.name,
         "target": one.target,
         "parameters": [
-            {"name": name, "value": value, "unit": _find_unit(one, name, made)}
+            {"name": name, "value": value, "unit": _find_unit(one, name, experiment)}
             for name, value in one.values.items()
             if name in one.effect.units
         ],
@@ -260,17 +271,17 @@ def _describe_effect(one: PlacedEffect, made: Experiment) -> dict[str, Any]:
         "after_refit": one.strength[1],
     }
     if one.effect.name in ("backlash", "compliance"):
-        told["measured"] = "link" if made.link_side else "motor"
-    return told
+        entry["measured"] = "link" if experiment.link_side else "motor"
+    return entry
 
 
-def _find_unit(one: PlacedEffect, name: str, made: Experiment) -> str:
+def _find_unit(one: PlacedEffect, name: str, experiment: Experiment) -> str:
     """Its unit; a slide's has m and N."""
     unit = one.effect.units[name]
     kind, _, target = one.target.partition(":")
-    joint = made.robot.actuators.get(target, target.removesuffix("_position"))
-    model = mujoco.MjModel.from_xml_string(made.robot.xml)
-    if joint not in made.robot.joints or kind == "body":
+    joint = experiment.robot.actuators.get(target, target.removesuffix("_position"))
+    model = mujoco.MjModel.from_xml_string(experiment.robot.xml)
+    if joint not in experiment.robot.joints or kind == "body":
         return unit
     if model.joint(joint).type[0] != mujoco.mjtJoint.mjJNT_SLIDE:
         return unit
@@ -278,12 +289,18 @@ def _find_unit(one: PlacedEffect, name: str, made: Experiment) -> str:
 
 
 def name_case(seed: int) -> str:
-    """A name that does not tell the kind; a seed makes one case of one kind."""
+    """Name of a seed's case, which does not tell its kind."""
     return f"case_{seed:05d}"
 
 
 def save_case(case: Case, cases: Path, keys: Path) -> None:
-    """Write a case into two folders: what is given, and what is concealed."""
+    """Write a case into two folders: what is given, and what is concealed.
+
+    Args:
+        case: that is written.
+        cases: folder for model.xml and recording.h5, in a folder of the case's name.
+        keys: folder for key.json and test.h5, likewise.
+    """
     given, sealed = cases / case.name, keys / case.name
     given.mkdir(parents=True, exist_ok=True)
     sealed.mkdir(parents=True, exist_ok=True)

@@ -336,7 +336,16 @@ BY_NAME: Mapping[str, Effect] = {effect.name: effect for effect in EFFECTS}
 def choose_omissions(
     effect: Effect, target: str, rng: Rng
 ) -> tuple[frozenset[str], float]:
-    """What the given model must not state for an effect, and its medium's density."""
+    """What the given model must not state for an effect, and its medium's density.
+
+    Args:
+        effect: that is concealed.
+        target: where.
+        rng: decides about what may be stated or not.
+
+    Returns:
+        Attributes that are stated as 0, as "damping:j1", and the density [kg/m^3].
+    """
     zero = []
     for text in effect.zeroes:
         maybe = text.endswith("?")
@@ -347,5 +356,5 @@ def choose_omissions(
 
 
 def make_blank_robot(name: str) -> Robot:
-    """A robot of a shape, to ask what effects fit it."""
+    """A robot of a shape with some numbers, to ask which effects fit it."""
     return ROBOTS[name](NumberDraw(np.random.default_rng(0)))

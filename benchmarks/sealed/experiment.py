@@ -59,7 +59,7 @@ class Experiment:
     robot: Robot
     errors: dict[tuple[str, str], float]
     rk4: bool
-    bench: Instruments
+    instruments: Instruments
     train: Sequence[MotionPlan]
     test: Sequence[MotionPlan]
     link_side: bool
@@ -76,14 +76,21 @@ class Experiment:
         return truth
 
     def make_instruments(self, truth: HiddenRobot) -> Instruments:
-        """The bench that has the hidden robot's readings."""
-        return replace(self.bench, readings=truth.readings)
+        """The same instruments, with the sensor errors of a hidden robot."""
+        return replace(self.instruments, readings=truth.readings)
 
 
 def draw_experiment(
     name: str, rng: Rng, zero=frozenset(), density: float = 0.0
 ) -> Experiment:
-    """Everything of a case but its effects."""
+    """Everything of a case but its effects.
+
+    Args:
+        name: of the shape.
+        rng: draws all of it.
+        zero: attributes that the given model states as 0.
+        density: [kg/m^3] of the medium that the given model states.
+    """
     robot = ROBOTS[name](NumberDraw(rng, zero, density))
     errors = {
         (n.kind, n.name): float(rng.uniform(-1, 1) * SHARE * n.bound)
@@ -93,45 +100,51 @@ def draw_experiment(
         if key[0] == "friction":
             errors[key] = errors[key] / 2  # of both geoms of a contact
     sampled = draw_sampling(robot, rng)
-    bench = Instruments(robot, {}, draw_noise(rng), draw_sensors(robot, rng))
+    instruments = Instruments(robot, {}, draw_noise(rng), draw_sensors(robot, rng))
     return Experiment(
         robot,
         errors,
         bool(rng.random() < 0.5 and not robot.contact and FAST in robot.xml),
-        bench,
+        instruments,
         draw_plans(robot, rng, sampled, test=False),
         draw_plans(robot, rng, sampled, test=True),
         bool(rng.random() < 0.7),
     )
 
 
-def _select_probe_plans(scene: Experiment) -> list[MotionPlan]:
+def _select_probe_plans(experiment: Experiment) -> list[MotionPlan]:
     """A few episodes of different motions, to size an effect on."""
-    if scene.robot.free and not scene.robot.joints:
-        return list(scene.train[:8])
-    short = [p.rows * scene.robot.fine < PROBE for p in scene.train[:4]]
+    if experiment.robot.free and not experiment.robot.joints:
+        return list(experiment.train[:8])
+    short = [p.rows * experiment.robot.fine < PROBE for p in experiment.train[:4]]
     return [
         replace(plan, rows=plan.rows[at], reference=plan.reference[at])
-        for plan, at in zip(scene.train, short, strict=False)
+        for plan, at in zip(experiment.train, short, strict=False)
     ]
 
 
 def size_effect(
-    scene: Experiment, effect: Effect, target: str, rng: Rng
+    experiment: Experiment, effect: Effect, target: str, rng: Rng
 ) -> PlacedEffect:
     """An effect as large as the case needs.
 
+    Args:
+        experiment: that it is sized on.
+        effect: that is concealed.
+        target: where.
+        rng: draws its parameters.
+
     Raises:
-        Unfit: no sane size makes it matter.
+        UnfitDraw: no sane size makes it matter.
     """
-    values = effect.draw(scene.robot, target, rng)
+    values = effect.draw(experiment.robot, target, rng)
     low, high = effect.sizes
     size = float(np.clip(np.exp(rng.uniform(-0.7, 0.7)), low, high))
     aim = float(np.exp(rng.uniform(np.log(5.0), np.log(22.0))))
     for _ in range(7):
         placed = PlacedEffect(effect, target, values(size))
         try:
-            raw, left = _measure_strength(scene, placed)
+            raw, left = _measure_strength(experiment, placed)
         except UnfitDraw:
             raw, left = np.inf, np.inf
         if LEAST <= left <= MOST:
@@ -143,12 +156,16 @@ def size_effect(
         if new == size:
             break
         size = new
-    raise UnfitDraw(f"{effect.name} at {target} of {scene.robot.name} does not show")
+    raise UnfitDraw(
+        f"{effect.name} at {target} of {experiment.robot.name} does not show"
+    )
 
 
-def _measure_strength(scene: Experiment, placed: PlacedEffect) -> tuple[float, float]:
-    truth = scene.make_hidden_robot([placed])
-    runs = simulate_plans(truth, _select_probe_plans(scene))
-    base = scene.make_hidden_robot()
+def _measure_strength(
+    experiment: Experiment, placed: PlacedEffect
+) -> tuple[float, float]:
+    truth = experiment.make_hidden_robot([placed])
+    runs = simulate_plans(truth, _select_probe_plans(experiment))
+    base = experiment.make_hidden_robot()
     base.motor_side = truth.motor_side
-    return measure_strength(scene.make_instruments(truth), base, runs)
+    return measure_strength(experiment.make_instruments(truth), base, runs)

@@ -1,4 +1,4 @@
-"""The hidden robot: takes a given model and edits, gives what it does and feels.
+"""The hidden robot: takes a given model, gives it with edits.
 
 It is simulated with plain `mj_step` at a finer step and with another integrator than
 the model as given has; what MuJoCo does not do is a command shaper or a force here.
@@ -70,7 +70,7 @@ class HiddenRobot:
 
 
 def make_hidden_robot(robot: Robot, *, rk4: bool = False) -> HiddenRobot:
-    """The hidden robot before any edit: the model as given, simulated finer."""
+    """The hidden robot before any edit: the given model with a finer step."""
     spec = mujoco.MjSpec.from_string(robot.xml)
     model = spec.compile()
     for body in spec.bodies[1:]:
@@ -129,7 +129,13 @@ def list_nuisances(robot: Robot) -> list[Nuisance]:
 
 
 def scale_value(spec: Any, what: Nuisance, factor: float) -> None:
-    """Multiply a value in the hidden robot's spec."""
+    """Multiply a stated value in the hidden robot's MjSpec.
+
+    Args:
+        spec: is changed.
+        what: the value.
+        factor: [1].
+    """
     if what.kind == "friction":
         for geom in spec.geoms:
             geom.friction[0] *= factor
@@ -151,7 +157,13 @@ def scale_value(spec: Any, what: Nuisance, factor: float) -> None:
 
 
 def scale_gain(actuator: Any, kind: str, factor: float) -> None:
-    """Multiply a position servo's kp or kv."""
+    """Multiply a gain of a position servo.
+
+    Args:
+        actuator: in the MjSpec, is changed.
+        kind: "kp" or "kv".
+        factor: [1].
+    """
     if kind == "kp":
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor

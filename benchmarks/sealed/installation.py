@@ -29,7 +29,7 @@ def find_joint(truth: HiddenRobot, target: str) -> Any:
 
 
 def set_joint_value(key: str) -> Callable[[HiddenRobot, str, Values], None]:
-    """A value of the joint, under MJCF's own name."""
+    """What sets a value of the joint, under MJCF's own name."""
 
     def install(truth: HiddenRobot, target: str, values: Values) -> None:
         joint = find_joint(truth, target)
@@ -46,14 +46,21 @@ def set_joint_value(key: str) -> Callable[[HiddenRobot, str, Values], None]:
 def install_asymmetric_friction(
     truth: HiddenRobot, target: str, values: Values
 ) -> None:
-    """Dry friction of another level in each direction: a symmetric one and a push."""
+    """Coulomb friction that differs by direction: a symmetric one and a torque."""
     positive, negative = values["positive"], values["negative"]
     find_joint(truth, target).frictionloss = (positive + negative) / 2
     truth.forces.append(apply_torque(at.get_name(target), (negative - positive) / 2))
 
 
 def add_joint(truth: HiddenRobot, target: str, suffix: str, **settings: Any) -> None:
-    """A joint between the motor's joint and the link."""
+    """Add a joint between the motor's joint and the link.
+
+    Args:
+        truth: hidden robot, is changed.
+        target: the motor's joint.
+        suffix: of the new joint's name.
+        settings: more attributes of the new joint.
+    """
     joint = find_joint(truth, target)
     name = f"{joint.name}_{suffix}"
     joint.parent.add_joint(
@@ -90,11 +97,11 @@ def install_spring(truth: HiddenRobot, target: str, values: Values) -> None:
 
 
 def install_coupling(truth: HiddenRobot, target: str, values: Values) -> None:
-    """A tendon: it also pulls at the other joint."""
-    mine = at.get_name(target)
-    other = truth.robot.joints[truth.robot.joints.index(mine) - 1]
+    """A tendon that also pulls at the joint before."""
+    name = at.get_name(target)
+    other = truth.robot.joints[truth.robot.joints.index(name) - 1]
     tendon = truth.spec.add_tendon(name="belt", springlength=[0.0, 0.0])
-    tendon.wrap_joint(mine, 1.0)
+    tendon.wrap_joint(name, 1.0)
     tendon.wrap_joint(other, -values["ratio"])
     tendon.stiffness[0] = values["stiffness"]
 
@@ -110,7 +117,12 @@ def install_stop(truth: HiddenRobot, target: str, values: Values) -> None:
 def install_shaper(
     make: Callable[..., Any], key: str
 ) -> Callable[[HiddenRobot, str, Values], None]:
-    """A shaper of an actuator's command."""
+    """What installs a shaper of an actuator's command.
+
+    Args:
+        make: makes it from a parameter and the fine step [s].
+        key: name of the parameter.
+    """
 
     def install(truth: HiddenRobot, target: str, values: Values) -> None:
         chain = truth.shapers.setdefault(at.get_name(target), [])

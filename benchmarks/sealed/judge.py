@@ -45,7 +45,7 @@ class Places:
 
 
 def read_places(case: Path) -> Places:
-    """The places of a case's model and recording."""
+    """What is the same place in a case's model and recording."""
     model = mujoco.MjModel.from_xml_path(str(case / "model.xml"))
     same: dict[str, frozenset[str]] = {"world": frozenset({"world"})}
     for b in range(1, model.nbody):
@@ -73,26 +73,26 @@ def _place_signals(case: Path, same: Mapping[str, frozenset[str]]):
     with h5py.File(case / "recording.h5") as file:
         episode = next(iter(file["episodes"].values()))
         for name, signal in episode["signals"].items():
-            sort = signal.attrs["kind"].partition("_")[0]
-            sort = "actuator" if signal.attrs["kind"] == "joint_torque" else sort
-            target = f"{sort}:{signal.attrs['target']}"
+            kind = signal.attrs["kind"].partition("_")[0]
+            kind = "actuator" if signal.attrs["kind"] == "joint_torque" else kind
+            target = f"{kind}:{signal.attrs['target']}"
             found[f"sensor:{name}"] = same.get(target, frozenset({target}))
     return found
 
 
 def are_alike(one: str, other: str) -> bool:
-    """The same effect, or one of its class."""
+    """Whether two effects are the same, or of one class."""
     return one == other or any({one, other} <= c for c in CLASSES)
 
 
 def names_truth(finding: Finding, truth: Finding) -> bool:
-    """The finding is the truth, of its class, or says that it may be it."""
+    """Whether a finding is the truth, of its class, or says that it may be it."""
     name = truth["effect"]
     return are_alike(finding["effect"], name) or name in finding.get("equivalent", ())
 
 
 def select_real_findings(diagnosis: Mapping[str, Any] | None, key: Mapping[str, Any]):
-    """Findings but those that the noise itself made true: encoder steps."""
+    """Findings without the encoder steps that the noise itself made true."""
     steps = set(key.get("quantized_noise", ()))
     findings = (diagnosis or {}).get("findings") or []
     return [
@@ -203,7 +203,13 @@ def _count_matches(truths: Sequence, findings: Sequence, fits) -> int:
 
 
 def check_intervals(truths, findings, places: Places) -> list[dict[str, Any]]:
-    """Each parameter of a rightly named effect: does its interval hold the truth."""
+    """Whether the interval of each parameter of a right effect holds the truth.
+
+    Args:
+        truths: effects of the key.
+        findings: effects of the diagnosis.
+        places: of the model.
+    """
     found = []
     for truth in truths:
         for finding in findings:
@@ -243,7 +249,7 @@ def _flatten_parameters(parameters):
 
 
 def read_case(case: Path, keys: Path) -> dict[str, Any]:
-    """Judge one case of a folder."""
+    """Judge one case of a folder by its key and its diagnosis, if it has one."""
     key = json.loads((keys / case.name / "key.json").read_text())
     diagnosis = _read_json(case / "diagnosis" / "diagnosis.json")
     run = _read_json(case / "run.json")

@@ -28,7 +28,13 @@ def find_speed(robot: Robot, target: str) -> float:
 
 
 def draw_number(key: str, value: float, signed: bool = False):
-    """One parameter that starts from a plain number."""
+    """A draw of one parameter that starts from a plain number.
+
+    Args:
+        key: name of the parameter.
+        value: at size 1.
+        signed: whether its sign is drawn too.
+    """
 
     def draw(robot: Robot, target: str, rng: Rng) -> Sized:
         sign = rng.choice([-1.0, 1.0]) if signed else 1.0
@@ -38,7 +44,13 @@ def draw_number(key: str, value: float, signed: bool = False):
 
 
 def find_least_value(robot: Robot, target: str, key: str) -> float:
-    """Smallest value of a joint that no refit of the given one may reach."""
+    """Smallest value of a joint that no refit of the stated one may reach.
+
+    Args:
+        robot: the robot as given.
+        target: the joint.
+        key: attribute in MjSpec.
+    """
     joint = mujoco.MjSpec.from_string(robot.xml).joint(at.get_name(target))
     return 1.35 * float(np.ravel(getattr(joint, key))[0])
 

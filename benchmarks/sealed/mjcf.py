@@ -97,7 +97,16 @@ def write_model(
     step: float,
     integrator: str = FAST,
 ) -> str:
-    """A whole MJCF file."""
+    """A whole MJCF file.
+
+    Args:
+        numbers: whose medium is stated.
+        name: of the model.
+        world: bodies and geoms of the world, as MJCF.
+        rest: defaults and actuators, as MJCF.
+        step: [s] of the simulation.
+        integrator: as MJCF calls it.
+    """
     medium = f' density="{numbers.density:g}"' if numbers.density else ""
     return f"""<mujoco model="{name}">
   <compiler angle="radian"/>
@@ -110,18 +119,24 @@ def write_model(
 """
 
 
-def write_link(length: float, mass: float, thick: float = 0.012) -> str:
-    """Inertia and shape of a uniform rod that hangs from its origin."""
-    inertia = mass * (length**2 / 12 + thick**2 / 4)
-    along = mass * thick**2 / 2
+def write_link(length: float, mass: float, radius: float = 0.012) -> str:
+    """Inertia and shape of a uniform rod that hangs from its origin.
+
+    Args:
+        length: [m].
+        mass: [kg].
+        radius: [m].
+    """
+    inertia = mass * (length**2 / 12 + radius**2 / 4)
+    along = mass * radius**2 / 2
     return (
         f'<inertial pos="0 0 {-length / 2:.5g}" mass="{mass:.4g}" '
         f'diaginertia="{inertia:.4g} {inertia:.4g} {along:.4g}"/>\n'
-        f'      <geom type="capsule" size="{thick:g} {length / 2 - thick:.4g}" '
+        f'      <geom type="capsule" size="{radius:g} {length / 2 - radius:.4g}" '
         f'pos="0 0 {-length / 2:.5g}" {DRAWN_ONLY}/>'
     )
 
 
 def write_actuators(texts: Sequence[str]) -> str:
-    """The element that holds them."""
+    """The element `actuator` around some actuators."""
     return "  <actuator>\n    " + "\n    ".join(texts) + "\n  </actuator>"

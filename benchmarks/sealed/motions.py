@@ -77,7 +77,15 @@ MOTIONS: dict[str, Callable[[np.ndarray, Rng], np.ndarray]] = {
 def draw_sample_steps(
     robot: Robot, rng: Rng, rate: float, seconds: float, jitter: float
 ):
-    """(T) fine steps of the samples: at `rate` [Hz], each moved by `jitter` of it."""
+    """(T) fine steps of the samples, at a rate with jitter.
+
+    Args:
+        robot: whose fine step counts.
+        rng: draws the jitter.
+        rate: [Hz].
+        seconds: [s] of the episode.
+        jitter: share of a period by which samples are moved.
+    """
     count = int(seconds * rate)
     ideal = np.arange(count) / rate
     ideal[1:] += rng.uniform(-jitter, jitter, count - 1) / rate
@@ -133,7 +141,14 @@ def draw_sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
 
 
 def draw_plans(robot: Robot, rng: Rng, sampled, *, test: bool) -> list[MotionPlan]:
-    """The episodes of one file."""
+    """The plans of all episodes of one recording.
+
+    Args:
+        robot: that moves.
+        rng: draws the motions.
+        sampled: rate [Hz], jitter [1] and held samples, as `draw_sampling` gives them.
+        test: whether it is the test, with fewer and other episodes.
+    """
     if robot.drive != "none":
         seconds = LEGGED_SECONDS if robot.contact else SECONDS
         names = TEST if test else TRAIN

@@ -38,15 +38,15 @@ def _format_figure(value: Any) -> str:
 
 
 def make_sections(cases: Sequence[Judged]) -> list[Section]:
-    """The page of a scored benchmark."""
+    """All sections of the page of a scored benchmark."""
     found = compute_figures(cases)
     counts = Counter(c["kind"] for c in cases)
-    told = ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items()))
+    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items()))
     rows = [(k, _format_figure(v), TARGETS.get(k, "")) for k, v in found.items()]
     return [
         Section(
             "Figures",
-            f"{len(cases)} cases: {told}. Shares with their 95 % Wilson interval. The "
+            f"{len(cases)} cases: {kinds}. Shares with their 95 % Wilson interval. The "
             "key of each case was opened after all diagnoses were written.",
             ("figure", "value", "target"),
             rows,

@@ -15,7 +15,7 @@ Judged = dict[str, Any]
 
 
 def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
-    """A share with its 95 % Wilson interval."""
+    """A share of true flags with its 95 % Wilson interval."""
     flags = list(flags)
     count, hits = len(flags), sum(map(bool, flags))
     if not count:
@@ -89,25 +89,25 @@ def compute_removed_on_test(case: Judged) -> float | None:
 
 
 def compute_f1(cases: Sequence[Judged], how: str) -> float | None:
-    """F1 of all cases' sets taken together."""
+    """F1 of all cases' sets taken together; None where there are no sets."""
     total = sum(c["truths"] + c["findings"] for c in cases)
     return 2 * sum(c["hits"][how] for c in cases) / total if total else None
 
 
 def compute_median(values: Iterable[float | None]) -> float | None:
-    """The median of those that are there."""
+    """The median of the values that are not None."""
     known = [v for v in values if v is not None]
     return float(np.median(known)) if known else None
 
 
 def summarize_spread(values: Iterable[float | None]) -> dict[str, float | None]:
-    """Median and largest."""
+    """Median and largest of the values that are not None."""
     known = [v for v in values if v is not None]
     return {"median": compute_median(known), "largest": max(known, default=None)}
 
 
 def count_confusions(cases: Sequence[Judged]) -> dict[str, Counter[str]]:
-    """First finding (or the verdict, where there is none) by true effect."""
+    """For each true effect: how often what was named first, or the verdict."""
     rows: dict[str, Counter[str]] = defaultdict(Counter)
     for case in select_kind(cases, "single"):
         rows[case["truth"][0].split()[0]][case["first"]] += 1

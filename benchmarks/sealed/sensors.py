@@ -77,7 +77,7 @@ def draw_noise(rng: Rng) -> Noise:
 
 
 def draw_sensors(robot: Robot, rng: Rng) -> SensorSet:
-    """Which signals one case has."""
+    """Which signals one case has, and what is said of the start."""
     velocity, torque, state, epoch = rng.random(4)
     return SensorSet(
         bool(robot.joints) and velocity < 0.35,
@@ -88,13 +88,19 @@ def draw_sensors(robot: Robot, rng: Rng) -> SensorSet:
 
 
 def draw_disturbance(shape: tuple[int, ...], memory: float, rng: Rng) -> np.ndarray:
-    """Noise of unit variance; AR(1) along the first axis where it has a memory."""
-    fresh = rng.normal(size=shape)
+    """Noise of unit variance, AR(1) along the first axis where it is correlated.
+
+    Args:
+        shape: of the result, samples first.
+        memory: correlation of a sample with the one before, 0: white.
+        rng: draws it.
+    """
+    noise = rng.normal(size=shape)
     if not memory:
-        return fresh
-    for i in range(1, len(fresh)):
-        fresh[i] = memory * fresh[i - 1] + np.sqrt(1 - memory**2) * fresh[i]
-    return fresh
+        return noise
+    for i in range(1, len(noise)):
+        noise[i] = memory * noise[i - 1] + np.sqrt(1 - memory**2) * noise[i]
+    return noise
 
 
 @dataclass(frozen=True)
@@ -220,7 +226,13 @@ def _turn_quaternion(quaternion: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def cut_segments(recording: Recording, runs, seconds: float) -> Recording:
-    """Every episode cut into pieces of `seconds` that state where they start."""
+    """Cut every episode into segments that state where they start.
+
+    Args:
+        recording: that is cut.
+        runs: rollouts behind its episodes, which know the states.
+        seconds: [s] of a segment.
+    """
     cut: dict[str, Episode] = {}
     for (name, episode), run in zip(recording.episodes.items(), runs, strict=True):
         since = episode.time - episode.time[0]

@@ -1,4 +1,4 @@
-"""Simulates a hidden robot: takes motion plans, gives what it does and feels."""
+"""Simulates a hidden robot: takes motion plans, gives what it does and measures."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ WILD = 1e4  # [rad/s or m/s] a velocity beyond it is a simulation that failed
 
 @dataclass(frozen=True)
 class MotionPlan:
-    """What the robot is told in one episode.
+    """The commands of one episode.
 
     Attributes:
         motion: label.
@@ -69,13 +69,16 @@ def _map_coordinates(truth: HiddenRobot, given: Any, model: Any) -> _CoordinateM
     qpos, qvel = np.zeros(given.nq, int), np.zeros(given.nv, int)
     qplay, vplay = np.zeros((given.nq, model.nq)), np.zeros((given.nv, model.nv))
     for j in range(given.njnt):
-        mine, theirs = given.joint(j), model.joint(given.joint(j).name or j)
-        wide, thick = (7, 6) if mine.type[0] == mujoco.mjtJoint.mjJNT_FREE else (1, 1)
-        q, v = mine.qposadr[0], mine.dofadr[0]
-        qpos[q : q + wide] = theirs.qposadr[0] + np.arange(wide)
-        qvel[v : v + thick] = theirs.dofadr[0] + np.arange(thick)
-        if mine.name in truth.plays and not truth.motor_side:
-            play = model.joint(truth.plays[mine.name])
+        given_joint, hidden_joint = (
+            given.joint(j),
+            model.joint(given.joint(j).name or j),
+        )
+        nq, nv = (7, 6) if given_joint.type[0] == mujoco.mjtJoint.mjJNT_FREE else (1, 1)
+        q, v = given_joint.qposadr[0], given_joint.dofadr[0]
+        qpos[q : q + nq] = hidden_joint.qposadr[0] + np.arange(nq)
+        qvel[v : v + nv] = hidden_joint.dofadr[0] + np.arange(nv)
+        if given_joint.name in truth.plays and not truth.motor_side:
+            play = model.joint(truth.plays[given_joint.name])
             qplay[q, play.qposadr[0]] = vplay[v, play.dofadr[0]] = 1.0
     return _CoordinateMap(qpos, qvel, qplay, vplay)
 
@@ -147,7 +150,7 @@ class Simulator:
         chains = self.truth.shapers
         self.chains = [[m(h) for m in chains.get(a, [])] for a in self.robot.actuators]
         self.stepwise = bool(self.forces) or any(self.chains)
-        self.fresh = True
+        self.first = True
         if plan.qpos is not None and plan.qvel is not None:
             self.data.qpos[self.view.qpos] = plan.qpos
             self.data.qvel[self.view.qvel] = plan.qvel
@@ -203,9 +206,9 @@ class Simulator:
         for a, chain in enumerate(self.chains):
             value = float(self.command[a])
             for shaper in chain:
-                value = shaper(value, self.fresh)
+                value = shaper(value, self.first)
             data.ctrl[a] = value
-        self.fresh = False
+        self.first = False
         if self.forces:
             data.qfrc_applied[:] = 0.0
             for push in self.forces:
@@ -214,6 +217,6 @@ class Simulator:
 
 
 def simulate_plans(truth: HiddenRobot, plans: Sequence[MotionPlan]) -> list[Rollout]:
-    """Play every plan."""
+    """Simulate every plan with one hidden robot."""
     simulator = Simulator(truth)
     return [simulator.run(plan) for plan in plans]

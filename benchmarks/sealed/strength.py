@@ -42,7 +42,7 @@ class Segment:
 
 
 def pick_segments(robot: Robot, runs: Sequence[Rollout]) -> list[Segment]:
-    """Pieces spread evenly over the runs."""
+    """Segments spread evenly over the rollouts."""
     found = []
     for number, run in enumerate(runs):
         since = run.rows * robot.fine
@@ -58,7 +58,14 @@ def pick_segments(robot: Robot, runs: Sequence[Rollout]) -> list[Segment]:
 def replay_segments(
     model: Any, fine: float, runs: Sequence[Rollout], pieces: Sequence[Segment]
 ):
-    """Positions (samples, nq) of all pieces, simulated from where they begin."""
+    """Positions (samples, nq) of all segments, each simulated from where it begins.
+
+    Args:
+        model: compiled, simulates.
+        fine: [s] step of the rollouts.
+        runs: the rollouts.
+        pieces: segments of them.
+    """
     each = max(round(float(model.opt.timestep) / fine), 1)
     data, found = mujoco.MjData(model), []
     for piece in pieces:
@@ -82,10 +89,16 @@ def replay_segments(
 
 
 def compute_residuals(
-    bench: Instruments, seen: np.ndarray, other: np.ndarray
+    instruments: Instruments, seen: np.ndarray, other: np.ndarray
 ) -> dict[str, Any]:
-    """Differences of two sets of positions, over noise, by signal: (samples, d)."""
-    robot, noise = bench.robot, bench.noise
+    """Differences of two sets of positions over noise, by signal: (samples, d) [1].
+
+    Args:
+        instruments: whose noise counts.
+        seen: (samples, nq) positions.
+        other: (samples, nq) positions.
+    """
+    robot, noise = instruments.robot, instruments.noise
     model = mujoco.MjModel.from_xml_string(robot.xml)
     found = {}
     for name in robot.joints:
@@ -112,7 +125,7 @@ def find_largest_rms(errors: dict[str, np.ndarray]) -> float:
 
 
 def group_nuisances(robot: Robot) -> list[list[Nuisance]]:
-    """The stated values, each alone, or by kind where they are many."""
+    """The stated values: each alone, or by kind where they are many."""
     every = list_nuisances(robot)
     if len(every) <= MANY:
         return [[n] for n in every]
@@ -121,40 +134,52 @@ def group_nuisances(robot: Robot) -> list[list[Nuisance]]:
 
 
 def read_segments(
-    bench: Instruments, runs: Sequence[Rollout], pieces: Sequence[Segment]
+    instruments: Instruments, runs: Sequence[Rollout], pieces: Sequence[Segment]
 ) -> np.ndarray:
-    """Positions (samples, nq) of the pieces as sensors without noise say them."""
-    model = mujoco.MjModel.from_xml_string(bench.robot.xml)
-    columns = {f"{j}_position": model.joint(j).qposadr[0] for j in bench.robot.joints}
+    """Positions (samples, nq) of segments as sensors without noise read them.
+
+    Args:
+        instruments: that read them.
+        runs: the rollouts.
+        pieces: segments of them.
+    """
+    model = mujoco.MjModel.from_xml_string(instruments.robot.xml)
+    columns = {
+        f"{j}_position": model.joint(j).qposadr[0] for j in instruments.robot.joints
+    }
     found = []
     for piece in pieces:
         run = runs[piece.run]
-        signals, qpos = bench.read_clean(run), run.qpos.copy()
+        signals, qpos = instruments.read_clean(run), run.qpos.copy()
         for name, column in columns.items():
             qpos[:, column] = signals[name].values
-            if step := bench.readings[name].step if name in bench.readings else 0.0:
+            if (
+                step := instruments.readings[name].step
+                if name in instruments.readings
+                else 0.0
+            ):
                 qpos[:, column] = np.round(qpos[:, column] / step) * step
         found.append(qpos[piece.list_samples()])
     return np.concatenate(found)
 
 
 def measure_strength(
-    bench: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
+    instruments: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
 ) -> tuple[float, float]:
     """Error without the effect over noise: as it is, and after a bounded refit.
 
     Args:
-        bench: that measures the runs.
+        instruments: that measures the runs.
         base: the same robot without the effect.
         runs: of the robot with the effect.
     """
     robot, pieces = base.robot, pick_segments(base.robot, runs)
-    seen = read_segments(bench, runs, pieces)
+    seen = read_segments(instruments, runs, pieces)
 
     def simulated(spec: Any) -> np.ndarray:
         return replay_segments(spec.compile(), robot.fine, runs, pieces)
 
-    raw = compute_residuals(bench, seen, simulated(base.spec))
+    raw = compute_residuals(instruments, seen, simulated(base.spec))
     if not all(np.isfinite(e).all() for e in raw.values()):
         return np.inf, np.inf
     if find_largest_rms(raw) < 1:
@@ -165,7 +190,7 @@ def measure_strength(
         nudged = given.copy()
         for nuisance in group:
             scale_value(nudged, nuisance, 1 + NUDGE)
-        moved = compute_residuals(bench, simulated(nudged), plain)
+        moved = compute_residuals(instruments, simulated(nudged), plain)
         slopes.append(np.concatenate([m.ravel() for m in moved.values()]) / NUDGE)
         bounds.append(0.8 * group[0].bound)
     left = _subtract_refit(raw, np.array(slopes).T, np.array(bounds))
@@ -173,7 +198,7 @@ def measure_strength(
 
 
 def make_coarse_spec(base: HiddenRobot) -> Any:
-    """The hidden robot with the given model's step and integrator."""
+    """MjSpec of the hidden robot with the given model's step and integrator."""
     given = mujoco.MjModel.from_xml_string(base.robot.xml)
     spec = base.spec.copy()
     spec.option.timestep = given.opt.timestep
@@ -194,10 +219,16 @@ def _subtract_refit(raw: dict[str, np.ndarray], slopes: np.ndarray, bounds: np.n
 
 
 def measure_integration_error(
-    bench: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
+    instruments: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
 ) -> float:
-    """What the given model's step and integrator alone cost, over noise."""
+    """What the given model's step and integrator alone cost, over noise.
+
+    Args:
+        instruments: whose noise counts.
+        base: hidden robot.
+        runs: rollouts of it.
+    """
     robot, pieces = base.robot, pick_segments(base.robot, runs)
     one = replay_segments(base.spec.compile(), robot.fine, runs, pieces)
     other = replay_segments(make_coarse_spec(base).compile(), robot.fine, runs, pieces)
-    return find_largest_rms(compute_residuals(bench, one, other))
+    return find_largest_rms(compute_residuals(instruments, one, other))

@@ -13,7 +13,7 @@ def get_name(target: str) -> str:
 
 
 def find_joint(robot: Robot, target: str) -> str:
-    """The joint of a joint, actuator or joint position signal."""
+    """The joint that a joint, an actuator or a joint position signal belongs to."""
     kind, _, name = target.partition(":")
     if kind == "actuator":
         return robot.actuators[name]
@@ -74,7 +74,7 @@ def list_arm_servos(robot: Robot) -> list[str]:
 
 
 def list_coupled_joints(robot: Robot) -> list[str]:
-    """Coupled pairs: the joint that is named is the first of two hinges."""
+    """The last of two coupled hinges as target, where there are two."""
     names = {"arm2_servo", "arm2_torque", "arm3", "double_pendulum"}
     return ["joint:" + robot.joints[-1]] if robot.name in names else []
 
@@ -92,7 +92,7 @@ def list_load_bodies(robot: Robot) -> list[str]:
 
 
 def list_shiftable_bodies(robot: Robot) -> list[str]:
-    """Bodies whose center can be seen to move; on one link it is a sensor's bias."""
+    """The bodies whose center of mass can be seen to move, as targets."""
     return [] if robot.name == "pendulum" else list_load_bodies(robot)
 
 
