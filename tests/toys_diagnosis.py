@@ -4,12 +4,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from selfheal.body.mjcf import ignore_warnings
 from selfheal.recording import Episode, Recording, Signal
+
+if TYPE_CHECKING:
+    from selfheal.diagnosis.scene import Scene
+    from selfheal.diagnosis.world import World
 
 PENDULUM = """<mujoco model="pendulum">
   <!-- a weight on a rod, turned by a servo -->
@@ -309,8 +314,8 @@ class Bench:
 
     path: Path
     recording: Recording
-    world: object
-    scene: object
+    world: "World"
+    scene: "Scene"
 
 
 def bench(robot: Robot | str, folder: Path, **how) -> Bench:
