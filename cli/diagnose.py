@@ -62,10 +62,10 @@ def diagnose(
     # numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import diagnose as find
-    from selfheal.diagnosis.folder import check_folder, unfinished
+    from selfheal.diagnosis.folder import check_folder, unfinished_folder
 
     out = check_folder(out, force)
-    memory = unfinished(out)
+    memory = unfinished_folder(out)
     if not resume:
         shutil.rmtree(memory, ignore_errors=True)
     with Live("reading", quiet=as_json) as live:
@@ -194,12 +194,14 @@ def replay(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
-    from selfheal.diagnosis.replay import replay as predict
+    from selfheal.diagnosis.replay import replay_recording
     from selfheal.recording import read, write
 
     start = time.perf_counter()
     _check_replay(folder, inputs, out, model, force)
-    predicted = replace(predict(folder, read(inputs), model=model), source=_PREDICTED)
+    predicted = replace(
+        replay_recording(folder, read(inputs), model=model), source=_PREDICTED
+    )
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
     told = {
@@ -264,10 +266,13 @@ def _is_prediction(path: Path) -> bool:
 
 def effects(as_json: Annotated[bool, _JSON] = False) -> None:
     """List the physics that can be found missing."""
-    from selfheal.diagnosis.effects import catalogue
+    from selfheal.diagnosis.effects import load_catalogue
 
-    keys = ("name", "group", "says", "equation", "source", "separate_by")
-    found = [{key: getattr(e, key) for key in keys} for e in catalogue().values()]
+    found = [
+        {"name": e.name, "group": e.group, "says": e.description,
+         "equation": e.equation, "source": e.source, "separate_by": e.separate_by}
+        for e in load_catalogue().values()
+    ]  # fmt: skip
     if as_json:
         from ._print import print_json
 
@@ -276,5 +281,7 @@ def effects(as_json: Annotated[bool, _JSON] = False) -> None:
     from rich.console import Console
 
     head = ("name", "where", "what happens", "equation")
-    rows = [[str(e[key]) for key in keys[:4]] for e in found]
+    rows = [
+        [str(e[key]) for key in ("name", "group", "says", "equation")] for e in found
+    ]
     _print_table(Console(), head, rows, whole=2)

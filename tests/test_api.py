@@ -11,8 +11,8 @@ from toys_diagnosis import ROBOTS, record
 
 import selfheal
 from selfheal.diagnosis import diagnose as module
-from selfheal.diagnosis.effects import catalogue
-from selfheal.diagnosis.replay import replay
+from selfheal.diagnosis.effects import load_catalogue
+from selfheal.diagnosis.replay import replay_recording
 from selfheal.errors import InputError, ModelError, RecordingError
 from selfheal.recording import read, write
 
@@ -25,9 +25,9 @@ BIAS = 0.08  # [rad]
 def few():
     """A catalogue of four: what MuJoCo can express, and what it cannot."""
     names = ("coulomb_friction", "sensor_bias", "sensor_gain", "joint_spring")
-    small = {n: catalogue()[n] for n in names}
+    small = {n: load_catalogue()[n] for n in names}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "catalogue", lambda: small)
+        patch.setattr(module, "load_catalogue", lambda: small)
         yield
 
 
@@ -72,7 +72,7 @@ def test_what_is_missing_is_found(found):
 def test_a_simulation_is_the_replay_of_the_folder(found, home, tmp_path):
     found.save(tmp_path / "out")
     recording = read(home / "recording.h5")
-    played = replay(tmp_path / "out", recording)
+    played = replay_recording(tmp_path / "out", recording)
     for given in (recording, home / "recording.h5"):
         told = found.simulate(given)
         for key, episode in told.episodes.items():

@@ -55,7 +55,7 @@ class Doctor:
 
     memory, found = Path(), ()  # of the last diagnosis: where, and what was there
 
-    def replay(self, folder, recording, *, model=None):
+    def replay_recording(self, folder, recording, *, model=None):
         self.asked.append({"folder": folder, "file": recording.file, "model": model})
         filled = {}
         for name, episode in recording.episodes.items():
@@ -72,9 +72,11 @@ class Doctor:
 def doctor(monkeypatch):
     """The stand-in, in its place."""
     stand_in = Doctor()
-    for name in ("diagnose", "replay"):
+    for name, function in (
+        ("diagnose", "diagnose"), ("replay", "replay_recording"),
+    ):  # fmt: skip
         module = ModuleType(f"selfheal.diagnosis.{name}")
-        setattr(module, name, getattr(stand_in, name))
+        setattr(module, function, getattr(stand_in, function))
         monkeypatch.setitem(sys.modules, module.__name__, module)
     return stand_in
 
@@ -354,7 +356,7 @@ def effects(monkeypatch):
     from selfheal.diagnosis.effects.friction import CoulombFriction, ViscousFriction
 
     both = {e.name: e for e in (CoulombFriction(), ViscousFriction())}
-    monkeypatch.setattr(effects, "catalogue", lambda: both)
+    monkeypatch.setattr(effects, "load_catalogue", lambda: both)
     return both
 
 

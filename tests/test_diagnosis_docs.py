@@ -13,8 +13,8 @@ from test_diagnosis_effects import CONTRACT
 from toys_diagnosis import bench
 
 from selfheal.diagnosis import score
-from selfheal.diagnosis.effects import GROUPS, catalogue
-from selfheal.diagnosis.textual import native
+from selfheal.diagnosis.effects import GROUPS, load_catalogue
+from selfheal.diagnosis.textual import is_native
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Effects
@@ -38,18 +38,21 @@ def effects_page() -> str:
         parts.append(f"\n## {group.capitalize()}\n")
         if group == "measurement":
             parts.append(OF_SENSOR)
-        parts += [_entry(e) for e in catalogue().values() if e.group == group]
+        parts += [_entry(e) for e in load_catalogue().values() if e.group == group]
     return "".join(parts)
 
 
 def _entry(effect) -> str:
     sort, units = CONTRACT[effect.name]
-    columns = [f"{effect.vector}_{x}" for x in "xyz"]
-    told = {effect.vector if n in columns else n: unit for n, unit in units.items()}
+    columns = [f"{effect.vector_parameter}_{x}" for x in "xyz"]
+    told = {
+        effect.vector_parameter if n in columns else n: unit
+        for n, unit in units.items()
+    }
     named = [f"{n} [{unit or 'its unit'}]" for n, unit in told.items()]
-    acts = "native" if native(SimpleNamespace(effect=effect)) else "by `replay`"
+    acts = "native" if is_native(SimpleNamespace(effect=effect)) else "by `replay`"
     return (
-        f"\n### `{effect.name}`\n\n{effect.says}\n\n    {effect.equation}\n\n"
+        f"\n### `{effect.name}`\n\n{effect.description}\n\n    {effect.equation}\n\n"
         f"- at: {sort}; {acts}\n"
         f"- parameters: {', '.join(named) or 'none'}\n"
         f"- source: {effect.source}\n"
@@ -63,7 +66,7 @@ def test_the_page_of_effects_is_the_catalogue():
 
 
 def test_every_effect_has_a_group_that_the_page_shows():
-    assert {e.group for e in catalogue().values()} == set(GROUPS)
+    assert {e.group for e in load_catalogue().values()} == set(GROUPS)
 
 
 @pytest.fixture
@@ -78,15 +81,15 @@ def preload():
 
 def test_the_example_of_an_effect_is_one(preload, tmp_path):
     b = bench("cart_pole", tmp_path, episodes=1, seconds=0.5)
-    pieces = score.replayed(b.world)
-    plain = b.world.simulate((), np.zeros((1, 0)), pieces)
-    terms = preload.terms(b.scene)
+    pieces = score.cut_replay_segments(b.simulator)
+    plain = b.simulator.simulate((), np.zeros((1, 0)), pieces)
+    terms = preload.propose_terms(b.robot)
     assert [t.targets for t in terms] == [("joint:rail",), ("joint:pivot",)]
     assert [t.parameters[0].unit for t in terms] == ["N", "N m"]
     for term in terms:
-        absent = term.parameters[0].absent
-        values = np.array([[absent], *term.starts])
-        apart = np.abs(b.world.simulate((term,), values, pieces) - plain)
+        absent = term.parameters[0].nominal
+        values = np.array([[absent], *term.initial_values])
+        apart = np.abs(b.simulator.simulate((term,), values, pieces) - plain)
         apart = apart.reshape(len(values), -1).max(axis=1)
         assert apart[0] < 1e-12 and (apart[1:] > 1e-4).all()
 

@@ -11,15 +11,19 @@ import pytest
 from toys_diagnosis import ROBOTS, bench, places
 
 from selfheal.diagnosis import score
-from selfheal.diagnosis.answer import patch_of, patch_or_given
-from selfheal.diagnosis.document import _parameters
-from selfheal.diagnosis.effects import GROUPS, catalogue, effect
-from selfheal.diagnosis.effects.body import add_mass, set_spatial, spatial
+from selfheal.diagnosis.answer import build_patch, patch_or_nominal
+from selfheal.diagnosis.document import _list_parameters
+from selfheal.diagnosis.effects import GROUPS, find_effect, load_catalogue
+from selfheal.diagnosis.effects.body import (
+    add_mass,
+    set_spatial_inertia,
+    spatial_inertia,
+)
 from selfheal.diagnosis.fit import Fit
-from selfheal.diagnosis.replay import replay
-from selfheal.diagnosis.stated import stated_terms
-from selfheal.diagnosis.terms import is_new
-from selfheal.diagnosis.textual import native
+from selfheal.diagnosis.replay import replay_recording
+from selfheal.diagnosis.stated import build_nominal_terms
+from selfheal.diagnosis.terms import is_distinct
+from selfheal.diagnosis.textual import is_native
 from selfheal.errors import UnknownNameError
 
 # contract section 4: what a target is, and names and units of the parameters
@@ -81,59 +85,61 @@ def benches(tmp_path_factory):
 
 def _bench(robot, folder):
     b = bench(robot, folder, episodes=2, seconds=0.8, seed=4)
-    pieces = score.replayed(b.world)
-    plain = b.world.simulate((), np.zeros((1, 0)), pieces)[0]
-    return SimpleNamespace(**vars(b), pieces=pieces, plain=plain)
+    pieces = score.cut_replay_segments(b.simulator)
+    plain = b.simulator.simulate((), np.zeros((1, 0)), pieces)[0]
+    return SimpleNamespace(**vars(b), segments=pieces, plain=plain)
 
 
 def _terms(benches, name, most=2):
     """Some places of an effect on each robot: the first, and the last."""
     for b in benches.values():
-        found = effect(name).terms(b.scene)
+        found = find_effect(name).propose_terms(b.robot)
         chosen = {0, len(found) - 1} if len(found) >= most else set(range(len(found)))
         yield from ((b, found[i]) for i in sorted(chosen))
 
 
 def _absent(term) -> np.ndarray:
-    return np.array([p.absent for p in term.parameters], float)
+    return np.array([p.nominal for p in term.parameters], float)
 
 
 def _present(term) -> np.ndarray:
     """A start of the search; a step from it where that is no change."""
-    start = np.array(term.starts[0], float)
+    start = np.array(term.initial_values[0], float)
     return start + term.scale * (start.size and np.allclose(start, _absent(term)))
 
 
 def _moved(b, terms, values) -> float:
     """Largest change of any prediction, of the signals' own spread."""
-    told = b.world.simulate(terms, np.asarray(values, float)[None], b.pieces)[0]
+    told = b.simulator.simulate(terms, np.asarray(values, float)[None], b.segments)[0]
     apart = np.abs(told - b.plain)
     return max(
-        apart[:, c.columns].max() / c.spread for c in b.world.signals if c.scored
+        apart[:, c.columns].max() / c.spread
+        for c in b.simulator.channels
+        if c.is_scored
     )
 
 
 def test_the_catalogue_is_the_contracts():
-    assert set(catalogue()) == set(CONTRACT)
-    assert all(name == e.name for name, e in catalogue().items())
+    assert set(load_catalogue()) == set(CONTRACT)
+    assert all(name == e.name for name, e in load_catalogue().items())
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_effect_explains_itself(name):
-    e = effect(name)
+    e = find_effect(name)
     assert e.group in GROUPS
-    assert e.says.endswith(".") and e.equation and e.source and e.separate_by
+    assert e.description.endswith(".") and e.equation and e.source and e.separate_by
 
 
 def test_a_friction_that_grows_with_speed_is_no_stribeck_friction(benches):
-    for term in effect("stribeck_friction").terms(benches["arm"].scene):
-        assert not term.is_faint(np.array([0.1, 0.3, 0.1]))
-        assert term.is_faint(np.array([0.3, 0.1, 0.1]))
+    for term in find_effect("stribeck_friction").propose_terms(benches["arm"].robot):
+        assert not term.is_negligible(np.array([0.1, 0.3, 0.1]))
+        assert term.is_negligible(np.array([0.3, 0.1, 0.1]))
 
 
 def test_an_unknown_effect_is_refused_with_those_there_are():
     with pytest.raises(UnknownNameError, match="coulomb_friction"):
-        effect("friction")
+        find_effect("friction")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -141,7 +147,7 @@ def test_names_targets_and_units_are_the_contracts(name, benches):
     sort, units = CONTRACT[name]
     seen, told = 0, set()
     for b in benches.values():
-        for term in effect(name).terms(b.scene):
+        for term in find_effect(name).propose_terms(b.robot):
             seen += 1
             told |= {p.name for p in term.parameters}
             for target in term.targets:
@@ -159,15 +165,15 @@ def test_names_targets_and_units_are_the_contracts(name, benches):
 def _there(b, target) -> None:
     sort, _, name = target.partition(":")
     if sort == "sensor":
-        assert name in {c.name for c in b.world.signals}
+        assert name in {c.name for c in b.simulator.channels}
     elif sort != "world":
-        getattr(b.scene.model, sort)(name)
+        getattr(b.robot.model, sort)(name)
 
 
 def _units(unit, b, target) -> set[str]:
     """The contract's unit, or for a slide the same with N and m."""
     if unit is None:
-        return {c.unit for c in b.world.signals if f"sensor:{c.name}" == target}
+        return {c.unit for c in b.simulator.channels if f"sensor:{c.name}" == target}
     name = target.partition(":")[2]
     if name not in ("rail", "push"):
         return {unit}
@@ -178,8 +184,8 @@ def _units(unit, b, target) -> set[str]:
 @pytest.mark.parametrize("name", NAMES)
 def test_starts_and_absent_values_are_within_bounds(name, benches):
     for _, term in _terms(benches, name):
-        assert len(term.places) == len(term.targets) and term.starts
-        for start in term.starts:
+        assert len(term.places) == len(term.targets) and term.initial_values
+        for start in term.initial_values:
             assert (term.low <= start).all() and (start <= term.high).all()
         assert (term.scale > 0).all() and (term.low < term.high).all()
 
@@ -230,22 +236,22 @@ def stating(tmp_path_factory):
 def test_an_absent_effect_leaves_what_the_model_states(name, stating):
     most = NEARLY_ABSENT.get(name, 1e-7)
     for b in stating.values():
-        for term in effect(name).terms(b.scene):
+        for term in find_effect(name).propose_terms(b.robot):
             assert _moved(b, (term,), _absent(term)) <= most, term.label
 
 
 def _told(b, *pairs):
     """What terms of these values predict."""
     values = np.concatenate([np.atleast_1d(v) for _, v in pairs])
-    return b.world.simulate([t for t, _ in pairs], values[None], b.pieces)[0]
+    return b.simulator.simulate([t for t, _ in pairs], values[None], b.segments)[0]
 
 
 def _of_elbow(b, name, **note):
     """An effect's term at the arm's second joint, or its actuator."""
     wanted = ("joint:elbow",), ("actuator:elbow_servo",)
     return next(
-        t for t in effect(name).terms(b.scene)
-        if t.targets in wanted and note.items() <= t.note.items()
+        t for t in find_effect(name).propose_terms(b.robot)
+        if t.targets in wanted and note.items() <= t.finding_fields.items()
     )  # fmt: skip
 
 
@@ -283,14 +289,14 @@ def test_a_load_rubs_in_a_gear_whose_motor_gives_nothing(benches):
     b = benches["arm"]
     motor = _of_elbow(b, "load_dependent_friction")
     both = _of_elbow(b, "load_dependent_friction", side="both")
-    assert motor.key != both.key and not is_new(both, [motor])
+    assert motor.key != both.key and not is_distinct(both, [motor])
     still = SimpleNamespace(
         actuator_torque=np.array([[0.0, 0.0], [0.3, 0.4], [0.0, -0.4]]),
-        bias=np.array([[0.5, -0.6], [0.3, 0.4], [0.0, 0.4]]),
+        bias_torque=np.array([[0.5, -0.6], [0.3, 0.4], [0.0, 0.4]]),
     )
     for term, torque in (motor, [0.0, 0.4, 0.4]), (both, [0.3, 0.4, 0.0]):
         still.frictionloss = np.full((3, 2), 0.1)
-        term.effect.act(still, term.places[0], np.full((3, 1), 0.2))
+        term.effect.apply_forces(still, term.places[0], np.full((3, 1), 0.2))
         rubs = np.stack([np.full(3, 0.1), 0.1 + 0.2 * np.array(torque)], axis=1)
         np.testing.assert_allclose(still.frictionloss, rubs)
     assert _moved(b, (both,), (0.2,)) > 1e-3
@@ -302,9 +308,9 @@ def test_what_the_ground_is_like_is_what_its_contact_is_like(stating):
         ("ground_friction", "friction", (0.25,)),
         ("ground_compliance", "solref", (0.03, 0.4)),
     ):
-        (term,) = effect(name).terms(b.scene)
-        plant = b.world.workshop.plant([term])
-        contact = _resting(plant.variant([term], np.array(values)))
+        (term,) = find_effect(name).propose_terms(b.robot)
+        plant = b.simulator.compiler.compile_variant([term])
+        contact = _resting(plant.build_model([term], np.array(values)))
         told = np.atleast_1d(getattr(contact, field))[: len(values)]
         np.testing.assert_allclose(told, values)
 
@@ -317,12 +323,14 @@ def test_of_two_geoms_that_with_priority_says_what_the_contact_is_like(tmp_path,
         ("ground_friction", "friction", (0.25,)),
         ("ground_compliance", "solref", (0.03, 0.4)),
     ):
-        (term,) = effect(name).terms(b.scene)
-        model = b.world.workshop.plant([term]).variant([term], np.array(values))
+        (term,) = find_effect(name).propose_terms(b.robot)
+        model = b.simulator.compiler.compile_variant([term]).build_model(
+            [term], np.array(values)
+        )
         told = np.atleast_1d(getattr(_resting(model), field))[: len(values)]
         np.testing.assert_allclose(told, values)
         changed = getattr(model, f"geom_{field}") != getattr(
-            b.world.workshop.given, f"geom_{field}"
+            b.simulator.compiler.nominal, f"geom_{field}"
         )
         assert model.geom(int(np.flatnonzero(changed.any(axis=1))[0])).name == geom
         assert changed.any(axis=1).sum() == 1
@@ -338,7 +346,7 @@ def _resting(model):
 
 def test_the_stiffer_a_compliant_drive_the_less_it_shows(benches):
     b = benches["arm"]
-    for term in effect("compliance").terms(b.scene):
+    for term in find_effect("compliance").propose_terms(b.robot):
         k, d = term.scale
         moved = [_moved(b, (term,), (s * k, s**0.5 * d)) for s in (0.3, 1, 3, 10)]
         assert np.all(np.diff(moved) < 0)
@@ -351,14 +359,14 @@ def test_a_light_rotor_does_not_diverge(integrator, tmp_path):
         replace(ROBOTS["arm"], xml=xml.replace("implicitfast", integrator)), tmp_path
     )
     for name in ("backlash", "compliance", "limb_loss"):
-        for term in effect(name).terms(b.scene):
-            for values in (*term.starts, term.low, term.high):
+        for term in find_effect(name).propose_terms(b.robot):
+            for values in (*term.initial_values, term.low, term.high):
                 assert np.isfinite(_moved(b, (term,), values)), (term.label, values)
 
 
 def test_so_stiff_a_drive_as_a_search_may_try_hardly_shows(benches):
     b = benches["arm"]
-    for term in effect("compliance").terms(b.scene):
+    for term in find_effect("compliance").propose_terms(b.robot):
         assert _moved(b, (term,), (term.high[0], term.scale[1])) < 0.01
 
 
@@ -375,14 +383,14 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
     """With every stated value changed too; on the patched and on the given model."""
     for n, (b, term) in enumerate(_terms(benches, name)):
         # a contact makes much of a text's last digit
-        limit = 0.03 if b.scene.touches else 3e-6
+        limit = 0.03 if b.robot.has_contact else 3e-6
         _check_replay(b, [term], tmp_path / str(n), limit)
 
 
 @pytest.mark.parametrize("name", ["backlash", "compliance"])
 def test_a_second_joint_inherits_nothing_and_counts_in_the_models_unit(name, tmp_path):
     b = _pendulum(tmp_path, **HEIRS)
-    for n, term in enumerate(effect(name).terms(b.scene)):
+    for n, term in enumerate(find_effect(name).propose_terms(b.robot)):
         _check_replay(b, [term], tmp_path / str(n), 3e-6)
 
 
@@ -403,14 +411,14 @@ def test_a_second_joint_stands_behind_the_last_of_a_body(tmp_path):
     xml = xml.replace(elbow, "").replace(shoulder, shoulder + elbow)
     b = _bench(replace(ROBOTS["arm"], xml=xml), tmp_path)
     for name in ("backlash", "compliance"):
-        found = {t.targets for t in effect(name).terms(b.scene)}
+        found = {t.targets for t in find_effect(name).propose_terms(b.robot)}
         assert found == {("joint:elbow",)}
 
 
 def test_two_joints_with_play_are_one_each(benches, tmp_path):
     b = benches["arm"]
-    found = effect("backlash").terms(b.scene)
-    terms = [t for t in found if t.note["measured"] == "motor"]
+    found = find_effect("backlash").propose_terms(b.robot)
+    terms = [t for t in found if t.finding_fields["measured"] == "motor"]
     assert len(terms) == 2
     _check_replay(b, terms, tmp_path / "both", 3e-6)
 
@@ -419,7 +427,7 @@ def test_a_joint_with_play_may_bend_too(benches, tmp_path):
     """What lies between has some inertia: MuJoCo warns where it has none."""
     b = benches["arm"]
     own = [_of_elbow(b, n, measured="motor") for n in ("compliance", "backlash")]
-    plant = b.world.workshop.plant(own)
+    plant = b.simulator.compiler.compile_variant(own)
     assert (plant.model.dof_armature > 0).sum() == plant.model.nv - 1
     _check_replay(b, own, tmp_path / "both", 3e-5)
 
@@ -432,7 +440,9 @@ def test_a_joints_own_name_may_end_as_an_added_ones(tmp_path):
         text = text.replace(f'joint="{old}"', f'joint="{name}"')
     signals = {"elbow": ("joint_position", "elbow_flex", "rad")}
     b = _bench(replace(robot, xml=text, signals=signals), tmp_path)
-    terms = [effect(name).terms(b.scene) for name in ("backlash", "compliance")]
+    terms = [
+        find_effect(name).propose_terms(b.robot) for name in ("backlash", "compliance")
+    ]
     assert len(terms[0]) == len(terms[1]) == 3
     for n, own in enumerate(terms):
         _check_replay(b, [own[0], own[1]], tmp_path / str(n), 3e-6)
@@ -442,7 +452,7 @@ def test_a_second_joint_takes_no_name_that_the_model_has(tmp_path):
     text = ROBOTS["arm"].xml.replace('"shoulder"', '"elbow_flex"')
     signals = {"elbow": ("joint_position", "elbow", "rad")}
     b = _bench(replace(ROBOTS["arm"], xml=text, signals=signals), tmp_path)
-    found = {t.targets for t in effect("compliance").terms(b.scene)}
+    found = {t.targets for t in find_effect("compliance").propose_terms(b.robot)}
     assert found == {("joint:elbow_flex",)}
 
 
@@ -453,37 +463,41 @@ def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
     text = ROBOTS["arm"].xml.replace("<site", f"{made}<site")
     b = _bench(replace(ROBOTS["arm"], xml=text), tmp_path)
     own = [_of_elbow(b, "compliance", measured="motor")]
-    stated = tuple(stated_terms(b.scene))
+    stated = tuple(build_nominal_terms(b.robot))
     factors, present = _factors(stated), [_present(t) for t in own]
     terms, values = (*stated, *own), np.concatenate([factors, *present])
-    case = SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
+    case = SimpleNamespace(
+        compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
+    )
     found = Fit(terms, values, np.zeros(0), np.zeros((0, 0)))
-    same, diff, edits, unpatched = patch_or_given(case, found)
+    same, diff, edits, unpatched = patch_or_nominal(case, found)
     assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
     document = _document(stated, factors, own, present) | {"unpatched": unpatched}
     _write(tmp_path / "out", same, document)
-    told = b.world.simulate(terms, values[None], b.pieces)[0]
-    assert _apart(b, replay(tmp_path / "out", b.recording), told) < 3e-6
+    told = b.simulator.simulate(terms, values[None], b.segments)[0]
+    assert _apart(b, replay_recording(tmp_path / "out", b.recording), told) < 3e-6
 
 
 def _check_replay(b, own, folder, limit) -> None:
     """That a patch with these effects says what simulating them did, and a replay."""
-    stated = tuple(stated_terms(b.scene))
+    stated = tuple(build_nominal_terms(b.robot))
     factors, present = _factors(stated), [_present(t) for t in own]
     terms, values = (*stated, *own), np.concatenate([factors, *present])
-    told = b.world.simulate(terms, values[None], b.pieces)[0]
+    told = b.simulator.simulate(terms, values[None], b.segments)[0]
     assert np.isfinite(told).all()
     text = _patch(b, terms, values)
     _write(folder, text, _document(stated, factors, own, present))
     for model in (None, b.path):
-        apart = _apart(b, replay(folder, b.recording, model=model), told)
+        apart = _apart(b, replay_recording(folder, b.recording, model=model), told)
         assert apart < limit, (own[0].label, own[0].note, model, apart)
 
 
 def _patch(b, terms, values) -> str:
     """The text of a patch that says so much."""
-    case = SimpleNamespace(workshop=b.world.workshop, world=b.world, scene=b.scene)
-    return patch_of(case, Fit(terms, values, np.zeros(0), np.zeros((0, 0))))[0]
+    case = SimpleNamespace(
+        compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
+    )
+    return build_patch(case, Fit(terms, values, np.zeros(0), np.zeros((0, 0))))[0]
 
 
 def _factors(stated) -> np.ndarray:
@@ -494,15 +508,15 @@ def _factors(stated) -> np.ndarray:
 
 def _document(stated, factors, own, present) -> dict:
     findings = [
-        {"effect": term.effect.name, "target": target, **term.note,
-         "native": native(term),
-         "parameters": _parameters(term, values, 0 * values)}
+        {"effect": term.effect.name, "target": target, **term.finding_fields,
+         "native": is_native(term),
+         "parameters": _list_parameters(term, values, 0 * values)}
         for term, values in zip(own, present, strict=True)
         for target in term.targets
     ]  # fmt: skip
     refit = [
-        {"parameter": t.targets[0], "given": t.note["value"],
-         "value": t.note["value"] * float(f)}
+        {"parameter": t.targets[0], "given": t.finding_fields["value"],
+         "value": t.finding_fields["value"] * float(f)}
         for t, f in zip(stated, factors, strict=True)
     ]  # fmt: skip
     return {"format": "selfheal-diagnosis", "version": 1, "findings": findings,
@@ -518,7 +532,7 @@ def _write(folder, text, document) -> None:
 def _apart(b, played, told) -> float:
     """Largest difference of a replay to a prediction, of the effect's own size."""
     worst = 0.0
-    for c in b.world.signals:
+    for c in b.simulator.channels:
         read = np.concatenate([
             e.signals[c.name].values.reshape(-1, c.width)
             for e in played.episodes.values()
@@ -535,12 +549,12 @@ def test_a_delay_is_replayed_as_it_was_found(share, stated, tmp_path):
     """Though MuJoCo makes a whole step of a part of one; beside a stated delay too."""
     servo = '<position name="servo" '
     b = _pendulum(tmp_path, **{servo: f"{servo}{stated} "})
-    (term,) = effect("command_delay").terms(b.scene)
-    values = np.array([share * b.world.step])
-    told = b.world.simulate((term,), values[None], b.pieces)[0]
+    (term,) = find_effect("command_delay").propose_terms(b.robot)
+    values = np.array([share * b.simulator.timestep])
+    told = b.simulator.simulate((term,), values[None], b.segments)[0]
     document = _document((), (), [term], [values])
     _write(tmp_path / "out", _patch(b, (term,), values), document)
-    assert _apart(b, replay(tmp_path / "out", b.recording), told) < 3e-6
+    assert _apart(b, replay_recording(tmp_path / "out", b.recording), told) < 3e-6
 
 
 # bounds and places
@@ -557,16 +571,16 @@ def _pendulum(folder, **changes):
 
 def test_friction_may_be_as_large_as_what_motors_were_asked_for(benches):
     b = benches["cart_pole"]  # without gravity on its rail, and a motor
-    (push,) = b.scene.actuators
+    (push,) = b.robot.actuators
     for name in ("coulomb_friction", "stribeck_friction", "asymmetric_friction"):
-        rail, _ = effect(name).terms(b.scene)
-        assert (rail.high[:2] >= 0.99 * push.most).all()
+        rail, _ = find_effect(name).propose_terms(b.robot)
+        assert (rail.high[:2] >= 0.99 * push.max_force).all()
 
 
 def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
     b = benches["arm"]
-    for term in effect("payload").terms(b.scene):
-        assert term.high[0] >= sum(body.mass for body in b.scene.bodies)
+    for term in find_effect("payload").propose_terms(b.robot):
+        assert term.high[0] >= sum(body.mass for body in b.robot.bodies)
 
 
 def test_a_hand_carries_what_the_arm_that_it_is_fixed_to_does_not(tmp_path):
@@ -574,7 +588,7 @@ def test_a_hand_carries_what_the_arm_that_it_is_fixed_to_does_not(tmp_path):
       <body name="tip" pos="0 0 -0.05"/></body></body></worldbody>"""
     b = _pendulum(tmp_path, **{"</body>\n  </worldbody>": hand})
     targets = {
-        name: [t.targets for t in effect(name).terms(b.scene)]
+        name: [t.targets for t in find_effect(name).propose_terms(b.robot)]
         for name in ("payload", "com_shift", "mount_shift")
     }
     assert targets == {
@@ -588,9 +602,9 @@ def test_a_robot_that_touches_itself_needs_no_ground(tmp_path):
     signals = {"pole": ("joint_position", "pivot", "rad")}
     robot = replace(ROBOTS["cart_pole"], xml=CLAPPER, signals=signals)
     b = _bench(robot, tmp_path)
-    assert b.scene.touches
+    assert b.robot.has_contact
     for name in ("ground_friction", "ground_compliance"):
-        assert effect(name).terms(b.scene) == []
+        assert find_effect(name).propose_terms(b.robot) == []
 
 
 CLAPPER = """<mujoco><option timestep="0.002"/><worldbody>
@@ -603,9 +617,9 @@ CLAPPER = """<mujoco><option timestep="0.002"/><worldbody>
 
 def test_wind_needs_something_that_blows(tmp_path):
     still = _pendulum(tmp_path)
-    assert not effect("wind").terms(still.scene)
+    assert not find_effect("wind").propose_terms(still.robot)
     thick = _pendulum(tmp_path, **{"<option": '<option viscosity="0.1"'})
-    assert effect("wind").terms(thick.scene)
+    assert find_effect("wind").propose_terms(thick.robot)
 
 
 @pytest.mark.parametrize(
@@ -614,7 +628,9 @@ def test_wind_needs_something_that_blows(tmp_path):
 )
 def test_a_flat_robot_stands_on_no_slope_across_its_plane(axis, azimuths, tmp_path):
     b = _pendulum(tmp_path, **{'axis="0 1 0"': f'axis="{axis}"'})
-    starts = [s for t in effect("slope").terms(b.scene) for s in t.starts]
+    starts = [
+        s for t in find_effect("slope").propose_terms(b.robot) for s in t.initial_values
+    ]
     told = np.rad2deg([azimuth for _, azimuth in starts])
     assert np.allclose(told, azimuths)
 
@@ -622,13 +638,13 @@ def test_a_flat_robot_stands_on_no_slope_across_its_plane(axis, azimuths, tmp_pa
 def test_what_moves_upright_alone_knows_no_slope(tmp_path):
     upright = {'type="hinge" axis="0 1 0"': 'type="slide" axis="0 0 1"'}
     b = _pendulum(tmp_path, **upright)
-    assert not effect("slope").terms(b.scene)
+    assert not find_effect("slope").propose_terms(b.robot)
 
 
 def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
-    assert effect("integral_action").terms(_pendulum(tmp_path).scene)
+    assert find_effect("integral_action").propose_terms(_pendulum(tmp_path).robot)
     geared = _pendulum(tmp_path, **{'kv="0.1"': 'kv="0.1" gear="2"'})
-    assert not effect("integral_action").terms(geared.scene)
+    assert not find_effect("integral_action").propose_terms(geared.robot)
 
 
 def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
@@ -639,12 +655,12 @@ def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
         begin=lambda rng: (np.array([pose]), np.zeros(1)),
     )
     b = _bench(robot, tmp_path)
-    fresh, settled = effect("integral_action").terms(b.scene)
-    assert settled.is_faint(0.1 * settled.scale)  # no more than a torque
-    kp = b.scene.model.actuator_gainprm[0, 0]
+    fresh, settled = find_effect("integral_action").propose_terms(b.robot)
+    assert settled.is_negligible(0.1 * settled.scale)  # no more than a torque
+    kp = b.robot.model.actuator_gainprm[0, 0]
 
     def sag(term, most):
-        told = b.world.simulate((term,), np.array([[kp, most]]), b.pieces)[0]
+        told = b.simulator.simulate((term,), np.array([[kp, most]]), b.segments)[0]
         return np.abs(told - pose).max()
 
     assert sag(settled, 10.0) < 1e-3 < 20e-3 < sag(fresh, 10.0)
@@ -662,12 +678,12 @@ def test_a_servo_lets_go_as_soon_as_its_error_turns():
             now = SimpleNamespace(
                 ctrl=np.array([[error]]),
                 qpos=np.zeros((1, 1)),
-                applied=np.zeros((1, 1)),
-                sums=sums,
-                step=step,
+                applied_force=np.zeros((1, 1)),
+                integral_errors=sums,
+                timestep=step,
             )
-            effect("integral_action").act(now, place, values)
-        return now.applied[0, 0]  # fmt: skip
+            find_effect("integral_action").apply_forces(now, place, values)
+        return now.applied_force[0, 0]  # fmt: skip
 
     assert torque(1.0, 1000) == pytest.approx(imax)
     turned = round(2 * imax / ki / step)
@@ -681,7 +697,7 @@ def test_a_lag_keeps_the_range_that_a_servo_inherited(tmp_path):
         **{'armature="0.002"': 'armature="0.002" range="-40 40"',
            'kv="0.1"': 'kv="0.1" inheritrange="1"'},
     )  # fmt: skip
-    terms = tuple(effect("actuator_lag").terms(b.scene))
+    terms = tuple(find_effect("actuator_lag").propose_terms(b.robot))
     text = _patch(b, terms, np.array([0.05]))
     model = mujoco.MjModel.from_xml_string(text)
     assert model.actuator_ctrllimited.all()
@@ -697,8 +713,8 @@ def test_a_body_given_an_inertia_has_it(seed):
     model = mujoco.MjModel.from_xml_string(ROBOTS["arm"].xml)
     root = rng.normal(size=(3, 3)) * 0.05
     inertia = root @ root.T + 0.1 * np.eye(3)
-    set_spatial(model, 1, 1.0, np.zeros(3), inertia)
-    np.testing.assert_allclose(spatial(model, 1), inertia, atol=1e-12)
+    set_spatial_inertia(model, 1, 1.0, np.zeros(3), inertia)
+    np.testing.assert_allclose(spatial_inertia(model, 1), inertia, atol=1e-12)
 
 
 def test_a_rod_that_bears_more_keeps_its_axes():
@@ -721,14 +737,14 @@ def test_a_rod_that_bears_more_keeps_its_axes():
 def test_what_stands_for_another_thing_or_for_nothing_is_faint(
     name, faint, told, benches
 ):
-    for term in effect(name).terms(benches["arm"].scene):
-        assert term.is_faint(np.array(faint))
-        assert not term.is_faint(np.array(told))
+    for term in find_effect(name).propose_terms(benches["arm"].robot):
+        assert term.is_negligible(np.array(faint))
+        assert not term.is_negligible(np.array(told))
 
 
 def test_a_motor_is_weak_more_seldom_than_its_load_is_heavy(benches):
-    (weak, *_) = effect("servo_gain").terms(benches["cart_pole"].scene)
-    (heavy, *_) = effect("payload").terms(benches["cart_pole"].scene)
+    (weak, *_) = find_effect("servo_gain").propose_terms(benches["cart_pole"].robot)
+    (heavy, *_) = find_effect("payload").propose_terms(benches["cart_pole"].robot)
     assert [p.name for p in weak.parameters] == ["kp"]
-    own, other = (t.effect.oddity(t, np.zeros(9)) for t in (weak, heavy))
+    own, other = (t.effect.rate_rarity(t, np.zeros(9)) for t in (weak, heavy))
     assert own > other

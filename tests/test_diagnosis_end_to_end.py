@@ -11,8 +11,8 @@ from toys_diagnosis import ROBOTS, record
 
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
-from selfheal.diagnosis.document import text_of
-from selfheal.diagnosis.effects import catalogue
+from selfheal.diagnosis.document import format_document
+from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.locate import REGIMES
 from selfheal.errors import ModelError, RecordingError, UnknownNameError
 
@@ -176,7 +176,8 @@ def test_what_is_in_no_catalogue_is_told_to_be_there(sticky):
 def test_the_document_is_the_contracts(name, request):
     diagnosis = request.getfixturevalue(name)
     document = json.loads(
-        text_of(diagnosis.document), parse_constant=lambda word: pytest.fail(word)
+        format_document(diagnosis.document),
+        parse_constant=lambda word: pytest.fail(word),
     )
     assert document == diagnosis.document
     assert set(document) == {
@@ -203,10 +204,10 @@ def test_the_document_is_the_contracts(name, request):
 def _check_finding(finding) -> None:
     assert {"effect", "target", "equivalent", "separate_by", "parameters", "where",
             "evidence"} <= set(finding)  # fmt: skip
-    assert finding["effect"] in catalogue() and ":" in finding["target"]
+    assert finding["effect"] in load_catalogue() and ":" in finding["target"]
     assert len(finding["equivalent"]) <= 3
     assert finding["effect"] not in finding["equivalent"]
-    assert set(finding["equivalent"]) <= set(catalogue())
+    assert set(finding["equivalent"]) <= set(load_catalogue())
     for p in finding["parameters"]:
         assert set(p) == {"name", "value", "low", "high", "unit"}
         assert p["low"] <= p["value"] <= p["high"]
@@ -248,8 +249,8 @@ def test_beside_the_document_there_is_what_a_page_draws(dry):
 def few(monkeypatch):
     """A catalogue of three."""
     names = ("coulomb_friction", "command_delay", "sensor_bias")
-    small = {name: catalogue()[name] for name in names}
-    monkeypatch.setattr(module, "catalogue", lambda: small)
+    small = {name: load_catalogue()[name] for name in names}
+    monkeypatch.setattr(module, "load_catalogue", lambda: small)
 
 
 short = partial(record, PENDULUM, episodes=4, seconds=1.5, noise=4e-3, seed=3)

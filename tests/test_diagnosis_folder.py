@@ -12,13 +12,13 @@ from test_diagnosis_score import undiagnosed
 from toys_diagnosis import ROBOTS, bench, places, record
 
 from selfheal.diagnosis import folder
-from selfheal.diagnosis.document import plain, refit_of, text_of
-from selfheal.diagnosis.effects import catalogue
+from selfheal.diagnosis.document import build_refit, format_document, to_json_values
+from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.entries import check_entries
-from selfheal.diagnosis.patch import patched
-from selfheal.diagnosis.replay import replay
-from selfheal.diagnosis.result import Diagnosis, Located
-from selfheal.diagnosis.stated import is_loose
+from selfheal.diagnosis.patch import apply_edits
+from selfheal.diagnosis.replay import replay_recording
+from selfheal.diagnosis.result import Diagnosis, Localization
+from selfheal.diagnosis.stated import is_unidentified
 from selfheal.diagnosis.terms import Parameter
 from selfheal.errors import InputError, RecordingError, UnknownNameError
 from selfheal.recording import Signal, load_model, names_of
@@ -40,7 +40,7 @@ def _diagnosis(given, verdict="nothing", page="<html/>") -> Diagnosis:
         "format": "selfheal-diagnosis", "version": 1, "verdict": verdict,
         "findings": [], "refit": [], "fit": {"floor": float("nan")},
     }  # fmt: skip
-    located = Located((), (), np.zeros((0, 0)), np.zeros((0, 0)))
+    located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
     return Diagnosis(
         str(given), document, (), given.read_text(), "", (), located, (), (), (), 1.0,
         2, page,
@@ -58,8 +58,8 @@ def test_a_diagnosis_is_three_files_and_is_read_back(given, tmp_path):
     out = tmp_path / "out"
     _diagnosis(given).save(out)
     assert _names(out) == FILES and _names(tmp_path) == ["out"]
-    assert folder.read(out)["verdict"] == "nothing"
-    assert folder.read(out)["fit"] == {"floor": None}
+    assert folder.read_document(out)["verdict"] == "nothing"
+    assert folder.read_document(out)["fit"] == {"floor": None}
 
 
 def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
@@ -67,9 +67,11 @@ def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
     _diagnosis(given).save(out)
     with pytest.raises(InputError, match="--force"):
         _diagnosis(given, "unlisted").save(out)
-    assert folder.read(out)["verdict"] == "nothing"
+    assert folder.read_document(out)["verdict"] == "nothing"
     _diagnosis(given, "unlisted").save(out, force=True)
-    assert folder.read(out)["verdict"] == "unlisted" and _names(tmp_path) == ["out"]
+    assert folder.read_document(out)["verdict"] == "unlisted" and _names(tmp_path) == [
+        "out"
+    ]
 
 
 def test_an_empty_folder_is_taken(given, tmp_path):
@@ -139,28 +141,30 @@ def test_what_is_no_diagnosis_is_refused(text, said, tmp_path):
     if text is not None:
         (tmp_path / "diagnosis.json").write_text(text)
     with pytest.raises(InputError, match=said):
-        folder.read(tmp_path)
+        folder.read_document(tmp_path)
 
 
 def test_json_has_no_nan_and_no_numpy():
     thing = {"a": np.float64("nan"), "b": (np.inf, np.int64(3), np.bool_(True)),
              "c": np.array([1.0, np.nan]), "d": "x", "e": None}  # fmt: skip
-    told = json.loads(text_of(thing), parse_constant=lambda word: pytest.fail(word))
+    told = json.loads(
+        format_document(thing), parse_constant=lambda word: pytest.fail(word)
+    )
     assert told == {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x",
                     "e": None}  # fmt: skip
-    assert plain(thing) == told
+    assert to_json_values(thing) == told
 
 
 def test_the_interval_of_a_negative_value_is_in_order():
     term = SimpleNamespace(
         effect=SimpleNamespace(name="stated"), targets=("joint:a/springref",),
         parameters=(Parameter("x", "1", 1.0, 0.7, 1.3, 0.1),),
-        note={"value": -2.0, "unit": "rad"},
+        finding_fields={"value": -2.0, "unit": "rad"},
     )  # fmt: skip
-    (told,) = refit_of(
+    (told,) = build_refit(
         SimpleNamespace(terms=(term,), values=np.array([1.1])), np.array([0.01])
     )
-    assert told["low"] < told["value"] < told["high"] < 0 and not is_loose(told)
+    assert told["low"] < told["value"] < told["high"] < 0 and not is_unidentified(told)
 
 
 # replay
@@ -193,7 +197,10 @@ def _emptied(recording):
 
 def test_a_replay_needs_no_reading_and_fills_in_every_row(arm):
     out, recording = arm
-    played, again = replay(out, _emptied(recording)), replay(out, recording)
+    played, again = (
+        replay_recording(out, _emptied(recording)),
+        replay_recording(out, recording),
+    )
     for key, episode in played.episodes.items():
         assert set(episode.signals) == set(recording.episodes[key].signals)
         for name, signal in episode.signals.items():
@@ -206,7 +213,7 @@ def test_a_replay_needs_no_reading_and_fills_in_every_row(arm):
 
 def test_a_replay_is_what_plain_mujoco_does(arm):
     out, recording = arm
-    played = replay(out, recording)
+    played = replay_recording(out, recording)
     model = mujoco.MjModel.from_xml_string(ROBOTS["arm"].xml)
     every = round(0.01 / model.opt.timestep)
     for key, episode in recording.episodes.items():
@@ -227,7 +234,7 @@ def test_a_motor_torque_is_told_at_the_joint(tmp_path):
     path = tmp_path / "model.xml"
     path.write_text(xml)
     recording = record(replace(ROBOTS["arm"], xml=xml), seconds=0.2, finer=1, noise=0)
-    played = replay(undiagnosed(tmp_path / "out", path), recording)
+    played = replay_recording(undiagnosed(tmp_path / "out", path), recording)
     for key, episode in recording.episodes.items():
         both = [
             e.signals["elbow_torque"].values for e in (episode, played.episodes[key])
@@ -248,10 +255,12 @@ def test_a_model_may_have_any_name(end, arm, tmp_path):
     )
     (tmp_path / f"other{end}").write_text(still)
     (tmp_path / "usual.xml").write_text(still)
-    told = [replay(out, recording, model=tmp_path / n).episodes["000"].signals["elbow"]
+    told = [replay_recording(out, recording, model=tmp_path / n).episodes["000"].signals["elbow"]
             for n in (f"other{end}", "usual.xml")]  # fmt: skip
     np.testing.assert_array_equal(told[0].values, told[1].values)
-    texts = [patched(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")]
+    texts = [
+        apply_edits(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")
+    ]
     assert texts[0] == texts[1] and names_of(load_model(tmp_path / f"other{end}"))
 
 
@@ -270,7 +279,7 @@ def test_supply_voltage_and_temperature_stay_unread(arm):
         recording,
         episodes={first: replace(episode, signals={**episode.signals, **more})},
     )
-    signals = replay(out, asked).episodes[first].signals
+    signals = replay_recording(out, asked).episodes[first].signals
     assert np.isnan(signals["heat"].values).all()
     assert np.isnan(signals["supply"].values).all()
     assert np.isfinite(signals["elbow"].values).all()
@@ -279,20 +288,20 @@ def test_supply_voltage_and_temperature_stay_unread(arm):
 def test_a_missing_qpos0_is_refused_with_its_episode(arm):
     out, recording = arm
     with pytest.raises(RecordingError, match="'000': it has no qpos0"):
-        replay(out, _with(recording, qpos0=None))
+        replay_recording(out, _with(recording, qpos0=None))
 
 
 @pytest.mark.parametrize("size", [1, 3])
 def test_a_qpos0_of_another_model_is_refused(size, arm):
     out, recording = arm
     with pytest.raises(RecordingError, match=f"qpos0 has {size} values"):
-        replay(out, _with(recording, qpos0=np.zeros(size)))
+        replay_recording(out, _with(recording, qpos0=np.zeros(size)))
 
 
 def test_a_missing_qvel0_is_rest(arm):
     out, recording = arm
-    bare = replay(out, _with(recording, qvel0=None))
-    rest = replay(out, _with(recording, qvel0=np.zeros(2)))
+    bare = replay_recording(out, _with(recording, qvel0=None))
+    rest = replay_recording(out, _with(recording, qvel0=np.zeros(2)))
     for key, episode in bare.episodes.items():
         other = rest.episodes[key].signals["elbow"].values
         np.testing.assert_array_equal(episode.signals["elbow"].values, other)
@@ -301,7 +310,7 @@ def test_a_missing_qvel0_is_rest(arm):
 def test_a_qvel0_of_another_model_is_refused(arm):
     out, recording = arm
     with pytest.raises(RecordingError, match="qvel0"):
-        replay(out, _with(recording, qvel0=np.ones(3)))
+        replay_recording(out, _with(recording, qvel0=np.ones(3)))
 
 
 def _find(out, **finding) -> None:
@@ -353,7 +362,7 @@ def test_a_finding_that_says_nothing_of_this_model_is_refused(finding, kind, sai
     out, recording = arm
     _find(out, **finding)
     with pytest.raises(kind, match=said):
-        replay(out, recording)
+        replay_recording(out, recording)
 
 
 @pytest.mark.parametrize(
@@ -371,18 +380,22 @@ def test_a_refitted_value_that_is_none_is_refused(entry, said, arm):
     document["refit"] = [{**own, **entry}]
     (out / "diagnosis.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=said):
-        replay(out, recording)
+        replay_recording(out, recording)
 
 
 @pytest.mark.parametrize("robot", places())
 def test_what_a_diagnosis_writes_is_what_a_replay_takes(robot, tmp_path):
-    scene = bench(robot, tmp_path).scene
-    for effect in catalogue().values():
-        for term in effect.terms(scene)[:1]:
+    scene = bench(robot, tmp_path).robot
+    for effect in load_catalogue().values():
+        for term in effect.propose_terms(scene)[:1]:
             told = [{"name": p.name, "value": 1.0} for p in term.parameters]
             if effect.name == "payload":
                 told[1:] = [{"name": "position", "value": [0.0, 0.0, 1.0]}]
-            entry = {"effect": effect.name, "target": term.targets[0], **term.note}
+            entry = {
+                "effect": effect.name,
+                "target": term.targets[0],
+                **term.finding_fields,
+            }
             entries = {"findings": [{**entry, "parameters": told}], "refit": []}
             check_entries("diagnosis.json", entries)
 
@@ -398,7 +411,7 @@ def test_what_a_diagnosis_writes_is_what_a_replay_takes(robot, tmp_path):
 def test_inputs_of_another_robot_are_refused(change, said, arm):
     out, recording = arm
     with pytest.raises(RecordingError, match=said):
-        replay(out, _with(recording, **change))
+        replay_recording(out, _with(recording, **change))
 
 
 def test_a_diverging_model_is_told_with_episode_and_time(arm):
@@ -407,7 +420,7 @@ def test_a_diverging_model_is_told_with_episode_and_time(arm):
           parameters=[{"name": "stiffness", "value": -1e9},
                       {"name": "springref", "value": 0.0}])  # fmt: skip
     with pytest.raises(RecordingError, match=r"'000': the model diverges at 0\.\d+ s$"):
-        replay(out, recording)
+        replay_recording(out, recording)
 
 
 def test_another_version_of_the_model_gets_values_as_ratios(arm, tmp_path):
@@ -420,8 +433,10 @@ def test_another_version_of_the_model_gets_values_as_ratios(arm, tmp_path):
     texts = [ROBOTS["arm"].xml.replace('kp="10"', f'kp="{kp}"') for kp in (40, 36)]
     for name, text in zip(("other.xml", "right.xml"), texts, strict=True):
         (tmp_path / name).write_text(text)
-    played = replay(out, recording, model=tmp_path / "other.xml")
-    true = replay(undiagnosed(tmp_path / "none", tmp_path / "right.xml"), recording)
+    played = replay_recording(out, recording, model=tmp_path / "other.xml")
+    true = replay_recording(
+        undiagnosed(tmp_path / "none", tmp_path / "right.xml"), recording
+    )
     for key, episode in played.episodes.items():
         other = true.episodes[key].signals["elbow"].values
         np.testing.assert_allclose(episode.signals["elbow"].values, other, atol=1e-9)

@@ -9,18 +9,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 from toys_diagnosis import ROBOTS, bench, record
 
-from selfheal.diagnosis.case import pieces_of
+from selfheal.diagnosis.case import cut_readable_segments
 from selfheal.diagnosis.logs import (
-    _continuous,
-    _lattice,
-    _means,
-    channels,
-    log,
+    _average_over_steps,
+    _find_quantum,
+    _remove_sign_jumps,
+    build_channels,
+    sample_episode,
 )
-from selfheal.diagnosis.parabolas import parabolas
-from selfheal.diagnosis.prepare import in_order
-from selfheal.diagnosis.state import start_of
-from selfheal.diagnosis.windows import Windows, windows
+from selfheal.diagnosis.parabolas import fit_polynomials
+from selfheal.diagnosis.prepare import reorder_commands
+from selfheal.diagnosis.state import estimate_initial_state
+from selfheal.diagnosis.windows import Segments, cut_segments
 from selfheal.recording import Episode, Recording, Signal
 
 STEP = 0.002
@@ -41,9 +41,9 @@ def _recording(time, **columns) -> Recording:
 
 
 def _log(recording: Recording):
-    found = channels([recording])
+    found = build_channels([recording])
     (episode,) = recording.episodes.values()
-    return log("only", episode, found, STEP), found
+    return sample_episode("only", episode, found, STEP), found
 
 
 # commands
@@ -54,7 +54,7 @@ def test_means_of_held_commands_keep_their_integral(seed):
     rng = np.random.default_rng(seed)
     time = _times(rng)
     at, ctrl = (time - time[0]) / STEP, rng.normal(size=(time.size, 2))
-    total = np.cumsum(_means(at, ctrl), axis=0)
+    total = np.cumsum(_average_over_steps(at, ctrl), axis=0)
     for end in range(1, int(at[-1])):
         np.testing.assert_allclose(
             total[end - 1], _held_until(at, ctrl, end), atol=1e-10
@@ -70,7 +70,7 @@ def _held_until(at, ctrl, end) -> np.ndarray:
 def test_commands_on_the_grid_stay_as_they_are():
     ctrl = np.random.default_rng(0).normal(size=(20, 3))
     at = 4.0 * np.arange(20)
-    means = _means(at, ctrl)
+    means = _average_over_steps(at, ctrl)
     np.testing.assert_allclose(means, np.repeat(ctrl, 4, axis=0)[: len(means)])
     assert len(means) > at[-1]
 
@@ -81,7 +81,7 @@ def test_commands_follow_the_models_order():
     turned = replace(
         episode, ctrl=episode.ctrl[:, ::-1], ctrl_names=episode.ctrl_names[::-1]
     )
-    back = in_order(turned, model)
+    back = reorder_commands(turned, model)
     assert back.ctrl_names == ("shoulder_servo", "elbow_servo")
     np.testing.assert_array_equal(back.ctrl, episode.ctrl)
 
@@ -94,8 +94,8 @@ def test_a_parabola_tells_value_and_slope_of_a_quadratic_exactly(seed):
     rng = np.random.default_rng(seed)
     time, (a, b, c) = _times(rng), rng.normal(size=3)
     episode, _ = _log(_recording(time, knee=a + b * time + c * time**2))
-    at = rng.uniform(0, episode.at[-1], 50)
-    value, slope = episode.smooth(at, STEP)
+    at = rng.uniform(0, episode.sample_steps[-1], 50)
+    value, slope = episode.interpolate(at, STEP)
     t = time[0] + at * STEP
     np.testing.assert_allclose(value[:, 0], a + b * t + c * t**2, atol=1e-6)
     np.testing.assert_allclose(slope[:, 0], b + 2 * c * t, atol=1e-5)
@@ -115,8 +115,10 @@ def test_a_body_that_turns_fast_and_evenly_is_told_exactly(seed):
     exact = turned(time)
     signal = Signal(exact, "body_orientation", "b", "quaternion")
     episode = Episode(time, np.zeros((60, 0)), (), {"turn": signal})
-    found = channels([Recording({"only": episode})])
-    value, slope = log("only", episode, found, STEP).smooth(time / STEP, STEP)
+    found = build_channels([Recording({"only": episode})])
+    value, slope = sample_episode("only", episode, found, STEP).interpolate(
+        time / STEP, STEP
+    )
     sign = np.sign((value * exact).sum(axis=1))[:, None]
     assert np.abs(sign * value - exact).max() < 1e-9
     # the ends too, where no reading is on the other side
@@ -131,7 +133,7 @@ def test_missing_samples_do_not_speak():
     lost = rng.permutation(100)[:30]
     values[lost] = np.nan
     episode, found = _log(_recording(time, knee=values))
-    value, slope = episode.smooth(np.arange(0, 240.0), STEP)
+    value, slope = episode.interpolate(np.arange(0, 240.0), STEP)
     t = np.arange(240) * STEP
     known = np.isfinite(value[:, 0])
     assert known.mean() > 0.5
@@ -144,7 +146,7 @@ def test_noise_is_told_from_motion():
     rng = np.random.default_rng(1)
     time = np.arange(400) * 0.005
     clean = np.sin(3 * time)
-    near = parabolas(time, (clean + 0.01 * rng.normal(size=400))[:, None])
+    near = fit_polynomials(time, (clean + 0.01 * rng.normal(size=400))[:, None])
     assert np.sqrt(np.mean(near.scatter**2)) == pytest.approx(0.01, rel=0.15)
     _, found = _log(_recording(time, knee=clean + 0.01 * rng.normal(size=400)))
     assert found[0].noise == pytest.approx(0.01, rel=0.15)
@@ -162,12 +164,15 @@ def test_a_robot_let_go_at_its_first_sample_is_told_to_be_at_rest(rate):
         "</worldbody></mujoco>"
     )
     world = SimpleNamespace(
-        logs=[episode], signals=found, step=STEP, workshop=SimpleNamespace(given=given)
+        episodes=[episode],
+        channels=found,
+        timestep=STEP,
+        compiler=SimpleNamespace(nominal=given),
     )
-    _, qvel, std = start_of(world, 0, np.zeros(1, int), {})
+    _, qvel, std = estimate_initial_state(world, 0, np.zeros(1, int), {})
     assert abs(qvel[0, 0]) < 4 * std[0, 1]
     if rate > 100:  # of its five samples in 50 ms none can be spared
-        told = parabolas(time, episode.readings).coefficients[0, 0, 1]
+        told = fit_polynomials(time, episode.readings).coefficients[0, 0, 1]
         assert abs(qvel[0, 0]) < 0.5 * abs(told)
 
 
@@ -175,15 +180,15 @@ def test_a_robot_let_go_at_its_first_sample_is_told_to_be_at_rest(rate):
 def test_a_lattice_is_seen_and_noise_is_none(step):
     rng = np.random.default_rng(2)
     smooth = np.sin(np.arange(2000) / 100)
-    assert _lattice(step * np.round(smooth / step)) == pytest.approx(step)
-    assert _lattice(smooth + 1e-3 * rng.normal(size=2000)) == 0
+    assert _find_quantum(step * np.round(smooth / step)) == pytest.approx(step)
+    assert _find_quantum(smooth + 1e-3 * rng.normal(size=2000)) == 0
 
 
 def test_a_signal_that_was_never_read_is_no_channel_unless_asked_for():
     time = np.arange(20) * 0.01
     recording = _recording(time, knee=np.full(20, np.nan), hip=np.sin(time))
-    assert [c.name for c in channels([recording])] == ["hip"]
-    assert [c.name for c in channels([recording], empty=True)] == ["hip", "knee"]
+    assert [c.name for c in build_channels([recording])] == ["hip"]
+    assert [c.name for c in build_channels([recording], empty=True)] == ["hip", "knee"]
 
 
 # signs
@@ -195,7 +200,7 @@ def test_quaternions_become_continuous_and_stay_the_same_orientation():
     turn = np.stack([np.cos(angle), np.sin(angle), 0 * angle, 0 * angle], axis=1)
     flipped = turn * rng.choice([-1.0, 1.0], 200)[:, None]
     flipped[50:60] = np.nan
-    out = _continuous(flipped)
+    out = _remove_sign_jumps(flipped)
     assert np.isnan(out[50:60]).all()
     known = np.isfinite(out).all(axis=1)
     assert (np.sum(out[known][1:] * out[known][:-1], axis=1) > 0).all()
@@ -219,43 +224,55 @@ def _three_logs():
 @pytest.mark.parametrize("steps", [None, 25, 100, 10000])
 def test_windows_cover_every_reading_once(steps):
     logs = _three_logs()
-    found = windows(logs, steps)
+    found = cut_segments(logs, steps)
     read = np.sort(np.concatenate([x.readings for x in logs]).ravel())
     np.testing.assert_array_equal(
         np.sort(found.readings.ravel()), read[np.isfinite(read)]
     )
-    assert (found.at >= 0).all()
-    assert (found.at <= found.steps[found.window]).all()
-    assert (np.diff(found.window) >= 0).all()
-    for w, log_of, start in zip(range(len(found)), found.log, found.start, strict=True):
-        rows = found.window == w
-        at = logs[log_of].at
-        back = np.interp(found.at[rows] + start, at, np.arange(len(at)))
+    assert (found.sample_steps >= 0).all()
+    assert (found.sample_steps <= found.lengths[found.segment_of_sample]).all()
+    assert (np.diff(found.segment_of_sample) >= 0).all()
+    for w, log_of, start in zip(
+        range(len(found)), found.episode, found.first_step, strict=True
+    ):
+        rows = found.segment_of_sample == w
+        at = logs[log_of].sample_steps
+        back = np.interp(found.sample_steps[rows] + start, at, np.arange(len(at)))
         np.testing.assert_allclose(back, np.round(back), atol=1e-6)
 
 
 def test_windows_of_every_sample_are_asked_for_with_empty():
     logs = _three_logs()
-    found = windows(logs, None, empty=True)
-    assert len(found.at) == sum(len(x.at) for x in logs)
+    found = cut_segments(logs, None, empty=True)
+    assert len(found.sample_steps) == sum(len(x.sample_steps) for x in logs)
 
 
 def test_windows_that_are_taken_keep_their_samples_in_the_order_asked_for():
-    found = windows(_three_logs(), 50)
+    found = cut_segments(_three_logs(), 50)
     chosen = np.array([4, 1, 7])
-    few = found.take(chosen)
-    np.testing.assert_array_equal(few.readings, found.readings[found.rows(chosen)])
+    few = found.select(chosen)
+    np.testing.assert_array_equal(
+        few.readings, found.readings[found.find_sample_rows(chosen)]
+    )
     for new, old in enumerate(chosen):
         np.testing.assert_array_equal(
-            few.at[few.window == new], found.at[found.window == old]
+            few.sample_steps[few.segment_of_sample == new],
+            found.sample_steps[found.segment_of_sample == old],
         )
 
 
 def test_joined_windows_are_those_of_all():
     logs = _three_logs()
-    apart = Windows.joined([windows(logs, 40, only=i) for i in range(3)])
-    whole = windows(logs, 40)
-    for field in ("log", "start", "steps", "window", "at", "readings"):
+    apart = Segments.concatenate([cut_segments(logs, 40, only=i) for i in range(3)])
+    whole = cut_segments(logs, 40)
+    for field in (
+        "episode",
+        "first_step",
+        "lengths",
+        "segment_of_sample",
+        "sample_steps",
+        "readings",
+    ):
         np.testing.assert_array_equal(getattr(apart, field), getattr(whole, field))
 
 
@@ -265,7 +282,7 @@ def test_joined_windows_are_those_of_all():
 def test_a_given_state_is_taken_as_it_is(tmp_path):
     b = bench("arm", tmp_path, episodes=1, seconds=0.5)
     (episode,) = b.recording.episodes.values()
-    qpos, qvel, std = start_of(b.world, 0, np.array([0, 60]), {})
+    qpos, qvel, std = estimate_initial_state(b.simulator, 0, np.array([0, 60]), {})
     np.testing.assert_array_equal(qpos[0], episode.qpos0)
     np.testing.assert_array_equal(qvel[0], episode.qvel0)
     assert std[0].max() <= 1e-6 < std[1].min()
@@ -279,7 +296,7 @@ def test_a_state_is_read_as_well_as_it_says(tmp_path):
     for i, name in enumerate(exact.episodes):
         signals = exact.episodes[name].signals
         at = np.arange(100, 400, 10)
-        qpos, qvel, std = start_of(b.world, i, at, {})
+        qpos, qvel, std = estimate_initial_state(b.simulator, i, at, {})
         for j, joint in enumerate(("shoulder", "elbow")):
             true = signals[joint].values[at // 5]
             apart.append((qpos[:, j] - true) / std[:, j])
@@ -302,27 +319,31 @@ def test_pieces_begin_where_the_state_is_told_though_readings_are_missing(
         values[rng.random(len(values)) < 0.2] = np.nan
         values[300 + 10 * seed : 350] = np.nan  # a pause
         signals[name] = replace(signal, values=values)
-    lossy = log("only", replace(episode, signals=signals), b.world.signals, STEP)
-    world = replace(b.world, logs=(lossy,))
-    pieces = pieces_of(world, 0.1)
+    lossy = sample_episode(
+        "only", replace(episode, signals=signals), b.simulator.channels, STEP
+    )
+    world = replace(b.simulator, episodes=(lossy,))
+    pieces = cut_readable_segments(world, 0.1)
     assert len(pieces) > 40
-    qpos, _, std = start_of(world, 0, pieces.start, {})
+    qpos, _, std = estimate_initial_state(world, 0, pieces.first_step, {})
     for j, joint in enumerate(("shoulder", "elbow")):
         at = np.arange(len(true.signals[joint].values)) * 5
-        apart = qpos[:, j] - np.interp(pieces.start, at, true.signals[joint].values)
+        apart = qpos[:, j] - np.interp(
+            pieces.first_step, at, true.signals[joint].values
+        )
         assert np.abs(apart / std[:, j]).max() < 10
 
 
 def test_the_state_of_a_free_body_is_read_from_its_pose(tmp_path):
     b = bench("box", tmp_path, episodes=2, seconds=0.3, noise=1e-5, states=False)
     given = record(ROBOTS["box"], episodes=2, seconds=0.3, noise=1e-5)
-    model = b.scene.model
+    model = b.robot.model
     data = mujoco.MjData(model)
     for i, episode in enumerate(given.episodes.values()):
         data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
         for _ in range(25):
             mujoco.mj_step(model, data)
-        qpos, qvel, _ = start_of(b.world, i, np.array([25]), {})
+        qpos, qvel, _ = estimate_initial_state(b.simulator, i, np.array([25]), {})
         sign = np.sign(qpos[0, 3:] @ data.qpos[3:])
         assert np.abs(qpos[0, :3] - data.qpos[:3]).max() < 1e-3
         assert np.abs(sign * qpos[0, 3:] - data.qpos[3:]).max() < 2e-3
@@ -334,15 +355,15 @@ def test_the_state_of_a_ball_joint_is_read_from_its_bodys_pose(tmp_path):
     how = {"episodes": 1, "seconds": 0.5, "noise": 1e-5, "finer": 1}
     b = bench("wrist", tmp_path, states=False, **how)
     (given,) = record(ROBOTS["wrist"], **how).episodes.values()
-    data = mujoco.MjData(b.scene.model)
+    data = mujoco.MjData(b.robot.model)
     data.qpos[:], data.qvel[:] = given.qpos0, given.qvel0
     for _ in range(100):
-        mujoco.mj_step(b.scene.model, data)
-    qpos, qvel, _ = start_of(b.world, 0, np.array([100]), {})
+        mujoco.mj_step(b.robot.model, data)
+    qpos, qvel, _ = estimate_initial_state(b.simulator, 0, np.array([100]), {})
     np.testing.assert_allclose(qpos[0], np.sign(qpos[0] @ data.qpos) * data.qpos,
                                atol=2e-3)  # fmt: skip
     np.testing.assert_allclose(qvel[0], data.qvel, atol=0.3)
-    assert len(pieces_of(b.world, 0.1)) > 3
+    assert len(cut_readable_segments(b.simulator, 0.1)) > 3
 
 
 @pytest.mark.parametrize("states", [True, False])
@@ -356,8 +377,8 @@ def test_an_integrators_command_goes_on_where_a_piece_begins(states, tmp_path):
     )  # fmt: skip
     how = {"episodes": 1, "seconds": 3.0, "noise": 1e-6, "finer": 1}
     b = bench(robot, tmp_path, states=states, **how)
-    pieces = pieces_of(b.world, 0.5)
-    told = b.world.simulate([], np.zeros((1, 0)), pieces, centered=False)[0]
+    pieces = cut_readable_segments(b.simulator, 0.5)
+    told = b.simulator.simulate([], np.zeros((1, 0)), pieces, centered=False)[0]
     assert np.ptp(pieces.readings) > 0.3
     np.testing.assert_allclose(told, pieces.readings, atol=5e-3)
 
@@ -370,13 +391,13 @@ def test_a_sensor_with_bias_gain_and_delay_is_read_through(tmp_path):
     read = 1.5 * 0.3 * np.sin(4 * (time - 0.01)) + 0.2
     signal = Signal(read, "joint_position", "hinge", "rad")
     episode = Episode(time, np.zeros((200, 1)), ("servo",), {"angle": signal})
-    found = channels([Recording({"only": episode})])
+    found = build_channels([Recording({"only": episode})])
     world = SimpleNamespace(
-        workshop=b.world.workshop, signals=found, step=STEP,
-        logs=(log("only", episode, found, STEP),),
+        compiler=b.simulator.compiler, channels=found, timestep=STEP,
+        episodes=(sample_episode("only", episode, found, STEP),),
     )  # fmt: skip
     at = np.arange(50, 450, 20)
-    qpos, qvel, _ = start_of(world, 0, at, {"angle": said})
+    qpos, qvel, _ = estimate_initial_state(world, 0, at, {"angle": said})
     np.testing.assert_allclose(qpos[:, 0], 0.3 * np.sin(4 * at * STEP), atol=1e-4)
     np.testing.assert_allclose(qvel[:, 0], 1.2 * np.cos(4 * at * STEP), atol=5e-3)
     assert np.abs(qpos[0, 0] - np.interp(at[0] * STEP, time, true)) < 1e-4

@@ -8,9 +8,9 @@ from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
-from selfheal.diagnosis.document import text_of
-from selfheal.diagnosis.effects import catalogue
-from selfheal.diagnosis.memory import Memory, about
+from selfheal.diagnosis.document import format_document
+from selfheal.diagnosis.effects import load_catalogue
+from selfheal.diagnosis.memory import Checkpoint, digest_inputs
 
 ANSWER = (np.arange(4.0), np.array(7))
 QUESTION = ("fit", np.arange(3.0), (1, None), [b"of", 2.5])
@@ -29,7 +29,7 @@ class Work:
 
 def test_an_answer_is_worked_out_once(tmp_path):
     work = Work()
-    answers = [Memory(tmp_path).recall(QUESTION, work) for _ in range(3)]
+    answers = [Checkpoint(tmp_path).load_or_compute(QUESTION, work) for _ in range(3)]
     assert work.done == 1
     for answer in answers:
         for told, expected in zip(answer, work.answer, strict=True):
@@ -49,47 +49,51 @@ def test_an_answer_is_worked_out_once(tmp_path):
     ],
 )
 def test_another_question_has_another_answer(tmp_path, other):
-    memory = Memory(tmp_path)
-    memory.recall(QUESTION, Work())
+    memory = Checkpoint(tmp_path)
+    memory.load_or_compute(QUESTION, Work())
     work = Work((np.zeros(1),))
-    (told,) = memory.recall(other, work)
+    (told,) = memory.load_or_compute(other, work)
     assert work.done == 1
     assert told == 0
 
 
 def test_nothing_is_kept_without_a_folder():
     work = Work()
-    Memory().recall(QUESTION, work)
-    Memory().recall(QUESTION, work)
+    Checkpoint().load_or_compute(QUESTION, work)
+    Checkpoint().load_or_compute(QUESTION, work)
     assert work.done == 2
 
 
 @pytest.mark.parametrize("rest", [0, 1, 40])
 def test_an_answer_that_cannot_be_read_is_worked_out_again(tmp_path, rest):
     work = Work()
-    Memory(tmp_path).recall(QUESTION, work)
+    Checkpoint(tmp_path).load_or_compute(QUESTION, work)
     (kept,) = tmp_path.iterdir()
     kept.write_bytes(kept.read_bytes()[:rest])
-    Memory(tmp_path).recall(QUESTION, work)
-    Memory(tmp_path).recall(QUESTION, work)
+    Checkpoint(tmp_path).load_or_compute(QUESTION, work)
+    Checkpoint(tmp_path).load_or_compute(QUESTION, work)
     assert work.done == 2
 
 
 def test_what_answers_are_about_is_the_model_and_every_reading(tmp_path):
     pendulum = bench("pendulum", tmp_path, episodes=2, seconds=0.3)
-    workshop, recording = pendulum.world.workshop, pendulum.recording
+    workshop, recording = pendulum.simulator.compiler, pendulum.recording
     name, episode = next(iter(recording.episodes.items()))
     key, signal = next(iter(episode.signals.items()))
     values = signal.values.copy()
     values[5] += 1e-9
     signals = {**episode.signals, key: replace(signal, values=values)}
     episodes = {**recording.episodes, name: replace(episode, signals=signals)}
-    assert about(workshop, [recording]) == about(workshop, [replace(recording)])
+    assert digest_inputs(workshop, [recording]) == digest_inputs(
+        workshop, [replace(recording)]
+    )
     other = replace(recording, episodes=episodes)
-    assert about(workshop, [other]) != about(workshop, [recording])
+    assert digest_inputs(workshop, [other]) != digest_inputs(workshop, [recording])
     (tmp_path / "arm").mkdir()
     arm = bench("arm", tmp_path / "arm", episodes=1, seconds=0.3)
-    assert about(arm.world.workshop, [recording]) != about(workshop, [recording])
+    assert digest_inputs(arm.simulator.compiler, [recording]) != digest_inputs(
+        workshop, [recording]
+    )
 
 
 class Killed(BaseException):
@@ -99,8 +103,8 @@ class Killed(BaseException):
 @pytest.mark.parametrize("last", [4, 9])
 def test_a_killed_diagnosis_goes_on_to_the_same_end(tmp_path, monkeypatch, last):
     names = ("coulomb_friction", "command_delay", "sensor_bias")
-    small = {name: catalogue()[name] for name in names}
-    monkeypatch.setattr(module, "catalogue", lambda: small)
+    small = {name: load_catalogue()[name] for name in names}
+    monkeypatch.setattr(module, "load_catalogue", lambda: small)
     model, memory = tmp_path / "model.xml", tmp_path / "memory"
     model.write_text(ROBOTS["pendulum"].xml)
 
@@ -125,6 +129,6 @@ def test_a_killed_diagnosis_goes_on_to_the_same_end(tmp_path, monkeypatch, last)
     again = diagnose(model, [recording], memory=memory)
     whole = diagnose(model, [recording])
     assert set(memory.iterdir()) > kept
-    assert text_of(again.document) == text_of(whole.document)
+    assert format_document(again.document) == format_document(whole.document)
     assert again.patched == whole.patched
     assert again.simulations == whole.simulations

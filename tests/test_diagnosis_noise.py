@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from toys_diagnosis import bench
 
-from selfheal.diagnosis.noise import heard
-from selfheal.diagnosis.parabolas import MOST, neighbors, of_slow_noise
+from selfheal.diagnosis.noise import update_noise_model
+from selfheal.diagnosis.parabolas import MOST, ar1_error_factors, choose_half_width
 from selfheal.diagnosis.problem import Problem
-from selfheal.diagnosis.state import start_of
-from selfheal.diagnosis.windows import windows
+from selfheal.diagnosis.state import estimate_initial_state
+from selfheal.diagnosis.windows import cut_segments
 
 SIZE = 1e-3
 
@@ -31,17 +31,19 @@ def _remembering(rng, shape, memory: float) -> np.ndarray:
 
 def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
     """Windows of which a fit left these, and a parabola its share of their noise."""
-    pieces = windows(b.world.logs, 150)
-    _, m = neighbors(b.world.logs[0].at * b.world.step)
-    scatter = SIZE * np.sqrt(of_slow_noise(memory, m)[2])
+    pieces = cut_segments(b.simulator.episodes, 150)
+    _, m = choose_half_width(
+        b.simulator.episodes[0].sample_steps * b.simulator.timestep
+    )
+    scatter = SIZE * np.sqrt(ar1_error_factors(memory, m)[2])
     signals = tuple(
         replace(c, scatter=np.full(c.width, scatter), noise=np.full(c.width, scatter))
-        for c in b.world.signals
+        for c in b.simulator.channels
     )
     told = residuals(pieces.readings.shape)
     sigma = np.full(told.shape[1], 2 * SIZE)
     told = np.where(np.isfinite(pieces.readings), told / sigma, 0.0)
-    return Problem(b.world.hearing(signals), pieces, sigma), told.ravel()
+    return Problem(b.simulator.with_channels(signals), pieces, sigma), told.ravel()
 
 
 @pytest.mark.parametrize(
@@ -64,10 +66,10 @@ def test_noise_is_as_large_as_it_is_however_slow(arm, memory, mismatch):
         return SIZE * (_remembering(rng, shape, memory) + mismatch * swing)
 
     problem, told = _left(arm, residuals, memory)
-    for c in heard(problem, told).signals:
+    for c in update_noise_model(problem, told).channels:
         np.testing.assert_allclose(c.noise, SIZE, rtol=0.35)
         if memory:
-            np.testing.assert_allclose(c.memory, memory, atol=0.15)
+            np.testing.assert_allclose(c.ar1, memory, atol=0.15)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,7 @@ def test_what_a_mismatch_piles_up_is_no_noise(arm, grown):
         return SIZE * (rng.normal(size=shape) + grown(rng.normal(size=shape), axis=0))
 
     problem, told = _left(arm, residuals, 0.0)
-    for c in heard(problem, told).signals:
+    for c in update_noise_model(problem, told).channels:
         assert (c.noise < 1.2 * SIZE).all()
 
 
@@ -98,7 +100,7 @@ def test_what_slow_noise_does_to_a_parabola(memory, m):
         np.polynomial.polynomial.polyfit(t, a @ rng.normal(size=(len(t), size)), 2)
         for a in (np.eye(len(t)), noise)
     )
-    value, slope, left = of_slow_noise(memory, m)
+    value, slope, left = ar1_error_factors(memory, m)
     ratio = slow.std(axis=1) / white.std(axis=1)
     np.testing.assert_allclose(ratio[:2], [value, slope], rtol=0.05)
     drawn = noise @ rng.normal(size=(len(t), size))
@@ -110,10 +112,12 @@ def test_what_slow_noise_does_to_a_parabola(memory, m):
 def test_where_noise_is_slow_a_start_is_known_less_well(arm):
     def errors(memory):
         signals = tuple(
-            replace(c, noise=np.full(c.width, SIZE), memory=np.full(c.width, memory))
-            for c in arm.world.signals
+            replace(c, noise=np.full(c.width, SIZE), ar1=np.full(c.width, memory))
+            for c in arm.simulator.channels
         )
-        return start_of(arm.world.hearing(signals), 0, np.array([200.0]), {})[2]
+        return estimate_initial_state(
+            arm.simulator.with_channels(signals), 0, np.array([200.0]), {}
+        )[2]
 
     assert (errors(0.8) > 1.2 * errors(0.0)).all()
 
@@ -121,7 +125,7 @@ def test_where_noise_is_slow_a_start_is_known_less_well(arm):
 def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(arm):
     rng = np.random.default_rng(0)
     problem, told = _left(arm, lambda shape: 0.2 * SIZE * rng.normal(size=shape), 0.0)
-    for c in heard(problem, told).signals:
+    for c in update_noise_model(problem, told).channels:
         np.testing.assert_allclose(c.noise, 0.2 * SIZE, rtol=0.1)
 
 
@@ -129,7 +133,7 @@ def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(arm):
 def test_a_parabola_looks_at_a_bounded_number_of_neighbors(gap):
     """Of a clock in days, and of samples that come in bursts."""
     even = np.arange(1000.0)
-    assert neighbors(gap * even) == (pytest.approx(gap), MOST)
+    assert choose_half_width(gap * even) == (pytest.approx(gap), MOST)
     bursts = 0.1 * (even // 10) + gap * (even % 10)
-    assert neighbors(bursts)[1] < 5
-    assert neighbors(0.005 * even) == (pytest.approx(0.005), 4)
+    assert choose_half_width(bursts)[1] < 5
+    assert choose_half_width(0.005 * even) == (pytest.approx(0.005), 4)

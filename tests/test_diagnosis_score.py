@@ -9,12 +9,12 @@ import pytest
 from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis import locate, score
-from selfheal.diagnosis.patch import patched
-from selfheal.diagnosis.plant import Workshop
-from selfheal.diagnosis.prepare import world_of
-from selfheal.diagnosis.prove import is_astray
-from selfheal.diagnosis.replay import replay
-from selfheal.diagnosis.windows import windows
+from selfheal.diagnosis.patch import apply_edits
+from selfheal.diagnosis.plant import ModelCompiler
+from selfheal.diagnosis.prepare import build_simulator
+from selfheal.diagnosis.prove import is_replay_off
+from selfheal.diagnosis.replay import replay_recording
+from selfheal.diagnosis.windows import cut_segments
 from selfheal.recording import read
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
@@ -52,18 +52,18 @@ def undiagnosed(folder, model):
     document = {"format": "selfheal-diagnosis", "version": 1, "findings": [],
                 "refit": []}  # fmt: skip
     (folder / "diagnosis.json").write_text(json.dumps(document))
-    (folder / "patched.xml").write_text(patched(model, (), folder))
+    (folder / "patched.xml").write_text(apply_edits(model, (), folder))
     return folder
 
 
 def _ours(model, recording) -> tuple[float, np.ndarray, tuple[str, ...]]:
-    world = world_of(Workshop(str(model)), [recording])
-    pieces = score.replayed(world)
-    squares = score.errors(world, pieces, (), np.zeros(0))
-    count = score.counts(world, pieces)
-    names = tuple(c.name for c in world.signals)
-    each = score.normalized(world, squares, count)
-    return score.score(world, squares, count), each, names
+    world = build_simulator(ModelCompiler(str(model)), [recording])
+    pieces = score.cut_replay_segments(world)
+    squares = score.sum_squared_errors(world, pieces, (), np.zeros(0))
+    count = score.count_readings(world, pieces)
+    names = tuple(c.name for c in world.channels)
+    each = score.normalize_errors(world, squares, count)
+    return score.compute_score(world, squares, count), each, names
 
 
 def _heavier(model) -> None:
@@ -75,7 +75,7 @@ def test_the_score_is_the_contracts(name, tmp_path):
     recording = _with_gaps(record(ROBOTS[name], seconds=0.7, change=_heavier, seed=3))
     model = tmp_path / "model.xml"
     model.write_text(ROBOTS[name].xml)
-    played = replay(undiagnosed(tmp_path / "none", model), recording)
+    played = replay_recording(undiagnosed(tmp_path / "none", model), recording)
     number, each = contract_score(played, recording)
     ours, by_signal, names = _ours(model, recording)
     assert ours == pytest.approx(number, rel=1e-6)
@@ -113,17 +113,17 @@ def test_an_orientation_and_its_opposite_are_one(tmp_path):
 def test_an_exact_model_scores_its_noise(tmp_path):
     b = bench("pendulum", tmp_path, seconds=1.0, finer=1)
     number, _, _ = _ours(b.path, b.recording)
-    (channel,) = b.world.signals
+    (channel,) = b.simulator.channels
     assert number == pytest.approx(1e-3 / channel.spread, rel=0.15)
-    assert number == pytest.approx(score.noise_floor(b.world)[0], rel=0.25)
+    assert number == pytest.approx(score.compute_noise_floor(b.simulator)[0], rel=0.25)
 
 
 def test_without_a_given_state_pieces_of_half_a_second_are_scored(tmp_path):
     b = bench("pendulum", tmp_path, episodes=2, seconds=2.0, states=False, finer=1)
-    pieces = score.replayed(b.world)
-    assert np.abs(pieces.steps * b.world.step - 0.5).max() < 0.1
+    pieces = score.cut_replay_segments(b.simulator)
+    assert np.abs(pieces.lengths * b.simulator.timestep - 0.5).max() < 0.1
     number, _, _ = _ours(b.path, b.recording)
-    (channel,) = b.world.signals
+    (channel,) = b.simulator.channels
     assert number < 5e-3 / channel.spread
 
 
@@ -131,19 +131,23 @@ def test_a_diverging_model_scores_infinitely_and_raises_nothing(tmp_path):
     from test_diagnosis_fit import Explosion
 
     b = bench("pendulum", tmp_path, episodes=1, seconds=0.3)
-    pieces = score.replayed(b.world)
-    terms = Explosion().terms(b.scene)
+    pieces = score.cut_replay_segments(b.simulator)
+    terms = Explosion().propose_terms(b.robot)
     with np.errstate(all="ignore"):
-        squares = score.errors(b.world, pieces, terms, np.array([25.0]))
-    assert np.isinf(score.score(b.world, squares, score.counts(b.world, pieces)))
+        squares = score.sum_squared_errors(b.simulator, pieces, terms, np.array([25.0]))
+    assert np.isinf(
+        score.compute_score(
+            b.simulator, squares, score.count_readings(b.simulator, pieces)
+        )
+    )
 
 
 def test_an_interval_holds_its_value(tmp_path):
     b = bench("pendulum", tmp_path, episodes=8, seconds=0.5)
-    pieces = score.replayed(b.world)
-    squares = score.errors(b.world, pieces, (), np.zeros(0))
-    count = score.counts(b.world, pieces)
-    value, low, high = score.interval(b.world, squares, count, 0)
+    pieces = score.cut_replay_segments(b.simulator)
+    squares = score.sum_squared_errors(b.simulator, pieces, (), np.zeros(0))
+    count = score.count_readings(b.simulator, pieces)
+    value, low, high = score.bootstrap_interval(b.simulator, squares, count, 0)
     assert low <= value <= high and low < high
 
 
@@ -158,15 +162,15 @@ def arm(tmp_path_factory):
 
 @pytest.mark.parametrize("regime", ["reversal", "fast", "slow", "after_step"])
 def test_an_error_in_one_regime_is_located_there(regime, arm):
-    pieces = windows(arm.world.logs, 150)
-    masks = locate.regimes(arm.world, arm.scene, pieces)
+    pieces = cut_segments(arm.simulator.episodes, 150)
+    masks = locate.classify_samples(arm.simulator, arm.robot, pieces)
     r = locate.REGIMES.index(regime)
-    names = [c.name for c in arm.world.signals]
+    names = [c.name for c in arm.simulator.channels]
     elbow, shoulder = names.index("elbow"), names.index("shoulder")
     rng = np.random.default_rng(0)
-    square = rng.chisquare(1, (len(pieces.at), len(names)))
+    square = rng.chisquare(1, (len(pieces.sample_steps), len(names)))
     square[:, elbow] += 20 * masks[r, :, elbow]
-    share, p = locate.grid(arm.world, arm.scene, pieces, square)
+    share, p = locate.localize_error(arm.simulator, arm.robot, pieces, square)
     assert p[elbow, r] < 1e-3
     inside = masks[:, :, elbow]
     density = share[elbow] / inside.mean(axis=1)
@@ -177,19 +181,23 @@ def test_an_error_in_one_regime_is_located_there(regime, arm):
 
 
 def test_white_noise_lies_nowhere(arm):
-    pieces = windows(arm.world.logs, 150)
+    pieces = cut_segments(arm.simulator.episodes, 150)
     rng = np.random.default_rng(1)
-    square = rng.chisquare(1, (len(pieces.at), len(arm.world.signals)))
-    _, p = locate.grid(arm.world, arm.scene, pieces, square)
+    square = rng.chisquare(1, (len(pieces.sample_steps), len(arm.simulator.channels)))
+    _, p = locate.localize_error(arm.simulator, arm.robot, pieces, square)
     assert p.min() > 0.01
 
 
 def test_regimes_are_what_they_are_called(arm):
-    pieces = windows(arm.world.logs, 150)
+    pieces = cut_segments(arm.simulator.episodes, 150)
     masks = dict(
-        zip(locate.REGIMES, locate.regimes(arm.world, arm.scene, pieces), strict=True)
+        zip(
+            locate.REGIMES,
+            locate.classify_samples(arm.simulator, arm.robot, pieces),
+            strict=True,
+        )
     )
-    elbow = [c.name for c in arm.world.signals].index("elbow")
+    elbow = [c.name for c in arm.simulator.channels].index("elbow")
     assert not (masks["slow"] & masks["fast"])[:, elbow].any()
     assert not masks["contact"].any() and not masks["saturated"].any()
     for name in ("reversal", "slow", "fast", "high_load", "after_step", "near_limit"):
@@ -198,30 +206,33 @@ def test_regimes_are_what_they_are_called(arm):
 
 def test_contact_is_where_something_touches(tmp_path):
     b = bench("box", tmp_path, episodes=3, seconds=0.8)
-    pieces = windows(b.world.logs, None)
-    masks = locate.regimes(b.world, b.scene, pieces)
+    pieces = cut_segments(b.simulator.episodes, None)
+    masks = locate.classify_samples(b.simulator, b.robot, pieces)
     touch = masks[locate.REGIMES.index("contact"), :, 0]
-    low = pieces.readings[:, b.world.signals[0].first + 2] < 0.05
-    assert touch[low].mean() > 0.85 and not touch[pieces.at < 10].any()
+    low = pieces.readings[:, b.simulator.channels[0].first_column + 2] < 0.05
+    assert touch[low].mean() > 0.85 and not touch[pieces.sample_steps < 10].any()
 
 
 def _is_astray(b, floor: float, off=()) -> bool:
     """Whether the given model is, of whose episodes some were read elsewhere."""
-    held = replace(b.world, touches=b.scene.touches)
-    pieces, none = score.replayed(held), SimpleNamespace(terms=(), values=np.zeros(0))
-    spread = np.repeat(
-        [c.spread for c in held.signals], [c.width for c in held.signals]
+    held = replace(b.simulator, has_contact=b.robot.has_contact)
+    pieces, none = (
+        score.cut_replay_segments(held),
+        SimpleNamespace(terms=(), values=np.zeros(0)),
     )
-    moved = np.isin(pieces.log, off)[pieces.window]
+    spread = np.repeat(
+        [c.spread for c in held.channels], [c.width for c in held.channels]
+    )
+    moved = np.isin(pieces.episode, off)[pieces.segment_of_sample]
     pieces = replace(pieces, readings=pieces.readings + np.outer(moved, spread))
-    squares = score.errors(held, pieces, none.terms, none.values)
-    count = score.counts(held, pieces)
-    patched = score.score(held, squares, count)
-    proof = SimpleNamespace(pieces=pieces, count=count, squares={"patched": squares},
+    squares = score.sum_squared_errors(held, pieces, none.terms, none.values)
+    count = score.count_readings(held, pieces)
+    patched = score.compute_score(held, squares, count)
+    proof = SimpleNamespace(segments=pieces, count=count, squares={"patched": squares},
                             numbers={"patched": patched, "floor": floor})  # fmt: skip
     assert patched > 6 * floor
     naming = SimpleNamespace(final=SimpleNamespace(fit=none))
-    return is_astray(SimpleNamespace(held=held), naming, proof)
+    return is_replay_off(SimpleNamespace(held_out=held), naming, proof)
 
 
 @pytest.mark.parametrize("robot, off, astray", [
@@ -244,7 +255,7 @@ def test_a_coarse_time_step_leads_no_replay_astray(tmp_path):
 def test_holms_correction_is_holms(seed):
     rng = np.random.default_rng(seed)
     p, tested = rng.uniform(0, 0.2, (4, 5)), rng.random((4, 5)) < 0.7
-    fixed = locate._holm(p, tested)
+    fixed = locate._correct_holm(p, tested)
     assert (fixed[~tested] == 1).all() and (fixed[tested] >= p[tested]).all()
     raw, new, m = p[tested], fixed[tested], tested.sum()
     for cell in range(m):
@@ -274,7 +285,7 @@ def test_the_score_of_a_real_recording_is_the_published_one(
     about = 0.1 if "starfish" in file else 0.02
     if "starfish" in file:  # odd actions prove, by the direction of up alone
         recording = _odd_verticals(recording)
-    played = replay(undiagnosed(tmp_path / "none", path), recording)
+    played = replay_recording(undiagnosed(tmp_path / "none", path), recording)
     number, _ = contract_score(played, recording)
     assert number == pytest.approx(given, rel=about)
     assert _ours(path, recording)[0] == pytest.approx(number, rel=1e-4)

@@ -7,13 +7,17 @@ import pytest
 from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis.diagnose import diagnose
-from selfheal.diagnosis.effects import effect
-from selfheal.diagnosis.fit import fit
-from selfheal.diagnosis.onset import began, dated, held_out_later
-from selfheal.diagnosis.problem import Problem, whitened
-from selfheal.diagnosis.stated import stated_terms
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.fit import fit_parameters
+from selfheal.diagnosis.onset import (
+    choose_held_out_after,
+    detect_change_point,
+    set_onset,
+)
+from selfheal.diagnosis.problem import Problem, marginalize_initial_states
+from selfheal.diagnosis.stated import build_nominal_terms
 from selfheal.diagnosis.terms import Onset
-from selfheal.diagnosis.windows import windows
+from selfheal.diagnosis.windows import cut_segments
 
 PENDULUM, STEP = ROBOTS["pendulum"], 0.002
 WORN = 0.04  # [N m s/rad]
@@ -36,29 +40,33 @@ def _changing(*, at: int, episodes: int = 6, seed: int = 0, change=_worn):
 
 def _stated_fit(folder, recording):
     """A problem of all pieces, and the fit of what the model states."""
-    from selfheal.diagnosis.plant import Workshop
-    from selfheal.diagnosis.prepare import scene_of, world_of
+    from selfheal.diagnosis.plant import ModelCompiler
+    from selfheal.diagnosis.prepare import build_simulator, summarize_robot
 
     path = folder / "model.xml"
     path.write_text(PENDULUM.xml)
-    world = world_of(Workshop(str(path)), [recording])
-    terms = stated_terms(scene_of(world))
+    world = build_simulator(ModelCompiler(str(path)), [recording])
+    terms = build_nominal_terms(summarize_robot(world))
     sigma = np.full(1, PENDULUM.noise)
-    problem = Problem(world, windows(world.logs, round(0.5 / STEP)), sigma)
-    problem = whitened(problem, terms, np.ones(len(terms)))
-    return problem, fit(problem, terms, np.ones(len(terms)))
+    problem = Problem(world, cut_segments(world.episodes, round(0.5 / STEP)), sigma)
+    problem = marginalize_initial_states(problem, terms, np.ones(len(terms)))
+    return problem, fit_parameters(problem, terms, np.ones(len(terms)))
 
 
 def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
     b = bench("pendulum", tmp_path, episodes=3)
-    (term,) = effect("coulomb_friction").terms(b.scene)
-    pieces, value = windows(b.world.logs, 250), np.array([[0.1]])
+    (term,) = find_effect("coulomb_friction").propose_terms(b.robot)
+    pieces, value = cut_segments(b.simulator.episodes, 250), np.array([[0.1]])
     onset = Onset(1, "001", 1.0, 1.0, 1.0)
     told, always = (
-        b.world.simulate([t], value, pieces)[0] for t in (*dated([term], onset), term)
+        b.simulator.simulate([t], value, pieces)[0]
+        for t in (*set_onset([term], onset), term)
     )
-    never = b.world.simulate([], np.zeros((1, 0)), pieces)[0]
-    number, begin = pieces.log[pieces.window], pieces.start[pieces.window] * STEP
+    never = b.simulator.simulate([], np.zeros((1, 0)), pieces)[0]
+    number, begin = (
+        pieces.episode[pieces.segment_of_sample],
+        pieces.first_step[pieces.segment_of_sample] * STEP,
+    )
     late = (number > 1) | ((number == 1) & (begin > 0.9))
     assert 0 < late.sum() < len(late)
     np.testing.assert_allclose(told[late], always[late])
@@ -67,14 +75,14 @@ def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
 
 
 def test_since_when_the_robot_is_another_one_is_told(tmp_path):
-    onset = began(*_stated_fit(tmp_path, _changing(at=3)))
+    onset = detect_change_point(*_stated_fit(tmp_path, _changing(at=3)))
     assert onset is not None and (onset.number, onset.episode) == (3, "003")
     assert onset.time == 0
 
 
 @pytest.mark.parametrize("at", [0, 6], ids=["always", "never"])
 def test_what_was_always_or_never_there_did_not_set_in(tmp_path, at):
-    assert began(*_stated_fit(tmp_path, _changing(at=at))) is None
+    assert detect_change_point(*_stated_fit(tmp_path, _changing(at=at))) is None
 
 
 @pytest.mark.parametrize(
@@ -83,14 +91,14 @@ def test_what_was_always_or_never_there_did_not_set_in(tmp_path, at):
     ids=["some before", "all later", "all before"],
 )
 def test_what_is_held_out_is_later(tmp_path, held, expected):
-    from selfheal.diagnosis.case import prepare
+    from selfheal.diagnosis.case import prepare_dataset
 
     path = tmp_path / "model.xml"
     path.write_text(PENDULUM.xml)
     recording = _changing(at=2)
-    case = prepare(path, [recording], held)
+    case = prepare_dataset(path, [recording], held)
     onset = Onset(2, "002", 0.0, 0.0, 0.1)
-    later = held_out_later(onset, [recording], case.held)
+    later = choose_held_out_after(onset, [recording], case.held_out)
     assert len(later) == len(expected)
     assert all(name in ("003", "004", "005") for name in later)
 

@@ -10,7 +10,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.patch import Insert, Rename, Set, difference, number, patched
+from selfheal.diagnosis.patch import (
+    Insert,
+    Rename,
+    Set,
+    apply_edits,
+    format_number,
+    unified_diff,
+)
 from selfheal.errors import ModelError, UnknownNameError
 
 ARM = """<?xml version="1.0"?>
@@ -67,7 +74,7 @@ def _compiled(path: Path, edits=(), folder: str = "") -> mujoco.MjModel:
     """The model after the edits, written into a folder beside it, in MuJoCo."""
     place = path.parent / folder
     new = place / "patched.xml"
-    _write(new, patched(path, edits, place))
+    _write(new, apply_edits(path, edits, place))
     return mujoco.MjModel.from_xml_path(str(new))
 
 
@@ -85,7 +92,7 @@ def _changed(one: mujoco.MjModel, other: mujoco.MjModel) -> set[str]:
 
 def _lines(given: str, new: str) -> list[str]:
     """The lines that a diff removes and adds."""
-    diff = difference(given, new).splitlines()
+    diff = unified_diff(given, new).splitlines()
     return [line for line in diff if re.match(r"[-+](?![-+]{2} )", line)]
 
 
@@ -97,9 +104,9 @@ def _given(path: Path) -> mujoco.MjModel:
 
 
 def test_no_edits_give_the_same_text(arm, tmp_path):
-    assert patched(arm, [], tmp_path) == ARM
-    assert patched(arm, [], tmp_path / "elsewhere") == ARM
-    assert difference(ARM, ARM) == ""
+    assert apply_edits(arm, [], tmp_path) == ARM
+    assert apply_edits(arm, [], tmp_path / "elsewhere") == ARM
+    assert unified_diff(ARM, ARM) == ""
 
 
 def test_values_that_are_there_keep_their_spelling(arm, tmp_path):
@@ -109,7 +116,7 @@ def test_values_that_are_there_keep_their_spelling(arm, tmp_path):
         Set("compiler", "", {"angle": "radian"}),
         Rename("actuator", "servo", "position", {"kp": "1e1"}),
     ]
-    assert patched(arm, edits, tmp_path) == ARM
+    assert apply_edits(arm, edits, tmp_path) == ARM
 
 
 SETS = [
@@ -142,13 +149,13 @@ def test_only_what_was_asked_for_changes(arm, edit, fields):
         assert not {f for f in changed if f.startswith(("jnt_", "body_", "geom_"))}
     else:
         assert changed == fields
-    diff = _lines(ARM, patched(arm, [edit], arm.parent))
+    diff = _lines(ARM, apply_edits(arm, [edit], arm.parent))
     assert len(diff) <= 2
 
 
 def test_a_changed_attribute_is_the_only_changed_text(arm, tmp_path):
     edits = [Set("joint", "hip", {"armature": "0.2"}), Set("geom", 3, {"mass": "2"})]
-    new = patched(arm, edits, tmp_path)
+    new = apply_edits(arm, edits, tmp_path)
     expected = ARM.replace('armature="0.01"', 'armature="0.2"')
     expected = expected.replace('<geom name="cap" size="0.05"/>', "CAP")
     found = re.findall(r' mass="2"', new)
@@ -161,7 +168,9 @@ def test_a_changed_attribute_is_the_only_changed_text(arm, tmp_path):
 def test_an_id_is_that_of_the_compiled_model(arm, tmp_path):
     model = _given(arm)
     for k in range(model.ngeom):
-        new = patched(arm, [Set("geom", np.int64(k), {"friction": "0.123"})], tmp_path)
+        new = apply_edits(
+            arm, [Set("geom", np.int64(k), {"friction": "0.123"})], tmp_path
+        )
         path = _write(tmp_path / "new.xml", new)
         friction = _given(path).geom_friction[:, 0]
         assert np.flatnonzero(friction == 0.123).tolist() == [k]
@@ -172,7 +181,7 @@ def test_ids_are_those_of_the_given_model_whatever_the_edits_add(arm, tmp_path):
         Insert("body", 0, '<geom size="1" pos="9 0 0"/>', first=True),
         Set("geom", 0, {"friction": "0.3"}),
     ]
-    new = patched(arm, edits, tmp_path)
+    new = apply_edits(arm, edits, tmp_path)
     assert '<geom type="plane" size="1 1 1" friction="0.3"/>' in new
 
 
@@ -182,7 +191,7 @@ def test_edits_of_one_element_add_up(arm, tmp_path):
         Set("joint", "hip", {"damping": "3", "armature": None}),
         Set("joint", 0, {"frictionloss": None}),
     ]
-    new = patched(arm, edits, tmp_path)
+    new = apply_edits(arm, edits, tmp_path)
     assert '<joint   name = "hip"  axis="0 1 0" damping="3"/>  <!-- hip -->' in new
 
 
@@ -193,7 +202,7 @@ def test_an_inserted_element_can_be_edited(arm, tmp_path):
         Insert("option", "", '<flag contact="disable"/>'),
         Set("option", "", {"timestep": "0.001"}),
     ]
-    new = patched(arm, edits, tmp_path)
+    new = apply_edits(arm, edits, tmp_path)
     assert (
         """armature="0.01"/>  <!-- hip -->
       <joint name="hip_play" range="-0.1 0.1"/>
@@ -226,14 +235,14 @@ def test_an_inserted_angle_is_in_the_models_unit(compilers, range_, tmp_path):
         f'<mujoco>{compilers}<worldbody><body name="b"/></worldbody></mujoco>'
     )
     xml = '<joint range="-1.5707963 3.1415927"/>'
-    text = patched(path, [Insert("body", "b", xml, angles=("range",))], tmp_path)
+    text = apply_edits(path, [Insert("body", "b", xml, angles=("range",))], tmp_path)
     assert f'<joint range="{range_}"/>' in text
 
 
 def test_renaming_changes_the_tag_and_the_attributes(arm, tmp_path):
     told = {"kp": None, "gainprm": "10", "biastype": "affine", "biasprm": "0 -10 0"}
     rename = Rename("actuator", "servo", "general", told)
-    assert _lines(ARM, patched(arm, [rename], tmp_path)) == [
+    assert _lines(ARM, apply_edits(arm, [rename], tmp_path)) == [
         '-    <position name="servo" joint="hip" kp="10"/>',
         '+    <general name="servo" joint="hip" gainprm="10" biastype="affine" '
         'biasprm="0 -10 0"/>',
@@ -248,7 +257,7 @@ def test_renaming_an_open_element_renames_its_end(tmp_path):
         "<mujoco><worldbody><body><freejoint></freejoint ><geom size='1'/></body>"
         "</worldbody></mujoco>",
     )
-    new = patched(path, [Rename("joint", 0, "joint", {"type": "free"})], tmp_path)
+    new = apply_edits(path, [Rename("joint", 0, "joint", {"type": "free"})], tmp_path)
     assert '<joint type="free"></joint>' in new
 
 
@@ -257,7 +266,7 @@ def test_renaming_an_open_element_renames_its_end(tmp_path):
 
 def _inserted(tmp_path, text: str, edit: Insert) -> str:
     path = _write(tmp_path / "m.xml", f"<mujoco>{text}</mujoco>")
-    new = patched(path, [edit], tmp_path)
+    new = apply_edits(path, [edit], tmp_path)
     assert new.startswith("<mujoco>") and new.endswith("</mujoco>")
     return new[8:-9]
 
@@ -337,7 +346,7 @@ def test_sections_are_made_where_they_are_missing(tmp_path):
     model = _compiled(path, edits)
     assert (model.nu, model.nexclude, model.neq) == (1, 1, 1)
     assert (model.opt.timestep, model.actuator_gear[0, 0]) == (0.001, 3)
-    new = patched(path, edits, tmp_path)
+    new = apply_edits(path, edits, tmp_path)
     assert (
         '  <actuator>\n    <motor name="m" joint="hip" gear="3"/>\n  </actuator>' in new
     )
@@ -350,15 +359,15 @@ def test_settings_are_changed_where_they_are_made(tmp_path):
         '<option timestep="0.2" density="1"/></mujoco>'
     )
     path = _write(tmp_path / "m.xml", text)
-    new = patched(path, [Set("option", "", {"timestep": "0.3"})], tmp_path)
+    new = apply_edits(path, [Set("option", "", {"timestep": "0.3"})], tmp_path)
     assert new == text.replace("0.2", "0.3")
-    new = patched(path, [Set("option", "", {"timestep": None})], tmp_path)
+    new = apply_edits(path, [Set("option", "", {"timestep": None})], tmp_path)
     assert "timestep" not in new
 
 
 def test_a_model_without_line_breaks_stays_one_line(tmp_path):
     path = _write(tmp_path / "m.xml", "<mujoco><worldbody/></mujoco>")
-    new = patched(path, [Set("option", "", {"timestep": "1"})], tmp_path)
+    new = apply_edits(path, [Set("option", "", {"timestep": "1"})], tmp_path)
     assert new == '<mujoco><option timestep="1"/><worldbody/></mujoco>'
 
 
@@ -383,7 +392,7 @@ def test_comments_that_xml_forbids_but_mujoco_reads(tmp_path):
     text = ARM.replace("<!-- it swings -->", "<!------ it -- swings ------>")
     path = _write(tmp_path / "m.xml", text)
     edit = Set("joint", "hip", {"armature": "0.2"})
-    assert patched(path, [edit], tmp_path) == text.replace('"0.01"', '"0.2"')
+    assert apply_edits(path, [edit], tmp_path) == text.replace('"0.01"', '"0.2"')
     assert _compiled(path, [edit]).dof_armature[0] == 0.2
 
 
@@ -396,7 +405,7 @@ def test_line_ends_and_a_byte_order_mark_stay(tmp_path):
         Insert("actuator", "", '<motor joint="hip"/>\n<motor joint="knee"/>'),
         Set("option", "", {"timestep": "0.1"}),
     ]
-    new = patched(path, edits, tmp_path)
+    new = apply_edits(path, edits, tmp_path)
     assert new[0] == "\ufeff" and "\n" not in new.replace("\r\n", "")
     assert len(new.splitlines()) == len(text.splitlines()) + 4
     assert _compiled(path, edits).nu == 4
@@ -406,7 +415,7 @@ def test_line_ends_and_a_byte_order_mark_stay(tmp_path):
 def test_another_encoding_becomes_utf_8(declared, tmp_path):
     text = declared + "<mujoco><!-- 90° --><worldbody/></mujoco>"
     path = _write(tmp_path / "m.xml", text.encode("latin-1"))
-    assert patched(path, [], tmp_path) == text.replace("latin-1", "UTF-8")
+    assert apply_edits(path, [], tmp_path) == text.replace("latin-1", "UTF-8")
 
 
 DAMAGED = [
@@ -419,13 +428,13 @@ DAMAGED = [
 def test_what_is_no_xml_is_refused(text, tmp_path):
     path = _write(tmp_path / "m.xml", text)
     with pytest.raises(ModelError, match=r"m\.xml: no "):
-        patched(path, [], tmp_path)
+        apply_edits(path, [], tmp_path)
 
 
 def test_damage_has_a_line(tmp_path):
     path = _write(tmp_path / "m.xml", ARM.replace("</body>\n    <body", "<body"))
     with pytest.raises(ModelError, match="in <worldbody>|in <body>.*line 2[0-9]"):
-        patched(path, [], tmp_path)
+        apply_edits(path, [], tmp_path)
 
 
 # elements that are not there
@@ -433,19 +442,19 @@ def test_damage_has_a_line(tmp_path):
 
 def test_an_unknown_name_lists_what_there_is(arm, tmp_path):
     with pytest.raises(ModelError, match=r"no joint 'toe'.*'hip', 'knee', 'free'"):
-        patched(arm, [Set("joint", "toe", {})], tmp_path)
+        apply_edits(arm, [Set("joint", "toe", {})], tmp_path)
     with pytest.raises(ModelError, match=r"no actuator 'x'.*'servo', 1 without a name"):
-        patched(arm, [Set("actuator", "x", {})], tmp_path)
+        apply_edits(arm, [Set("actuator", "x", {})], tmp_path)
     with pytest.raises(ModelError, match="no geom has id 9; there are 5"):
-        patched(arm, [Set("geom", 9, {})], tmp_path)
+        apply_edits(arm, [Set("geom", 9, {})], tmp_path)
     with pytest.raises(ModelError, match="no inertial 'upper'.*none"):
-        patched(arm, [Set("inertial", "upper", {})], tmp_path)
+        apply_edits(arm, [Set("inertial", "upper", {})], tmp_path)
     with pytest.raises(ModelError, match="no joint ''"):
-        patched(arm, [Set("joint", "", {})], tmp_path)
+        apply_edits(arm, [Set("joint", "", {})], tmp_path)
     with pytest.raises(ModelError, match="option> has no name"):
-        patched(arm, [Set("option", "o", {})], tmp_path)
+        apply_edits(arm, [Set("option", "o", {})], tmp_path)
     with pytest.raises(UnknownNameError, match="unknown tag 'leg'.*joint"):
-        patched(arm, [Set("leg", "x", {})], tmp_path)
+        apply_edits(arm, [Set("leg", "x", {})], tmp_path)
 
 
 @pytest.mark.parametrize("name", ["j", "j1", 1, 2])
@@ -462,7 +471,7 @@ def test_what_mujoco_makes_has_no_text(name, tmp_path):
     )
     edit = Set("joint", name, {"damping": "1"})
     with pytest.raises(ModelError, match=r"no joint '.*j?.*'own'.*<replicate> makes"):
-        patched(path, [edit], tmp_path)
+        apply_edits(path, [edit], tmp_path)
     after = _compiled(path, [Set("joint", 3, {"damping": "1"})])
     assert after.dof_damping.ravel()[[0, 3]].tolist() == [0, 1] or (
         after.dof_damping[3, 0] == 1
@@ -569,16 +578,16 @@ def test_included_files_and_meshes_are_found_from_everywhere(scene, edits, folde
 
 def test_an_include_stays_where_no_edit_falls_into_it(scene, tmp_path):
     given = scene.read_text()
-    assert patched(scene, [], tmp_path) == given
+    assert apply_edits(scene, [], tmp_path) == given
     floor = [Set("geom", "floor", {"friction": "1"}), Set("joint", "hip", {})]
-    assert _lines(given, patched(scene, floor, tmp_path)) == [
+    assert _lines(given, apply_edits(scene, floor, tmp_path)) == [
         '-    <geom name="floor" type="plane" size="1 1 1"/>',
         '+    <geom name="floor" type="plane" size="1 1 1" friction="1"/>',
     ]
 
 
 def test_an_edited_include_is_written_out_and_the_others_stay(scene, tmp_path):
-    new = patched(scene, [Set("joint", "hip", {"damping": "1"})], tmp_path)
+    new = apply_edits(scene, [Set("joint", "hip", {"damping": "1"})], tmp_path)
     assert '<include file="robot/motors.xml"/>' in new
     for kept in ("makers", "left", "who", "where", 'meshdir="robot/meshes/"'):
         assert kept in new
@@ -638,9 +647,9 @@ def test_every_way_to_name_assets_leads_to_them(case, folder, tmp_path):
 </mujoco>""",
     )
     assert _changed(_given(path), _compiled(path, [], folder)) == set()
-    new = patched(path, [], tmp_path / folder)
+    new = apply_edits(path, [], tmp_path / folder)
     assert len(_lines(path.read_text(), new)) <= 2
-    assert patched(path, [], tmp_path) == path.read_text()
+    assert apply_edits(path, [], tmp_path) == path.read_text()
 
 
 def _png() -> bytes:
@@ -660,7 +669,7 @@ def test_absolute_paths_stay(tmp_path):
     mesh = _write(tmp_path / "c.obj", CUBE.format(1))
     text = f"""<mujoco><asset><mesh name="c" file="{mesh}"/></asset></mujoco>"""
     path = _write(tmp_path / "m.xml", text)
-    assert patched(path, [], tmp_path / "out") == text
+    assert apply_edits(path, [], tmp_path / "out") == text
 
 
 def test_an_attached_model_is_found_and_its_insides_have_no_text(tmp_path):
@@ -677,18 +686,18 @@ def test_an_attached_model_is_found_and_its_insides_have_no_text(tmp_path):
     )
     assert _changed(_given(path), _compiled(path, [], "out")) == set()
     with pytest.raises(ModelError, match="no joint 'p_j'.*<attach> makes"):
-        patched(path, [Set("joint", "p_j", {"damping": "1"})], tmp_path)
+        apply_edits(path, [Set("joint", "p_j", {"damping": "1"})], tmp_path)
 
 
 def test_missing_and_repeated_files_are_named(scene, tmp_path):
     with pytest.raises(ModelError, match=r"cannot read .*nowhere\.xml"):
-        patched(tmp_path / "nowhere.xml", [], tmp_path)
+        apply_edits(tmp_path / "nowhere.xml", [], tmp_path)
     path = _write(tmp_path / "m.xml", "<mujoco><include file='gone.xml'/></mujoco>")
     with pytest.raises(ModelError, match=r"cannot read .*gone\.xml"):
-        patched(path, [], tmp_path)
+        apply_edits(path, [], tmp_path)
     path = _write(tmp_path / "m.xml", "<mujoco><include file='m.xml'/></mujoco>")
     with pytest.raises(ModelError, match=r"m\.xml is included twice"):
-        patched(path, [], tmp_path)
+        apply_edits(path, [], tmp_path)
 
 
 URDF = """<robot name="r">
@@ -723,7 +732,7 @@ def test_a_urdf_becomes_an_mjcf(tmp_path):
 def test_what_mujoco_cannot_turn_into_an_mjcf_is_refused(text, tmp_path):
     path = _write(tmp_path / "r.urdf", text)
     with pytest.raises(ModelError, match=r"r\.urdf: (MuJoCo cannot read|<sdf>)"):
-        patched(path, [], tmp_path)
+        apply_edits(path, [], tmp_path)
 
 
 def test_every_model_of_mujoco_comes_back_and_loads_from_elsewhere(tmp_path):
@@ -734,8 +743,8 @@ def test_every_model_of_mujoco_comes_back_and_loads_from_elsewhere(tmp_path):
             before = _given(path)
         except ValueError:
             continue  # a part of another model
-        assert patched(path, [], path.parent) == path.read_text()
-        new = _write(tmp_path / "out.xml", patched(path, [], tmp_path))
+        assert apply_edits(path, [], path.parent) == path.read_text()
+        new = _write(tmp_path / "out.xml", apply_edits(path, [], tmp_path))
         assert _changed(before, _given(new)) == set(), path
 
 
@@ -745,19 +754,21 @@ def test_every_model_of_mujoco_comes_back_and_loads_from_elsewhere(tmp_path):
 def test_numbers_are_short_and_read_back_in_single_precision():
     rng = np.random.default_rng(0)
     values = rng.normal(size=500) * 10.0 ** rng.integers(-12, 12, 500)
-    texts = number(values).split()
+    texts = format_number(values).split()
     np.testing.assert_allclose(np.float64(texts), values, rtol=2.0**-25)
     assert max(len(re.sub(r"e.*|^-?0\.0*|[-.]", "", t)) for t in texts) <= 9
-    assert number([0.1 + 0.2, 1, -0.0, 1e-7, -2.5]) == "0.3 1 0 1e-07 -2.5"
-    assert number(np.float64(0.25)) == "0.25"
-    assert number(1e300) == "1e+300"
+    assert format_number([0.1 + 0.2, 1, -0.0, 1e-7, -2.5]) == "0.3 1 0 1e-07 -2.5"
+    assert format_number(np.float64(0.25)) == "0.25"
+    assert format_number(1e300) == "1e+300"
     for value in (np.nan, np.inf):
         with pytest.raises(ModelError, match="cannot be written"):
-            number(value)
+            format_number(value)
 
 
 def test_the_text_does_not_depend_on_the_working_folder(scene, tmp_path, monkeypatch):
-    whole = patched(scene, [Set("joint", "hip", {"damping": "1"})], tmp_path / "out")
+    whole = apply_edits(
+        scene, [Set("joint", "hip", {"damping": "1"})], tmp_path / "out"
+    )
     monkeypatch.chdir(tmp_path)
     edit = Set("joint", "hip", {"damping": "1"})
-    assert patched(os.path.basename(scene), [edit], "out") == whole
+    assert apply_edits(os.path.basename(scene), [edit], "out") == whole

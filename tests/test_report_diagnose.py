@@ -10,10 +10,16 @@ import numpy as np
 import pytest
 from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
-from selfheal.diagnosis.answer import _helped
-from selfheal.diagnosis.effects import catalogue
-from selfheal.diagnosis.result import Candidate, Diagnosis, Located, SignalFit, Trace
-from selfheal.diagnosis.windows import Windows
+from selfheal.diagnosis.answer import _improvement_p_value
+from selfheal.diagnosis.effects import load_catalogue
+from selfheal.diagnosis.result import (
+    Candidate,
+    Diagnosis,
+    Localization,
+    SignalFit,
+    Trace,
+)
+from selfheal.diagnosis.windows import Segments
 from selfheal.report import diagnose, figures, phrases, tables
 from selfheal.report.diagnose import page, sentence
 from selfheal.report.page import bars, write_page
@@ -114,7 +120,7 @@ def made_up(
         patched="<mujoco/>",
         diff=DIFF,
         traces=tuple(_trace(k) for k in range(2)),
-        located=Located(names, REGIMES, share, p_value),
+        located=Localization(names, REGIMES, share, p_value),
         signals=tuple(fits),
         candidates=tuple(
             Candidate(e, "joint:knee", left, k == 0 and bool(findings))
@@ -261,7 +267,7 @@ def test_what_patched_xml_has_of_an_effect_is_said():
 
 
 def test_every_effect_has_its_own_words():
-    assert set(catalogue()) <= set(phrases.SAYS)
+    assert set(load_catalogue()) <= set(phrases.SAYS)
     for effect, words in phrases.SAYS.items():
         names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *phrases.COMMON}
         stated = [{"name": n, "value": 1.5, "unit": "1"} for n in names]
@@ -294,7 +300,7 @@ def test_what_the_data_leave_open_is_marked():
 
 def test_experiments_are_offered_where_the_catalogue_was_not_enough(monkeypatch):
     effect = type("Spring", (), {"name": "joint_spring", "separate_by": "let it hang"})
-    monkeypatch.setattr(diagnose, "catalogue", lambda: {"joint_spring": effect})
+    monkeypatch.setattr(diagnose, "load_catalogue", lambda: {"joint_spring": effect})
     for verdict, offered in {"unlisted": 1, "partly": 1, "nothing": 0}.items():
         assert _told(made_up(verdict, ())).count("Let it hang: would") == offered
 
@@ -362,10 +368,10 @@ def test_the_page_asks_for_nothing_from_anywhere():
 
 def test_few_windows_tell_as_much_as_few_can():
     at = np.arange(6)
-    pieces = Windows(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
-    assert _helped(pieces, np.zeros(6)) == 1
+    pieces = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
+    assert _improvement_p_value(pieces, np.zeros(6)) == 1
     for n in range(1, 7):
-        assert _helped(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
+        assert _improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
 
 
 def test_missing_numbers_have_a_page():
@@ -399,7 +405,18 @@ def test_nothing_at_all_has_a_page():
     empty = np.zeros((0, 0))
     document = _document("nothing", ()) | {"refit": []}
     made = Diagnosis(
-        "", document, (), "", "", (), Located((), (), empty, empty), (), (), (), 0.0, 0
+        "",
+        document,
+        (),
+        "",
+        "",
+        (),
+        Localization((), (), empty, empty),
+        (),
+        (),
+        (),
+        0.0,
+        0,
     )
     assert "<figure>" not in _page(made)
     words = _told(made)

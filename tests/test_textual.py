@@ -9,14 +9,14 @@ import pytest
 from toys_diagnosis import ARM, ROBOTS, bench, record
 
 from selfheal.diagnosis import answer
-from selfheal.diagnosis.answer import patch_of, patch_or_given
-from selfheal.diagnosis.effects import effect
-from selfheal.diagnosis.effects.body import spatial
+from selfheal.diagnosis.answer import build_patch, patch_or_nominal
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.effects.body import spatial_inertia
 from selfheal.diagnosis.fit import Fit
 from selfheal.diagnosis.patch import Set
-from selfheal.diagnosis.plant import Workshop
-from selfheal.diagnosis.prepare import scene_of, world_of
-from selfheal.diagnosis.stated import stated_terms
+from selfheal.diagnosis.plant import ModelCompiler
+from selfheal.diagnosis.prepare import build_simulator, summarize_robot
+from selfheal.diagnosis.stated import build_nominal_terms
 
 RADIAN = '<compiler angle="radian"/>'
 ELBOW = '<position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>'
@@ -177,9 +177,9 @@ def written(tmp_path):
         for name, content in {"model.xml": text, **files}.items():
             (tmp_path / name).write_text(content)
         recording = record(ROBOTS["arm"], episodes=1, seconds=0.3)
-        world = world_of(Workshop(str(tmp_path / "model.xml")), [recording])
+        world = build_simulator(ModelCompiler(str(tmp_path / "model.xml")), [recording])
         return SimpleNamespace(
-            workshop=world.workshop, world=world, scene=scene_of(world)
+            compiler=world.compiler, training=world, robot=summarize_robot(world)
         )
 
     return write
@@ -188,7 +188,7 @@ def written(tmp_path):
 def patched_model(case, terms, values, tmp_path):
     """The compiled patch, beside the model."""
     found = Fit(tuple(terms), values, np.zeros(0), np.zeros((0, 0)))
-    text, *_ = patch_of(case, found)
+    text, *_ = build_patch(case, found)
     (tmp_path / "patched.xml").write_text(text)
     return mujoco.MjModel.from_xml_path(str(tmp_path / "patched.xml"))
 
@@ -199,7 +199,7 @@ def check_same(new, meant) -> None:
         both = [getattr(m, field) for m in (new, meant)]
         np.testing.assert_allclose(*both, atol=1e-6, err_msg=field)
     for body in range(1, new.nbody):
-        both = [spatial(m, body) for m in (new, meant)]
+        both = [spatial_inertia(m, body) for m in (new, meant)]
         np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-9)
 
 
@@ -208,33 +208,39 @@ def check_same(new, meant) -> None:
 def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
     """With every stated value changed, and an effect at each of its places."""
     case, rng = written(way), np.random.default_rng(0)
-    stated = stated_terms(case.scene)
+    stated = build_nominal_terms(case.robot)
     for name in EFFECTS:
-        for term in effect(name).terms(case.scene):
-            start = np.array(term.starts[0]) + 0.3 * term.scale
+        for term in find_effect(name).propose_terms(case.robot):
+            start = np.array(term.initial_values[0]) + 0.3 * term.scale
             factors = 1 + 0.02 * rng.uniform(-1, 1, len(stated))
             terms, values = (*stated, term), np.concatenate([factors, start])
             new = patched_model(case, terms, values, tmp_path)
-            check_same(new, case.workshop.plant(terms).variant(terms, values))
+            check_same(
+                new, case.compiler.compile_variant(terms).build_model(terms, values)
+            )
 
 
 def test_what_a_ball_joint_states_is_in_the_text(tmp_path):
     b = bench("wrist", tmp_path, episodes=1, seconds=0.3)
-    case = SimpleNamespace(workshop=b.world.workshop)
-    terms = [t for t in stated_terms(b.scene) if t.targets[0].startswith("joint:wrist")]
+    case = SimpleNamespace(compiler=b.simulator.compiler)
+    terms = [
+        t
+        for t in build_nominal_terms(b.robot)
+        if t.targets[0].startswith("joint:wrist")
+    ]
     fields = [t.targets[0].partition("/")[2] for t in terms]
     assert fields == ["damping", "stiffness"]
     values = np.array([1.2, 0.8])
     new = patched_model(case, terms, values, tmp_path)
-    check_same(new, case.workshop.plant(terms).variant(terms, values))
-    np.testing.assert_allclose(new.dof_damping, 1.2 * b.scene.model.dof_damping)
+    check_same(new, case.compiler.compile_variant(terms).build_model(terms, values))
+    np.testing.assert_allclose(new.dof_damping, 1.2 * b.robot.model.dof_damping)
 
 
 @pytest.mark.parametrize("way", ["plain", "degrees"])
 def test_play_is_as_wide_in_the_text(way, written, tmp_path):
     case = written(way)
-    for term in effect("backlash").terms(case.scene):
-        values = np.array(term.starts[0])
+    for term in find_effect("backlash").propose_terms(case.robot):
+        values = np.array(term.initial_values[0])
         new = patched_model(case, (term,), values, tmp_path)
         joint = new.joint(term.targets[0].partition(":")[2] + "_play")
         assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
@@ -242,30 +248,34 @@ def test_play_is_as_wide_in_the_text(way, written, tmp_path):
 
 def test_an_inertia_stays_along_the_axes_that_are_stated(written, tmp_path):
     case = written("a stated inertia")
-    (term,) = [t for t in stated_terms(case.scene) if t.targets == ("body:lower/mass",)]
+    (term,) = [
+        t for t in build_nominal_terms(case.robot) if t.targets == ("body:lower/mass",)
+    ]
     length = next(
-        t for t in effect("link_length").terms(case.scene) if "lower" in t.label
+        t
+        for t in find_effect("link_length").propose_terms(case.robot)
+        if "lower" in t.label
     )
     for terms, value in (((term,), [1.1]), ((length,), [0.21])):
         found = Fit(terms, np.array(value), np.zeros(0), np.zeros((0, 0)))
-        text, *_ = patch_of(case, found)
+        text, *_ = build_patch(case, found)
         (inertial,) = re.findall("<inertial[^>]*>", text)
         assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
 
 
 def test_a_change_of_one_number_changes_one_line(written, tmp_path):
     case = written("frames")
-    term = effect("coulomb_friction").terms(case.scene)[0]
+    term = find_effect("coulomb_friction").propose_terms(case.robot)[0]
     found = Fit((term,), np.array([0.1]), np.zeros(0), np.zeros((0, 0)))
-    _, diff, _ = patch_of(case, found)
+    _, diff, _ = build_patch(case, found)
     changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
     assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
 
 
 def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
     wrong = [Set("joint", "elbow", {"stickiness": "much"})]
-    monkeypatch.setattr(answer, "edits", lambda *_: wrong)
+    monkeypatch.setattr(answer, "build_edits", lambda *_: wrong)
     case, found = written("plain"), Fit((), *np.zeros((2, 0)), np.zeros((0, 0)))
-    text, diff, edits, unpatched = patch_or_given(case, found)
+    text, diff, edits, unpatched = patch_or_nominal(case, found)
     assert (text, diff, edits) == (ARM, "", [])
     assert "MuJoCo refuses the patch" in unpatched and "stickiness" in unpatched

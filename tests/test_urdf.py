@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.diagnosis import diagnose as module
-from selfheal.diagnosis.effects import catalogue
-from selfheal.diagnosis.patch import patched
-from selfheal.diagnosis.plant import Workshop
-from selfheal.diagnosis.prepare import scene_of, world_of
-from selfheal.diagnosis.stated import stated_terms
+from selfheal.diagnosis.effects import load_catalogue
+from selfheal.diagnosis.patch import apply_edits
+from selfheal.diagnosis.plant import ModelCompiler
+from selfheal.diagnosis.prepare import build_simulator, summarize_robot
+from selfheal.diagnosis.stated import build_nominal_terms
 from selfheal.errors import ModelError, RecordingError
 from selfheal.recording import (
     check_against_model,
@@ -94,9 +94,9 @@ def diagnosed(tmp_path_factory):
     recording = record(SWINGING, episodes=5, change=_dry, finer=1)
     write(recording, home / "recording.h5")
     names = ("coulomb_friction", "payload", "joint_spring")
-    small = {n: catalogue()[n] for n in names}
+    small = {n: load_catalogue()[n] for n in names}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "catalogue", lambda: small)
+        patch.setattr(module, "load_catalogue", lambda: small)
         out = ["--out", home / "out"]
         _run("diagnose", home / "robot.urdf", home / "recording.h5", *out)
     return home
@@ -130,7 +130,7 @@ def test_it_is_replayed_on_the_patch_and_on_the_urdf(
 @pytest.mark.parametrize("name", ["robot.urdf", "robot.URDF", "robot"])
 def test_the_mjcf_of_a_urdf_is_the_same_model(name, tmp_path):
     (tmp_path / name).write_text(URDF)
-    text = patched(tmp_path / name, (), tmp_path)
+    text = apply_edits(tmp_path / name, (), tmp_path)
     new = mujoco.MjModel.from_xml_string(text)
     given = load_model(tmp_path / name)
     kinds = ("body_", "jnt_", "dof_", "geom_", "qpos")
@@ -146,12 +146,14 @@ def test_the_text_says_what_the_diagnosis_means(tmp_path):
     </joint><link name="stand"/>"""
     (tmp_path / "robot.urdf").write_text(URDF.replace('<link name="stand"/>', fixed))
     recording = record(SWINGING, episodes=1, seconds=0.3)
-    world = world_of(Workshop(str(tmp_path / "robot.urdf")), [recording])
-    case = SimpleNamespace(workshop=world.workshop, world=world, scene=scene_of(world))
-    terms = stated_terms(case.scene)
+    world = build_simulator(ModelCompiler(str(tmp_path / "robot.urdf")), [recording])
+    case = SimpleNamespace(
+        compiler=world.compiler, training=world, robot=summarize_robot(world)
+    )
+    terms = build_nominal_terms(case.robot)
     values = np.linspace(0.98, 1.02, len(terms))
     new = patched_model(case, terms, values, tmp_path)
-    check_same(new, world.workshop.plant(terms).variant(terms, values))
+    check_same(new, world.compiler.compile_variant(terms).build_model(terms, values))
 
 
 def test_commands_to_a_urdf_are_refused_with_what_would_help(recording, tmp_path):

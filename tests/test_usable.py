@@ -8,8 +8,8 @@ from toys_diagnosis import ROBOTS, bench, record
 
 import selfheal
 from selfheal.diagnosis import diagnose as module
-from selfheal.diagnosis.score import replayed
-from selfheal.diagnosis.usable import divergence
+from selfheal.diagnosis.score import cut_replay_segments
+from selfheal.diagnosis.usable import find_divergence
 from selfheal.errors import ModelError, RecordingError
 from selfheal.recording import Signal
 
@@ -28,7 +28,7 @@ def begins(monkeypatch):
     def begin(*_, **__):
         raise Reached
 
-    monkeypatch.setattr(module, "begin_search", begin)
+    monkeypatch.setattr(module, "start_search", begin)
 
 
 @pytest.fixture(scope="module")
@@ -225,11 +225,15 @@ def test_the_moment_of_divergence_is_found(tmp_path):
     """A command that no arm can stand, from 0.6 s of the second episode on."""
     robot = replace(ARM, xml=ARM.xml.replace("implicitfast", "Euler"))
     b = bench(robot, tmp_path, episodes=3, seconds=1.0)
-    assert divergence(b.world, replayed(b.world))[0] == 0
-    wild = b.world.logs[1].ctrl.copy()
-    wild[round(0.6 / b.world.step) :] = 1e9
-    logs = (b.world.logs[0], replace(b.world.logs[1], ctrl=wild), b.world.logs[2])
-    world = replace(b.world, logs=logs)
-    count, episode, time = divergence(world, replayed(world))
+    assert find_divergence(b.simulator, cut_replay_segments(b.simulator))[0] == 0
+    wild = b.simulator.episodes[1].ctrl.copy()
+    wild[round(0.6 / b.simulator.timestep) :] = 1e9
+    logs = (
+        b.simulator.episodes[0],
+        replace(b.simulator.episodes[1], ctrl=wild),
+        b.simulator.episodes[2],
+    )
+    world = replace(b.simulator, episodes=logs)
+    count, episode, time = find_divergence(world, cut_replay_segments(world))
     assert (count, episode) == (1, "001")
-    assert time == pytest.approx(0.6, abs=3 * world.step)
+    assert time == pytest.approx(0.6, abs=3 * world.timestep)

@@ -13,8 +13,8 @@ from selfheal.body.mjcf import ignore_warnings
 from selfheal.recording import Episode, Recording, Signal
 
 if TYPE_CHECKING:
-    from selfheal.diagnosis.scene import Scene
-    from selfheal.diagnosis.world import World
+    from selfheal.diagnosis.scene import RobotSummary
+    from selfheal.diagnosis.world import Simulator
 
 PENDULUM = """<mujoco model="pendulum">
   <!-- a weight on a rod, turned by a servo -->
@@ -314,21 +314,21 @@ class Bench:
 
     path: Path
     recording: Recording
-    world: "World"
-    scene: "Scene"
+    simulator: "Simulator"
+    robot: "RobotSummary"
 
 
 def bench(robot: Robot | str, folder: Path, **how) -> Bench:
     """The robot's model in a folder, and a recording of it."""
-    from selfheal.diagnosis.plant import Workshop
-    from selfheal.diagnosis.prepare import scene_of, world_of
+    from selfheal.diagnosis.plant import ModelCompiler
+    from selfheal.diagnosis.prepare import build_simulator, summarize_robot
 
     robot = ROBOTS[robot] if isinstance(robot, str) else robot
     path = folder / "model.xml"
     path.write_text(robot.xml)
     recording = record(robot, **how)
-    world = world_of(Workshop(str(path)), [recording])
-    return Bench(path, recording, world, scene_of(world))
+    world = build_simulator(ModelCompiler(str(path)), [recording])
+    return Bench(path, recording, world, summarize_robot(world))
 
 
 @cache

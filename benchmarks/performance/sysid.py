@@ -21,11 +21,17 @@ from mujoco import sysid
 
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.diagnosis import score
-from selfheal.diagnosis.case import LONG, WINDOW, Case, pieces_of, prepare
-from selfheal.diagnosis.fit import fit
-from selfheal.diagnosis.problem import Problem, whitened
-from selfheal.diagnosis.score import replayed
-from selfheal.diagnosis.stated import MASS, REST, stated_terms
+from selfheal.diagnosis.case import (
+    LONG,
+    WINDOW,
+    Dataset,
+    cut_readable_segments,
+    prepare_dataset,
+)
+from selfheal.diagnosis.fit import fit_parameters
+from selfheal.diagnosis.problem import Problem, marginalize_initial_states
+from selfheal.diagnosis.score import cut_replay_segments
+from selfheal.diagnosis.stated import MASS, REST, build_nominal_terms
 from selfheal.diagnosis.terms import Term
 from selfheal.recording import Episode, Recording, Signal
 
@@ -140,9 +146,9 @@ def name_held_out(robot: HiddenArm) -> list[str]:
     return [*robot.recording.episodes][-HELD:]
 
 
-def select_terms(case: Case) -> list[Term]:
+def select_terms(case: Dataset) -> list[Term]:
     """The terms of VALUES among the case's stated terms, in the order of VALUES."""
-    terms = {t.targets[0]: t for t in stated_terms(case.scene)}
+    terms = {t.targets[0]: t for t in build_nominal_terms(case.robot)}
     return [terms[name] for name in VALUES]
 
 
@@ -154,16 +160,18 @@ def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
         seconds: [s] of the segments; None: whole episodes. Segments begin where
             readings say, and their initial states are marginalized.
     """
-    case = prepare(robot.model, [robot.recording], name_held_out(robot))
-    world, terms = case.world, select_terms(case)
-    pieces = pieces_of(world, seconds) if seconds else replayed(world)
+    case = prepare_dataset(robot.model, [robot.recording], name_held_out(robot))
+    world, terms = case.training, select_terms(case)
+    pieces = (
+        cut_readable_segments(world, seconds) if seconds else cut_replay_segments(world)
+    )
     apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
     sigma = np.sqrt(np.nanmean(apart**2, axis=0))
     problem = Problem(world, pieces, sigma, centered=False)  # as MuJoCo steps
     begin = np.ones(len(terms))
     if seconds:
-        problem = whitened(problem, terms, begin)
-    return fit(problem, terms, begin).values
+        problem = marginalize_initial_states(problem, terms, begin)
+    return fit_parameters(problem, terms, begin).values
 
 
 def fit_with_sysid(robot: HiddenArm) -> np.ndarray:
@@ -222,10 +230,14 @@ def _make_modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], Non
 
 def score_values(robot: HiddenArm, values: np.ndarray) -> float:
     """The contract's score of factors of VALUES on the held-out episodes."""
-    case = prepare(robot.model, [robot.recording], name_held_out(robot))
-    pieces = replayed(case.held)
-    squares = score.errors(case.held, pieces, select_terms(case), values)
-    return score.score(case.held, squares, score.counts(case.held, pieces))
+    case = prepare_dataset(robot.model, [robot.recording], name_held_out(robot))
+    pieces = cut_replay_segments(case.held_out)
+    squares = score.sum_squared_errors(
+        case.held_out, pieces, select_terms(case), values
+    )
+    return score.compute_score(
+        case.held_out, squares, score.count_readings(case.held_out, pieces)
+    )
 
 
 THEIRS = "mujoco.sysid, defaults"

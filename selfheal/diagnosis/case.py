@@ -15,15 +15,15 @@ from ..recording import (
     split,
     without_file,
 )
-from .logs import meanings
-from .memory import Memory, about
-from .plant import Workshop
-from .prepare import Reckoned, scene_of, world_of
+from .logs import collect_signal_meanings
+from .memory import Checkpoint, digest_inputs
+from .plant import ModelCompiler
+from .prepare import StateReconstruction, build_simulator, summarize_robot
 from .problem import Problem
-from .scene import Scene, by_column
-from .state import estimate
-from .windows import Windows, windows
-from .world import World
+from .scene import RobotSummary, repeat_by_column
+from .state import estimate_state
+from .windows import Segments, cut_segments
+from .world import Simulator
 
 WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
 LONG = 2.0  # [s] of a longer one; chosen: slow effects show there
@@ -31,7 +31,7 @@ QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class Dataset:
     """A robot's recordings, parted.
 
     Attributes:
@@ -42,42 +42,48 @@ class Case:
         names: of the held-out pieces, as the contract writes them.
     """
 
-    workshop: Workshop
-    world: World
-    held: World
-    scene: Scene
-    names: tuple[str, ...]
+    compiler: ModelCompiler
+    training: Simulator
+    held_out: Simulator
+    robot: RobotSummary
+    held_out_names: tuple[str, ...]
 
-    def heard(self, world: World) -> "Case":
+    def with_noise_of(self, world: Simulator) -> "Dataset":
         """The same, with what another world of it knows of its readings' noise."""
-        told = {c.name: c for c in world.signals}
+        told = {c.name: c for c in world.channels}
         own = [
-            tuple(replace(c, noise=told[c.name].noise, memory=told[c.name].memory)
-                  if c.name in told else c for c in w.signals)
-            for w in (self.world, self.held)
+            tuple(replace(c, noise=told[c.name].noise, ar1=told[c.name].ar1)
+                  if c.name in told else c for c in w.channels)
+            for w in (self.training, self.held_out)
         ]  # fmt: skip
         return replace(
-            self, world=self.world.hearing(own[0]), held=self.held.hearing(own[1])
+            self,
+            training=self.training.with_channels(own[0]),
+            held_out=self.held_out.with_channels(own[1]),
         )
 
 
-def prepare(
+def prepare_dataset(
     model: str | os.PathLike[str],
     recordings: Sequence[Recording],
     held_out: Sequence[str],
     memory: str | os.PathLike[str] | None = None,
-) -> Case:
+) -> Dataset:
     """A model and its recordings, parted; arguments and errors as of `diagnose`."""
-    workshop = Workshop(os.fspath(model))
+    workshop = ModelCompiler(os.fspath(model))
     for recording in recordings:  # what does not fit the model is the plainer fault
-        check_against_model(recording, names_of(workshop.given))
-    meanings(recordings)  # one in all, whichever part of them they come to lie in
-    pairs = _parted(recordings, held_out)
+        check_against_model(recording, names_of(workshop.nominal))
+    collect_signal_meanings(
+        recordings
+    )  # one in all, whichever part of them they come to lie in
+    pairs = _split_recordings(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
-    world = world_of(workshop, fitted, recordings)
-    world = replace(world, memory=Memory(memory, about(workshop, fitted)))
-    held = world_of(workshop, [h for _, h in pairs if h.episodes], recordings)
-    if not world.signals:
+    world = build_simulator(workshop, fitted, recordings)
+    world = replace(
+        world, checkpoint=Checkpoint(memory, digest_inputs(workshop, fitted))
+    )
+    held = build_simulator(workshop, [h for _, h in pairs if h.episodes], recordings)
+    if not world.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
     files = short_names([r.file for r in recordings])
     names = tuple(
@@ -85,12 +91,12 @@ def prepare(
         for file, (_, h) in zip(files, pairs, strict=True)
         for name in h.episodes
     )
-    scene = scene_of(world)
-    world, held = (replace(w, touches=scene.touches) for w in (world, held))
-    return Case(workshop, world, held, scene, names)
+    scene = summarize_robot(world)
+    world, held = (replace(w, has_contact=scene.has_contact) for w in (world, held))
+    return Dataset(workshop, world, held, scene, names)
 
 
-def _parted(
+def _split_recordings(
     recordings: Sequence[Recording], held_out: Sequence[str]
 ) -> list[tuple[Recording, Recording]]:
     """Of each recording, what may be fitted and what is held out.
@@ -103,7 +109,7 @@ def _parted(
         return [split(r, held_out=held_out) for r in recordings]
     own: list[list[str]] = [[] for _ in recordings]
     for entry in held_out:
-        own[_owner(recordings, entry)].append(entry)
+        own[_find_recording(recordings, entry)].append(entry)
     pairs = []
     for recording, entries in zip(recordings, own, strict=True):
         whole = {without_file(entry, recording.file) for entry in entries}
@@ -119,7 +125,7 @@ def _parted(
     return pairs
 
 
-def _owner(recordings: Sequence[Recording], entry: str) -> int:
+def _find_recording(recordings: Sequence[Recording], entry: str) -> int:
     """Which of several recordings a held-out name speaks of."""
     exact = [entry.startswith(f"{r.file}:") for r in recordings]
     called = [without_file(entry, r.file) != entry for r in recordings]
@@ -134,39 +140,39 @@ def _owner(recordings: Sequence[Recording], entry: str) -> int:
     raise UnknownNameError("held-out episode", entry, valid)
 
 
-def problem_of(case: Case, seconds: float) -> Problem:
+def build_problem(case: Dataset, seconds: float) -> Problem:
     """Windows of the fitted recordings, weighted by the given model's error."""
-    world = case.world
-    pieces = pieces_of(world, seconds)
+    world = case.training
+    pieces = cut_readable_segments(world, seconds)
     apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
     sigma = np.sqrt(
         np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
     )
-    spread = by_column(world.signals, "spread")
+    spread = repeat_by_column(world.channels, "spread")
     sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
     return Problem(world, pieces, sigma)
 
 
-def check_enough(world: World, problem: Problem) -> None:
+def check_enough_segments(world: Simulator, problem: Problem) -> None:
     """Refuse what could only be answered with "nothing", for want of evidence.
 
     Raises:
         RecordingError: too short, or nothing moved.
     """
-    if len(problem.windows) < SHORT and (lost := _untold(world)):
+    if len(problem.segments) < SHORT and (lost := _list_unmeasured_joints(world)):
         raise RecordingError(
             f"no signal tells the position of {', '.join(lost)}, so that an episode is "
-            f"one piece, and {len(world.logs)} are too few to decide anything; would "
+            f"one piece, and {len(world.episodes)} are too few to decide anything; would "
             f"fit: record it, or at least {SHORT} episodes beside what is held out"
         )
-    if len(problem.windows) < SHORT:
+    if len(problem.segments) < SHORT:
         raise RecordingError(
-            f"{len(problem.windows)} pieces of {WINDOW} s are too few to decide "
+            f"{len(problem.segments)} pieces of {WINDOW} s are too few to decide "
             f"anything; would fit: at least {SHORT}, better 40, beside what is held out"
         )
     loud = [
-        c.name for c in world.signals
-        if c.scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
+        c.name for c in world.channels
+        if c.is_scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
     ]  # fmt: skip
     if not loud:
         raise RecordingError(
@@ -175,22 +181,27 @@ def check_enough(world: World, problem: Problem) -> None:
         )
 
 
-def pieces_of(world: World, seconds: float) -> Windows:
+def cut_readable_segments(world: Simulator, seconds: float) -> Segments:
     """Pieces that begin where the state can be read; whole episodes elsewhere."""
-    steps = max(2, round(seconds / world.step))
+    steps = max(2, round(seconds / world.timestep))
     parts = []
-    for i, log in enumerate(world.logs):
-        cut = _is_read(world, i, np.linspace(0, log.at[-1], 9)[1:-1]).mean() > 0.5
-        own = windows(world.logs, steps if cut else None, only=i)
+    for i, log in enumerate(world.episodes):
+        cut = (
+            _is_state_known(
+                world, i, np.linspace(0, log.sample_steps[-1], 9)[1:-1]
+            ).mean()
+            > 0.5
+        )
+        own = cut_segments(world.episodes, steps if cut else None, only=i)
         if cut:
-            own = own.take(np.flatnonzero(_is_read(world, i, own.start)))
+            own = own.select(np.flatnonzero(_is_state_known(world, i, own.first_step)))
         parts.append(own)
-    return Windows.joined(parts)
+    return Segments.concatenate(parts)
 
 
-def _untold(world: World) -> list[str]:
+def _list_unmeasured_joints(world: Simulator) -> list[str]:
     """Joints whose position no signal tells for most of the time."""
-    model, known = world.workshop.given, Reckoned(world).is_read
+    model, known = world.compiler.nominal, StateReconstruction(world).is_measured
     return [
         f"joint {model.joint(j).name!r}"
         for j in range(model.njnt)
@@ -198,9 +209,9 @@ def _untold(world: World) -> list[str]:
     ]
 
 
-def _is_read(world: World, log: int, at: np.ndarray) -> np.ndarray:
+def _is_state_known(world: Simulator, log: int, at: np.ndarray) -> np.ndarray:
     """(W) whether every joint's position is told at times [steps] of an episode."""
-    own, model = world.logs[log], world.workshop.given
-    qpos, _, _ = estimate(model, world.signals, own, at, world.step, {})
+    own, model = world.episodes[log], world.compiler.nominal
+    qpos, _, _ = estimate_state(model, world.channels, own, at, world.timestep, {})
     given = (at == 0) & (own.qpos0 is not None)
     return np.isfinite(qpos).all(axis=1) | given

@@ -9,21 +9,21 @@ import numpy as np
 from .evidence import (
     LEFT,
     Evidence,
-    Scored,
-    as_good,
-    better,
-    carries_over,
-    economy,
-    scored,
-    seated,
-    stability,
+    ScoredFit,
+    bic,
+    bootstrap_stability,
+    fit_and_score,
+    generalizes_across_episodes,
+    improvement_p_value,
+    is_as_good,
+    reestimate_initial_states,
 )
-from .fit import Fit, believed, fit, jacobian, rested
-from .noise import above
-from .problem import Problem, whitened
+from .fit import Fit, compute_jacobian, fit_parameters, prior_precision, refine_undamped
+from .noise import noise_ratio
+from .problem import Problem, marginalize_initial_states
 from .screen import Progress
-from .terms import Term, does, replaced
-from .trial import Base
+from .terms import Term, find_overridden, implements
+from .trial import LinearizedFit
 
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
@@ -50,37 +50,39 @@ class Claim:
     others: tuple[Term, ...] = ()
 
 
-def finalists(
+def fit_finalists(
     problem: Problem, fits: Sequence[Fit], progress: Progress
-) -> list[Scored]:
+) -> list[ScoredFit]:
     """The candidates' predictions, the best ones' with everything else fitted anew."""
-    found = [Scored.of(problem, f) for f in fits]
+    found = [ScoredFit.from_fit(problem, f) for f in fits]
     found.sort(key=lambda s: s.error)
     for i in range(min(FITTED, len(found))):
         old = found[i]
-        progress(f"fitting {old.last.label}", i / FITTED)
+        progress(f"fitting {old.candidate.label}", i / FITTED)
         at, near = old.fit.values, old.fit.jacobian
-        new = scored(problem, old.fit.terms, at, rounds=3, known=near)
+        new = fit_and_score(problem, old.fit.terms, at, rounds=3, known=near)
         if new.error < old.error:
             found[i] = new
-        found[i] = _in_seat(problem, found[i])
+        found[i] = _score_reestimated(problem, found[i])
     return found
 
 
-def _in_seat(problem: Problem, found: Scored) -> Scored:
+def _score_reestimated(problem: Problem, found: ScoredFit) -> ScoredFit:
     """The same with the starts that its values ask for, if it is better there."""
     terms, values = found.fit.terms, found.fit.values
-    seat = seated(problem, terms, values)
+    seat = reestimate_initial_states(problem, terms, values)
     if seat is problem:
         return found
-    near = problem.carried(seat, found.fit.jacobian)
-    new = replace(scored(seat, terms, values, rounds=4, known=near), seat=seat)
+    near = problem.transfer_jacobian(seat, found.fit.jacobian)
+    new = replace(
+        fit_and_score(seat, terms, values, rounds=4, known=near), reestimated=seat
+    )
     return new if new.error < found.error else found
 
 
-def drastic(
-    base: Base, stated: int, candidates: Sequence[Term], progress: Progress
-) -> list[Scored]:
+def fit_parameterless(
+    base: LinearizedFit, stated: int, candidates: Sequence[Term], progress: Progress
+) -> list[ScoredFit]:
     """Predictions of what leaves nothing to fit, as a lost limb, begun from the start.
 
     Stated values and starts that were sought without it are so far off that it seems of
@@ -89,58 +91,62 @@ def drastic(
     """
     whole = [t for t in candidates if not t.parameters]
     problem, found = base.problem, base.fit
-    if not whole or problem.windows.is_single:
+    if not whole or problem.segments.is_single_readings:
         return []
-    raw = replace(problem.raw, shift=None)
+    raw = replace(problem.unmarginalized, initial_state_shift=None)
     values = np.append(np.ones(stated), found.values[stated:])
-    before = raw.at(found.terms, values)
+    before = raw.residuals_at(found.terms, values)
     costs = {}
     for term in whole:
-        after = raw.at((*found.terms, term), values)
+        after = raw.residuals_at((*found.terms, term), values)
         costs[term] = float(after @ after) / float(before @ before)
     order = sorted(whole, key=lambda t: costs[t])[:DRASTIC]
     scores = []
     for term in [t for t in order if costs[t] < MOSTLY]:
         progress(f"fitting {term.label}", 0.0)
         terms = (*found.terms, term)
-        seat = whitened(raw, terms, values)
-        scores.append(replace(scored(seat, terms, values, rounds=4), seat=seat))
+        seat = marginalize_initial_states(raw, terms, values)
+        scores.append(
+            replace(fit_and_score(seat, terms, values, rounds=4), reestimated=seat)
+        )
     return scores
 
 
-def winner(
-    problem: Problem, now: Scored, finals: Sequence[Scored], tried: float
-) -> tuple[Scored, Claim] | None:
+def choose_winner(
+    problem: Problem, now: ScoredFit, finals: Sequence[ScoredFit], tried: float
+) -> tuple[ScoredFit, Claim] | None:
     """The candidate that earns a name, and its claim to it."""
-    p_value = {s: better(problem, now, s, tried) for s in finals}
-    least = ROUGH if problem.is_rough else WORTH
+    p_value = {s: improvement_p_value(problem, now, s, tried) for s in finals}
+    least = ROUGH if problem.is_nonsmooth else WORTH
     good = [
         s
         for s in finals
         if p_value[s] < SURE
-        and not s.last.is_faint(s.values)
+        and not s.candidate.is_negligible(s.values)
         and s.error < (1 - least) * now.error
         and is_plausible(problem, now, s)
-        and carries_over(problem, now.fit, s.fit, s.seat)
+        and generalizes_across_episodes(problem, now.fit, s.fit, s.reestimated)
     ]
     if not good:
         return None
-    best = _likeliest(problem, now, sorted(good, key=lambda s: s.error))
+    best = _choose_likeliest(problem, now, sorted(good, key=lambda s: s.error))
     others = [s for s in good if s is not best]
-    also = [s for s in others if as_good(problem, s, best, 2.0)]
+    also = [s for s in others if is_as_good(problem, s, best, 2.0)]
     evidence = Evidence(
         float(0.5 * np.log(now.error / max(best.error, 1e-300))),
         p_value[best],
-        stability(problem, good, [best, *also]),
+        bootstrap_stability(problem, good, [best, *also]),
     )
     return best, Claim(
-        evidence, tuple(s.last for s in also[:3]), tuple(s.last for s in others)
+        evidence,
+        tuple(s.candidate for s in also[:3]),
+        tuple(s.candidate for s in others),
     )
 
 
-def relieving(
-    base: Base, now: Scored, candidates: Sequence[Term], progress: Progress
-) -> tuple[Scored, Claim] | None:
+def find_relieving(
+    base: LinearizedFit, now: ScoredFit, candidates: Sequence[Term], progress: Progress
+) -> tuple[ScoredFit, Claim] | None:
     """The candidate without which stated values are too far from what is believed.
 
     Several at their bounds can stand for one that had to leave them. Only where the
@@ -149,99 +155,116 @@ def relieving(
     from scipy.stats import chi2
 
     problem = base.problem
-    if above(problem, now.fit.residuals) >= LEFT:
+    if noise_ratio(problem, now.fit.residuals) >= LEFT:
         return None
     # where something touches, the cost is too rough to follow a valley
-    end = partial(rested, problem) if not problem.world.touches else lambda f: f
+    end = (
+        partial(refine_undamped, problem)
+        if not problem.simulator.has_contact
+        else lambda f: f
+    )
     before = end(now.fit)
     fits = []
     for i, term in enumerate(candidates):
         progress(f"trying {term.label}", i / len(candidates))
-        fits.append(_freed(problem, before, term))
-    fits.sort(key=lambda f: f.cost + f.strain)
-    found = [Scored.of(problem, end(f)) for f in fits[:FITTED]]
+        fits.append(_fit_freed(problem, before, term))
+    fits.sort(key=lambda f: f.cost + f.prior_penalty)
+    found = [ScoredFit.from_fit(problem, end(f)) for f in fits[:FITTED]]
     relief = {
-        s: before.strain - s.fit.strain - max(s.fit.cost - before.cost, 0.0)
+        s: before.prior_penalty
+        - s.fit.prior_penalty
+        - max(s.fit.cost - before.cost, 0.0)
         for s in found
     }
     p_value = {
-        s: float(len(candidates) * chi2.sf(relief[s], len(s.last.parameters)))
+        s: float(len(candidates) * chi2.sf(relief[s], len(s.candidate.parameters)))
         for s in found
-        if not s.last.is_faint(s.values)
+        if not s.candidate.is_negligible(s.values)
     }
     best = min(p_value, key=lambda s: p_value[s], default=None)
     if best is None or p_value[best] >= SURE:
         return None
     gain = float(0.5 * np.log(now.error / max(best.error, 1e-300)))
-    rivals = tuple(s.last for s in p_value if p_value[s] < SURE and s is not best)
-    sure = Evidence(gain, p_value[best], stability(problem, [now, *found], [best]))
+    rivals = tuple(s.candidate for s in p_value if p_value[s] < SURE and s is not best)
+    sure = Evidence(
+        gain, p_value[best], bootstrap_stability(problem, [now, *found], [best])
+    )
     return best, Claim(sure, rivals, rivals)
 
 
-def _freed(problem: Problem, found: Fit, term: Term) -> Fit:
+def _fit_freed(problem: Problem, found: Fit, term: Term) -> Fit:
     """One step from a fit, with what it made of the values that a term says anew.
 
     The readings fit there; how far it has to go from there, belief tells.
     """
     factor = {t.targets[0]: v for t, v in zip(found.terms, found.values, strict=True)}
     target = term.targets[0]
-    own = [p.absent * factor.get(f"{target}/{p.name}", 1.0) for p in term.parameters]
+    own = [p.nominal * factor.get(f"{target}/{p.name}", 1.0) for p in term.parameters]
     terms, start = (*found.terms, term), np.append(found.values, own)
-    r = problem.at(terms, start)
-    new = jacobian(problem, terms, start, r, len(found.values))
+    r = problem.residuals_at(terms, start)
+    new = compute_jacobian(problem, terms, start, r, len(found.values))
     near = np.hstack([found.jacobian, new])
-    near[:, replaced(term, found.terms)] = 0.0
-    return fit(problem, terms, start, rounds=1, known=near)
+    near[:, find_overridden(term, found.terms)] = 0.0
+    return fit_parameters(problem, terms, start, rounds=1, known=near)
 
 
-def _likeliest(problem: Problem, now: Scored, good: Sequence[Scored]) -> Scored:
+def _choose_likeliest(
+    problem: Problem, now: ScoredFit, good: Sequence[ScoredFit]
+) -> ScoredFit:
     """Of candidates, the best first, the one that gets the name."""
     for s in good:
-        if s.last.effect.is_seen(s.last) and s.error < MOSTLY * now.error:
+        if (
+            s.candidate.effect.is_directly_observed(s.candidate)
+            and s.error < MOSTLY * now.error
+        ):
             return s
-    if problem.windows.is_single:
-        good = sorted(good, key=partial(economy, problem), reverse=True)
-        near = [s for s in good if as_good(problem, s, good[0], 2.0)]
+    if problem.segments.is_single_readings:
+        good = sorted(good, key=partial(bic, problem), reverse=True)
+        near = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
         # a pose that is read once tells nothing of when a command arrives
-        return min(near, key=lambda s: does(s.last.effect, "command"))
-    close = [s for s in good if as_good(problem, s, good[0], 2.0)]
-    usual = [s for s in close if not _oddity(s)[0]] or close
-    near = [s for s in usual if as_good(problem, s, usual[0], 2.0)]
-    most = min(s.fit.strain for s in near) + strain_of_note(problem, near[0].fit)
-    near = [s for s in near if s.fit.strain < most]
+        return min(
+            near, key=lambda s: implements(s.candidate.effect, "transform_command")
+        )
+    close = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
+    usual = [s for s in close if not _rank_rarity(s)[0]] or close
+    near = [s for s in usual if is_as_good(problem, s, usual[0], 2.0)]
+    most = min(s.fit.prior_penalty for s in near) + significant_prior_penalty(
+        problem, near[0].fit
+    )
+    near = [s for s in near if s.fit.prior_penalty < most]
     # of those that the data cannot rank, a usual one, with the least to choose
-    return min(near, key=_oddity)
+    return min(near, key=_rank_rarity)
 
 
-def _oddity(s: Scored) -> tuple:
+def _rank_rarity(s: ScoredFit) -> tuple:
     """By what those go that the data cannot rank, the least odd first."""
-    term = s.last
+    term = s.candidate
     own = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
     # what does nothing here, as a shift along a joint's axis, is no choice
     free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
-    return term.effect.oddity(term, s.values), free, s.error
+    return term.effect.rate_rarity(term, s.values), free, s.error
 
 
-def strain_of_note(problem: Problem, found: Fit) -> float:
+def significant_prior_penalty(problem: Problem, found: Fit) -> float:
     """Strain [variances] that is no accident.
 
     Impacts make the cost rough, which drives every stated value some way.
     """
-    values = np.count_nonzero(believed(found.terms))
-    return STRAINED + (values if problem.world.touches else 0)
+    values = np.count_nonzero(prior_precision(found.terms))
+    return STRAINED + (values if problem.simulator.has_contact else 0)
 
 
-def is_plausible(problem: Problem, now: Scored, new: Scored) -> bool:
+def is_plausible(problem: Problem, now: ScoredFit, new: ScoredFit) -> bool:
     """Whether an effect is usual enough for what it explains.
 
     Where much stays unexplained, one that is rare, or says that the model's own numbers
     are far off, is more likely to stand for something else.
     """
-    usual = not is_odd(new.last)
+    usual = not is_rare_or_restating(new.candidate)
     mostly = new.error < MOSTLY * now.error
-    return usual or mostly or above(problem, new.fit.residuals) < LEFT
+    return usual or mostly or noise_ratio(problem, new.fit.residuals) < LEFT
 
 
-def is_odd(term: Term) -> bool:
+def is_rare_or_restating(term: Term) -> bool:
     """Whether an effect is rare, or says that what the model states is not so."""
-    return bool(term.effect.rare or term.effect.restates)
+    return bool(term.effect.rarity or term.effect.restates_nominal)

@@ -7,27 +7,34 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..recording import Recording
-from .answer import answer_of
-from .case import LONG, WINDOW, check_enough, pieces_of, prepare, problem_of
-from .effects import catalogue
-from .name import begin_search, name_effects
-from .onset import began, dated, held_out_later
-from .polish import plainest, polished
+from .answer import build_diagnosis
+from .case import (
+    LONG,
+    WINDOW,
+    build_problem,
+    check_enough_segments,
+    cut_readable_segments,
+    prepare_dataset,
+)
+from .effects import load_catalogue
+from .name import name_effects, start_search
+from .onset import choose_held_out_after, detect_change_point, set_onset
+from .polish import prefer_simpler_names, refine_hypothesis
 from .problem import Problem
 from .prove import (
-    Proof,
-    bare,
-    is_astray,
-    is_little,
-    is_worse,
-    judged,
-    structure_of,
+    HeldOutScores,
+    analyze_remaining,
+    decide_verdict,
+    drop_names,
+    is_replay_off,
+    makes_replay_worse,
+    removes_too_little,
 )
-from .refute import in_question, likeliest, upheld
+from .refute import choose_hypothesis, drop_refuted, keep_competitive
 from .result import Diagnosis
-from .rounding import with_rounding
-from .stated import stated_terms
-from .usable import check_usable
+from .rounding import name_quantization
+from .stated import build_nominal_terms
+from .usable import check_dataset
 
 Progress = Callable[[str, float], None]
 
@@ -57,45 +64,55 @@ def diagnose(
     """
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
-    case = prepare(model, recordings, held_out, memory)
-    check_usable(case)
-    problem = problem_of(case, WINDOW)
-    check_enough(case.world, problem)
-    search = begin_search(
-        problem, case.scene, stated_terms(case.scene), catalogue().values(),
+    case = prepare_dataset(model, recordings, held_out, memory)
+    check_dataset(case)
+    problem = build_problem(case, WINDOW)
+    check_enough_segments(case.training, problem)
+    search = start_search(
+        problem, case.robot, build_nominal_terms(case.robot), load_catalogue().values(),
         rng=np.random.default_rng(seed), progress=say,
     )  # fmt: skip
-    onset = None if search.is_done else began(search.problem, search.now.fit)
+    onset = (
+        None if search.is_done else detect_change_point(search.problem, search.best.fit)
+    )
     if onset and not held_out:
-        later = held_out_later(onset, recordings, case.held)
+        later = choose_held_out_after(onset, recordings, case.held_out)
         if later:  # what is held out now could not show it
             return diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
                 progress=progress,
             )  # fmt: skip
-    search.candidates = dated(search.candidates, onset)
-    longer = Problem(case.world, pieces_of(case.world, LONG), problem.sigma)
+    search.candidates = set_onset(search.candidates, onset)
+    longer = Problem(
+        case.training, cut_readable_segments(case.training, LONG), problem.sigma
+    )
     namings = name_effects(search, problem, longer)
-    case = case.heard(namings[0].problem.world)
+    case = case.with_noise_of(namings[0].problem.simulator)
     say("fitting everything once more", 0.0)
-    namings = [plainest(polished(case, n)) for n in in_question(case, namings)]
+    namings = [
+        prefer_simpler_names(refine_hypothesis(case, n))
+        for n in keep_competitive(case, namings)
+    ]
     say("testing what was found on the held-out episodes", 0.0)
-    naming, refuted = likeliest(case, [upheld(case, n) for n in namings])
+    naming, refuted = choose_hypothesis(case, [drop_refuted(case, n) for n in namings])
     say("looking for what has no name", 0.0)
-    structure = structure_of(case, naming)
-    naming, verdict = judged(naming, structure)
-    proof = Proof.of(case, naming)
-    worse = bool(naming.named) and is_worse(case, naming, proof)
-    if worse or (naming.named and is_little(case, naming, proof)):
+    structure = analyze_remaining(case, naming)
+    naming, verdict = decide_verdict(naming, structure)
+    proof = HeldOutScores.compute(case, naming)
+    worse = bool(naming.named) and makes_replay_worse(case, naming, proof)
+    if worse or (naming.named and removes_too_little(case, naming, proof)):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in naming.named))
-        naming, verdict = judged(bare(naming), structure)
+        naming, verdict = decide_verdict(drop_names(naming), structure)
         verdict = "unlisted" if worse else verdict
-        proof = Proof.of(case, naming)
-    smooth, naming = naming, with_rounding(naming, case.scene, catalogue().values())
+        proof = HeldOutScores.compute(case, naming)
+    smooth, naming = (
+        naming,
+        name_quantization(naming, case.robot, load_catalogue().values()),
+    )
     if naming is not smooth:
         verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
-        proof = Proof.of(case, naming)
-    if is_astray(case, naming, proof):
+        proof = HeldOutScores.compute(case, naming)
+    if is_replay_off(case, naming, proof):
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
-    return answer_of(case, naming, verdict, proof, structure, refuted, begun)
+    return build_diagnosis(case, naming, verdict, proof, structure, refuted, begun)

@@ -8,15 +8,15 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Fit
-from .intervals import LEVEL, interval
-from .name import Naming
-from .plant import parts
+from .intervals import LEVEL, confidence_interval
+from .name import Hypothesis
+from .plant import split_values
 from .terms import Term
-from .textual import native
+from .textual import is_native
 
 
-def findings_of(
-    naming: Naming, errors: Floats, where: Mapping[int, Mapping]
+def build_findings(
+    naming: Hypothesis, errors: Floats, where: Mapping[int, Mapping]
 ) -> list[dict[str, Any]]:
     """One entry an effect and place.
 
@@ -26,47 +26,49 @@ def findings_of(
         where: each acts, by the number of the finding.
     """
     found, out = naming.final.fit, []
-    spread = parts(found.terms, errors)
-    values = parts(found.terms, found.values)
+    spread = split_values(found.terms, errors)
+    values = split_values(found.terms, found.values)
     for n, named in enumerate(naming.named):
         i = next(k for k, t in enumerate(found.terms) if t is named.term)
         for target in named.term.targets:
             out.append({
                 "effect": named.term.effect.name,
                 "target": target,
-                **named.term.note,
-                "equivalent": _others(named),
+                **named.term.finding_fields,
+                "equivalent": _list_equivalents(named),
                 "separate_by": named.term.effect.separate_by,
-                "parameters": _parameters(named.term, values[i], spread[i]),
+                "parameters": _list_parameters(named.term, values[i], spread[i]),
                 "where": where[n],
                 "evidence": {
                     "heldout_nll_gain": named.evidence.gain,
                     "p_value": named.evidence.p_value,
                     "stability": named.evidence.stability,
                 },
-                "native": native(named.term),
+                "native": is_native(named.term),
             })  # fmt: skip
     return out
 
 
-def _others(named) -> list[str]:
+def _list_equivalents(named) -> list[str]:
     names = [t.effect.name for t in named.equivalent]
     mine = named.term.effect.name
     return [n for i, n in enumerate(names) if n != mine and n not in names[:i]][:3]
 
 
-def _parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str, Any]]:
+def _list_parameters(
+    term: Term, values: Floats, errors: Floats
+) -> list[dict[str, Any]]:
     out = []
     for p, value, error in zip(term.parameters, values, errors, strict=True):
-        low, high = interval(p, value, error)
+        low, high = confidence_interval(p, value, error)
         out.append({"name": p.name, "value": value, "low": low, "high": high,
                     "unit": p.unit})  # fmt: skip
-    return _as_contract(term, out)
+    return _merge_vector(term, out)
 
 
-def _as_contract(term: Term, entries: list[dict]) -> list[dict]:
+def _merge_vector(term: Term, entries: list[dict]) -> list[dict]:
     """What is a vector (a payload's position) as one entry, the last."""
-    vector = term.effect.vector
+    vector = term.effect.vector_parameter
     axes = [e for e in entries if vector and e["name"].startswith(f"{vector}_")]
     if not axes:
         return entries
@@ -75,31 +77,31 @@ def _as_contract(term: Term, entries: list[dict]) -> list[dict]:
     return [*(e for e in entries if e not in axes), own]
 
 
-def refit_of(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
+def build_refit(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
     """What the model states, its value in the patched model, and its interval."""
     out = []
-    each = (parts(patched.terms, x) for x in (patched.values, errors))
+    each = (split_values(patched.terms, x) for x in (patched.values, errors))
     for term, value, error in zip(patched.terms, *each, strict=True):
         if term.effect.name != "stated":
             continue
         (factor,), (error,) = value, error
-        given = term.note["value"]
+        given = term.finding_fields["value"]
         (p,) = term.parameters
         low, high = sorted(
             given * np.clip(factor + k * LEVEL * error, p.low, p.high) for k in (-1, 1)
         )
         out.append({"parameter": term.targets[0], "given": given,
                     "value": given * factor, "low": low, "high": high,
-                    "unit": term.note["unit"]})  # fmt: skip
+                    "unit": term.finding_fields["unit"]})  # fmt: skip
     return out
 
 
-def plain(thing: Any) -> Any:
+def to_json_values(thing: Any) -> Any:
     """The same with nothing that JSON does not have: NaN and infinity become null."""
     if isinstance(thing, Mapping):
-        return {k: plain(v) for k, v in thing.items()}
+        return {k: to_json_values(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple | np.ndarray):
-        return [plain(v) for v in thing]
+        return [to_json_values(v) for v in thing]
     if isinstance(thing, np.floating | float):
         return float(thing) if np.isfinite(thing) else None
     if isinstance(thing, np.integer | np.bool_):
@@ -107,6 +109,6 @@ def plain(thing: Any) -> Any:
     return thing
 
 
-def text_of(document: Mapping[str, Any]) -> str:
+def format_document(document: Mapping[str, Any]) -> str:
     """diagnosis.json."""
-    return json.dumps(plain(document), indent=1, allow_nan=False) + "\n"
+    return json.dumps(to_json_values(document), indent=1, allow_nan=False) + "\n"

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError, UnknownNameError
-from .effects import catalogue
+from .effects import load_catalogue
 
 # of each effect of contract section 4: what its target is, its parameters
 SAID: Mapping[str, tuple[str, str]] = {
@@ -48,7 +48,7 @@ SAID: Mapping[str, tuple[str, str]] = {
 OR: Mapping[str, str] = {  # as well
     "servo_gain": "kp", "fluid_drag": "viscosity", "hard_stop": "range timeconst",
 }  # fmt: skip
-SORTS = "joint actuator body geom sensor world"
+TARGET_KINDS = "joint actuator body geom sensor world"
 # what else a finding must say, and what would fit
 MORE: Mapping[str, tuple[str, tuple[Any, ...]]] = {
     "hard_stop": ("side", (-1, 1)),
@@ -71,27 +71,31 @@ def check_entries(path: object, document: Mapping[str, Any]) -> None:
         for i, entry in enumerate(entries):
             where = f"{path}, {key}[{i}]"
             if not isinstance(entry, dict):
-                raise _misfit(where, "the entry", entry, "an object with names")
+                raise _misfit_error(where, "the entry", entry, "an object with names")
             check(where, entry)
 
 
 def _check_finding(where: str, entry: Mapping[str, Any]) -> None:
     name = entry.get("effect")
     if not isinstance(name, str):
-        raise _misfit(where, "effect", name, "a name that 'selfheal effects' lists")
-    if name not in catalogue():
-        raise UnknownNameError(f"effect in {where}:", name, catalogue())
-    sorts, names = SAID.get(name, (SORTS, None))
+        raise _misfit_error(
+            where, "effect", name, "a name that 'selfheal effects' lists"
+        )
+    if name not in load_catalogue():
+        raise UnknownNameError(f"effect in {where}:", name, load_catalogue())
+    sorts, names = SAID.get(name, (TARGET_KINDS, None))
     _check_target(where, "target", entry.get("target"), sorts)
-    _check_parameters(where, entry.get("parameters"), _fitting(name, names))
+    _check_parameters(
+        where, entry.get("parameters"), _list_parameter_names(name, names)
+    )
     if name == "joint_coupling":
         _check_target(where, "other", entry.get("other"), "joint")
     if name in MORE and entry.get(MORE[name][0]) not in MORE[name][1]:
         key, fits = MORE[name]
-        raise _misfit(where, key, entry.get(key), " or ".join(map(repr, fits)))
+        raise _misfit_error(where, key, entry.get(key), " or ".join(map(repr, fits)))
 
 
-def _fitting(effect: str, names: str | None) -> tuple[list[str], ...]:
+def _list_parameter_names(effect: str, names: str | None) -> tuple[list[str], ...]:
     """Names of parameters that an effect may have; none: any."""
     either = () if names is None else (names, *filter(None, [OR.get(effect)]))
     return tuple(each.split() for each in either)
@@ -101,41 +105,45 @@ def _check_target(where: str, key: str, target: Any, sorts: str) -> None:
     sort, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
     if sort not in sorts.split() or (sort == "world") == bool(colon and name):
         told = [s if s == "world" else f"{s}: and a name" for s in sorts.split()]
-        raise _misfit(where, key, target, ", ".join(told))
+        raise _misfit_error(where, key, target, ", ".join(told))
 
 
 def _check_parameters(where: str, told: Any, fits: tuple[list[str], ...]) -> None:
     if not isinstance(told, list) or not all(isinstance(p, dict) for p in told):
-        raise _misfit(where, "parameters", told, "a list, each with name and value")
+        raise _misfit_error(
+            where, "parameters", told, "a list, each with name and value"
+        )
     names = [p.get("name") for p in told]
     if fits and names not in fits:
         ways = " or ".join(", ".join(each) or "none" for each in fits)
-        raise _misfit(where, "names of parameters", names, ways)
+        raise _misfit_error(where, "names of parameters", names, ways)
     for p in told:
         value, what = p.get("value"), f"value of {p.get('name')}"
         if p.get("name") == "position":
-            if not _is_place(value):
-                raise _misfit(where, what, value, "three numbers")
+            if not _is_position(value):
+                raise _misfit_error(where, what, value, "three numbers")
         elif p.get("name") == "bias" and isinstance(value, list):
             if not value or not all(map(_is_number, value)):
-                raise _misfit(where, what, value, "a number, or one for each column")
+                raise _misfit_error(
+                    where, what, value, "a number, or one for each column"
+                )
         elif not _is_number(value):
-            raise _misfit(where, what, value, "a number")
+            raise _misfit_error(where, what, value, "a number")
         elif p.get("name") in NEVER_NEGATIVE and value < 0:
-            raise _misfit(where, what, value, "0 or more")
+            raise _misfit_error(where, what, value, "0 or more")
 
 
-def _is_place(value: Any) -> bool:
+def _is_position(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
 
 
 def _check_refit(where: str, entry: Mapping[str, Any]) -> None:
     if not isinstance(entry.get("parameter"), str):
         fits = "a text such as 'joint:knee/damping'"
-        raise _misfit(where, "parameter", entry.get("parameter"), fits)
+        raise _misfit_error(where, "parameter", entry.get("parameter"), fits)
     for key in ("given", "value"):
         if not _is_number(entry.get(key)):
-            raise _misfit(where, key, entry.get(key), "a number")
+            raise _misfit_error(where, key, entry.get(key), "a number")
 
 
 def _is_number(value: Any) -> bool:
@@ -148,7 +156,7 @@ def _is_number(value: Any) -> bool:
         return False
 
 
-def _misfit(where: str, what: str, value: Any, fits: str) -> InputError:
+def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
     said = repr(value)
     said = said if len(said) <= 60 else f"{said[:60]}..."
     return InputError(f"{where}: {what} is {said}; would fit: {fits}")

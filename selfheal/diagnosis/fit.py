@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ..recording.data import Floats
-from .memory import Answer
+from .memory import Arrays
 from .problem import Problem
 from .terms import Term
 
@@ -42,7 +42,7 @@ class Fit:
     values: Floats
     residuals: Floats
     jacobian: Floats
-    is_fine: bool = False
+    has_fine_jacobian: bool = False
 
     @property
     def cost(self) -> float:
@@ -50,26 +50,26 @@ class Fit:
         return float(self.residuals @ self.residuals)
 
     @property
-    def strain(self) -> float:
+    def prior_penalty(self) -> float:
         """How far stated values are from what is believed of them [variances]."""
-        return float(believed(self.terms) @ (self.values - 1) ** 2)
+        return float(prior_precision(self.terms) @ (self.values - 1) ** 2)
 
-    def but(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
+    def without_terms(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
         """The terms without some, and their values."""
         kept = tuple(t for t in self.terms if t not in gone)
-        return kept, self.values[self._columns(gone)]
+        return kept, self.values[self._find_kept_columns(gone)]
 
-    def near(self, *gone: Term) -> Floats:
+    def jacobian_without(self, *gone: Term) -> Floats:
         """The Jacobian without the columns of some terms."""
-        return self.jacobian[:, self._columns(gone)]
+        return self.jacobian[:, self._find_kept_columns(gone)]
 
-    def _columns(self, gone: Sequence[Term]) -> np.ndarray:
+    def _find_kept_columns(self, gone: Sequence[Term]) -> np.ndarray:
         """(P) which parameters stay without some terms."""
         stays = [t not in gone for t in self.terms for _ in t.parameters]
         return np.array(stays, bool)
 
 
-def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
+def stack_bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     """Low, high and scale (P) of all parameters."""
     return tuple(
         np.concatenate([getattr(t, k) for t in terms] or [np.zeros(0)])
@@ -77,18 +77,18 @@ def bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     )  # type: ignore[return-value]
 
 
-def believed(terms: Sequence[Term]) -> Floats:
+def prior_precision(terms: Sequence[Term]) -> Floats:
     """Weights (P) by which a careful user believes that stated values' factors are 1.
 
     Half of what the contract grants is a standard deviation: where readings do not tell
     two values apart, both stay near what the model states.
     """
-    low, high, _ = bounds(terms)
+    low, high, _ = stack_bounds(terms)
     stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
     return np.where(stated, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
 
 
-def step(
+def solve_bounded_step(
     curvature: Floats, slope: Floats, low: Floats, high: Floats, scale: Floats,
     damping: float = 1e-9,
 ) -> Floats:  # fmt: skip
@@ -112,7 +112,7 @@ def step(
     return np.clip(move, a, b) * scale
 
 
-def jacobian(
+def compute_jacobian(
     problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, first: int = 0,
     moved: float = 0.0,
 ) -> Floats:  # fmt: skip
@@ -121,18 +121,18 @@ def jacobian(
     By all parameters, or without the first ones; over so much of their scale, or as
     much as suits the problem.
     """
-    _, high, scale = (x[first:] for x in bounds(terms))
+    _, high, scale = (x[first:] for x in stack_bounds(terms))
     own = values[first:]
     if not len(own):
         return np.zeros((len(at), 0))
-    moves = (moved or (COARSE if problem.is_rough else NUDGE)) * scale
+    moves = (moved or (COARSE if problem.is_nonsmooth else NUDGE)) * scale
     moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
     points[:, first:] += np.diag(moves)
-    return ((problem.residuals(terms, points) - at) / moves[:, None]).T
+    return ((problem.compute_residuals(terms, points) - at) / moves[:, None]).T
 
 
-def fit(
+def fit_parameters(
     problem: Problem, terms: Sequence[Term], start: Floats, *, rounds: int = 8,
     gain: float = 1e-3, known: Floats | None = None,
 ) -> Fit:  # fmt: skip
@@ -150,33 +150,35 @@ def fit(
     """
     terms = tuple(terms)
     question = ("fit", terms, np.asarray(start, float), rounds, gain, known)
-    work_out = partial(_fitted, problem, terms, start, rounds, gain, known)
-    values, residuals, slopes = problem.recall(question, work_out)
+    work_out = partial(_run_gauss_newton, problem, terms, start, rounds, gain, known)
+    values, residuals, slopes = problem.load_or_compute(question, work_out)
     return Fit(terms, values, residuals, slopes)
 
 
-def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answer:
+def _run_gauss_newton(
+    problem: Problem, terms, start: Floats, rounds, gain, known
+) -> Arrays:
     """Values, residuals and Jacobian of `fit`."""
-    low, high, scale = bounds(terms)
-    weights = believed(terms)
+    low, high, scale = stack_bounds(terms)
+    weights = prior_precision(terms)
 
     def told(points: Floats) -> list[tuple[float, Floats]]:
-        found = problem.residuals(terms, points)
+        found = problem.compute_residuals(terms, points)
         pull = (weights * (points - 1) ** 2).sum(axis=1)
         return [(float(r @ r + p), r) for r, p in zip(found, pull, strict=True)]
 
     x = np.clip(np.asarray(start, float), low, high)
-    r = problem.at(terms, x)
-    jac = jacobian(problem, terms, x, r) if known is None else known
+    r = problem.residuals_at(terms, x)
+    jac = compute_jacobian(problem, terms, x, r) if known is None else known
     stated = int(np.count_nonzero(weights))  # the first ones
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         before = float(r @ r + weights @ (x - 1) ** 2)
 
-        propose = partial(_proposed, x, before, h, g, low, high, scale)
-        best = lowest(before, propose, told)
+        propose = partial(_propose_step, x, before, h, g, low, high, scale)
+        best = find_lowest(before, propose, told)
         if best is None and known is not None:
-            jac, known = jacobian(problem, terms, x, r), None
+            jac, known = compute_jacobian(problem, terms, x, r), None
             continue
         if best is None:
             break
@@ -185,24 +187,26 @@ def _fitted(problem: Problem, terms, start: Floats, rounds, gain, known) -> Answ
         x, r, gained = point, there, before - cost
         wrong = change - jac @ move
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
-            jac = secant(jac, move, change, scale)
-        elif problem.is_rough:  # and that is most of what it was wrong by
-            jac = secant(jac, move, change, scale)[:, :stated]
-            jac = known = np.hstack([jac, jacobian(problem, terms, x, r, stated)])
+            jac = update_broyden(jac, move, change, scale)
+        elif problem.is_nonsmooth:  # and that is most of what it was wrong by
+            jac = update_broyden(jac, move, change, scale)[:, :stated]
+            jac = known = np.hstack(
+                [jac, compute_jacobian(problem, terms, x, r, stated)]
+            )
         else:
-            jac, known = jacobian(problem, terms, x, r), None
+            jac, known = compute_jacobian(problem, terms, x, r), None
         if gained < gain * before:
             break
     return x, r, jac
 
 
-def _proposed(x, cost, h, g, low, high, scale, damping) -> tuple[float, Floats]:
+def _propose_step(x, cost, h, g, low, high, scale, damping) -> tuple[float, Floats]:
     """The cost that a step from values (P) promises, and where it leads."""
-    move = step(h, g, low - x, high - x, scale, damping)
+    move = solve_bounded_step(h, g, low - x, high - x, scale, damping)
     return float(cost + (2 * g + h @ move) @ move), x + move
 
 
-def lowest(
+def find_lowest(
     cost: float, propose: Callable[[float], tuple[float, Floats]],
     tell: Callable[[Floats], Sequence[tuple]], least: float = 0.0,
 ) -> tuple | None:  # fmt: skip
@@ -231,7 +235,7 @@ def lowest(
     return best
 
 
-def rested(problem: Problem, found: Fit) -> Fit:
+def refine_undamped(problem: Problem, found: Fit) -> Fit:
     """The same fit where what is believed has had its way.
 
     Readings without a torque leave all masses, gains and frictions free together, up
@@ -240,38 +244,38 @@ def rested(problem: Problem, found: Fit) -> Fit:
     how flat it is.
     """
     terms, x, r = found.terms, found.values, found.residuals
-    low, high, scale = bounds(terms)
-    weights = believed(terms)
+    low, high, scale = stack_bounds(terms)
+    weights = prior_precision(terms)
     best, least = found, np.inf
     for last in range(RESTS + 1):
-        jac = jacobian(problem, terms, x, r, moved=FINE)
+        jac = compute_jacobian(problem, terms, x, r, moved=FINE)
         cost = float(r @ r + weights @ (x - 1) ** 2)
         if cost < least:
-            best, least = Fit(terms, x, r, jac, is_fine=True), cost
+            best, least = Fit(terms, x, r, jac, has_fine_jacobian=True), cost
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-        move = step(h, g, low - x, high - x, scale)
+        move = solve_bounded_step(h, g, low - x, high - x, scale)
         if last == RESTS or -(2 * g + h @ move) @ move < WORTH:
             break
         x = x + move
-        r = problem.at(terms, x)
+        r = problem.residuals_at(terms, x)
     return best
 
 
-def sloped(problem: Problem, found: Fit) -> Fit:
+def refine_jacobian(problem: Problem, found: Fit) -> Fit:
     """The same fit with slopes of where it is, as fine as its errors need.
 
     Over the moves of a search readings of long pieces bend, and along a valley, in
     which large slopes cancel, what is left of them would look like knowledge. Where
     something touches, fine slopes tell of the roughness alone.
     """
-    if problem.is_rough or found.is_fine:
+    if problem.is_nonsmooth or found.has_fine_jacobian:
         return found
     x, r = found.values, found.residuals
-    jac = jacobian(problem, found.terms, x, r, moved=FINE)
-    return replace(found, jacobian=jac, is_fine=True)
+    jac = compute_jacobian(problem, found.terms, x, r, moved=FINE)
+    return replace(found, jacobian=jac, has_fine_jacobian=True)
 
 
-def secant(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
+def update_broyden(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
     """The Jacobian after a small move, by what that changed (Broyden 1965)."""
     size = move / scale
     if not size.any():

@@ -9,9 +9,9 @@ from uuid import uuid4
 
 from ..errors import InputError
 from ..files import check_writable
-from .document import text_of
+from .document import format_document
 from .entries import check_entries
-from .patch import patched
+from .patch import apply_edits
 from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
@@ -44,32 +44,34 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     return folder
 
 
-def unfinished(folder: str | os.PathLike[str]) -> Path:
+def unfinished_folder(folder: str | os.PathLike[str]) -> Path:
     """The hidden folder beside it, in which a killed diagnosis goes on."""
     real = Path(folder).resolve()  # "." has no name
     return real.with_name(f".{real.name}.unfinished")
 
 
-def write(diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool) -> None:
+def write_diagnosis(
+    diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool
+) -> None:
     """Write diagnosis.json, patched.xml and report.html, all or nothing.
 
     Raises:
         InputError: as `Diagnosis.save` says.
     """
     folder = check_folder(folder, force).resolve()  # where a link leads
-    text, home = _patched(diagnosis, folder), folder.parent
+    text, home = _relocate_patch(diagnosis, folder), folder.parent
     new = home / f".{folder.name}.{uuid4().hex[:8]}.tmp"
     new.mkdir(parents=True)
     try:
-        (new / "diagnosis.json").write_text(text_of(diagnosis.document))
+        (new / "diagnosis.json").write_text(format_document(diagnosis.document))
         (new / "patched.xml").write_bytes(text.encode())
         (new / "report.html").write_text(diagnosis.page, encoding="utf-8")
-        _put(new, folder)
+        _replace_folder(new, folder)
     finally:
         shutil.rmtree(new, ignore_errors=True)
 
 
-def _put(new: Path, folder: Path) -> None:
+def _replace_folder(new: Path, folder: Path) -> None:
     """Let a new folder take the place of one that may be there."""
     if folder == Path.cwd():  # who stands in it would stand in a deleted one
         for name in FILES:
@@ -82,17 +84,17 @@ def _put(new: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _patched(diagnosis: Diagnosis, folder: Path) -> str:
+def _relocate_patch(diagnosis: Diagnosis, folder: Path) -> str:
     """Text of patched.xml whose paths lead from a folder to where they led before."""
     given = Path(diagnosis.model)
-    if patched(given, diagnosis.edits, given.resolve().parent) != diagnosis.patched:
+    if apply_edits(given, diagnosis.edits, given.resolve().parent) != diagnosis.patched:
         raise InputError(
             f"{given} is no longer the model that was diagnosed; diagnose it again"
         )
-    return patched(given, diagnosis.edits, folder)
+    return apply_edits(given, diagnosis.edits, folder)
 
 
-def read(folder: str | os.PathLike[str]) -> dict[str, Any]:
+def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """diagnosis.json of a folder.
 
     Raises:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..recording.data import Floats
-from .evidence import blocks_of
-from .fit import Fit, believed
+from .evidence import assign_blocks
+from .fit import Fit, prior_precision
 from .problem import Problem
 from .terms import Parameter
 
@@ -14,7 +14,7 @@ LEVEL = 1.645  # standard errors of a 90 % interval
 WIDER = 1.4
 
 
-def uncertainty(problem: Problem, found: Fit) -> Floats:
+def standard_errors(problem: Problem, found: Fit) -> Floats:
     """Standard errors (P), robust to residuals that are alike in a window.
 
     The sandwich of Huber (1967) and White (1980) over blocks of windows, or the usual
@@ -30,11 +30,11 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
     if not live.any():
         return out
     a = jac[:, live] / scale[live]
-    block = blocks_of(problem)[problem.window_of]
+    block = assign_blocks(problem)[problem.segment_of_residual]
     slopes = np.stack([
         a[block == b].T @ r[block == b] for b in np.unique(block)
     ])  # fmt: skip
-    belief = np.diag(believed(found.terms)[live] / scale[live] ** 2)
+    belief = np.diag(prior_precision(found.terms)[live] / scale[live] ** 2)
     size, turn = np.linalg.eigh(a.T @ a + belief)
     # a direction that no reading shows is as uncertain as can be, not certain; what is
     # believed is ever so little beside many readings, and tells it all the same
@@ -53,21 +53,25 @@ def uncertainty(problem: Problem, found: Fit) -> Floats:
 
     slopes_of_errors = (
         a.T @ considered(found.terms, found.values, r)
-        for considered in (problem.of_step, problem.of_clock)
+        for considered in (problem.timestep_error, problem.clock_error)
     )
-    variance = np.maximum(*(cover(_root(data + belief)) for data in (usual, robust)))
+    variance = np.maximum(
+        *(cover(_matrix_root(data + belief)) for data in (usual, robust))
+    )
     variance += sum(cover(slope[:, None]) for slope in slopes_of_errors)
     out[live] = np.sqrt(variance) / scale[live]
     return out
 
 
-def _root(matrix: Floats) -> Floats:
+def _matrix_root(matrix: Floats) -> Floats:
     """R with R R' = a matrix that is not negative."""
     size, turn = np.linalg.eigh(matrix)
     return np.asarray(turn * np.sqrt(np.maximum(size, 0.0)))
 
 
-def interval(parameter: Parameter, value: float, error: float) -> tuple[float, float]:
+def confidence_interval(
+    parameter: Parameter, value: float, error: float
+) -> tuple[float, float]:
     """The 90 % interval of an effect's parameter, of its standard error."""
     apart = WIDER * LEVEL * error
     return max(parameter.low, value - apart), min(parameter.high, value + apart)

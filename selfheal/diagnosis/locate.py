@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..recording.data import Floats
-from .scene import Channel, Scene
-from .windows import Windows
-from .world import World
+from .scene import Channel, RobotSummary
+from .windows import Segments
+from .world import Simulator
 
 REGIMES = ("reversal", "slow", "fast", "high_load", "saturated", "contact",
            "near_limit", "after_step")  # fmt: skip
@@ -13,24 +13,28 @@ AFTER = 0.25  # [s] that a reversal or a step counts for; chosen
 FEW = 20  # samples of a regime below which nothing is said of it; chosen
 
 
-def regimes(world: World, scene: Scene, windows: Windows) -> np.ndarray:
+def classify_samples(
+    world: Simulator, scene: RobotSummary, windows: Segments
+) -> np.ndarray:
     """Whether each sample of each signal (M, S) is in each regime: (R, M, S)."""
-    out = np.zeros((len(REGIMES), len(windows.at), len(world.signals)), bool)
-    at = windows.start[windows.window] + windows.at
-    log = windows.log[windows.window]
-    for i, episode in enumerate(world.logs):
+    out = np.zeros((len(REGIMES), len(windows.sample_steps), len(world.channels)), bool)
+    at = windows.first_step[windows.segment_of_sample] + windows.sample_steps
+    log = windows.episode[windows.segment_of_sample]
+    for i, episode in enumerate(world.episodes):
         rows = np.flatnonzero(log == i)
         if len(rows):
-            motion = _motion(world, scene, i)
+            motion = _compute_motion(world, scene, i)
             near = np.clip(np.round(at[rows]).astype(int), 0, len(motion[0]) - 1)
-            for s, c in enumerate(world.signals):
-                joints = _joints(scene, c)
+            for s, c in enumerate(world.channels):
+                joints = _find_joints(scene, c)
                 for r, name in enumerate(REGIMES):
-                    out[r, rows, s] = _is(name, motion, joints, episode, scene)[near]
+                    out[r, rows, s] = _is_in_regime(
+                        name, motion, joints, episode, scene
+                    )[near]
     return out
 
 
-def _joints(scene: Scene, c: Channel) -> list[int]:
+def _find_joints(scene: RobotSummary, c: Channel) -> list[int]:
     """Which joints (by order) a signal is about: its own, or all."""
     own = [i for i, j in enumerate(scene.joints) if j.name == c.target]
     if c.kind == "joint_torque":
@@ -39,16 +43,16 @@ def _joints(scene: Scene, c: Channel) -> list[int]:
     return own or list(range(len(scene.joints)))
 
 
-def _motion(world: World, scene: Scene, log: int):
+def _compute_motion(world: Simulator, scene: RobotSummary, log: int):
     """Position, speed, load (G, J) along an episode's grid, contact (G)."""
     import mujoco
 
-    from .state import start_of
+    from .state import estimate_initial_state
 
-    model, episode = world.workshop.given, world.logs[log]
+    model, episode = world.compiler.nominal, world.episodes[log]
     every = max(1, len(episode.ctrl) // 400)
     at = np.arange(0, len(episode.ctrl), every)
-    qpos, qvel, _ = start_of(world, log, at, {})
+    qpos, qvel, _ = estimate_initial_state(world, log, at, {})
     data = mujoco.MjData(model)
     load, touch = np.zeros((len(at), model.nv)), np.zeros(len(at), bool)
     for k, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
@@ -62,31 +66,37 @@ def _motion(world: World, scene: Scene, log: int):
     return qpos[grid][:, places], qvel[grid][:, dofs], load[grid][:, dofs], touch[grid]
 
 
-def _is(name: str, motion, joints, episode, scene: Scene) -> np.ndarray:
+def _is_in_regime(
+    name: str, motion, joints, episode, scene: RobotSummary
+) -> np.ndarray:
     """(G) whether any of the joints is in the regime."""
     q, v, load, touch = motion
     found = np.zeros(len(q), bool)
     if name == "contact":
-        return touch if scene.touches else found
-    after = max(1, round(AFTER / scene.step))
+        return touch if scene.has_contact else found
+    after = max(1, round(AFTER / scene.timestep))
     if name == "after_step":
         jumps = np.zeros(len(q), bool)
         if episode.ctrl.size:
             change = np.abs(np.diff(episode.ctrl, axis=0, prepend=episode.ctrl[:1]))
             large = 0.1 * (np.ptp(episode.ctrl, axis=0) + 1e-12)
             jumps = (change > large).any(axis=1)
-        return _since(jumps, after)
+        return _within_last_steps(jumps, after)
     for j in joints:
         joint = scene.joints[j]
-        found |= _joint_is(name, joint, q[:, j], v[:, j], load[:, j], after, scene)
+        found |= _is_joint_in_regime(
+            name, joint, q[:, j], v[:, j], load[:, j], after, scene
+        )
     return found
 
 
-def _joint_is(name, joint, q, v, load, after: int, scene: Scene) -> np.ndarray:
+def _is_joint_in_regime(
+    name, joint, q, v, load, after: int, scene: RobotSummary
+) -> np.ndarray:
     if name == "reversal":
         lively = np.abs(v) > 0.02 * joint.speed
         sign = np.sign(np.where(lively, v, 0))
-        return _since(_turns(sign), after)
+        return _within_last_steps(_find_reversals(sign), after)
     if name == "slow":
         return np.abs(v) < 0.1 * joint.speed
     if name == "fast":
@@ -94,7 +104,7 @@ def _joint_is(name, joint, q, v, load, after: int, scene: Scene) -> np.ndarray:
     if name == "high_load":
         return load > 1.3 * np.sqrt(np.mean(load**2)) + 1e-12
     if name == "near_limit":
-        return np.abs(q - joint.middle) > 0.45 * joint.range
+        return np.abs(q - joint.range_center) > 0.45 * joint.range
     limits = [
         scene.model.actuator_forcerange[a.id, 1]
         for a in scene.actuators
@@ -103,7 +113,7 @@ def _joint_is(name, joint, q, v, load, after: int, scene: Scene) -> np.ndarray:
     return load >= 0.98 * limits[0] if limits else np.zeros(len(q), bool)
 
 
-def _turns(sign: Floats) -> np.ndarray:
+def _find_reversals(sign: Floats) -> np.ndarray:
     """Where a sign, zeros passed over, becomes its opposite."""
     known = np.flatnonzero(sign)
     out = np.zeros(len(sign), bool)
@@ -113,7 +123,7 @@ def _turns(sign: Floats) -> np.ndarray:
     return out
 
 
-def _since(events: np.ndarray, steps: int) -> np.ndarray:
+def _within_last_steps(events: np.ndarray, steps: int) -> np.ndarray:
     """Whether one of the events was in the last so many steps."""
     count = np.cumsum(events)
     before = np.zeros_like(count)
@@ -121,7 +131,9 @@ def _since(events: np.ndarray, steps: int) -> np.ndarray:
     return count > before
 
 
-def grid(world: World, scene: Scene, windows: Windows, square: Floats):
+def localize_error(
+    world: Simulator, scene: RobotSummary, windows: Segments, square: Floats
+):
     """Share (S, R) of the squared error (M, S) in each regime, and its p-value.
 
     The p-value is that the error is larger there than elsewhere, over windows
@@ -129,12 +141,12 @@ def grid(world: World, scene: Scene, windows: Windows, square: Floats):
     """
     from scipy.stats import wilcoxon
 
-    where = regimes(world, scene, windows)
+    where = classify_samples(world, scene, windows)
     total = np.nansum(square)
-    share = np.full((len(world.signals), len(REGIMES)), np.nan)
+    share = np.full((len(world.channels), len(REGIMES)), np.nan)
     p = np.ones_like(share)
     count = len(windows)
-    for s in range(len(world.signals)):
+    for s in range(len(world.channels)):
         for r in range(len(REGIMES)):
             inside = where[r, :, s]
             if inside.sum() < FEW or (~inside).sum() < FEW:
@@ -142,18 +154,18 @@ def grid(world: World, scene: Scene, windows: Windows, square: Floats):
             share[s, r] = np.nansum(square[inside, s]) / max(total, 1e-300)
             means = []
             for mask in (inside, ~inside):
-                n = np.bincount(windows.window[mask], minlength=count)
-                e = np.bincount(windows.window[mask], np.nan_to_num(square[mask, s]),
+                n = np.bincount(windows.segment_of_sample[mask], minlength=count)
+                e = np.bincount(windows.segment_of_sample[mask], np.nan_to_num(square[mask, s]),
                                 minlength=count)  # fmt: skip
                 means.append(np.where(n > 0, e / np.maximum(n, 1), np.nan))
             apart = means[0] - means[1]
             apart = apart[np.isfinite(apart) & (apart != 0)]
             if len(apart) >= 6:
                 p[s, r] = wilcoxon(apart, alternative="greater").pvalue
-    return share, _holm(p, np.isfinite(share))
+    return share, _correct_holm(p, np.isfinite(share))
 
 
-def _holm(p: Floats, tested: np.ndarray) -> Floats:
+def _correct_holm(p: Floats, tested: np.ndarray) -> Floats:
     """Holm's correction over the cells that were tested."""
     flat = np.flatnonzero(tested.ravel())
     order = flat[np.argsort(p.ravel()[flat])]

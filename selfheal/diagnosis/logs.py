@@ -9,15 +9,15 @@ import numpy as np
 from ..errors import RecordingError
 from ..recording import Episode, Recording
 from ..recording.data import Floats, Place
-from .parabolas import Parabolas, nearest, parabolas, turning
-from .scene import IGNORED, Channel
+from .parabolas import LocalPolynomials, find_nearest, fit_polynomials, fit_rotations
+from .scene import NOT_PREDICTED, Channel
 
 LARGEST = 1e10  # of any number, in SI units: beyond it MuJoCo calls a state lost
 LONGEST = 2e7  # steps of an episode; chosen: 0.2 GB an actuator
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class SampledEpisode:
     """One episode.
 
     Attributes:
@@ -35,43 +35,45 @@ class Log:
 
     id: str
     start: float
-    at: Floats
+    sample_steps: Floats
     readings: Floats
-    sent: Floats
+    sent_ctrl: Floats
     ctrl: Floats
-    centered: Floats
-    near: Parabolas
+    ctrl_centered: Floats
+    polynomials: LocalPolynomials
     qpos0: Floats | None
     qvel0: Floats | None
     number: int = 0
 
-    def smooth(self, at: Floats, step: float) -> tuple[Floats, Floats]:
+    def interpolate(self, at: Floats, step: float) -> tuple[Floats, Floats]:
         """Value and slope (..., C) of all channels at times `at` [steps]."""
-        rows = nearest(self.at, at)
-        return self.near.at(rows, (at - self.at[rows]) * step)
+        rows = find_nearest(self.sample_steps, at)
+        return self.polynomials.evaluate(rows, (at - self.sample_steps[rows]) * step)
 
     @property
-    def halved(self) -> "Log":
+    def with_half_step(self) -> "SampledEpisode":
         """The same, counted in steps of half the size."""
-        at = 2 * self.at
-        return replace(self, at=at, **_grids(at, self.sent))
+        at = 2 * self.sample_steps
+        return replace(self, sample_steps=at, **_grid_commands(at, self.sent_ctrl))
 
-    def later(self, steps: float) -> "Log":
+    def with_late_commands(self, steps: float) -> "SampledEpisode":
         """The same with all commands but the first sent so many steps later."""
-        at = np.append(self.at[0], self.at[1:] + steps)
-        return replace(self, **_grids(at, self.sent))
+        at = np.append(self.sample_steps[0], self.sample_steps[1:] + steps)
+        return replace(self, **_grid_commands(at, self.sent_ctrl))
 
-    def until(self, step: int) -> "Log":
+    def truncate(self, step: int) -> "SampledEpisode":
         """The same with the commands of no more than so many steps."""
-        return replace(self, ctrl=self.ctrl[:step], centered=self.centered[:step])
+        return replace(
+            self, ctrl=self.ctrl[:step], ctrl_centered=self.ctrl_centered[:step]
+        )
 
 
-def channels(
+def build_channels(
     recordings: Sequence[Recording], *, empty: bool = False
 ) -> tuple[Channel, ...]:
     """The signals that a model predicts; those without a reading only if `empty`."""
     episodes = [e for r in recordings for e in r.episodes.values()]
-    found = meanings(recordings)
+    found = collect_signal_meanings(recordings)
     out, first = [], 0
     for name, (kind, target, unit, width) in sorted(found.items()):
         values = [
@@ -84,21 +86,23 @@ def channels(
             if not empty:
                 continue
             stack = np.ones_like(stack)
-        scatter = np.sqrt(_pooled(episodes, name))
+        scatter = np.sqrt(_pool_scatter(episodes, name))
         out.append(
             Channel(
                 name, kind, target, unit, width, first,
                 spread=float(np.sqrt(np.nanvar(stack, axis=0).sum())) or 1e-9,
-                reach=float(np.nanmax(np.abs(stack))) or 1e-9,
-                lattice=_lattice(stack) if width == 1 else 0.0,
-                scatter=scatter, noise=scatter, memory=np.zeros(width),
+                max_abs=float(np.nanmax(np.abs(stack))) or 1e-9,
+                quantum=_find_quantum(stack) if width == 1 else 0.0,
+                scatter=scatter, noise=scatter, ar1=np.zeros(width),
             )
         )  # fmt: skip
         first += width
     return tuple(out)
 
 
-def meanings(recordings: Sequence[Recording]) -> dict[str, tuple[str, str, str, int]]:
+def collect_signal_meanings(
+    recordings: Sequence[Recording],
+) -> dict[str, tuple[str, str, str, int]]:
     """Kind, target, unit and width of each signal that a model predicts, by name.
 
     Raises:
@@ -108,9 +112,9 @@ def meanings(recordings: Sequence[Recording]) -> dict[str, tuple[str, str, str, 
     found: dict[str, tuple[str, str, str, int]] = {}
     for recording in recordings:
         for key, episode in recording.episodes.items():
-            _check_size(episode, Place(recording.file, key))
+            _check_magnitude(episode, Place(recording.file, key))
             for name, signal in episode.signals.items():
-                if signal.kind in IGNORED:
+                if signal.kind in NOT_PREDICTED:
                     continue
                 width = 1 if signal.values.ndim == 1 else signal.values.shape[1]
                 its = signal.kind, signal.target, signal.unit, width
@@ -125,7 +129,7 @@ def meanings(recordings: Sequence[Recording]) -> dict[str, tuple[str, str, str, 
     return found
 
 
-def _check_size(episode: Episode, place: Place) -> None:
+def _check_magnitude(episode: Episode, place: Place) -> None:
     held = {"time": episode.time, "ctrl": episode.ctrl, "qpos0": episode.qpos0,
             "qvel0": episode.qvel0}  # fmt: skip
     held |= {f"signal {name!r}": s.values for name, s in episode.signals.items()}
@@ -138,7 +142,7 @@ def _check_size(episode: Episode, place: Place) -> None:
             )
 
 
-def _lattice(values: Floats) -> float:
+def _find_quantum(values: Floats) -> float:
     """The step of values that lie on a lattice, 0 where they do not."""
     seen = np.unique(values[np.isfinite(values)])
     if seen.size < 5:
@@ -152,14 +156,14 @@ def _lattice(values: Floats) -> float:
     return step if on.mean() > 0.98 and seen.size < values.size / 3 else 0.0
 
 
-def _pooled(episodes: Sequence[Episode], name: str) -> Floats:
+def _pool_scatter(episodes: Sequence[Episode], name: str) -> Floats:
     """Variance (width) of a reading about its neighbors' parabola, robustly."""
     scatter = []
     for episode in episodes:
         if name in episode.signals:
             values = episode.signals[name].values.reshape(episode.time.size, -1)
-            found = parabolas(episode.time, values)
-            scatter.append(np.where(found.borrowed, np.nan, found.scatter**2))
+            found = fit_polynomials(episode.time, values)
+            scatter.append(np.where(found.is_borrowed, np.nan, found.scatter**2))
     both = np.concatenate(scatter)
     if not np.isfinite(both).any():
         return np.full(both.shape[1], np.nan)
@@ -167,7 +171,9 @@ def _pooled(episodes: Sequence[Episode], name: str) -> Floats:
     return np.nanmean(np.clip(both, 0, 20 * np.nanmedian(both, axis=0)), axis=0)
 
 
-def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) -> Log:
+def sample_episode(
+    name: str, episode: Episode, signals: Sequence[Channel], step: float
+) -> SampledEpisode:
     """An episode on a grid of `step` s.
 
     Raises:
@@ -187,23 +193,25 @@ def log(name: str, episode: Episode, signals: Sequence[Channel], step: float) ->
             values = episode.signals[c.name].values.reshape(time.size, -1)
             readings[:, c.columns] = values
             if c.kind == "body_orientation":
-                readings[:, c.columns] = _continuous(values)
+                readings[:, c.columns] = _remove_sign_jumps(values)
     at = (time - time[0]) / step
-    parts = [parabolas(time, readings[:, :0])]  # of no signal, if there is none
+    parts = [fit_polynomials(time, readings[:, :0])]  # of no signal, if there is none
     for c in signals:
         own = readings[:, c.columns]
         if c.kind == "body_orientation":
-            parts.append(turning(time, own))
+            parts.append(fit_rotations(time, own))
         else:
-            parts.append(parabolas(time, own).begun(time, own, c.scatter))
-    return Log(
-        id=name, start=float(time[0]), at=at, readings=readings, sent=episode.ctrl,
-        **_grids(at, episode.ctrl), near=Parabolas.joined(parts),
+            parts.append(
+                fit_polynomials(time, own).refit_first_samples(time, own, c.scatter)
+            )
+    return SampledEpisode(
+        id=name, start=float(time[0]), sample_steps=at, readings=readings, sent_ctrl=episode.ctrl,
+        **_grid_commands(at, episode.ctrl), polynomials=LocalPolynomials.concatenate(parts),
         qpos0=episode.qpos0, qvel0=episode.qvel0,
     )  # fmt: skip
 
 
-def _continuous(quaternion: Floats) -> Floats:
+def _remove_sign_jumps(quaternion: Floats) -> Floats:
     """The same orientations (T, 4) without jumps of sign."""
     out = quaternion.copy()
     known = np.flatnonzero(np.isfinite(out).all(axis=1))
@@ -212,12 +220,15 @@ def _continuous(quaternion: Floats) -> Floats:
     return out
 
 
-def _grids(at: Floats, ctrl: Floats) -> dict[str, Any]:
+def _grid_commands(at: Floats, ctrl: Floats) -> dict[str, Any]:
     """The two grids of `Log` that hold what is sent at times `at`."""
-    return {"ctrl": _means(at, ctrl), "centered": _centered(at, ctrl)}
+    return {
+        "ctrl": _average_over_steps(at, ctrl),
+        "ctrl_centered": _average_centered(at, ctrl),
+    }
 
 
-def _means(at: Floats, ctrl: Floats) -> Floats:
+def _average_over_steps(at: Floats, ctrl: Floats) -> Floats:
     """Mean (G, nu) over each step of commands held from their sample to the next."""
     steps = int(np.ceil(at[-1])) + 2
     ends = np.append(at[1:], max(at[-1] + 1, steps + 1.0))
@@ -230,6 +241,6 @@ def _means(at: Floats, ctrl: Floats) -> Floats:
     return np.diff(np.array(at_edges).reshape(ctrl.shape[1], steps + 1), axis=1).T
 
 
-def _centered(at: Floats, ctrl: Floats) -> Floats:
+def _average_centered(at: Floats, ctrl: Floats) -> Floats:
     """As `_means`, half a step earlier; before the first sample its command holds."""
-    return _means(np.append(-0.5, at[1:]) + 0.5, ctrl)
+    return _average_over_steps(np.append(-0.5, at[1:]) + 0.5, ctrl)

@@ -32,7 +32,7 @@ class _Attribute:
 
     @property
     def value(self) -> str:
-        return re.sub(r"&(#?\w+);", _character, self.quoted[1:-1])
+        return re.sub(r"&(#?\w+);", _decode_entity, self.quoted[1:-1])
 
     def write(self, value: str) -> None:
         quote = self.quoted[0]
@@ -40,11 +40,11 @@ class _Attribute:
         raw = raw.replace(quote, "&quot;" if quote == '"' else "&apos;")
         self.quoted = f"{quote}{raw}{quote}"
 
-    def text(self) -> str:
+    def to_text(self) -> str:
         return f"{self.space}{self.name}{self.equals}{self.quoted}"
 
 
-def _character(entity: re.Match[str]) -> str:
+def _decode_entity(entity: re.Match[str]) -> str:
     """What an entity stands for; itself where MuJoCo does not know it either."""
     code = entity[1]
     if digits := re.fullmatch(r"#(\d+)|#x([\da-fA-F]+)", code):
@@ -80,13 +80,17 @@ class Element:
         """An attribute's value; None without it."""
         return next((a.value for a in self.attributes if a.name == name), None)
 
-    def news(self, attributes: Mapping[str, str | None]) -> dict[str, str | None]:
+    def find_changes(
+        self, attributes: Mapping[str, str | None]
+    ) -> dict[str, str | None]:
         """Those that would change it; one that has its value keeps its spelling."""
-        return {n: v for n, v in attributes.items() if not _same(n, self.get(n), v)}
+        return {
+            n: v for n, v in attributes.items() if not _is_same_value(n, self.get(n), v)
+        }
 
     def set(self, attributes: Mapping[str, str | None]) -> None:
         """Change, add and (None) remove attributes."""
-        for name, value in self.news(attributes).items():
+        for name, value in self.find_changes(attributes).items():
             old = next((a for a in self.attributes if a.name == name), None)
             if value is None:
                 self.attributes = [a for a in self.attributes if a is not old]
@@ -97,16 +101,18 @@ class Element:
                 self.attributes.append(old)
             old.write(value)
 
-    def text(self) -> str:
+    def to_text(self) -> str:
         """All of it, as it stands in the file."""
         if not self.tag:
-            return self.inner()
-        start = f"<{self.tag}{''.join(a.text() for a in self.attributes)}{self.space}"
-        return f"{start}/>" if self.close is None else f"{start}>{self.inner()}"
+            return self.inner_text()
+        start = (
+            f"<{self.tag}{''.join(a.to_text() for a in self.attributes)}{self.space}"
+        )
+        return f"{start}/>" if self.close is None else f"{start}>{self.inner_text()}"
 
-    def inner(self) -> str:
+    def inner_text(self) -> str:
         """What follows its start tag."""
-        texts = (c if isinstance(c, str) else c.text() for c in self.children)
+        texts = (c if isinstance(c, str) else c.to_text() for c in self.children)
         return "".join(texts) + (self.close or "")
 
     def root(self) -> "Element":
@@ -129,13 +135,13 @@ class Element:
                 yield child
                 yield from (child.included.root() if child.included else child).walk()
 
-    def includes(self) -> "list[Element]":
+    def list_includes(self) -> "list[Element]":
         """Every `<include>` that leads to it, the outermost first."""
-        above = self.parent.includes() if self.parent else []
+        above = self.parent.list_includes() if self.parent else []
         return [*above, self] if self.included else above
 
 
-def _same(name: str, old: str | None, new: str | None) -> bool:
+def _is_same_value(name: str, old: str | None, new: str | None) -> bool:
     """Whether two values are one: the same text, or the same numbers."""
     if old is None or new is None or name == "name" or old == new:
         return old == new
@@ -161,7 +167,7 @@ def parse(text: str, home: str, where: str) -> Element:
         elif found["close"] and top.parent:
             top.close, top = found[0], top.parent
         else:
-            child = _start(found, top)
+            child = _open_element(found, top)
             top.children.append(child)
             top = top if found["end"] else child
     if top is not document or "<" in text[position:]:
@@ -174,7 +180,7 @@ def parse(text: str, home: str, where: str) -> Element:
     return document
 
 
-def _start(found: re.Match[str], parent: Element) -> Element:
+def _open_element(found: re.Match[str], parent: Element) -> Element:
     """The element that a start tag opens."""
     attributes = [
         _Attribute(*parts) for parts in re.findall(_ATTRIBUTE, found["attributes"])
@@ -185,7 +191,7 @@ def _start(found: re.Match[str], parent: Element) -> Element:
     )
 
 
-def indentation(element: Element) -> str | None:
+def find_indentation(element: Element) -> str | None:
     """The space before an element that begins its line; None for another one."""
     assert element.parent
     pieces = element.parent.children
@@ -199,7 +205,7 @@ def indentation(element: Element) -> str | None:
     return None if element.parent.tag else ""
 
 
-def notes(pieces: Iterable[str | Element]) -> list[str]:
+def list_comments(pieces: Iterable[str | Element]) -> list[str]:
     """The comments among them."""
     return [p for p in pieces if isinstance(p, str) and p.startswith("<!--")]
 
@@ -209,13 +215,13 @@ def is_space(piece: str | Element) -> bool:
     return isinstance(piece, str) and not piece.strip()
 
 
-def trimmed(pieces: Sequence[str | Element]) -> list[str | Element]:
+def trim_spaces(pieces: Sequence[str | Element]) -> list[str | Element]:
     """Pieces without the space around them."""
     kept = [i for i, piece in enumerate(pieces) if not is_space(piece)]
     return list(pieces[kept[0] : kept[-1] + 1]) if kept else []
 
 
-def put(
+def replace_children(
     parent: Element, at: int, pieces: Sequence[str | Element], replaced: int = 0
 ) -> None:
     """Make pieces children of an element."""
@@ -225,7 +231,7 @@ def put(
     parent.children[at : at + replaced] = pieces
 
 
-def after_note(pieces: Sequence[str | Element], at: int) -> int:
+def skip_trailing_comments(pieces: Sequence[str | Element], at: int) -> int:
     """Past a comment that ends the same line."""
     line = at
     while line < len(pieces) and isinstance(piece := pieces[line], str):

@@ -13,13 +13,13 @@ import numpy as np
 
 from ..files import atomic_path
 from ..recording import Recording
-from .plant import Workshop
+from .plant import ModelCompiler
 from .terms import Term
 
-Answer = tuple[np.ndarray, ...]
+Arrays = tuple[np.ndarray, ...]
 
 
-class Memory:
+class Checkpoint:
     """Answers by everything that they depend on; without a folder nothing is kept.
 
     A run that asks the same questions in the same order comes to the same end, whether
@@ -32,7 +32,9 @@ class Memory:
         """Answers are kept in `folder`; `about` is what all questions are about."""
         self.folder, self.about = None if folder is None else Path(folder), about
 
-    def recall(self, question: Sequence[Any], work_out: Callable[[], Answer]) -> Answer:
+    def load_or_compute(
+        self, question: Sequence[Any], work_out: Callable[[], Arrays]
+    ) -> Arrays:
         """The answer, worked out if it is not there or cannot be read."""
         if not self.folder:
             return work_out()
@@ -49,9 +51,9 @@ class Memory:
         return answer
 
 
-def about(workshop: Workshop, recordings: Sequence[Recording]) -> bytes:
+def digest_inputs(workshop: ModelCompiler, recordings: Sequence[Recording]) -> bytes:
     """A digest of a model, recordings, and the programs that make answers of them."""
-    model = workshop.given
+    model = workshop.nominal
     raw = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, raw)
     said: list[Any] = [*map(version, ("selfheal", "mujoco", "numpy")), raw]
@@ -71,7 +73,7 @@ def _digest(said: Any) -> bytes:
     elif isinstance(said, bytes):
         state.update(said)
     elif isinstance(said, Term):
-        of_it = repr((said.key, said.starts, said.onset))
+        of_it = repr((said.key, said.initial_values, said.onset))
         state.update(_digest((of_it, said.low, said.high)))
     elif isinstance(said, tuple | list):
         for part in said:

@@ -6,17 +6,24 @@ from functools import partial
 
 import numpy as np
 
-from .evidence import Evidence, Scored, scored
-from .onset import dated, placed
+from .evidence import Evidence, ScoredFit, fit_and_score
+from .onset import locate_change_point, set_onset
 from .problem import Problem
-from .scene import Scene
-from .screen import SEARCHED, STEPS, Progress, drawn, fewer, overlooked
-from .search import Search
+from .scene import RobotSummary
+from .screen import (
+    SEARCHED,
+    STEPS,
+    Progress,
+    draw_segments,
+    find_overlooked_segments,
+    subsample_problem,
+)
+from .search import StepwiseSearch
 from .terms import Term
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class NamedEffect:
     """An effect that earned its name.
 
     Attributes:
@@ -31,7 +38,7 @@ class Named:
 
 
 @dataclass(frozen=True, eq=False)
-class Naming:
+class Hypothesis:
     """What a search ended with.
 
     Attributes:
@@ -43,21 +50,21 @@ class Naming:
     """
 
     problem: Problem
-    stated: Scored
-    final: Scored
-    named: tuple[Named, ...]
+    nominal: ScoredFit
+    final: ScoredFit
+    named: tuple[NamedEffect, ...]
     ranking: tuple[tuple[Term, float], ...]
 
 
-def begin_search(
+def start_search(
     problem: Problem,
-    scene: Scene,
+    scene: RobotSummary,
     stated: Sequence[Term],
     effects: Iterable,
     *,
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
-) -> Search:
+) -> StepwiseSearch:
     """A search in which nothing has a name yet.
 
     Args:
@@ -68,24 +75,28 @@ def begin_search(
         rng: chooses the windows on which candidates are tried first.
         progress: told what is being done and how far it is.
     """
-    kinds = [effect for effect in effects if not effect.rounds]
-    candidates = tuple(term for effect in kinds for term in effect.terms(scene))
+    kinds = [effect for effect in effects if not effect.rounds_readings]
+    candidates = tuple(term for effect in kinds for term in effect.propose_terms(scene))
     progress("refitting what the model states", 0.0)
-    some = drawn(problem, _steps(len(stated)), rng)
-    begin = partial(Search.of, problem, stated, candidates, rng, progress)
+    some = draw_segments(problem, _search_steps(len(stated)), rng)
+    begin = partial(
+        StepwiseSearch.from_segments, problem, stated, candidates, rng, progress
+    )
     search = begin(some)
     if search.is_done:
-        odd = overlooked(problem, some, search.problem, search.now.fit)
+        odd = find_overlooked_segments(problem, some, search.problem, search.best.fit)
         search = begin(np.union1d(some, odd)) if len(odd) else search
     return search
 
 
-def _steps(stated: int) -> int:
+def _search_steps(stated: int) -> int:
     """Steps of simulation in a search, of a robot of which so many terms are stated."""
     return min(STEPS[-1], int(SEARCHED / max(stated, 1)))
 
 
-def name_effects(search: Search, problem: Problem, longer: Problem) -> list[Naming]:
+def name_effects(
+    search: StepwiseSearch, problem: Problem, longer: Problem
+) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
     Forward, with a look back after each step: what a later effect makes needless goes.
@@ -103,33 +114,40 @@ def name_effects(search: Search, problem: Problem, longer: Problem) -> list[Nami
         One hypothesis, or what both searches found, the likelier first.
     """
     start, candidates = replace(search), search.candidates
-    search.forward()
+    search.run_forward()
     # poses do not show what most robots have
-    if search.is_done or problem.windows.is_single:
-        return [_ended(search, problem)]
+    if search.is_done or problem.segments.is_single_readings:
+        return [_finish(search, problem)]
     # what the first search set aside for a name, the second one tries in its place
     likely = [t for t in candidates if t in search.candidates or t.effect.is_usual(t)]
     other = replace(
-        start, claims=dict(search.claims), first=search.first, candidates=likely
+        start,
+        claims=dict(search.claims),
+        first_round=search.first_round,
+        candidates=likely,
     )
     longer = replace(
-        fewer(longer, _steps(search.stated), search.rng), sigma=search.problem.sigma,
-        world=search.problem.world,
+        subsample_problem(longer, _search_steps(search.nominal_count), search.rng), sigma=search.problem.sigma,
+        simulator=search.problem.simulator,
     )  # fmt: skip
-    if not other.with_all_usual(longer, {t.key for t in search.named}):
-        return [_ended(search, problem)]
-    both = (other, search) if other.beats(search) else (search, other)
-    return [_ended(s, problem) for s in both]
+    if not other.run_from_usual(longer, {t.key for t in search.named}):
+        return [_finish(search, problem)]
+    both = (other, search) if other.predicts_better_than(search) else (search, other)
+    return [_finish(s, problem) for s in both]
 
 
-def _ended(search: Search, whole: Problem) -> Naming:
+def _finish(search: StepwiseSearch, whole: Problem) -> Hypothesis:
     """What a search found, in some of the `whole`'s windows."""
     terms = search.named
     if any(t.onset for t in terms):
-        search.now = placed(search.problem, whole, search.now)
+        search.best = locate_change_point(search.problem, whole, search.best)
         terms = search.named
-    own = search.now.fit
-    alone = scored(search.problem, *own.but(*terms), known=own.near(*terms))
+    own = search.best.fit
+    alone = fit_and_score(
+        search.problem, *own.without_terms(*terms), known=own.jacobian_without(*terms)
+    )
     claims = [(t, search.claims[t.key]) for t in terms]
-    named = tuple(Named(t, c.evidence, dated(c.rivals, t.onset)) for t, c in claims)
-    return Naming(search.problem, alone, search.now, named, search.first)
+    named = tuple(
+        NamedEffect(t, c.evidence, set_onset(c.rivals, t.onset)) for t, c in claims
+    )
+    return Hypothesis(search.problem, alone, search.best, named, search.first_round)

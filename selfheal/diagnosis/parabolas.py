@@ -20,7 +20,7 @@ JOLTED = 4.0  # standard deviations of a scatter, with which no parabola fits; c
 
 
 @dataclass(frozen=True, eq=False)
-class Parabolas:
+class LocalPolynomials:
     """One through the neighbors of each of T samples, in C columns.
 
     Attributes:
@@ -34,22 +34,24 @@ class Parabolas:
 
     coefficients: Floats
     scatter: Floats
-    sides: np.ndarray
-    borrowed: np.ndarray
+    half_width: np.ndarray
+    is_borrowed: np.ndarray
 
-    def at(self, rows: np.ndarray, dt: Floats) -> tuple[Floats, Floats]:
+    def evaluate(self, rows: np.ndarray, dt: Floats) -> tuple[Floats, Floats]:
         """Value and slope (W, C), `dt` (W) [s] from the samples `rows` (W)."""
-        return _along(self.coefficients[rows], dt[:, None])
+        return _evaluate(self.coefficients[rows], dt[:, None])
 
     @classmethod
-    def joined(cls, parts: Sequence["Parabolas"]) -> "Parabolas":
+    def concatenate(cls, parts: Sequence["LocalPolynomials"]) -> "LocalPolynomials":
         """Those of several signals, side by side."""
         return cls(*(
             np.concatenate([getattr(p, f.name) for p in parts], axis=1)
             for f in fields(cls)
         ))  # fmt: skip
 
-    def begun(self, time: Floats, readings: Floats, usual: Floats) -> "Parabolas":
+    def refit_first_samples(
+        self, time: Floats, readings: Floats, usual: Floats
+    ) -> "LocalPolynomials":
         """The same, whose first ones look at fewer neighbors where a jolt begins.
 
         A robot that is let go, or sent far away, moves otherwise before 50 ms are over:
@@ -60,31 +62,33 @@ class Parabolas:
             readings: (T, C).
             usual: (C) scatter.
         """
-        anew = ("coefficients", "scatter", "sides")
+        anew = ("coefficients", "scatter", "half_width")
         found = replace(self, **{name: getattr(self, name).copy() for name in anew})
-        for c in np.flatnonzero(self.scatter[0] > _most(self.sides[0]) * usual):
-            own, m, scatter = readings[:, [c]], int(self.sides[0, c]), np.inf
-            while m > LEAST and not scatter <= _most(m) * usual[c]:
+        for c in np.flatnonzero(
+            self.scatter[0] > _scatter_limit(self.half_width[0]) * usual
+        ):
+            own, m, scatter = readings[:, [c]], int(self.half_width[0, c]), np.inf
+            while m > LEAST and not scatter <= _scatter_limit(m) * usual[c]:
                 m -= 1
-                scatter = _first(time, own, m).scatter[0, 0]
-            few = _first(time, own, max(LEAST, round(SAFE * m)))
+                scatter = _fit_first_samples(time, own, m).scatter[0, 0]
+            few = _fit_first_samples(time, own, max(LEAST, round(SAFE * m)))
             rows = np.flatnonzero(np.isfinite(few.scatter[:, 0]))
             for name in anew:
                 getattr(found, name)[rows, c] = getattr(few, name)[rows, 0]
         return found
 
 
-def _most(sides):
+def _scatter_limit(sides):
     """Times the usual scatter, that of neighbors on each side that a parabola fits."""
     return np.sqrt(1 + JOLTED * np.sqrt(2 / (2 * sides - 2)))  # of a mean of squares
 
 
-def _along(a: Floats, dt: Floats) -> tuple[Floats, Floats]:
+def _evaluate(a: Floats, dt: Floats) -> tuple[Floats, Floats]:
     """Value and slope (...) of parabolas (..., 3), `dt` [s] from where they stand."""
     return a[..., 0] + dt * (a[..., 1] + dt * a[..., 2]), a[..., 1] + 2 * dt * a[..., 2]
 
 
-def nearest(times: Floats, at: Floats) -> np.ndarray:
+def find_nearest(times: Floats, at: Floats) -> np.ndarray:
     """Number of the sample nearest in time."""
     right = np.clip(np.searchsorted(times, at), 1, max(len(times) - 1, 1))
     right = np.minimum(right, len(times) - 1)
@@ -92,7 +96,7 @@ def nearest(times: Floats, at: Floats) -> np.ndarray:
     return np.where(at - times[left] <= times[right] - at, left, right)
 
 
-def neighbors(time: Floats) -> tuple[float, int]:
+def choose_half_width(time: Floats) -> tuple[float, int]:
     """Usual distance [s] of samples, and how many on each side a parabola looks at."""
     gaps = np.diff(time) if time.size > 1 else np.ones(1)
     gap = float(np.median(gaps))
@@ -102,7 +106,7 @@ def neighbors(time: Floats) -> tuple[float, int]:
 
 
 @cache
-def of_slow_noise(memory: float, m: int) -> tuple[float, float, float]:
+def ar1_error_factors(memory: float, m: int) -> tuple[float, float, float]:
     """What noise of first order does to a parabola through m neighbors on each side.
 
     Args:
@@ -122,44 +126,44 @@ def of_slow_noise(memory: float, m: int) -> tuple[float, float, float]:
     return float(value), float(slope), float(left)
 
 
-def parabolas(time: Floats, readings: Floats) -> Parabolas:
+def fit_polynomials(time: Floats, readings: Floats) -> LocalPolynomials:
     """Through the neighbors of each sample (T) of readings (T, C)."""
-    return _fitted(time, readings, neighbors(time)[1])
+    return _fit_half_width(time, readings, choose_half_width(time)[1])
 
 
-def _fitted(time: Floats, readings: Floats, m: int) -> Parabolas:
+def _fit_half_width(time: Floats, readings: Floats, m: int) -> LocalPolynomials:
     """The same, through m neighbors on each side."""
-    found = _none(readings, m)
+    found = _make_empty(readings, m)
     if len(time) < 2 * m + 1:
         return found
     for c in range(readings.shape[1]):
         y = sliding_window_view(readings[:, c], 2 * m + 1)
-        own, variance = _through(time, y)
-        lost, source, dt = _reached(time, own, m)
+        own, variance = _fit_quadratics(time, y)
+        lost, source, dt = _find_borrowers(time, own, m)
         a = own[source]
-        own[lost] = np.stack([*_along(a, dt), a[:, 2]], axis=1)
+        own[lost] = np.stack([*_evaluate(a, dt), a[:, 2]], axis=1)
         variance[lost] = variance[source]
         found.coefficients[:, c], found.scatter[:, c] = own, np.sqrt(variance)
-        found.borrowed[lost, c] = True
+        found.is_borrowed[lost, c] = True
     return found
 
 
-def _first(time: Floats, readings: Floats, m: int) -> Parabolas:
+def _fit_first_samples(time: Floats, readings: Floats, m: int) -> LocalPolynomials:
     """The same of an episode's first readings alone, up to the one in the middle."""
-    found = _fitted(time[: 2 * m + 1], readings[: 2 * m + 1], m)
-    return Parabolas(*(getattr(found, f.name)[: m + 1] for f in fields(found)))
+    found = _fit_half_width(time[: 2 * m + 1], readings[: 2 * m + 1], m)
+    return LocalPolynomials(*(getattr(found, f.name)[: m + 1] for f in fields(found)))
 
 
-def _none(readings: Floats, m: int) -> Parabolas:
+def _make_empty(readings: Floats, m: int) -> LocalPolynomials:
     """None for any reading (T, C) yet."""
     shape = readings.shape
-    return Parabolas(
+    return LocalPolynomials(
         np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, m),
         np.zeros(shape, bool),
     )  # fmt: skip
 
 
-def turning(time: Floats, quaternion: Floats) -> Parabolas:
+def fit_rotations(time: Floats, quaternion: Floats) -> LocalPolynomials:
     """As `parabolas` of an orientation (T, 4), through rotations from each sample.
 
     Those of a body that turns evenly lie on a line, however fast it turns; quaternions
@@ -167,8 +171,8 @@ def turning(time: Floats, quaternion: Floats) -> Parabolas:
     """
     from scipy.spatial.transform import Rotation
 
-    _, m = neighbors(time)
-    found = _none(quaternion, m)
+    _, m = choose_half_width(time)
+    found = _make_empty(quaternion, m)
     known = np.asarray(np.isfinite(quaternion).all(axis=1))
     if len(time) < 2 * m + 1:
         return found
@@ -180,18 +184,18 @@ def turning(time: Floats, quaternion: Floats) -> Parabolas:
     away = (turn[origin].inv() * turn[near.ravel()]).as_rotvec()
     told = known[near] & known[near[:, m]][:, None]
     away = np.where(told[..., None], away.reshape(len(near), width, 3), np.nan)
-    parts = [_through(time, away[..., k]) for k in range(3)]
+    parts = [_fit_quadratics(time, away[..., k]) for k in range(3)]
     own = np.stack([a for a, _ in parts], axis=1)  # (T, 3, 3)
     each = np.stack([v for _, v in parts], axis=1) / 4  # of a quaternion's vector part
     variance = np.column_stack([each.mean(axis=1), each])
-    lost, source, dt = _reached(time, own[:, 0], m)
-    variance[lost], found.borrowed[lost] = variance[source], True
+    lost, source, dt = _find_borrowers(time, own[:, 0], m)
+    variance[lost], found.is_borrowed[lost] = variance[source], True
     found.scatter[:] = np.sqrt(variance)
     good = np.flatnonzero(np.isfinite(own[:, 0, 0]))
     rows, source = np.append(good, lost), np.append(good, source)
     dt = np.append(np.zeros(len(good)), dt)
     before, now, after = (
-        _turned(whole[source], _along(own[source], (dt + k * INSTANT)[:, None])[0])
+        _rotate(whole[source], _evaluate(own[source], (dt + k * INSTANT)[:, None])[0])
         for k in (-1, 0, 1)
     )
     slope = (after - before) / (2 * INSTANT)
@@ -200,7 +204,7 @@ def turning(time: Floats, quaternion: Floats) -> Parabolas:
     return found
 
 
-def _turned(quaternion: Floats, by: Floats) -> Floats:
+def _rotate(quaternion: Floats, by: Floats) -> Floats:
     """Orientations (n, 4) turned by rotation vectors (n, 3) of their own frames."""
     from scipy.spatial.transform import Rotation
 
@@ -211,7 +215,7 @@ def _turned(quaternion: Floats, by: Floats) -> Floats:
     return turned * np.where((turned * quaternion).sum(axis=1) < 0, -1, 1)[:, None]
 
 
-def _through(time: Floats, y: Floats) -> tuple[Floats, Floats]:
+def _fit_quadratics(time: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Parabolas through neighbors: coefficients (T, 3), variance (T); NaN at the ends.
 
     Args:
@@ -219,7 +223,7 @@ def _through(time: Floats, y: Floats) -> tuple[Floats, Floats]:
         y: (T - 2 m, 2 m + 1), the neighbors of each sample but the first and last m.
     """
     m = y.shape[1] // 2
-    gap, _ = neighbors(time)
+    gap, _ = choose_half_width(time)
     coefficients, variance = np.full((len(time), 3), np.nan), np.full(len(time), np.nan)
     t = sliding_window_view(time, 2 * m + 1) - time[m : len(time) - m, None]
     near = np.abs(t) <= REACH * gap * m  # what lies beyond a pause tells nothing here
@@ -241,7 +245,7 @@ def _through(time: Floats, y: Floats) -> tuple[Floats, Floats]:
     return coefficients, variance
 
 
-def _reached(
+def _find_borrowers(
     time: Floats, own: Floats, m: int
 ) -> tuple[np.ndarray, np.ndarray, Floats]:
     """Samples without a parabola (T, 3) for which the nearest whole one may speak.
@@ -251,12 +255,12 @@ def _reached(
     Returns:
         Which (n), the nearest one with a parabola (n), and how far it is (n) [s].
     """
-    gap, _ = neighbors(time)
+    gap, _ = choose_half_width(time)
     whole = np.isfinite(own[:, 0])
     good, lost = np.flatnonzero(whole), np.flatnonzero(~whole)
     if not good.size:
         return lost[:0], lost[:0], np.zeros(0)
-    source = good[nearest(time[good], time[lost])]
+    source = good[find_nearest(time[good], time[lost])]
     dt = time[lost] - time[source]
     close = np.abs(dt) <= 1.5 * gap * m
     return lost[close], source[close], dt[close]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from ..errors import ModelError
 from .markup import Element
-from .paths import relocate
-from .tree import SECTIONS, SETTINGS, Tree, name_of
+from .paths import relocate_paths
+from .tree import SECTIONS, SETTINGS, MjcfDocument, name_of
 
 _SINGLE = 2.0**-25  # half a unit in the last place of a single-precision number
 
@@ -68,17 +68,17 @@ class Rename:
     attributes: Mapping[str, str | None]
 
 
-def number(value: float | Iterable[float]) -> str:
+def format_number(value: float | Iterable[float]) -> str:
     """A number or several as MJCF text, in the six to nine digits of single precision.
 
     Raises:
         ModelError: one of them is not finite.
     """
     values = value if isinstance(value, Iterable) else [value]
-    return " ".join(_digits(float(v)) for v in values)
+    return " ".join(_format_digits(float(v)) for v in values)
 
 
-def _digits(value: float) -> str:
+def _format_digits(value: float) -> str:
     if not math.isfinite(value):
         raise ModelError(f"{value} cannot be written into a model")
     texts = (f"{value + 0.0:.{digits}g}" for digits in (6, 7, 8))  # + 0: no -0
@@ -86,7 +86,7 @@ def _digits(value: float) -> str:
     return next(close, f"{value:.9g}")
 
 
-def difference(given: str, new: str) -> str:
+def unified_diff(given: str, new: str) -> str:
     """What changed between two texts, as a unified diff; empty where nothing did."""
     lines = difflib.unified_diff(
         given.splitlines(), new.splitlines(), "given", "patched.xml", lineterm=""
@@ -94,7 +94,7 @@ def difference(given: str, new: str) -> str:
     return "\n".join(lines)
 
 
-def patched(
+def apply_edits(
     path: str | os.PathLike[str],
     edits: Sequence[Set | Insert | Rename],
     folder: str | os.PathLike[str],
@@ -114,25 +114,27 @@ def patched(
         ModelError: a file is missing or no XML, or an element has no text.
         UnknownNameError: a tag that no edit can speak of.
     """
-    tree = Tree(path)
+    tree = MjcfDocument(path)
     found = [
         None if isinstance(e.name, str) else tree.by_id(e.tag, e.name) for e in edits
     ]
     for edit, element in zip(edits, found, strict=True):
-        _apply(tree, edit, element)
-    relocate(tree, os.path.realpath(folder))
-    return tree.document.text()
+        _apply_edit(tree, edit, element)
+    relocate_paths(tree, os.path.realpath(folder))
+    return tree.file.to_text()
 
 
-def tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
+def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
     """Name and tag of all elements that an edit with this tag can speak of.
 
     In the order of the text, what is included in place; errors as `patched` says.
     """
-    return [(name_of(e), e.tag) for e in Tree(path).candidates(tag)]
+    return [(name_of(e), e.tag) for e in MjcfDocument(path).list_elements(tag)]
 
 
-def _apply(tree: Tree, edit: Set | Insert | Rename, element: Element | None) -> None:
+def _apply_edit(
+    tree: MjcfDocument, edit: Set | Insert | Rename, element: Element | None
+) -> None:
     """Make one edit; `element` where its id has told which it is."""
     general = edit.name == "" and edit.tag in (*SETTINGS, *SECTIONS)
     if isinstance(edit, Set) and general:
@@ -142,21 +144,21 @@ def _apply(tree: Tree, edit: Set | Insert | Rename, element: Element | None) -> 
         element = tree.root
     elif general:
         first = isinstance(edit, Insert) and edit.first
-        element = tree.section(edit.tag, first)
+        element = tree.get_section(edit.tag, first)
     elif element is None:
         element = tree.find(edit.tag, str(edit.name))
     if isinstance(edit, Insert):
-        new = tree.insert(tree.own(element), edit.xml, edit.first)
-        if tree.in_degrees():
-            new.set({name: _degrees(new.get(name)) for name in edit.angles})
+        new = tree.insert(tree.inline(element), edit.xml, edit.first)
+        if tree.uses_degrees():
+            new.set({name: _to_degrees(new.get(name)) for name in edit.angles})
         return
     if isinstance(edit, Rename) and element.tag != edit.to:
-        tree.own(element).tag = edit.to
+        tree.inline(element).tag = edit.to
         element.close = f"</{edit.to}>" if element.close else None
-    if element.news(edit.attributes):
-        tree.own(element).set(edit.attributes)
+    if element.find_changes(edit.attributes):
+        tree.inline(element).set(edit.attributes)
 
 
-def _degrees(radians: str | None) -> str | None:
+def _to_degrees(radians: str | None) -> str | None:
     """Angles of a text in degrees; None without any."""
-    return radians and number(math.degrees(float(r)) for r in radians.split())
+    return radians and format_number(math.degrees(float(r)) for r in radians.split())

@@ -7,118 +7,126 @@ import numpy as np
 
 from ..recording import Episode, Recording, whole_of
 from ..recording.data import Floats
-from .logs import channels, log
-from .plant import Workshop
-from .scene import Actuator, Scene, bodies_of, joints_of
-from .state import estimate, start_of
-from .windows import windows
-from .world import World
+from .logs import build_channels, sample_episode
+from .plant import ModelCompiler
+from .scene import Actuator, RobotSummary, summarize_bodies, summarize_joints
+from .state import estimate_initial_state, estimate_state
+from .windows import cut_segments
+from .world import Simulator
 
 
-def world_of(
-    workshop: Workshop,
+def build_simulator(
+    workshop: ModelCompiler,
     recordings: Sequence[Recording],
     whole: Sequence[Recording] = (),
-) -> World:
+) -> Simulator:
     """Recordings that fit a model, against it; parts of the `whole` ones, if given."""
-    model = workshop.given
-    signals = channels(recordings)
+    model = workshop.nominal
+    signals = build_channels(recordings)
     step = float(model.opt.timestep)
     several = len(recordings) > 1
     names = [(r.file, name) for r in whole or recordings for name in r.episodes]
     logs = []
     for r in recordings:
         for name, e in r.episodes.items():
-            own = log(f"{r.file}:{name}" if several else name, in_order(e, model),
+            own = sample_episode(f"{r.file}:{name}" if several else name, reorder_commands(e, model),
                       signals, step)  # fmt: skip
             at = (r.file, name), (r.file, whole_of(name))
             number = names.index(at[0] if at[0] in names else at[1])
             logs.append(replace(own, number=number))
-    return World(workshop, signals, tuple(logs), step)
+    return Simulator(workshop, signals, tuple(logs), step)
 
 
-def in_order(episode: Episode, model) -> Episode:
+def reorder_commands(episode: Episode, model) -> Episode:
     """The episode with its commands in the model's order."""
     names = [model.actuator(a).name for a in range(model.nu)]
     order = [episode.ctrl_names.index(name) for name in names]
     return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=tuple(names))
 
 
-def scene_of(world: World) -> Scene:
+def summarize_robot(world: Simulator) -> RobotSummary:
     """What the robot and its recordings are like."""
-    model = world.workshop.given
-    states = Reckoned(world)
-    motion = _Motion(world, states)
-    measured = {j for j in range(model.njnt) if states.is_read[model.jnt_qposadr[j]]}
-    joints = joints_of(model, motion.torque, motion, measured)
-    return Scene(
-        model, world.step, world.signals, joints, actuators_of(world, states, joints),
-        bodies_of(model), motion.touches, windows(world.logs, None).is_single,
+    model = world.compiler.nominal
+    states = StateReconstruction(world)
+    motion = _MotionStatistics(world, states)
+    measured = {
+        j for j in range(model.njnt) if states.is_measured[model.jnt_qposadr[j]]
+    }
+    joints = summarize_joints(model, motion.torque, motion, measured)
+    return RobotSummary(
+        model, world.timestep, world.channels, joints, summarize_actuators(world, states, joints),
+        summarize_bodies(model), motion.touches, cut_segments(world.episodes, None).is_single_readings,
     )  # fmt: skip
 
 
-class Reckoned:
+class StateReconstruction:
     """The robot's state at some times: as read or, where nothing tells, as simulated.
 
     Attributes:
         is_read: (nq) whether readings tell a position most of the time.
     """
 
-    def __init__(self, world: World) -> None:
-        model = world.workshop.given
+    def __init__(self, world: Simulator) -> None:
+        model = world.compiler.nominal
         told = [np.full((1, model.nq), np.nan)]
-        for episode in world.logs:
-            at = np.linspace(0, episode.at[-1], 9)[1:-1]
-            told.append(estimate(model, world.signals, episode, at, world.step, {})[0])
+        for episode in world.episodes:
+            at = np.linspace(0, episode.sample_steps[-1], 9)[1:-1]
+            told.append(
+                estimate_state(model, world.channels, episode, at, world.timestep, {})[
+                    0
+                ]
+            )
         self.world = world
-        self.is_read = np.isfinite(np.vstack(told)).mean(axis=0) >= 0.5
+        self.is_measured = np.isfinite(np.vstack(told)).mean(axis=0) >= 0.5
         by_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
-        self._moves = self.is_read[by_dof]
+        self._moves = self.is_measured[by_dof]
         self._paths: dict[int, Floats] = {}
 
     def __call__(self, episode: int, at: np.ndarray) -> tuple[Floats, Floats]:
         """Positions (W, nq) and velocities (W, nv) at times `at` (W) [steps]."""
-        qpos, qvel, _ = start_of(self.world, episode, at, {})
-        if not self.is_read.all():
-            path = self._path(episode)[np.minimum(at, len(self._path(episode)) - 1)]
+        qpos, qvel, _ = estimate_initial_state(self.world, episode, at, {})
+        if not self.is_measured.all():
+            path = self._simulate_path(episode)[
+                np.minimum(at, len(self._simulate_path(episode)) - 1)
+            ]
             nq = qpos.shape[1]
-            qpos = np.where(self.is_read, qpos, path[:, :nq])
+            qpos = np.where(self.is_measured, qpos, path[:, :nq])
             qvel = np.where(self._moves, qvel, path[:, nq:])
         return qpos, qvel
 
-    def _path(self, episode: int) -> Floats:
+    def _simulate_path(self, episode: int) -> Floats:
         """Positions and velocities (G, nq + nv) of the given model, open loop."""
         if episode not in self._paths:
             import mujoco
             from mujoco import rollout
 
-            model = self.world.workshop.given
+            model = self.world.compiler.nominal
             data = mujoco.MjData(model)
-            first = start_of(self.world, episode, np.zeros(1, int), {})
+            first = estimate_initial_state(self.world, episode, np.zeros(1, int), {})
             data.qpos[:], data.qvel[:] = first[0][0], first[1][0]
             kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
             state = np.empty(mujoco.mj_stateSize(model, kind))
             mujoco.mj_getState(model, data, state, kind)
-            control = self.world.logs[episode].ctrl[None]
+            control = self.world.episodes[episode].ctrl[None]
             seen = rollout.rollout(model, data, state[None], control)[0][0]
             seen = np.vstack([state, seen])[:-1, 1 : 1 + model.nq + model.nv]
             self._paths[episode] = np.nan_to_num(seen)
         return self._paths[episode]
 
 
-class _Motion:
+class _MotionStatistics:
     """How the robot moved, at some hundred moments."""
 
-    def __init__(self, world: World, states_of: Reckoned) -> None:
+    def __init__(self, world: Simulator, states_of: StateReconstruction) -> None:
         import mujoco
 
-        model = world.workshop.given
+        model = world.compiler.nominal
         self.model = model
         states, torques, touches = [], [], False
         data = mujoco.MjData(model)
-        each = max(2, 600 // len(world.logs))
-        for i, episode in enumerate(world.logs):
-            at = np.linspace(0, episode.at[-1], each).astype(int)
+        each = max(2, 600 // len(world.episodes))
+        for i, episode in enumerate(world.episodes):
+            at = np.linspace(0, episode.sample_steps[-1], each).astype(int)
             qpos, qvel = states_of(i, at)
             ctrl = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)]
             for q, v, u in zip(qpos, qvel, ctrl, strict=True):
@@ -130,7 +138,7 @@ class _Motion:
         self.states = np.vstack(states)
         self.torque: Floats = np.sqrt(np.mean(np.square(torques), axis=0))
         self.torque += 1e-3 * model.dof_M0  # of a joint without load or gravity
-        self.touches = touches or _stands_on_something(model)
+        self.touches = touches or _may_rest_on_ground(model)
 
     def __call__(self, joint: int) -> tuple[float, float, float, float]:
         """Speed (rms), fastest, lowest and highest position of a joint."""
@@ -143,26 +151,30 @@ class _Motion:
         )  # fmt: skip
 
 
-def _stands_on_something(model) -> bool:
+def _may_rest_on_ground(model) -> bool:
     """Whether something floats and the world has something to touch."""
     fixed = model.body_weldid[model.geom_bodyid] == 0
     solid = (model.geom_contype | model.geom_conaffinity) > 0
     return bool((fixed & solid).any() and (model.jnt_type == 0).any())
 
 
-def actuators_of(world: World, states: Reckoned, joints) -> tuple[Actuator, ...]:
+def summarize_actuators(
+    world: Simulator, states: StateReconstruction, joints
+) -> tuple[Actuator, ...]:
     """The actuators, and how the recordings use them."""
-    model, found = world.workshop.given, []
+    model, found = world.compiler.nominal, []
     by_id = {j.id: j for j in joints}
     for a in range(model.nu):
         at_joint = model.actuator_trntype[a] in (0, 1)
         joint = by_id.get(int(model.actuator_trnid[a, 0])) if at_joint else None
-        found.append(_actuator(world, states, a, joint))
+        found.append(_summarize_actuator(world, states, a, joint))
     return tuple(found)
 
 
-def _actuator(world: World, states: Reckoned, a: int, joint) -> Actuator:
-    model = world.workshop.given
+def _summarize_actuator(
+    world: Simulator, states: StateReconstruction, a: int, joint
+) -> Actuator:
+    model = world.compiler.nominal
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     servo = bool(
         joint is not None and model.actuator_biastype[a] == 1 and bias[1] < 0
@@ -170,8 +182,12 @@ def _actuator(world: World, states: Reckoned, a: int, joint) -> Actuator:
     )  # fmt: skip
     gear = abs(float(model.actuator_gear[a, 0]))
     most, rates = 0.0, []
-    for i, episode in enumerate(world.logs):
-        at = np.arange(0, int(episode.at[-1]), max(1, int(episode.at[-1]) // 300))
+    for i, episode in enumerate(world.episodes):
+        at = np.arange(
+            0,
+            int(episode.sample_steps[-1]),
+            max(1, int(episode.sample_steps[-1]) // 300),
+        )
         qpos, qvel = states(i, at)
         u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1), a]
         force = gain[0] * u
@@ -184,7 +200,7 @@ def _actuator(world: World, states: Reckoned, a: int, joint) -> Actuator:
         if len(force):
             most = max(most, float(np.quantile(np.abs(force), 0.99)))
         if len(u) > 1:
-            steps = np.abs(np.diff(episode.ctrl[:, a])) / world.step
+            steps = np.abs(np.diff(episode.ctrl[:, a])) / world.timestep
             rates.append(float(np.quantile(steps, 0.95)))
     speed = joint.speed if joint is not None else 1.0
     return Actuator(

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..recording.data import Floats
-from .memory import Answer
-from .scene import by_column
-from .state import start_of
-from .terms import Term, unrounded
-from .windows import Windows
-from .world import World
+from .memory import Arrays
+from .scene import repeat_by_column
+from .state import estimate_initial_state
+from .terms import Term, remove_rounding
+from .windows import Segments
+from .world import Simulator
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
@@ -41,80 +41,90 @@ class Problem:
         centered: as `World.simulate` has it.
     """
 
-    world: World
-    windows: Windows
+    simulator: Simulator
+    segments: Segments
     sigma: Floats
-    whiten: Sequence[tuple[Floats, Floats]] = field(default_factory=tuple)
-    shift: Floats | None = None
-    pull: Floats | None = None
+    marginal_bases: Sequence[tuple[Floats, Floats]] = field(default_factory=tuple)
+    initial_state_shift: Floats | None = None
+    shift_response: Floats | None = None
     centered: bool = True
 
     @property
-    def window_of(self) -> np.ndarray:
+    def segment_of_residual(self) -> np.ndarray:
         """(R) window of each residual."""
-        return np.repeat(self.windows.window, self.windows.readings.shape[1])
+        return np.repeat(
+            self.segments.segment_of_sample, self.segments.readings.shape[1]
+        )
 
     @property
-    def is_rough(self) -> bool:
+    def is_nonsmooth(self) -> bool:
         """Whether something touches as the robot moves, so that readings jump."""
-        return self.world.touches and not self.windows.is_single
+        return self.simulator.has_contact and not self.segments.is_single_readings
 
-    def residuals(
+    def compute_residuals(
         self, terms: Sequence[Term], values: Floats, kick: Floats | None = None
     ) -> Floats:
         """(n, R) readings less prediction, in standard deviations; 0 where missing.
 
         `kick`: (n, W, 2 nv) added to the starts.
         """
-        values = unrounded(terms, values)
-        if self.shift is not None:
+        values = remove_rounding(terms, values)
+        if self.initial_state_shift is not None:
             more = np.zeros((len(values), 1, 1)) if kick is None else kick
-            kick = self.shift + more
-        told = self.world.simulate(
-            terms, values, self.windows, kick=kick, centered=self.centered
+            kick = self.initial_state_shift + more
+        told = self.simulator.simulate(
+            terms, values, self.segments, kick=kick, centered=self.centered
         )
-        apart = told - self.windows.readings
-        apart = _aligned(apart, told, self) / self.sigma
-        known = np.isfinite(self.windows.readings)
+        apart = told - self.segments.readings
+        apart = _align_quaternions(apart, told, self) / self.sigma
+        known = np.isfinite(self.segments.readings)
         lost = ~np.isfinite(apart)
         apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
         flat = np.where(known, apart, 0.0).reshape(len(told), -1)
-        return self._whitened(flat if self.pull is None else flat - self.pull)
+        return self.marginalize(
+            flat if self.shift_response is None else flat - self.shift_response
+        )
 
-    def at(self, terms: Sequence[Term], values: Floats) -> Floats:
+    def residuals_at(self, terms: Sequence[Term], values: Floats) -> Floats:
         """(R) residuals of one hypothesis."""
-        return self.residuals(terms, values[None])[0]
+        return self.compute_residuals(terms, values[None])[0]
 
-    def hairs(self, count: int, rng: np.random.Generator) -> Floats:
+    def draw_antithetic_offsets(self, count: int, rng: np.random.Generator) -> Floats:
         """Kicks (count, W, 2 nv) so small that they change nothing but roughness.
 
         Half of them are the others' opposites, so that their mean is no kick.
         """
-        std = _start_error(self.world, self.windows)
+        std = initial_state_std(self.simulator, self.segments)
         half = rng.choice([-HAIR, HAIR], size=(count // 2, *std.shape)) * std
         return np.concatenate([half, -half])
 
-    def _whitened(self, flat: Floats) -> Floats:
+    def marginalize(self, flat: Floats) -> Floats:
         """Without what starts explain (Gauss-Newton, starts eliminated)."""
-        if self.whiten:
-            edges = np.searchsorted(self.window_of, np.arange(len(self.windows) + 1))
-            for i, (u, shrink) in enumerate(self.whiten):
+        if self.marginal_bases:
+            edges = np.searchsorted(
+                self.segment_of_residual, np.arange(len(self.segments) + 1)
+            )
+            for i, (u, shrink) in enumerate(self.marginal_bases):
                 part = flat[:, edges[i] : edges[i + 1]]
                 part -= ((part @ u) * shrink) @ u.T
         return flat
 
-    def carried(self, other: "Problem", jac: Floats) -> Floats:
+    def transfer_jacobian(self, other: "Problem", jac: Floats) -> Floats:
         """A Jacobian (R, P) as in another problem, that weighs the same otherwise."""
         flat = jac.T.copy()
-        edges = np.searchsorted(self.window_of, np.arange(len(self.windows) + 1))
-        for i, (u, shrink) in enumerate(self.whiten):
+        edges = np.searchsorted(
+            self.segment_of_residual, np.arange(len(self.segments) + 1)
+        )
+        for i, (u, shrink) in enumerate(self.marginal_bases):
             part = flat[:, edges[i] : edges[i + 1]]
             part += ((part @ u) * (shrink / (1 - shrink))) @ u.T
-        rows, width = len(self.window_of), len(self.sigma)
+        rows, width = len(self.segment_of_residual), len(self.sigma)
         plain = flat.reshape(len(flat), rows // width, width) * self.sigma
-        return other._whitened((plain / other.sigma).reshape(flat.shape)).T
+        return other.marginalize((plain / other.sigma).reshape(flat.shape)).T
 
-    def recall(self, question: Sequence, work_out: Callable[[], Answer]) -> Answer:
+    def load_or_compute(
+        self, question: Sequence, work_out: Callable[[], Arrays]
+    ) -> Arrays:
         """What `work_out` gives of this problem, from memory if it is there.
 
         Args:
@@ -122,90 +132,115 @@ class Problem:
             work_out: gives arrays.
         """
 
-        def counting() -> Answer:
+        def counting() -> Arrays:
             before = counted[0]
             return *work_out(), np.array(counted[0] - before)
 
-        windows, counted = self.windows, self.world.counted
-        noise = [(c.noise, c.memory) for c in self.world.signals]
-        own = (windows.log, windows.start, windows.steps, windows.window, windows.at,
-               noise, self.sigma, list(self.whiten), self.shift, self.pull,
+        windows, counted = self.segments, self.simulator.simulated_count
+        noise = [(c.noise, c.ar1) for c in self.simulator.channels]
+        own = (windows.episode, windows.first_step, windows.lengths, windows.segment_of_sample, windows.sample_steps,
+               noise, self.sigma, list(self.marginal_bases), self.initial_state_shift, self.shift_response,
                self.centered)  # fmt: skip
         before = counted[0]
-        *answer, simulated = self.world.memory.recall((*own, *question), counting)
+        *answer, simulated = self.simulator.checkpoint.load_or_compute(
+            (*own, *question), counting
+        )
         counted[0] = before + int(simulated)
         return tuple(answer)
 
-    def of_step(self, terms: Sequence[Term], values: Floats, at: Floats) -> Floats:
+    def timestep_error(
+        self, terms: Sequence[Term], values: Floats, at: Floats
+    ) -> Floats:
         """(R) of residuals `at` (R) what the time step makes, as halving it tells.
 
         Half the step halves the error of a method of first order, so that it changes
         half of it (Richardson 1911); after an impact the two are as large.
         """
-        finer = replace(self, world=self.world.halved, windows=self.windows.halved)
-        return 2 * (at - finer.at(terms, values))
+        finer = replace(
+            self,
+            simulator=self.simulator.with_half_step,
+            segments=self.segments.with_half_step,
+        )
+        return 2 * (at - finer.residuals_at(terms, values))
 
-    def of_clock(self, terms: Sequence[Term], values: Floats, at: Floats) -> Floats:
+    def clock_error(self, terms: Sequence[Term], values: Floats, at: Floats) -> Floats:
         """(R) of residuals `at` (R) what commands make that act a little later."""
-        return replace(self, world=self.world.later).at(terms, values) - at
+        return (
+            replace(self, simulator=self.simulator.with_late_commands).residuals_at(
+                terms, values
+            )
+            - at
+        )
 
-    def take(self, chosen: np.ndarray) -> "Problem":
+    def select(self, chosen: np.ndarray) -> "Problem":
         """The same with some of the windows."""
-        if np.array_equal(chosen, np.arange(len(self.windows))):
+        if np.array_equal(chosen, np.arange(len(self.segments))):
             return self
-        whiten = tuple(self.whiten[i] for i in chosen) if self.whiten else ()
-        shift, pull = self.shift, self.pull
+        whiten = (
+            tuple(self.marginal_bases[i] for i in chosen) if self.marginal_bases else ()
+        )
+        shift, pull = self.initial_state_shift, self.shift_response
         if shift is not None:
             shift = shift[chosen]
         if pull is not None:
-            pull = pull.reshape(self.windows.readings.shape)
-            pull = pull[self.windows.rows(chosen)].ravel()
-        windows = self.world.taken(self.windows, chosen)
-        return replace(self, windows=windows, whiten=whiten, shift=shift, pull=pull)
+            pull = pull.reshape(self.segments.readings.shape)
+            pull = pull[self.segments.find_sample_rows(chosen)].ravel()
+        windows = self.simulator.select_segments(self.segments, chosen)
+        return replace(
+            self,
+            segments=windows,
+            marginal_bases=whiten,
+            initial_state_shift=shift,
+            shift_response=pull,
+        )
 
     @property
-    def raw(self) -> "Problem":
+    def unmarginalized(self) -> "Problem":
         """The same, in which what starts could explain counts in full."""
-        return replace(self, whiten=(), pull=None)
+        return replace(self, marginal_bases=(), shift_response=None)
 
-    def by_window(self, values: Floats) -> Floats:
+    def sum_by_segment(self, values: Floats) -> Floats:
         """Sum of (R) values over each window (W)."""
-        count = len(self.windows)
-        return np.bincount(self.window_of, values, minlength=count).astype(float)
+        count = len(self.segments)
+        return np.bincount(self.segment_of_residual, values, minlength=count).astype(
+            float
+        )
 
 
-def _aligned(apart: Floats, told: Floats, problem: Problem) -> Floats:
+def _align_quaternions(apart: Floats, told: Floats, problem: Problem) -> Floats:
     """Differences of which those of orientations take the nearer of two signs."""
-    for c in problem.world.signals:
+    for c in problem.simulator.channels:
         if c.kind == "body_orientation":
-            read = problem.windows.readings[:, c.columns]
+            read = problem.segments.readings[:, c.columns]
             dot = np.sum(told[..., c.columns] * read, axis=-1, keepdims=True)
             sign = np.where(dot < 0, -1.0, 1.0)
             apart[..., c.columns] = told[..., c.columns] * sign - read
     return apart
 
 
-def start_errors(world: World, windows: Windows) -> Floats:
+def build_initial_state_offsets(world: Simulator, windows: Segments) -> Floats:
     """Initial states (1 + 2 nv, W, 2 nv) off by nothing, and by one error each."""
-    std = _start_error(world, windows)
-    return _one_each(std.shape[1]) * std
+    std = initial_state_std(world, windows)
+    return unit_offsets(std.shape[1]) * std
 
 
-def _start_error(world: World, windows: Windows) -> Floats:
+def initial_state_std(world: Simulator, windows: Segments) -> Floats:
     """Standard deviations (W, 2 nv) of the states that were read."""
-    std = np.empty((len(windows), 2 * world.workshop.given.nv))
-    for log in np.unique(windows.log):
-        rows = np.flatnonzero(windows.log == log)
-        std[rows] = start_of(world, int(log), windows.start[rows], {})[2]
+    std = np.empty((len(windows), 2 * world.compiler.nominal.nv))
+    for log in np.unique(windows.episode):
+        rows = np.flatnonzero(windows.episode == log)
+        std[rows] = estimate_initial_state(
+            world, int(log), windows.first_step[rows], {}
+        )[2]
     return std
 
 
-def _one_each(width: int) -> Floats:
+def unit_offsets(width: int) -> Floats:
     """(1 + width, 1, width): nothing, and one of each."""
     return np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
 
 
-def is_told(
+def is_horizon_informative(
     problem: Problem, shorter: Problem, terms: Sequence[Term], values: Floats
 ) -> bool:
     """Whether the windows are short enough for their starts.
@@ -213,58 +248,70 @@ def is_told(
     What an error of the start causes in them stays linear and is not much more than it
     is in shorter ones; where it grows too fast, longer pieces say less, not more.
     """
-    moved = [_moved_by_starts(p, terms, values) for p in (problem, shorter)]
+    moved = [_initial_state_sensitivity(p, terms, values) for p in (problem, shorter)]
     return moved[0] < min(LINEAR, GROWS * moved[1])
 
 
-def _moved_by_starts(problem: Problem, terms: Sequence[Term], values: Floats) -> float:
+def _initial_state_sensitivity(
+    problem: Problem, terms: Sequence[Term], values: Floats
+) -> float:
     """Root mean square of what errors of the starts cause, of the signals' spreads."""
-    kick = start_errors(problem.world, problem.windows)
+    kick = build_initial_state_offsets(problem.simulator, problem.segments)
     hypotheses = np.tile(values, (len(kick), 1))
-    told = problem.world.simulate(
-        terms, hypotheses, problem.windows, kick=kick, centered=problem.centered
+    told = problem.simulator.simulate(
+        terms, hypotheses, problem.segments, kick=kick, centered=problem.centered
     )
-    spread = by_column(problem.world.signals, "spread")
+    spread = repeat_by_column(problem.simulator.channels, "spread")
     moved = ((told[1:] - told[0]) / spread) ** 2
     return float(np.sqrt(np.nanmean(moved.sum(axis=0))))
 
 
-def whitened(problem: Problem, terms: Sequence[Term], values: Floats) -> Problem:
+def marginalize_initial_states(
+    problem: Problem, terms: Sequence[Term], values: Floats
+) -> Problem:
     """The same problem, in which what an uncertain start could cause costs less.
 
     Starts are eliminated from the least squares, each believed to be as read but for
     its error. After an impact what they cause is not linear: there they are first moved
     to where, with these values, they are likeliest (Bock 1983, multiple shooting).
     """
-    std = _start_error(problem.world, problem.windows)
+    std = initial_state_std(problem.simulator, problem.segments)
     std = np.maximum(std, 1e-300)  # without noise; then no start moves
-    plain = replace(problem.raw, shift=None)
-    off = np.zeros_like(std) if problem.shift is None else problem.shift / std
+    plain = replace(problem.unmarginalized, initial_state_shift=None)
+    off = (
+        np.zeros_like(std)
+        if problem.initial_state_shift is None
+        else problem.initial_state_shift / std
+    )
     begun = off.any(axis=1)  # elsewhere than from what was read
-    told, cost, bent = _sought(plain, terms, values, off, std)
+    told, cost, bent = _search_initial_states(plain, terms, values, off, std)
     known = off, std, told, cost
-    each = cost / np.maximum(problem.by_window(np.ones(len(problem.window_of))), 1)
+    each = cost / np.maximum(
+        problem.sum_by_segment(np.ones(len(problem.segment_of_residual))), 1
+    )
     is_odd = bent & (each > ODD * np.median(each))
     is_far = begun & (is_odd | ((off**2).sum(axis=1) > AWAY**2))
     if is_far.any():
         far = np.flatnonzero(is_far)
-        _if_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))
+        _keep_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))
     if is_odd.any():
         odd = np.flatnonzero(is_odd)
-        others = _by_other_speeds(plain, terms, values, std, odd)
-        _if_likelier(plain, terms, values, known, odd, others)
+        others = _try_other_speeds(plain, terms, values, std, odd)
+        _keep_likelier(plain, terms, values, known, odd, others)
     whiten = []
     for _, moved in told:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
         whiten.append((u, 1 - 1 / np.sqrt(1 + s**2)))
-    plain = replace(plain, whiten=tuple(whiten))
+    plain = replace(plain, marginal_bases=tuple(whiten))
     if not off.any():
         return plain
     pull = [moved @ o for (_, moved), o in zip(told, off, strict=True)]
-    return replace(plain, shift=off * std, pull=np.concatenate(pull))
+    return replace(
+        plain, initial_state_shift=off * std, shift_response=np.concatenate(pull)
+    )
 
 
-def _sought(
+def _search_initial_states(
     problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
 ) -> tuple[list[tuple[Floats, Floats]], Floats, np.ndarray]:
     """Move starts to where they are likeliest, as far as what they cause is not linear.
@@ -285,25 +332,27 @@ def _sought(
     cost, is_bent = np.zeros(len(off)), np.zeros(len(off), bool)
     active = np.arange(len(off))
     for last in range(SOUGHT + 1):
-        part, start, unit = problem.take(active), off[active], std[active]
-        own = _answers(part, terms, values, start, unit)
+        part, start, unit = problem.select(active), off[active], std[active]
+        own = _respond_to_offsets(part, terms, values, start, unit)
         for w, one in zip(active, own, strict=True):
             told[w] = one
-        if last == SOUGHT or problem.windows.is_single:
+        if last == SOUGHT or problem.segments.is_single_readings:
             break
-        best = [_likeliest(*one, o) for one, o in zip(own, start, strict=True)]
+        best = [
+            _solve_initial_state(*one, o) for one, o in zip(own, start, strict=True)
+        ]
         tries = start + np.array(SHORTER)[:, None, None] * (np.array(best) - start)
         rows = np.tile(values, (len(tries), 1))
-        after = part.residuals(terms, rows, tries * unit)
-        costs = [part.by_window(x**2) for x in after] + (tries**2).sum(axis=2)
+        after = part.compute_residuals(terms, rows, tries * unit)
+        costs = [part.sum_by_segment(x**2) for x in after] + (tries**2).sum(axis=2)
         before = np.array([r @ r for r, _ in own]) + (start**2).sum(axis=1)
         moves = zip(own, tries[0] - start, strict=True)
         linear = np.concatenate([r + moved @ move for (r, moved), move in moves])
-        bent = part.by_window((after[0] - linear) ** 2) > BENT * before.mean()
+        bent = part.sum_by_segment((after[0] - linear) ** 2) > BENT * before.mean()
         which = costs.argmin(axis=0), np.arange(len(active))
         gains = bent & (costs[which] < before)
         is_bent[active] |= bent
-        straight = part.by_window(linear**2) + (tries[0] ** 2).sum(axis=1)
+        straight = part.sum_by_segment(linear**2) + (tries[0] ** 2).sum(axis=1)
         cost[active] = np.where(bent, np.minimum(costs[which], before), straight)
         active = active[gains]
         if not len(active):
@@ -312,7 +361,7 @@ def _sought(
     return told, cost, is_bent
 
 
-def _if_likelier(problem, terms, values, known, which, begin: Floats) -> None:
+def _keep_likelier(problem, terms, values, known, which, begin: Floats) -> None:
     """Let some windows start where others led that begin elsewhere, if likelier.
 
     Args:
@@ -322,13 +371,15 @@ def _if_likelier(problem, terms, values, known, which, begin: Floats) -> None:
         begin: (v, 2 nv), as `off`; written to.
     """
     off, std, told, cost = known
-    again, new, _ = _sought(problem.take(which), terms, values, begin, std[which])
+    again, new, _ = _search_initial_states(
+        problem.select(which), terms, values, begin, std[which]
+    )
     for i in np.flatnonzero(new < cost[which]):
         w = which[i]
         off[w], told[w], cost[w] = begin[i], again[i], new[i]
 
 
-def _by_other_speeds(problem, terms, values, std, which) -> Floats:
+def _try_other_speeds(problem, terms, values, std, which) -> Floats:
     """Starts (v, 2 nv) of windows, in errors: the likeliest of some other speeds.
 
     A robot with dry friction sticks or slips by how fast it was; from one side of that
@@ -337,33 +388,35 @@ def _by_other_speeds(problem, terms, values, std, which) -> Floats:
     width = std.shape[1]
     speeds = SPEEDS * np.eye(width)[width // 2 :, None]
     tries = np.concatenate([speeds, -speeds]).repeat(len(which), axis=1)
-    part = problem.take(which)
+    part = problem.select(which)
     rows = np.tile(values, (len(tries), 1))
-    after = part.residuals(terms, rows, tries * std[which])
-    costs = np.array([part.by_window(r**2) for r in after]) + (tries**2).sum(axis=2)
+    after = part.compute_residuals(terms, rows, tries * std[which])
+    costs = np.array([part.sum_by_segment(r**2) for r in after]) + (tries**2).sum(
+        axis=2
+    )
     return tries[costs.argmin(axis=0), np.arange(len(which))]
 
 
-def _answers(
+def _respond_to_offsets(
     problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
 ) -> list[tuple[Floats, Floats]]:
     """What `_sought` returns first, of starts as they are; arguments as there."""
     count, width = off.shape
-    each = _one_each(width)
-    if problem.is_rough:  # else the residuals' own roughness would be in all slopes
+    each = unit_offsets(width)
+    if problem.is_nonsmooth:  # else the residuals' own roughness would be in all slopes
         hair = np.full((1, 1, width), HAIR)
         each = np.concatenate([each, hair, -hair])
     rows = np.tile(values, (len(each), 1))
-    told = problem.residuals(terms, rows, (off + each) * std)
-    edges = np.searchsorted(problem.window_of, np.arange(1, count))
-    middle = slice(1 + width, None) if problem.is_rough else slice(1)
+    told = problem.compute_residuals(terms, rows, (off + each) * std)
+    edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
+    middle = slice(1 + width, None) if problem.is_nonsmooth else slice(1)
     return [
         (part[0], (part[1 : 1 + width] - part[middle].mean(axis=0)).T)
         for part in np.split(told, edges, axis=1)
     ]
 
 
-def _likeliest(r: Floats, moved: Floats, off: Floats) -> Floats:
+def _solve_initial_state(r: Floats, moved: Floats, off: Floats) -> Floats:
     """A window's start, if all were linear; arguments as in `_answers`."""
     curvature = np.eye(len(off)) + moved.T @ moved
     return np.asarray(np.linalg.solve(curvature, moved.T @ (moved @ off - r)))

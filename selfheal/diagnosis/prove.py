@@ -6,19 +6,19 @@ import numpy as np
 
 from ..recording.data import Floats
 from . import score
-from .case import WINDOW, Case, pieces_of
-from .evidence import ABOVE, Scored, better
-from .fit import Fit, fit
-from .free_form import FreeForm
-from .name import Naming
-from .noise import expected, loudest, most, noise_of
-from .polish import stepped
-from .problem import Problem, start_errors, whitened
-from .refute import error_of, own_error
-from .screen import drawn, fewer
-from .trial import Base, try_term
-from .windows import Windows
-from .world import World
+from .case import WINDOW, Dataset, cut_readable_segments
+from .evidence import ABOVE, ScoredFit, improvement_p_value
+from .fit import Fit, fit_parameters
+from .free_form import FreeFormTorque
+from .name import Hypothesis
+from .noise import expected_cost, expected_noise, robust_noise, worst_channel_ratio
+from .polish import refit_native_timestep
+from .problem import Problem, build_initial_state_offsets, marginalize_initial_states
+from .refute import squared_error, squared_error_reestimated
+from .screen import draw_segments, subsample_problem
+from .trial import LinearizedFit, fit_candidate
+from .windows import Segments
+from .world import Simulator
 
 STEPPED = 15000  # steps of simulation in a fit to the model's own time step; chosen
 EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
@@ -31,7 +31,7 @@ WORSE, OTHER = 1.05, 3.0
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 
-def _outlasting(case: Case, naming: Naming) -> float:
+def _share_removed_in_segments(case: Dataset, naming: Hypothesis) -> float:
     """Share of the explainable error that the names remove in held-out pieces.
 
     Signals weighed as in the fit: the contract's score, over their spread there, is of
@@ -39,15 +39,20 @@ def _outlasting(case: Case, naming: Naming) -> float:
     replay it tells where that was when it began.
     """
     sigma, found = naming.problem.sigma, naming.final.fit
-    held = Problem(case.held, pieces_of(case.held, WINDOW), sigma)
-    held = whitened(held, found.terms, found.values)
-    before, after = np.sqrt([own_error(held, naming.stated.fit), error_of(held, found)])
-    room = before - np.sqrt(noise_of(held))
+    held = Problem(case.held_out, cut_readable_segments(case.held_out, WINDOW), sigma)
+    held = marginalize_initial_states(held, found.terms, found.values)
+    before, after = np.sqrt(
+        [
+            squared_error_reestimated(held, naming.nominal.fit),
+            squared_error(held, found),
+        ]
+    )
+    room = before - np.sqrt(expected_noise(held))
     return float((before - after) / max(room, ROOM * before))
 
 
 @dataclass(frozen=True)
-class Structure:
+class RemainingStructure:
     """What the named effects leave.
 
     Attributes:
@@ -60,49 +65,61 @@ class Structure:
 
     p_value: float
     share: float
-    above: float
-    loudest: float
+    noise_ratio: float
+    worst_channel_ratio: float
     explained: float
 
     @property
-    def left(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether something is left that is no noise."""
         shown = self.p_value < 0.01 and self.share > 0.05
-        return (shown and self.above > 1) or max(self.above, self.loudest) > ABOVE
+        return (shown and self.noise_ratio > 1) or max(
+            self.noise_ratio, self.worst_channel_ratio
+        ) > ABOVE
 
 
-def structure_of(case: Case, naming: Naming) -> Structure:
+def analyze_remaining(case: Dataset, naming: Hypothesis) -> RemainingStructure:
     """What is left beside the names, by a torque of free form and by its size."""
     now, rng = naming.final.fit, np.random.default_rng(1)
-    pieces = Problem(case.world, pieces_of(case.world, WINDOW), naming.problem.sigma)
-    problem = whitened(fewer(pieces, 15000, rng), now.terms, now.values)
-    base = Base.of(problem, fit(problem, now.terms, now.values, rounds=0))
-    held = Scored.of(problem, base.fit)
+    pieces = Problem(
+        case.training,
+        cut_readable_segments(case.training, WINDOW),
+        naming.problem.sigma,
+    )
+    problem = marginalize_initial_states(
+        subsample_problem(pieces, 15000, rng), now.terms, now.values
+    )
+    base = LinearizedFit.from_fit(
+        problem, fit_parameters(problem, now.terms, now.values, rounds=0)
+    )
+    held = ScoredFit.from_fit(problem, base.fit)
     p, share = 1.0, 0.0
-    terms = FreeForm().terms(case.scene)
+    terms = FreeFormTorque().propose_terms(case.robot)
     for term in terms:
-        new = Scored.of(problem, try_term(base, term, rounds=2))
-        p = min(p, better(problem, held, new, len(terms)))
+        new = ScoredFit.from_fit(problem, fit_candidate(base, term, rounds=2))
+        p = min(p, improvement_p_value(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
     left = base.fit.cost
-    before = own_error(problem, naming.stated.fit) if naming.named else left
-    noise = expected(problem, base.fit)
-    if naming.named and problem.windows.is_single:
-        noise = max(noise, most(problem, base.fit.residuals))
-    return Structure(
+    before = (
+        squared_error_reestimated(problem, naming.nominal.fit) if naming.named else left
+    )
+    noise = expected_cost(problem, base.fit)
+    if naming.named and problem.segments.is_single_readings:
+        noise = max(noise, robust_noise(problem, base.fit.residuals))
+    return RemainingStructure(
         p, share, float(np.sqrt(left / max(noise, 1e-12))),
-        loudest(problem, base.fit),
+        worst_channel_ratio(problem, base.fit),
         float((before - left) / max(before - noise, 1e-12)),
     )  # fmt: skip
 
 
-def bare(naming: Naming) -> Naming:
+def drop_names(naming: Hypothesis) -> Hypothesis:
     """The same without any name."""
-    return replace(naming, named=(), final=naming.stated)
+    return replace(naming, named=(), final=naming.nominal)
 
 
 @dataclass(frozen=True, eq=False)
-class Proof:
+class HeldOutScores:
     """Errors on held-out episodes.
 
     Attributes:
@@ -114,67 +131,74 @@ class Proof:
         numbers: scores, of the floor too.
     """
 
-    stated: Fit
+    nominal: Fit
     patched: Fit
-    pieces: Windows
+    segments: Segments
     count: Floats
     squares: dict[str, Floats]
     numbers: dict[str, float]
 
     @classmethod
-    def of(cls, case: Case, naming: Naming) -> "Proof":
+    def compute(cls, case: Dataset, naming: Hypothesis) -> "HeldOutScores":
         """Of the model as given, re-fitted, and with what was named."""
-        world, none = case.held, ((), np.zeros(0))
-        some = drawn(naming.problem, STEPPED, np.random.default_rng(3))
-        fits = [naming.stated.fit, *([naming.final.fit] if naming.named else ())]
-        plain = [stepped(Base.of(naming.problem, f).take(some)) for f in fits]
+        world, none = case.held_out, ((), np.zeros(0))
+        some = draw_segments(naming.problem, STEPPED, np.random.default_rng(3))
+        fits = [naming.nominal.fit, *([naming.final.fit] if naming.named else ())]
+        plain = [
+            refit_native_timestep(
+                LinearizedFit.from_fit(naming.problem, f).select(some)
+            )
+            for f in fits
+        ]
         stated, found = plain[0], plain[-1]
-        pieces = score.replayed(world)
-        count = score.counts(world, pieces)
+        pieces = score.cut_replay_segments(world)
+        count = score.count_readings(world, pieces)
         models = {"given": none, "refit": (stated.terms, stated.values),
                   "patched": (found.terms, found.values)}  # fmt: skip
         squares = {
-            k: score.errors(world, pieces, terms, values)
+            k: score.sum_squared_errors(world, pieces, terms, values)
             for k, (terms, values) in models.items()
         }
-        numbers = {k: score.score(world, s, count) for k, s in squares.items()}
-        numbers["floor"] = min(_floor(case, pieces, found), numbers["patched"])
+        numbers = {k: score.compute_score(world, s, count) for k, s in squares.items()}
+        numbers["floor"] = min(_noise_floor(case, pieces, found), numbers["patched"])
         return cls(stated, found, pieces, count, squares, numbers)
 
 
-def judged(naming: Naming, structure: Structure) -> tuple[Naming, str]:
+def decide_verdict(
+    naming: Hypothesis, structure: RemainingStructure
+) -> tuple[Hypothesis, str]:
     """The verdict; names that explain too little are taken back."""
-    if naming.named and structure.left and structure.explained < EXPLAINED:
-        return bare(naming), "unlisted"
+    if naming.named and structure.is_significant and structure.explained < EXPLAINED:
+        return drop_names(naming), "unlisted"
     if naming.named:
-        whole = structure.explained > WHOLE or not structure.left
+        whole = structure.explained > WHOLE or not structure.is_significant
         return naming, "explained" if whole else "partly"
-    return naming, "unlisted" if structure.left else "nothing"
+    return naming, "unlisted" if structure.is_significant else "nothing"
 
 
-def _floor(case: Case, pieces: Windows, found: Fit) -> float:
+def _noise_floor(case: Dataset, pieces: Segments, found: Fit) -> float:
     """Score that the readings' noise alone would leave, as far as it is known.
 
     Noise is in what a prediction is compared with and, where the initial state was
     read, in what it starts from.
     """
-    world = case.held
-    kick = start_errors(world, pieces)
+    world = case.held_out
+    kick = build_initial_state_offsets(world, pieces)
     told = world.simulate(
         found.terms, np.tile(found.values, (len(kick), 1)), pieces, kick=kick
     )
     moved = np.nansum((told[1:] - told[0]) ** 2, axis=0)
     squares = []
-    for c in world.signals:
+    for c in world.channels:
         noise = np.nansum(np.nan_to_num(c.noise) ** 2)
         read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
         start = moved[read][:, c.columns].sum(axis=1)
         squares.append((noise + (start.mean() if read.any() else 0)) / c.spread**2)
-    scored = np.array([c.scored for c in world.signals])
+    scored = np.array([c.is_scored for c in world.channels])
     return float(np.sqrt(np.mean(np.array(squares)[scored]))) if scored.any() else 0.0
 
 
-def removed_share(numbers: dict[str, float]) -> float | None:
+def explainable_removed(numbers: dict[str, float]) -> float | None:
     """The contract's explainable_removed; None where too little could be."""
     room = numbers["refit"] - numbers["floor"]
     if not room >= ROOM * numbers["refit"]:
@@ -182,7 +206,7 @@ def removed_share(numbers: dict[str, float]) -> float | None:
     return (numbers["refit"] - numbers["patched"]) / room
 
 
-def is_worse(case: Case, naming: Naming, proof: Proof) -> bool:
+def makes_replay_worse(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bool:
     """Whether the names make a replay of what is held out worse.
 
     Not if they explain nearly all in its pieces and it is no other thing: a robot that
@@ -193,38 +217,42 @@ def is_worse(case: Case, naming: Naming, proof: Proof) -> bool:
         return True
     if patched > OTHER * refit:
         return True
-    return patched > WORSE * refit and _outlasting(case, naming) < WHOLE
+    return patched > WORSE * refit and _share_removed_in_segments(case, naming) < WHOLE
 
 
-def is_little(case: Case, naming: Naming, proof: Proof) -> bool:
+def removes_too_little(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bool:
     """Whether names remove next to nothing of what can be explained where held out."""
-    if proof.pieces.is_single:
-        return _outlasting(case, naming) < LITTLE
-    removed = removed_share(proof.numbers)
+    if proof.segments.is_single_readings:
+        return _share_removed_in_segments(case, naming) < LITTLE
+    removed = explainable_removed(proof.numbers)
     if removed is None or removed >= LITTLE:
         return False
-    return _outlasting(case, naming) < EXPLAINED
+    return _share_removed_in_segments(case, naming) < EXPLAINED
 
 
-def is_astray(case: Case, naming: Naming, proof: Proof) -> bool:
+def is_replay_off(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bool:
     """Whether what is held out is further from the replay than noise can make it.
 
     Of a robot that something touches in most episodes: in one it may fall on another
     side by chance. And with the time step's own error taken away as well as with it. Of
     single readings nothing tells the noise.
     """
-    if proof.pieces.is_single:
+    if proof.segments.is_single_readings:
         return False
-    world, found, far = case.held, naming.final.fit, ASTRAY * proof.numbers["floor"]
-    if _usual(world, proof.squares["patched"], proof.count) <= far:
+    world, found, far = case.held_out, naming.final.fit, ASTRAY * proof.numbers["floor"]
+    if _typical_score(world, proof.squares["patched"], proof.count) <= far:
         return False
-    finer = score.errors(world, proof.pieces, found.terms, found.values, centered=True)
-    return _usual(world, finer, proof.count) > far
+    finer = score.sum_squared_errors(
+        world, proof.segments, found.terms, found.values, centered=True
+    )
+    return _typical_score(world, finer, proof.count) > far
 
 
-def _usual(world: World, squares: Floats, count: Floats) -> float:
+def _typical_score(world: Simulator, squares: Floats, count: Floats) -> float:
     """Score of squared errors (E, S); where something touches, of half the episodes."""
-    if not world.touches:
-        return score.score(world, squares, count)
+    if not world.has_contact:
+        return score.compute_score(world, squares, count)
     each = zip(squares, count, strict=True)
-    return float(np.nanmedian([score.score(world, s[None], n[None]) for s, n in each]))
+    return float(
+        np.nanmedian([score.compute_score(world, s[None], n[None]) for s, n in each])
+    )

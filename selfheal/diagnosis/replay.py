@@ -18,22 +18,22 @@ from ..recording import (
     names_of,
 )
 from ..recording.data import Floats
-from .effects import effect
-from .effects.world import OfGround, ground
-from .folder import read
-from .logs import channels, log
-from .plant import Workshop
-from .prepare import Reckoned, actuators_of, in_order
+from .effects import find_effect
+from .effects.world import GroundEffect, find_ground_geoms
+from .folder import read_document
+from .logs import build_channels, sample_episode
+from .plant import ModelCompiler
+from .prepare import StateReconstruction, reorder_commands, summarize_actuators
 from .result import Diagnosis
-from .scene import Scene, bodies_of, joints_of
-from .stated import stated_terms
+from .scene import RobotSummary, summarize_bodies, summarize_joints
+from .stated import build_nominal_terms
 from .terms import Parameter, Term
-from .usable import divergence
-from .windows import windows
-from .world import World
+from .usable import find_divergence
+from .windows import cut_segments
+from .world import Simulator
 
 
-def replay(
+def replay_recording(
     folder: str | os.PathLike[str],
     recording: Recording,
     *,
@@ -51,15 +51,15 @@ def replay(
         ModelError: MuJoCo cannot load the model.
         RecordingError: an episode has no qpos0, or speaks of what the model lacks.
     """
-    document = read(folder)
+    document = read_document(folder)
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
-    workshop = Workshop(path)
+    workshop = ModelCompiler(path)
     patched = model is None and not document.get("unpatched")
-    terms, values = _terms(document, workshop, patched)
-    added = _added(document, workshop.given) if patched else []
-    check_against_model(recording, _names(workshop, len(added)))
+    terms, values = _build_terms(document, workshop, patched)
+    added = _find_added_joints(document, workshop.nominal) if patched else []
+    check_against_model(recording, _list_names(workshop, len(added)))
     episodes = {
-        name: _played(workshop, recording, name, terms, values, added)
+        name: _replay_episode(workshop, recording, name, terms, values, added)
         for name in recording.episodes
     }
     return replace(recording, episodes=episodes)
@@ -75,71 +75,78 @@ def simulate(
     with tempfile.TemporaryDirectory() as room:
         folder = Path(room) / "diagnosis"
         diagnosis.save(folder)
-        return replay(folder, recording, model=model)
+        return replay_recording(folder, recording, model=model)
 
 
-def _terms(
-    document: Mapping[str, Any], workshop: Workshop, patched: bool
+def _build_terms(
+    document: Mapping[str, Any], workshop: ModelCompiler, patched: bool
 ) -> tuple[list[Term], Floats]:
     """What is true beyond the model, and its values in a row."""
     terms: list[Term] = []
     values: list[Floats] = []
     if not patched:
-        for term, factor in _refitted(document, workshop):
+        for term, factor in _restore_refit(document, workshop):
             terms.append(term)
             values.append(np.array([factor]))
     for finding in document["findings"]:
-        term = restored(finding, workshop, patched)
-        if patched and _is_there(finding):
+        term = restore_term(finding, workshop, patched)
+        if patched and _is_in_patch(finding):
             continue
         terms.append(term)
-        values.append(_numbers(finding))
+        values.append(_read_values(finding))
     return terms, np.concatenate([*values, np.zeros(0)])
 
 
-def _is_there(finding: Mapping[str, Any]) -> bool:
+def _is_in_patch(finding: Mapping[str, Any]) -> bool:
     """Whether a patched model says all of a finding without help."""
-    helped = finding.get("measured") == "link" or effect(finding["effect"]).in_steps
+    helped = (
+        finding.get("measured") == "link"
+        or find_effect(finding["effect"]).native_is_stepwise
+    )
     return bool(finding.get("native") and not helped)
 
 
-def _refitted(document, workshop: Workshop) -> Iterator[tuple[Term, float]]:
+def _restore_refit(document, workshop: ModelCompiler) -> Iterator[tuple[Term, float]]:
     """What the diagnosis fitted anew, as factors of what this model states."""
-    stated = {t.targets[0]: t for t in stated_terms(bare_scene(workshop))}
+    stated = {
+        t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(workshop))
+    }
     for entry in document["refit"]:
         if entry["parameter"] in stated and entry["given"]:
             yield stated[entry["parameter"]], entry["value"] / entry["given"]
 
 
-def _numbers(finding: Mapping[str, Any]) -> Floats:
+def _read_values(finding: Mapping[str, Any]) -> Floats:
     return np.concatenate([
         np.atleast_1d(np.array(p["value"], float)) for p in finding["parameters"]
     ] + [np.zeros(0)])  # fmt: skip
 
 
-def restored(finding: Mapping[str, Any], workshop: Workshop, patched: bool) -> Term:
+def restore_term(
+    finding: Mapping[str, Any], workshop: ModelCompiler, patched: bool
+) -> Term:
     """A finding as a term of a model.
 
     Raises:
         InputError: the model does not have what the finding is about.
     """
-    kind = effect(finding["effect"])
+    kind = find_effect(finding["effect"])
     names = [p["name"] for p in finding["parameters"]]
-    place = place_of(workshop.given, finding, names)
+    place = restore_place(workshop.nominal, finding, names)
     if patched:
         place["there"] = True  # the joint that it adds is in the text already
         if "suffix" in place:
-            _check_added(workshop, place)
+            _check_added_joint(workshop, place)
     parameters = tuple(
         Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
-        for i in range(len(_numbers(finding)))
+        for i in range(len(_read_values(finding)))
     )
     return Term(kind, (finding["target"],), (place,), parameters, ())
 
 
-def _check_added(workshop: Workshop, place: Mapping[str, Any]) -> None:
+def _check_added_joint(workshop: ModelCompiler, place: Mapping[str, Any]) -> None:
     """Refuse a patched model without the joint that a finding says is in it."""
-    joint, model = place["joint"], workshop.given
+    joint, model = place["joint"], workshop.nominal
     name = f"{model.joint(joint).name}{place['suffix']}"
     if name not in [model.joint(j).name for j in range(model.njnt)]:
         raise InputError(
@@ -148,17 +155,19 @@ def _check_added(workshop: Workshop, place: Mapping[str, Any]) -> None:
         )
 
 
-def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+def restore_place(
+    model, finding: Mapping[str, Any], names: Sequence[str]
+) -> dict[str, Any]:
     """What an effect needs to act where a finding says, in a given model."""
-    kind = effect(finding["effect"])
+    kind = find_effect(finding["effect"])
     sort, _, name = finding["target"].partition(":")
     side = finding.get("measured") or finding.get("side")
     place: dict[str, Any] = {"side": side, "begins": finding.get("begins")}
     try:
         if sort == "joint":
-            place |= _joint(model, name)
+            place |= _joint_place(model, name)
             if "other" in finding:
-                other = _joint(model, finding["other"].partition(":")[2])
+                other = _joint_place(model, finding["other"].partition(":")[2])
                 place |= {"other_dof": other["dof"], "other_qpos": other["qpos"]}
             if getattr(kind, "suffix", ""):
                 place["suffix"] = kind.suffix  # type: ignore[attr-defined]
@@ -175,8 +184,8 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
         elif sort == "geom":
             place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
         elif sort == "world":
-            place |= {"field": (*names, "")[0], **(ground(model) or {})}
-            if isinstance(kind, OfGround) and "geoms" not in place:
+            place |= {"field": (*names, "")[0], **(find_ground_geoms(model) or {})}
+            if isinstance(kind, GroundEffect) and "geoms" not in place:
                 raise InputError(
                     f"the model has no ground, whose {kind.name} the diagnosis names; "
                     "would fit: a geom of the world that something can touch"
@@ -187,24 +196,28 @@ def place_of(model, finding: Mapping[str, Any], names: Sequence[str]) -> dict[st
     return place
 
 
-def _joint(model, name: str) -> dict[str, Any]:
+def _joint_place(model, name: str) -> dict[str, Any]:
     joint = model.joint(name)
     dof = int(joint.dofadr[0])
     return {"joint": joint.id, "dof": dof, "qpos": int(joint.qposadr[0]),
             "inertia": float(model.dof_M0[dof])}  # fmt: skip
 
 
-def bare_scene(workshop: Workshop) -> Scene:
+def summarize_unrecorded(workshop: ModelCompiler) -> RobotSummary:
     """A robot of which nothing was recorded."""
-    model = workshop.given
-    joints = joints_of(model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set())
-    world = World(workshop, (), (), float(model.opt.timestep))
-    actuators = actuators_of(world, Reckoned(world), joints)
-    return Scene(model, world.step, (), joints, actuators, bodies_of(model), True)
+    model = workshop.nominal
+    joints = summarize_joints(
+        model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set()
+    )
+    world = Simulator(workshop, (), (), float(model.opt.timestep))
+    actuators = summarize_actuators(world, StateReconstruction(world), joints)
+    return RobotSummary(
+        model, world.timestep, (), joints, actuators, summarize_bodies(model), True
+    )
 
 
-def _played(
-    workshop: Workshop,
+def _replay_episode(
+    workshop: ModelCompiler,
     recording: Recording,
     name: str,
     terms: Sequence[Term],
@@ -218,16 +231,18 @@ def _played(
             f"{recording.file}, episode {name!r}: it has no qpos0; a replay needs the "
             "state that it starts from"
         )
-    model = workshop.given
-    begun = in_order(_with_added(episode, model, added), model)
+    model = workshop.nominal
+    begun = reorder_commands(_extend_state(episode, model, added), model)
     one = replace(recording, episodes={name: begun})
-    signals = channels([one], empty=True)
+    signals = build_channels([one], empty=True)
     step = float(model.opt.timestep)
-    world = World(workshop, signals, (log(name, begun, signals, step),), step)
-    pieces = windows(world.logs, None, empty=True)
+    world = Simulator(
+        workshop, signals, (sample_episode(name, begun, signals, step),), step
+    )
+    pieces = cut_segments(world.episodes, None, empty=True)
     told = world.simulate(terms, values[None], pieces)[0]
     if not np.isfinite(told).all():
-        _, _, lost = divergence(world, pieces, terms, values)
+        _, _, lost = find_divergence(world, pieces, terms, values)
         raise RecordingError(
             f"{recording.file}, episode {name!r}: the model diverges at {lost:.4g} s"
         )
@@ -240,23 +255,23 @@ def _played(
     return replace(episode, signals=filled)
 
 
-def _added(document: Mapping[str, Any], model) -> list[int]:
+def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
     """Joints that a patch added to a model, each with one degree of freedom."""
     names = {
         finding["target"].partition(":")[2] + suffix
         for finding in document["findings"]
-        if (suffix := getattr(effect(finding["effect"]), "suffix", ""))
+        if (suffix := getattr(find_effect(finding["effect"]), "suffix", ""))
     }
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
-def _names(workshop: Workshop, added: int) -> ModelNames:
+def _list_names(workshop: ModelCompiler, added: int) -> ModelNames:
     """What a recording may say of the model, to which a patch added joints."""
-    names = names_of(workshop.given)
+    names = names_of(workshop.nominal)
     return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 
-def _with_added(episode: Episode, model, added: Sequence[int]) -> Episode:
+def _extend_state(episode: Episode, model, added: Sequence[int]) -> Episode:
     """The episode with a place in its state for joints that a patch added.
 
     They start at 0, and so does every velocity where none is given.

@@ -36,7 +36,7 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
+class Localization:
     """Where the re-fitted model is wrong.
 
     Attributes:
@@ -115,7 +115,7 @@ class Diagnosis:
     patched: str
     diff: str
     traces: tuple[Trace, ...]
-    located: Located
+    located: Localization
     signals: tuple[SignalFit, ...]
     candidates: tuple[Candidate, ...]
     remarks: tuple[str, ...]
@@ -136,9 +136,9 @@ class Diagnosis:
             InputError: the folder cannot be written or would be lost, or the model's
                 file has changed since it was diagnosed.
         """
-        from .folder import write
+        from .folder import write_diagnosis
 
-        write(self, folder, force)
+        write_diagnosis(self, folder, force)
 
     def simulate(
         self,

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from ..recording.data import Floats
-from .plant import Plant, number_of
-from .sense import Sensors
-from .terms import Moment, Term, does
-from .windows import Windows
+from .plant import ModelVariant, read_model_field
+from .sense import SensorReader
+from .terms import StepState, Term, implements
+from .windows import Segments
 
 GROUP = 64  # simulations, that are worth a thread where effects act; chosen
 
@@ -31,12 +31,12 @@ class Hypotheses:
         centered: as `World.simulate` has it.
     """
 
-    plant: Plant
+    variant: ModelVariant
     models: Sequence["mujoco.MjModel"]
     terms: Sequence[Term]
     values: Floats
-    shares: Sequence[Floats]
-    reads: Mapping[str, Mapping[str, Floats]]
+    term_values: Sequence[Floats]
+    reading_changes: Mapping[str, Mapping[str, Floats]]
     centered: bool
 
 
@@ -62,8 +62,8 @@ def center_damping(model, step: float) -> None:
     model.dof_armature += np.maximum(change, -0.5 * model.dof_M0)
 
 
-def simulated(
-    those: Hypotheses, windows: Windows, start, commands: Floats, sensors: Sensors,
+def simulate_batch(
+    those: Hypotheses, windows: Segments, start, commands: Floats, sensors: SensorReader,
     looked_at: np.ndarray, *, step: float,
 ) -> Floats:  # fmt: skip
     """True signals (N, K, C) of n hypotheses in W windows, N = n W.
@@ -77,58 +77,64 @@ def simulated(
         looked_at: steps at which it is.
         step: of the simulation [s].
     """
-    if any(does(t.effect, "act") for t in those.terms):
-        return _stepped(those, windows, start, commands, sensors, looked_at, step)
-    return _rolled(those, start, commands, sensors, looked_at)
+    if any(implements(t.effect, "apply_forces") for t in those.terms):
+        return _run_stepwise(those, windows, start, commands, sensors, looked_at, step)
+    return _run_rollout(those, start, commands, sensors, looked_at)
 
 
-def _rolled(
-    those: Hypotheses, start, commands: Floats, sensors: Sensors, looked_at: np.ndarray
+def _run_rollout(
+    those: Hypotheses,
+    start,
+    commands: Floats,
+    sensors: SensorReader,
+    looked_at: np.ndarray,
 ) -> Floats:
     """True signals (N, K, C), where MuJoCo alone does all the work."""
-    plant = those.plant
+    plant = those.variant
     steps = commands.shape[1]
     rows = np.arange(len(commands))
     threads = min(len(rows), len(os.sched_getaffinity(0)))
-    batch = _batch(those, rows, start, threads, alone=True)
+    batch = _make_batch(those, rows, start, threads, alone=True)
     fields = sorted({"qpos", "qvel", *sensors.needs})
     first_velocity = start[1]
     if those.centered:
         batch.rollout(1, commands[:, :1] if plant.model.nu else None, record=["qvel"])
-        first_velocity = _half_a_step_earlier(batch, plant, rows, start)
+        first_velocity = _shift_velocity_back(batch, plant, rows, start)
     seen = batch.rollout(steps, commands if plant.model.nu else None, record=fields)
     # a step leaves position and velocity new, and all else as before it
     for name, first in (("qpos", start[0]), ("qvel", first_velocity)):
         seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
     if those.centered:
         by_step = {name: values.swapaxes(0, 1) for name, values in seen.items()}
-        _of_whole_steps(batch, by_step, commands.swapaxes(0, 1), sensors, looked_at)
-    told = sensors.of_all(seen)
-    told[_diverged(batch)] = np.nan
+        _restore_whole_steps(
+            batch, by_step, commands.swapaxes(0, 1), sensors, looked_at
+        )
+    told = sensors.read_all(seen)
+    told[_find_diverged(batch)] = np.nan
     return told
 
 
-def _stepped(
-    those: Hypotheses, windows: Windows, start, commands: Floats, sensors: Sensors,
+def _run_stepwise(
+    those: Hypotheses, windows: Segments, start, commands: Floats, sensors: SensorReader,
     looked_at: np.ndarray, step: float,
 ) -> Floats:  # fmt: skip
     """True signals (N, K, C), where effects act at every step."""
-    plant, n, w = those.plant, len(those.models), len(windows)
+    plant, n, w = those.variant, len(those.models), len(windows)
     acts = [
-        (t.effect, plant.place(place), np.repeat(part, w, axis=0))
-        for t, part in zip(those.terms, those.shares, strict=True)
-        if does(t.effect, "act")
+        (t.effect, plant.map_place(place), np.repeat(part, w, axis=0))
+        for t, part in zip(those.terms, those.term_values, strict=True)
+        if implements(t.effect, "apply_forces")
         for place in t.places
     ]
-    begin = np.tile(windows.start * step, n)
+    begin = np.tile(windows.first_step * step, n)
     # a thread a group: threads that wait for each other at every step are slow, and
     # those of small groups wait for Python
     threads = int(np.clip(n * w // GROUP, 1, len(os.sched_getaffinity(0))))
     groups = np.array_split(np.arange(n * w), threads)
 
     def told(rows: np.ndarray) -> Floats:
-        return _step_by_step(
-            _batch(those, rows, start, 1, alone=False), plant,
+        return _run_group(
+            _make_batch(those, rows, start, 1, alone=False), plant,
             [(e, p, v[rows]) for e, p, v in acts],
             {a: s[rows] for a, s in start[3].items()}, commands[rows],
             begin[rows], sensors, looked_at, step,
@@ -141,7 +147,7 @@ def _stepped(
         return np.concatenate(list(pool.map(told, groups)))
 
 
-def _batch(those: Hypotheses, rows, start, threads: int, *, alone: bool):
+def _make_batch(those: Hypotheses, rows, start, threads: int, *, alone: bool):
     """Simulations `rows` of the N of n models by W windows, at their start.
 
     Where MuJoCo works alone each has its model; else, for effects to write into, the
@@ -149,20 +155,20 @@ def _batch(those: Hypotheses, rows, start, threads: int, *, alone: bool):
     """
     from mujoco.batch import Batch
 
-    plant, of = those.plant, rows // (len(start[0]) // len(those.models))
+    plant, of = those.variant, rows // (len(start[0]) // len(those.models))
     batch = Batch(plant.model, len(rows), nthread=threads)
     if alone:
         batch.set_models([those.models[i] for i in of])
     else:
-        for name, usual in plant.numbers.items():
-            values = [number_of(m, name) for m in those.models]
+        for name, usual in plant.nominal_fields.items():
+            values = [read_model_field(m, name) for m in those.models]
             if any(v.tobytes() != usual for v in values):
                 batch.expand(name)[:] = np.stack(values)[of]
-    _place(batch, plant, rows, start)
+    _set_states(batch, plant, rows, start)
     return batch
 
 
-def _place(batch, plant: Plant, rows, start) -> None:
+def _set_states(batch, plant: ModelVariant, rows, start) -> None:
     """Let simulations be at their start."""
     batch.bind("qpos")[:], batch.bind("qvel")[:] = start[0][rows], start[1][rows]
     batch.bind("time")[:] = 0
@@ -172,17 +178,21 @@ def _place(batch, plant: Plant, rows, start) -> None:
         batch.bind("history")[:] = start[4][rows]
 
 
-def _half_a_step_earlier(batch, plant: Plant, rows, start) -> Floats:
+def _shift_velocity_back(batch, plant: ModelVariant, rows, start) -> Floats:
     """Let simulations that made one step start again, by velocities of before."""
     velocity = start[1][rows]
     velocity = velocity - (batch.bind("qvel") - velocity) / 2
-    _place(batch, plant, rows, start)
+    _set_states(batch, plant, rows, start)
     batch.bind("qvel")[:] = velocity
     return velocity
 
 
-def _of_whole_steps(
-    batch, seen: Mapping[str, Floats], commands: Floats, sensors: Sensors, looked_at
+def _restore_whole_steps(
+    batch,
+    seen: Mapping[str, Floats],
+    commands: Floats,
+    sensors: SensorReader,
+    looked_at,
 ) -> None:
     """Let velocities, and what sensors tell of them, be those of whole steps.
 
@@ -221,7 +231,7 @@ def _of_whole_steps(
             now["cvel"][:] = bound["cvel"]
 
 
-def _diverged(batch) -> np.ndarray:
+def _find_diverged(batch) -> np.ndarray:
     """(N) whether MuJoCo warned that a simulation is no longer one."""
     bad = [
         int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{x}"))
@@ -230,8 +240,8 @@ def _diverged(batch) -> np.ndarray:
     return batch.warning[:, bad, 1].any(axis=1)
 
 
-def _step_by_step(
-    batch, plant: Plant, acts, sums, commands: Floats, begin, sensors, looked_at,
+def _run_group(
+    batch, plant: ModelVariant, acts, sums, commands: Floats, begin, sensors, looked_at,
     dt: float, again,
 ) -> Floats:  # fmt: skip
     """True signals (N, K, C) of simulations in which effects act at every step."""
@@ -239,13 +249,13 @@ def _step_by_step(
     bound = {name: batch.bind(name) for name in fields}
     ctrl = batch.bind("ctrl") if plant.model.nu else None
     commands = commands.swapaxes(0, 1).copy()
-    forces = _Forces(batch, acts, sums, dt)
+    forces = _EffectForces(batch, acts, sums, dt)
     if again:
         if ctrl is not None:
             ctrl[:] = commands[0]
-        forces.step(bound["qpos"], bound["qvel"], ctrl, begin)
+        forces.apply(bound["qpos"], bound["qvel"], ctrl, begin)
         batch.step()
-        _half_a_step_earlier(batch, plant, *again)
+        _shift_velocity_back(batch, plant, *again)
         forces.sums = {a: s.copy() for a, s in sums.items()}
     seen = {k: np.empty((len(commands), *v.shape), v.dtype) for k, v in bound.items()}
     of_now = [(seen[k], bound[k]) for k in ("qpos", "qvel")]
@@ -255,18 +265,18 @@ def _step_by_step(
             ctrl[:] = command
         for all_of_it, now in of_now:
             all_of_it[k] = now
-        forces.step(bound["qpos"], bound["qvel"], ctrl, begin + k * dt)
+        forces.apply(bound["qpos"], bound["qvel"], ctrl, begin + k * dt)
         batch.step()
         for all_of_it, now in of_step:
             all_of_it[k] = now
     if again:
-        _of_whole_steps(batch, seen, commands, sensors, looked_at)
-    told = sensors.of_all(seen)
-    told[:, _diverged(batch)] = np.nan
+        _restore_whole_steps(batch, seen, commands, sensors, looked_at)
+    told = sensors.read_all(seen)
+    told[:, _find_diverged(batch)] = np.nan
     return told.swapaxes(0, 1)
 
 
-class _Forces:
+class _EffectForces:
     """What effects do at each step, written into a batch."""
 
     def __init__(self, batch, acts, sums: Mapping[int, Floats], step: float) -> None:
@@ -278,22 +288,22 @@ class _Forces:
         self.limits: Floats | None = None
         self.sums = {a: s.copy() for a, s in sums.items()}
         self.dt = step
-        if any(effect.limits_actuators for effect, _, _ in acts):
+        if any(effect.writes_forcerange for effect, _, _ in acts):
             limited = batch.expand("actuator_forcelimited")
             self.limits = batch.expand("actuator_forcerange")
             wide = np.where(limited[..., None] > 0, self.limits, [-np.inf, np.inf])
             self.usual_limits = np.clip(wide, -1e9, 1e9)
             limited[:] = 1
 
-    def step(self, qpos, qvel, ctrl, time) -> None:
+    def apply(self, qpos, qvel, ctrl, time) -> None:
         """Let every effect act on the state of now."""
         self.applied[:] = 0
         self.loss[:] = self.usual_loss
         if self.limits is not None:
             self.limits[:] = self.usual_limits
-        moment = Moment(
+        moment = StepState(
             time, qpos, qvel, ctrl, self.torque, self.bias, self.applied,
             self.loss, self.limits, self.sums, self.dt,
         )  # fmt: skip
         for effect, place, values in self.acts:
-            effect.act(moment, place, values)
+            effect.apply_forces(moment, place, values)

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from .evidence import Evidence
-from .name import Named, Naming
-from .noise import left_in
-from .scene import Channel, Scene
+from .name import Hypothesis, NamedEffect
+from .noise import residual_rms
+from .scene import Channel, RobotSummary
 from .terms import Effect, Term
 
 OFF = 0.05  # of a step, what readings may lie beside its multiples, as `Channel` has it
@@ -16,7 +16,9 @@ OFF = 0.05  # of a step, what readings may lie beside its multiples, as `Channel
 MOST, SOME = 0.5, 0.25
 
 
-def with_rounding(naming: Naming, scene: Scene, effects: Iterable[Effect]) -> Naming:
+def name_quantization(
+    naming: Hypothesis, scene: RobotSummary, effects: Iterable[Effect]
+) -> Hypothesis:
     """The same, with the signals named that rounding leaves no other noise in.
 
     The readings alone tell: all of them are multiples of a step, which is then known
@@ -24,22 +26,24 @@ def with_rounding(naming: Naming, scene: Scene, effects: Iterable[Effect]) -> Na
     step (Widrow 1956), is most of the readings' noise and much of what the fit leaves.
     """
     problem, final = naming.problem, naming.final
-    left = left_in(problem, final.fit.residuals) ** 2
-    by_name = {c.name: c for c in scene.signals}
-    for term in (t for e in effects if e.rounds for t in e.terms(scene)):
+    left = residual_rms(problem, final.fit.residuals) ** 2
+    by_name = {c.name: c for c in scene.channels}
+    for term in (
+        t for e in effects if e.rounds_readings for t in e.propose_terms(scene)
+    ):
         signal = by_name[term.places[0]["signal"]]
-        noise, column = float(signal.scatter[0]), signal.first
-        error = signal.lattice**2 / 12
+        noise, column = float(signal.scatter[0]), signal.first_column
+        error = signal.quantum**2 / 12
         if error < MOST * noise**2 or error < SOME * left[column]:
             continue
-        told = np.isfinite(problem.windows.readings[:, column]).sum()
+        told = np.isfinite(problem.segments.readings[:, column]).sum()
         nats = -np.log(2 * OFF)  # of each reading, that could lie anywhere
         evidence = Evidence(nats, float(np.exp(-nats * told)), 1.0)
-        named = Named(_told(term, signal), evidence, ())
+        named = NamedEffect(_bound_step(term, signal), evidence, ())
         fit = final.fit
         fit = replace(
             fit, terms=(*fit.terms, named.term),
-            values=np.append(fit.values, signal.lattice),
+            values=np.append(fit.values, signal.quantum),
             jacobian=np.column_stack([fit.jacobian, np.zeros(len(fit.residuals))]),
         )  # fmt: skip
         final = replace(final, fit=fit)
@@ -47,9 +51,9 @@ def with_rounding(naming: Naming, scene: Scene, effects: Iterable[Effect]) -> Na
     return naming
 
 
-def _told(term: Term, signal: Channel) -> Term:
+def _bound_step(term: Term, signal: Channel) -> Term:
     """The term with the steps that the farthest reading is a multiple of."""
     (step,) = term.parameters
-    apart = OFF * signal.lattice**2 / max(signal.reach, signal.lattice)
-    near = replace(step, low=signal.lattice - apart, high=signal.lattice + apart)
+    apart = OFF * signal.quantum**2 / max(signal.max_abs, signal.quantum)
+    near = replace(step, low=signal.quantum - apart, high=signal.quantum + apart)
     return replace(term, parameters=(near,))

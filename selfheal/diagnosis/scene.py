@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import mujoco
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
-IGNORED = ("supply_voltage", "temperature")  # the model does not predict them
+NOT_PREDICTED = ("supply_voltage", "temperature")  # the model does not predict them
 STOPS = 0.5  # [s] in which a torque that shows would stop a joint; chosen
 VAGUE = 2.0  # steps of a simulation, by which a contact may be off; chosen
 
@@ -42,31 +42,31 @@ class Channel:
     target: str
     unit: str
     width: int
-    first: int
+    first_column: int
     spread: float
-    reach: float
-    lattice: float
+    max_abs: float
+    quantum: float
     scatter: Floats
     noise: Floats
-    memory: Floats
+    ar1: Floats
 
     @property
     def columns(self) -> slice:
         """Where it stands among all columns."""
-        return slice(self.first, self.first + self.width)
+        return slice(self.first_column, self.first_column + self.width)
 
     @property
-    def freedom(self) -> int:
+    def free_columns(self) -> int:
         """How many of its columns are free; a direction is as long as another."""
         return self.width - (self.width > 1 and self.unit in ("1", "quaternion"))
 
     @property
-    def scored(self) -> bool:
+    def is_scored(self) -> bool:
         """Whether the contract's score counts it."""
         return self.kind in POSITION_LIKE
 
 
-def by_column(signals: Sequence[Channel], field: str) -> np.ndarray:
+def repeat_by_column(signals: Sequence[Channel], field: str) -> np.ndarray:
     """(C) a signal's `field`, once for each of its columns."""
     return np.concatenate([np.full(c.width, getattr(c, field)) for c in signals])
 
@@ -95,9 +95,9 @@ class Joint:
     unit: str
     torque: float
     speed: float
-    fastest: float
+    max_speed: float
     range: float
-    middle: float
+    range_center: float
     inertia: float
     measured: bool
 
@@ -127,8 +127,8 @@ class Actuator:
     dof: int
     qpos: int
     servo: bool
-    most: float
-    rate: float
+    max_force: float
+    max_rate: float
     unit: str
     measured: bool
 
@@ -139,7 +139,7 @@ class Actuator:
 
 
 @dataclass(frozen=True, eq=False)
-class Moving:
+class MovingBody:
     """A body that moves.
 
     Attributes:
@@ -160,19 +160,19 @@ class Moving:
     id: int
     name: str
     mass: float
-    chain: float
+    subtree_mass: float
     size: float
-    far: Floats
+    far_end: Floats
     com: Floats
     box: Floats
     length: float
     offset: float
     parent: int
-    free: bool
+    is_floating: bool
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class RobotSummary:
     """All that an effect may ask before it says where it could be.
 
     Attributes:
@@ -187,28 +187,28 @@ class Scene:
     """
 
     model: "mujoco.MjModel"
-    step: float
-    signals: tuple[Channel, ...]
+    timestep: float
+    channels: tuple[Channel, ...]
     joints: tuple[Joint, ...]
     actuators: tuple[Actuator, ...]
-    bodies: tuple[Moving, ...]
-    touches: bool
-    is_posed: bool = False
+    bodies: tuple[MovingBody, ...]
+    has_contact: bool
+    has_only_poses: bool = False
 
     @property
-    def vague(self) -> float:
+    def contact_timing_error(self) -> float:
         """By how much contacts may begin early or late [s]: it hides such a delay."""
-        return VAGUE * self.step if self.touches else 0.0
+        return VAGUE * self.timestep if self.has_contact else 0.0
 
-    def joint(self, joint: int) -> Joint:
+    def joint_by_id(self, joint: int) -> Joint:
         """The joint of that id."""
         return next(j for j in self.joints if j.id == joint)
 
-    def joint_at(self, dof: int) -> Joint:
+    def joint_by_dof(self, dof: int) -> Joint:
         """The joint of that degree of freedom."""
         return next(j for j in self.joints if j.dof == dof)
 
-    def place(self, actuator: Actuator) -> dict[str, Any]:
+    def actuator_place(self, actuator: Actuator) -> dict[str, Any]:
         """What an effect needs to act at an actuator."""
         return {
             "actuator": actuator.id,
@@ -218,7 +218,7 @@ class Scene:
         }
 
 
-def is_affine(model: "mujoco.MjModel", actuator: int) -> bool:
+def has_affine_force(model: "mujoco.MjModel", actuator: int) -> bool:
     """Whether a force is affine in length and speed, by numbers that a text states.
 
     That of a muscle, of a DC motor and of a user's own law is not.
@@ -227,7 +227,7 @@ def is_affine(model: "mujoco.MjModel", actuator: int) -> bool:
     return bool(max(law) <= 1)  # mjtGain: fixed, affine; mjtBias: none, affine
 
 
-def least_inertia(model, joint: int) -> float:
+def min_stable_inertia(model, joint: int) -> float:
     """Inertia [kg m^2 or kg] that the servos at a joint do not turn around in a step.
 
     MuJoCo holds a servo's stiffness for a step, and with the integrators Euler and RK4
@@ -244,20 +244,20 @@ def least_inertia(model, joint: int) -> float:
     return float((gear**2 * (stiffness * step + damping) * step).sum())
 
 
-def along(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
+def find_link_axis(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
     """Direction (3) in which a body reaches from its origin, and how far [m].
 
     To its only child, else to the far end of its geoms, else to its center of mass.
     """
-    ends = [model.body_pos[c] for c in _children(model, body)]
+    ends = [model.body_pos[c] for c in _child_bodies(model, body)]
     if len(ends) != 1 or np.linalg.norm(ends[0]) < 1e-6:
-        ends = [*_ends(model, body), model.body_ipos[body]]
+        ends = [*_geom_ends(model, body), model.body_ipos[body]]
     far = max(ends, key=np.linalg.norm)
     length = float(np.linalg.norm(far))
     return (far / length, length) if length > 1e-6 else (np.array([1.0, 0, 0]), 0.0)
 
 
-def extent(model: "mujoco.MjModel", body: int) -> Floats:
+def measure_extent(model: "mujoco.MjModel", body: int) -> Floats:
     """How far (3) [m] a body's boxes and children reach along each axis of its frame.
 
     A mesh keeps its size.
@@ -265,7 +265,7 @@ def extent(model: "mujoco.MjModel", body: int) -> Floats:
     import mujoco
 
     kinds = (mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
-    far = [np.abs(model.body_pos[c]) for c in _children(model, body)]
+    far = [np.abs(model.body_pos[c]) for c in _child_bodies(model, body)]
     for geom in np.flatnonzero(model.geom_bodyid == body):
         if int(model.geom_type[geom]) in map(int, kinds):
             turn = np.empty(9)
@@ -275,11 +275,11 @@ def extent(model: "mujoco.MjModel", body: int) -> Floats:
     return np.max(far, axis=0) if far else np.zeros(3)
 
 
-def _children(model, body: int):
+def _child_bodies(model, body: int):
     return [c for c in np.flatnonzero(model.body_parentid == body) if c != body]
 
 
-def _ends(model, body: int):
+def _geom_ends(model, body: int):
     """Far ends of the geoms' axes, without their radius, in the body's frame."""
     import mujoco
 
@@ -292,7 +292,7 @@ def _ends(model, body: int):
         yield model.geom_pos[geom] - half * axis
 
 
-def joints_of(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
+def summarize_joints(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
     """The hinges and slides.
 
     Args:
@@ -318,9 +318,9 @@ def joints_of(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
             # neither weight nor a motor acts on what a chain drives
             torque=max(float(torque[dof]), inertia * speed / STOPS, 1e-9),
             speed=max(speed, 1e-3),
-            fastest=max(fastest, 1e-3),
+            max_speed=max(fastest, 1e-3),
             range=max(high - low, 1e-3),
-            middle=(high + low) / 2,
+            range_center=(high + low) / 2,
             inertia=inertia,
             measured=j in measured,
         )
@@ -328,35 +328,35 @@ def joints_of(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
     return tuple(found)
 
 
-def bodies_of(model: "mujoco.MjModel") -> tuple[Moving, ...]:
+def summarize_bodies(model: "mujoco.MjModel") -> tuple[MovingBody, ...]:
     """The bodies that move and have a name."""
     found = []
     for b in range(1, model.nbody):
         if model.body_weldid[b] == 0 or not model.body(b).name:
             continue
-        axis, length = along(model, b)
-        size = _size(model, b, length)
+        axis, length = find_link_axis(model, b)
+        size = _body_size(model, b, length)
         far = axis * length
         box = np.stack([np.minimum(0, far) - size, np.maximum(0, far) + size], axis=1)
-        moving = Moving(
+        moving = MovingBody(
             id=b,
             name=model.body(b).name,
             mass=float(model.body_mass[b]),
-            chain=float(model.body_subtreemass[b]),
+            subtree_mass=float(model.body_subtreemass[b]),
             size=size,
-            far=far,
+            far_end=far,
             com=model.body_ipos[b].copy(),
             box=box,
             length=length,
             offset=float(np.linalg.norm(model.body_pos[b])),
             parent=int(model.body_parentid[b]),
-            free=bool((model.jnt_type[model.jnt_bodyid == b] == 0).any()),
+            is_floating=bool((model.jnt_type[model.jnt_bodyid == b] == 0).any()),
         )
         found.append(moving)
     return tuple(found)
 
 
-def _size(model, body: int, length: float) -> float:
+def _body_size(model, body: int, length: float) -> float:
     """Extent [m] of a body, from its geoms or else its inertia."""
     bound = model.geom_rbound[model.geom_bodyid == body]
     mass = max(float(model.body_mass[body]), 1e-9)

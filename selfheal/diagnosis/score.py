@@ -6,25 +6,25 @@ import numpy as np
 
 from ..recording.data import Floats
 from .terms import Term
-from .windows import Windows, windows
-from .world import World
+from .windows import Segments, cut_segments
+from .world import Simulator
 
 PIECE = 0.5  # [s] where the initial state is not given (contract section 2)
 
 
-def replayed(world: World) -> Windows:
+def cut_replay_segments(world: Simulator) -> Segments:
     """Whole episodes where their initial state is given, pieces of 0.5 s elsewhere."""
-    steps = max(1, round(PIECE / world.step))
-    whole = [log.qpos0 is not None for log in world.logs]
+    steps = max(1, round(PIECE / world.timestep))
+    whole = [log.qpos0 is not None for log in world.episodes]
     parts = [
-        windows(world.logs, None if given else steps, only=i)
+        cut_segments(world.episodes, None if given else steps, only=i)
         for i, given in enumerate(whole)
     ]
-    return Windows.joined(parts)
+    return Segments.concatenate(parts)
 
 
-def errors(
-    world: World, pieces: Windows, terms: Sequence[Term], values: Floats,
+def sum_squared_errors(
+    world: Simulator, pieces: Segments, terms: Sequence[Term], values: Floats,
     *, centered: bool = False,
 ) -> Floats:  # fmt: skip
     """Squared errors (E, S) summed over each episode, of each signal; NaN unread.
@@ -33,9 +33,9 @@ def errors(
     """
     told = world.simulate(terms, values[None], pieces, centered=centered)[0]
     apart = told - pieces.readings
-    out = np.full((len(world.logs), len(world.signals)), np.nan)
-    log = pieces.log[pieces.window]
-    for s, c in enumerate(world.signals):
+    out = np.full((len(world.episodes), len(world.channels)), np.nan)
+    log = pieces.episode[pieces.segment_of_sample]
+    for s, c in enumerate(world.channels):
         x = apart[:, c.columns]
         if c.kind == "body_orientation":
             other = told[:, c.columns] + pieces.readings[:, c.columns]
@@ -44,55 +44,55 @@ def errors(
         read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
         square = np.where(read, (x**2).sum(axis=1), 0.0)
         square = np.where(read & ~np.isfinite(square), np.inf, square)
-        for e in range(len(world.logs)):
+        for e in range(len(world.episodes)):
             rows = (log == e) & read
             if rows.any():
                 out[e, s] = square[rows].sum()
     return out
 
 
-def counts(world: World, pieces: Windows) -> Floats:
+def count_readings(world: Simulator, pieces: Segments) -> Floats:
     """Readings (E, S) of each signal in each episode."""
-    log = pieces.log[pieces.window]
-    out = np.zeros((len(world.logs), len(world.signals)))
-    for s, c in enumerate(world.signals):
+    log = pieces.episode[pieces.segment_of_sample]
+    out = np.zeros((len(world.episodes), len(world.channels)))
+    for s, c in enumerate(world.channels):
         read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
-        out[:, s] = np.bincount(log[read], minlength=len(world.logs))
+        out[:, s] = np.bincount(log[read], minlength=len(world.episodes))
     return out
 
 
-def normalized(world: World, squares: Floats, count: Floats) -> Floats:
+def normalize_errors(world: Simulator, squares: Floats, count: Floats) -> Floats:
     """Error (S) of each signal over its standard deviation, all episodes together."""
-    spread = np.array([c.spread for c in world.signals])
+    spread = np.array([c.spread for c in world.channels])
     total = np.nansum(squares, axis=0) / np.maximum(count.sum(axis=0), 1)
     return np.where(count.sum(axis=0) > 0, np.sqrt(total) / spread, np.nan)
 
 
-def score(world: World, squares: Floats, count: Floats) -> float:
+def compute_score(world: Simulator, squares: Floats, count: Floats) -> float:
     """The contract's number: root mean square over the position-like signals."""
-    each = normalized(world, squares, count)
-    scored = np.array([c.scored for c in world.signals])
+    each = normalize_errors(world, squares, count)
+    scored = np.array([c.is_scored for c in world.channels])
     return float(np.sqrt(np.nanmean(each[scored] ** 2)))
 
 
-def interval(
-    world: World, squares: Floats, count: Floats, signal: int
+def bootstrap_interval(
+    world: Simulator, squares: Floats, count: Floats, signal: int
 ) -> tuple[float, float, float]:
     """A signal's error and its 90 % interval, by a bootstrap of whole episodes."""
     rng = np.random.default_rng(0)
     draws = rng.integers(len(squares), size=(300, len(squares)))
-    value = normalized(world, squares, count)[signal]
-    each = [normalized(world, squares[d], count[d])[signal] for d in draws]
+    value = normalize_errors(world, squares, count)[signal]
+    each = [normalize_errors(world, squares[d], count[d])[signal] for d in draws]
     low, high = (
         np.nanquantile(each, [0.05, 0.95]) if np.isfinite(value) else (value,) * 2
     )
     return float(value), float(low), float(high)
 
 
-def noise_floor(world: World) -> Floats:
+def compute_noise_floor(world: Simulator) -> Floats:
     """Normalized noise (S) of each signal's readings; NaN where unknown."""
     out = []
-    for c in world.signals:
+    for c in world.channels:
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)
         out.append(np.sqrt((noise**2).sum()) / c.spread)
     return np.array(out)

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..recording.data import Floats
 from .fit import Fit
-from .problem import ODD, Problem, whitened
+from .problem import ODD, Problem, marginalize_initial_states
 from .terms import Term
-from .trial import Base, try_term
+from .trial import LinearizedFit, fit_candidate
 
 # candidates are tried on more and more steps of simulation, for more and more rounds,
 # and ever fewer of them; chosen for a minute a joint
@@ -23,42 +23,46 @@ MANY = 100  # at most, tried again once something has a name; chosen
 Progress = Callable[[str, float], None]
 
 
-def some_of(base: Base, steps: int, rng: np.random.Generator) -> Base:
+def select_hard_segments(
+    base: LinearizedFit, steps: int, rng: np.random.Generator
+) -> LinearizedFit:
     """The same fit in windows that simulate about so many steps.
 
     Half of them those with the largest residuals, where an effect shows that does so
     rarely; the others drawn at random, where one that is wrong does harm.
     """
     problem, found = base.problem, base.fit
-    size = len(problem.windows)
-    each = problem.windows.steps.mean()
+    size = len(problem.segments)
+    each = problem.segments.lengths.mean()
     # two seconds of the robot at least, and four windows beyond the first tries
-    least = 4 if steps > STEPS[0] or each * problem.world.step < 1 else 2
+    least = 4 if steps > STEPS[0] or each * problem.simulator.timestep < 1 else 2
     count = int(np.clip(steps / each, min(least, size), size))
     if count >= 0.8 * size:
         return base
-    worst = np.argsort(-problem.by_window(found.residuals**2))
+    worst = np.argsort(-problem.sum_by_segment(found.residuals**2))
     others = rng.permutation(worst[(count + 1) // 2 :])
-    return base.take(
+    return base.select(
         np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
     )
 
 
-def drawn(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
+def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
     """Numbers of windows, drawn at random, that simulate about so many steps."""
-    size = len(problem.windows)
-    count = int(np.clip(steps / problem.windows.steps.mean(), 24, size))
+    size = len(problem.segments)
+    count = int(np.clip(steps / problem.segments.lengths.mean(), 24, size))
     if count >= 0.8 * size:
         return np.arange(size)
     return np.sort(rng.permutation(size)[:count])
 
 
-def fewer(problem: Problem, steps: int, rng: np.random.Generator) -> Problem:
+def subsample_problem(
+    problem: Problem, steps: int, rng: np.random.Generator
+) -> Problem:
     """As many of the windows, drawn at random, as simulate about so many steps."""
-    return problem.take(drawn(problem, steps, rng))
+    return problem.select(draw_segments(problem, steps, rng))
 
 
-def overlooked(
+def find_overlooked_segments(
     problem: Problem, some: np.ndarray, part: Problem, found: Fit
 ) -> np.ndarray:
     """Numbers of windows that were not drawn and are not as well explained.
@@ -72,22 +76,26 @@ def overlooked(
         part: these, weighed.
         found: their fit.
     """
-    others = np.setdiff1d(np.arange(len(problem.windows)), some)
-    if problem.world.touches or problem.windows.is_single or not len(others):
+    others = np.setdiff1d(np.arange(len(problem.segments)), some)
+    if (
+        problem.simulator.has_contact
+        or problem.segments.is_single_readings
+        or not len(others)
+    ):
         return others[:0]
-    rest = replace(problem.take(others), sigma=part.sigma, world=part.world)
-    rest = whitened(rest, found.terms, found.values)
-    told = rest.at(found.terms, found.values)
+    rest = replace(problem.select(others), sigma=part.sigma, simulator=part.simulator)
+    rest = marginalize_initial_states(rest, found.terms, found.values)
+    told = rest.residuals_at(found.terms, found.values)
     each, own = (
-        p.by_window(r**2) / np.maximum(p.by_window((r != 0).astype(float)), 1)
+        p.sum_by_segment(r**2) / np.maximum(p.sum_by_segment((r != 0).astype(float)), 1)
         for p, r in ((rest, told), (part, found.residuals))
     )
     worst = np.argsort(-each)[: len(own) // 2]
     return others[worst[each[worst] > ODD * np.median(own)]]
 
 
-def screened(
-    bases: Sequence[Base], candidates: Sequence[Term], progress: Progress
+def screen_candidates(
+    bases: Sequence[LinearizedFit], candidates: Sequence[Term], progress: Progress
 ) -> tuple[list[Fit], float, list[Term]]:
     """Candidates' fits, the best first, in the last of the bases.
 
@@ -108,7 +116,7 @@ def screened(
         fits = []
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
-            tried = try_term(base, term, rounds=rounds)
+            tried = fit_candidate(base, term, rounds=rounds)
             # hundreds of Jacobians would fill the memory; the first ones are not used
             fits.append(tried if rounds > 1 else replace(tried, jacobian=np.empty(0)))
         answers = answers or [base.fit.residuals - f.residuals for f in fits]
@@ -117,23 +125,23 @@ def screened(
         price = readings ** (1 / readings) if readings else 1.0
         fits.sort(key=lambda f: f.cost * price ** len(f.terms[-1].parameters))
         again = again or [f.terms[-1] for f in fits[:MANY]]
-        fits = fits[:keep] if rounds == 1 else _promising(base, fits)[:keep]
+        fits = fits[:keep] if rounds == 1 else _drop_unpromising(base, fits)[:keep]
         old = len(base.fit.values)
         candidates = [
-            replace(f.terms[-1], starts=(tuple(f.values[old:]),)) for f in fits
+            replace(f.terms[-1], initial_values=(tuple(f.values[old:]),)) for f in fits
         ]
-    return fits, _independent(np.array(answers)), again
+    return fits, _count_independent(np.array(answers)), again
 
 
-def _promising(base: Base, fits: list[Fit]) -> list[Fit]:
+def _drop_unpromising(base: LinearizedFit, fits: list[Fit]) -> list[Fit]:
     """The best of candidates' fits, and those that gain more than without any."""
-    if base.problem.windows.is_single:  # too few readings to tell
+    if base.problem.segments.is_single_readings:  # too few readings to tell
         return fits
-    least = (1 - SLIGHT) * base.settle(base.fit.residuals)[0]
-    return [f for i, f in enumerate(fits) if not i or f.cost + f.strain < least]
+    least = (1 - SLIGHT) * base.minimize(base.fit.residuals)[0]
+    return [f for i, f in enumerate(fits) if not i or f.cost + f.prior_penalty < least]
 
 
-def _independent(answers: Floats) -> float:
+def _count_independent(answers: Floats) -> float:
     """How many of (n, R) answers are independent, between 1 and n."""
     size = np.linalg.norm(answers, axis=1)
     unit = answers[size > 0] / size[size > 0, None]

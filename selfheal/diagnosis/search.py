@@ -10,34 +10,40 @@ from .choose import (
     SURE,
     WORTH,
     Claim,
-    drastic,
-    finalists,
-    relieving,
-    winner,
+    choose_winner,
+    find_relieving,
+    fit_finalists,
+    fit_parameterless,
 )
 from .evidence import (
     ABOVE,
     LEFT,
     Evidence,
-    Scored,
-    as_good,
-    better,
-    blocks_of,
-    effective,
-    for_score,
-    refitted,
-    reweighed,
-    scored,
-    seated,
+    ScoredFit,
+    assign_blocks,
+    downweight_unscored,
+    effective_sample_size,
+    fit_and_score,
+    improvement_p_value,
+    is_as_good,
+    reestimate_initial_states,
+    refit_without_folds,
+    reweight_residuals,
 )
-from .fit import Fit, bounds, fit
-from .noise import above, expected, loudest
-from .problem import Problem, is_told, whitened
-from .prune import BETTER, prices_of, pruned, swapped, without
-from .rough import looked_about
-from .screen import MANY, STEPS, Progress, screened, some_of
-from .terms import Term, is_new, other_forms, says_anew
-from .trial import Base
+from .fit import Fit, fit_parameters, stack_bounds
+from .noise import expected_cost, noise_ratio, worst_channel_ratio
+from .problem import Problem, is_horizon_informative, marginalize_initial_states
+from .prune import (
+    BETTER,
+    compute_removal_costs,
+    eliminate_backward,
+    exchange_term,
+    fit_without,
+)
+from .rough import search_multiples
+from .screen import MANY, STEPS, Progress, screen_candidates, select_hard_segments
+from .terms import Term, find_other_forms, is_distinct, restates_nominal_value
+from .trial import LinearizedFit
 
 MOST = 6  # effects at once
 WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
@@ -48,7 +54,7 @@ CHEAPEST = 3  # of several names, that are tried without; chosen
 
 
 @dataclass
-class Search:
+class StepwiseSearch:
     """Where a search for effects is.
 
     Attributes:
@@ -63,156 +69,171 @@ class Search:
     """
 
     problem: Problem
-    now: Scored
-    stated: int
+    best: ScoredFit
+    nominal_count: int
     candidates: Sequence[Term]
     rng: np.random.Generator
     progress: Progress
     claims: dict[tuple, Claim]
-    first: tuple[tuple[Term, float], ...] = ()
+    first_round: tuple[tuple[Term, float], ...] = ()
 
     @classmethod
-    def of(cls, problem, stated, candidates, rng, progress, some) -> "Search":
+    def from_segments(
+        cls, problem, stated, candidates, rng, progress, some
+    ) -> "StepwiseSearch":
         """In some of the windows, where nothing has a name yet."""
         given = np.ones(len(stated))
-        problem = whitened(problem.take(some), stated, given)
-        found = fit(problem, stated, given)
-        problem, now = _weighed_anew(problem, found, 8)
+        problem = marginalize_initial_states(problem.select(some), stated, given)
+        found = fit_parameters(problem, stated, given)
+        problem, now = _reweight_and_fit(problem, found, 8)
         return cls(problem, now, len(stated), candidates, rng, progress, claims={})
 
     @property
     def named(self) -> tuple[Term, ...]:
         """The effects of now."""
-        return self.now.fit.terms[self.stated :]
+        return self.best.fit.terms[self.nominal_count :]
 
     @property
     def is_white(self) -> bool:
         """Whether what is left looks like noise that knows nothing of its past."""
-        r = self.now.fit.residuals
-        return bool(effective(self.problem, r) > WHITE * np.count_nonzero(r))
+        r = self.best.fit.residuals
+        return bool(
+            effective_sample_size(self.problem, r) > WHITE * np.count_nonzero(r)
+        )
 
     @property
-    def is_of_step(self) -> bool:
+    def is_explained_by_timestep(self) -> bool:
         """Whether noise and the time step's error leave as much as is left."""
-        found = self.now.fit
-        return found.cost <= expected(self.problem, found)
+        found = self.best.fit
+        return found.cost <= expected_cost(self.problem, found)
 
     @property
-    def is_loud(self) -> bool:
+    def has_bad_channel(self) -> bool:
         """Whether one column is far off, whatever the others are."""
-        return loudest(self.problem, self.now.fit) > ABOVE
+        return worst_channel_ratio(self.problem, self.best.fit) > ABOVE
 
     @property
-    def is_enough(self) -> bool:
+    def is_mostly_explained(self) -> bool:
         """Whether the names left little, of a robot whose cost is rough anyway."""
         nats = sum(self.claims[t.key].evidence.gain for t in self.named)
-        return self.problem.world.touches and np.exp(-2 * nats) < LITTLE
+        return self.problem.simulator.has_contact and np.exp(-2 * nats) < LITTLE
 
     @property
-    def is_strained(self) -> bool:
+    def is_prior_violated(self) -> bool:
         """Whether stated values alone are so far off that a name might mend it."""
         if self.named:
             return False
-        if self.problem.world.touches:  # roughness drives all of them some way
-            return bool(self.relievers)
-        return self.now.fit.strain > STRAINED
+        if self.problem.simulator.has_contact:  # roughness drives all of them some way
+            return bool(self.restating_candidates)
+        return self.best.fit.prior_penalty > STRAINED
 
     @property
-    def relievers(self) -> list[Term]:
+    def restating_candidates(self) -> list[Term]:
         """What says a stated value anew; where something touches, one at its bound."""
-        found = self.now.fit
-        stated = list(found.terms[: self.stated])
-        if self.problem.world.touches:
-            low, high, _ = bounds(found.terms)
+        found = self.best.fit
+        stated = list(found.terms[: self.nominal_count])
+        if self.problem.simulator.has_contact:
+            low, high, _ = stack_bounds(found.terms)
             room = np.minimum(found.values - low, high - found.values) / (high - low)
             stated = [t for t, own in zip(stated, room, strict=False) if own < BOUND]
-        return [t for t in self.candidates if says_anew(t, stated)]
+        return [t for t in self.candidates if restates_nominal_value(t, stated)]
 
     @property
-    def above(self) -> float:
+    def noise_ratio(self) -> float:
         """What is left, of what noise would leave."""
-        return above(self.problem, self.now.fit.residuals)
+        return noise_ratio(self.problem, self.best.fit.residuals)
 
     @property
     def is_done(self) -> bool:
         """Whether nothing is left that another hypothesis could explain."""
-        odd = any(t.effect.rare for t in self.named) or len(self.named) > 1
-        strict = odd and not self.problem.world.touches
-        near = self.above <= (LEFT if strict else ABOVE)
-        quiet = self.is_white or near or self.is_of_step or self.is_enough
-        return quiet and not self.is_loud
+        odd = any(t.effect.rarity for t in self.named) or len(self.named) > 1
+        strict = odd and not self.problem.simulator.has_contact
+        near = self.noise_ratio <= (LEFT if strict else ABOVE)
+        quiet = (
+            self.is_white
+            or near
+            or self.is_explained_by_timestep
+            or self.is_mostly_explained
+        )
+        return quiet and not self.has_bad_channel
 
-    def forward(self) -> None:
+    def run_forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
         for _ in range(MOST):
-            quiet = self.is_white or (self.named and self.above < QUIET)
-            done = (quiet or self.is_of_step) and not self.is_loud
-            if done and not self.is_strained:
+            quiet = self.is_white or (self.named and self.noise_ratio < QUIET)
+            done = (quiet or self.is_explained_by_timestep) and not self.has_bad_channel
+            if done and not self.is_prior_violated:
                 break
-            won = self._round(tabu)
+            won = self._select_next(tabu)
             if won is None and tabu:
                 tabu = set()
                 continue
             if won is None or len(self.named) > MOST:
                 break
             best, claim = won
-            self.claims[best.last.key] = claim
-            self.progress(f"fitting {best.last.label}", 0.0)
+            self.claims[best.candidate.key] = claim
+            self.progress(f"fitting {best.candidate.label}", 0.0)
             before = self.named
-            gone = self._look_back(best)
+            gone = self._reconsider(best)
             tabu = {t.key for t in gone}  # for one round: what follows may need it
             replaced = tuple(t for t in before if t not in self.named)
             swapped = Claim(claim.evidence, replaced, replaced)
             for new in self.named:  # one of them may have taken another's place
                 self.claims.setdefault(new.key, swapped)
 
-    def _round(self, tabu: set[tuple]) -> tuple[Scored, Claim] | None:
+    def _select_next(self, tabu: set[tuple]) -> tuple[ScoredFit, Claim] | None:
         """The candidate that earns a name beside those named, if one does."""
         taken = {t.key for t in self.named} | tabu
         open_to = [
-            t for t in self.candidates if t.key not in taken and is_new(t, self.named)
+            t
+            for t in self.candidates
+            if t.key not in taken and is_distinct(t, self.named)
         ]
-        all_of_it = Base.of(self.problem, self.now.fit)
-        bases = [some_of(all_of_it, steps, self.rng) for steps in STEPS]
-        fits, independent, again = screened(bases, open_to, self.progress)
+        all_of_it = LinearizedFit.from_fit(self.problem, self.best.fit)
+        bases = [select_hard_segments(all_of_it, steps, self.rng) for steps in STEPS]
+        fits, independent, again = screen_candidates(bases, open_to, self.progress)
         part = bases[-1]
-        if len(open_to) > MANY and not part.problem.windows.is_single:
+        if len(open_to) > MANY and not part.problem.segments.is_single_readings:
             kept = [t for t in self.candidates if t not in open_to]
             self.candidates = [*again, *kept]
-        if not self.first:
-            self.first = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
-        finals = finalists(part.problem, fits, self.progress)
-        if part.problem.windows.is_single:
-            finals = refitted(part, finals, open_to)
-        whole = drastic(part, self.stated, open_to, self.progress)
-        said = {s.last.key for s in whole}
-        finals = [*whole, *(s for s in finals if s.last.key not in said)]
-        now = Scored.of(part.problem, part.fit)
-        won = winner(part.problem, now, finals, independent)
-        if won is None and self.is_strained:
-            anew = [t for t in self.relievers if t.key not in taken]
-            won = relieving(part, now, anew, self.progress)
+        if not self.first_round:
+            self.first_round = tuple(
+                (f.terms[-1], f.cost / part.fit.cost) for f in fits
+            )
+        finals = fit_finalists(part.problem, fits, self.progress)
+        if part.problem.segments.is_single_readings:
+            finals = refit_without_folds(part, finals, open_to)
+        whole = fit_parameterless(part, self.nominal_count, open_to, self.progress)
+        said = {s.candidate.key for s in whole}
+        finals = [*whole, *(s for s in finals if s.candidate.key not in said)]
+        now = ScoredFit.from_fit(part.problem, part.fit)
+        won = choose_winner(part.problem, now, finals, independent)
+        if won is None and self.is_prior_violated:
+            anew = [t for t in self.restating_candidates if t.key not in taken]
+            won = find_relieving(part, now, anew, self.progress)
         return won
 
-    def _look_back(self, best: Scored) -> list[Term]:
+    def _reconsider(self, best: ScoredFit) -> list[Term]:
         """Weigh anew, and undo what a later effect made needless or better explained.
 
         Returns:
             What went.
         """
-        same = len(best.fit.residuals) == len(self.now.fit.residuals)
+        same = len(best.fit.residuals) == len(self.best.fit.residuals)
         near = best.fit.jacobian if same else None
         problem, at = self.problem, (best.fit.terms, best.fit.values)
-        if best.seat and problem.is_rough:  # begun from what was read
-            problem = whitened(replace(problem.raw, shift=None), *at)
-        elif best.seat:
-            problem = seated(problem, *at)
-        found = fit(problem, *at, rounds=6, known=near)
-        self.problem, self.now = _weighed_anew(problem, found, 4)
-        return self._undo()
+        if best.reestimated and problem.is_nonsmooth:  # begun from what was read
+            problem = marginalize_initial_states(
+                replace(problem.unmarginalized, initial_state_shift=None), *at
+            )
+        elif best.reestimated:
+            problem = reestimate_initial_states(problem, *at)
+        found = fit_parameters(problem, *at, rounds=6, known=near)
+        self.problem, self.best = _reweight_and_fit(problem, found, 4)
+        return self._remove_and_exchange()
 
-    def _undo(self) -> list[Term]:
+    def _remove_and_exchange(self) -> list[Term]:
         """Let what is needless go, and what is better explained change its name.
 
         Returns:
@@ -221,29 +242,33 @@ class Search:
         gone: list[Term] = []
         while len(self.named) > 1:
             tries = []
-            prices = prices_of(Base.of(self.problem, self.now.fit), self.stated)
+            prices = compute_removal_costs(
+                LinearizedFit.from_fit(self.problem, self.best.fit), self.nominal_count
+            )
             for term in sorted(self.named, key=lambda t: prices[t])[:CHEAPEST]:
-                own = without(self.problem, self.now.fit, term)
-                less = Scored.of(self.problem, own)
-                if less.error < (1 + WORTH) * self.now.error:
+                own = fit_without(self.problem, self.best.fit, term)
+                less = ScoredFit.from_fit(self.problem, own)
+                if less.error < (1 + WORTH) * self.best.error:
                     tries.append((term, less))
                 if tries and len(self.named) > MOST:  # most of them go anyway
                     break
             if not tries:
                 break
-            term, self.now = min(tries, key=lambda x: x[1].error)
+            term, self.best = min(tries, key=lambda x: x[1].error)
             gone.append(term)
-        for term in () if self.problem.windows.is_single else self.named[:-1]:
-            self.now = swapped(self.problem, self.now, term, self._others(term))
+        for term in () if self.problem.segments.is_single_readings else self.named[:-1]:
+            self.best = exchange_term(
+                self.problem, self.best, term, self._find_alternatives(term)
+            )
         return gone
 
-    def _others(self, term: Term) -> Sequence[Term]:
+    def _find_alternatives(self, term: Term) -> Sequence[Term]:
         """What might take a name's place: what it was told from, or its other forms."""
         if term.key in self.claims:
             return self.claims[term.key].others
-        return other_forms(term, self.candidates)
+        return find_other_forms(term, self.candidates)
 
-    def with_all_usual(self, longer: Problem, first: set[tuple]) -> bool:
+    def run_from_usual(self, longer: Problem, first: set[tuple]) -> bool:
         """Begin from all usual effects at once, in longer pieces if the starts allow.
 
         Returns:
@@ -254,55 +279,64 @@ class Search:
         if not usual:
             return False
         self.progress(f"fitting {len(usual)} usual effects at once", 0.0)
-        start = [np.array(t.starts[0]) for t in usual]
-        terms = (*self.now.fit.terms, *usual)
-        values = np.concatenate([self.now.fit.values, *start])
-        found = fit(self.problem, terms, values, rounds=8)
-        told = is_told(longer, self.problem, terms, found.values)
+        start = [np.array(t.initial_values[0]) for t in usual]
+        terms = (*self.best.fit.terms, *usual)
+        values = np.concatenate([self.best.fit.values, *start])
+        found = fit_parameters(self.problem, terms, values, rounds=8)
+        told = is_horizon_informative(longer, self.problem, terms, found.values)
         if told:
-            self.problem = whitened(longer, terms, found.values)
-            found = fit(self.problem, terms, found.values, rounds=8)
-        found = pruned(self.problem, found, self.stated)
-        self.problem, self.now = _weighed_anew(self.problem, found, 4)
-        self._undo()
-        self._doubt(len(usual))
+            self.problem = marginalize_initial_states(longer, terms, found.values)
+            found = fit_parameters(self.problem, terms, found.values, rounds=8)
+        found = eliminate_backward(self.problem, found, self.nominal_count)
+        self.problem, self.best = _reweight_and_fit(self.problem, found, 4)
+        self._remove_and_exchange()
+        self._keep_significant(len(usual))
         if not told and {t.key for t in self.named} in (set(), first):
             return False
-        self.forward()
+        self.run_forward()
         return True
 
-    def _doubt(self, tried: int) -> None:
+    def _keep_significant(self, tried: int) -> None:
         """Keep the names that each are worth it, of so many that were tried."""
         for term in self.named:
-            old = Scored.of(self.problem, without(self.problem, self.now.fit, term))
-            p = better(self.problem, old, self.now, tried)
+            old = ScoredFit.from_fit(
+                self.problem, fit_without(self.problem, self.best.fit, term)
+            )
+            p = improvement_p_value(self.problem, old, self.best, tried)
             if p >= SURE:
-                self.now = old
+                self.best = old
                 continue
-            gain = np.bincount(blocks_of(self.problem), old.held - self.now.held)
+            gain = np.bincount(
+                assign_blocks(self.problem),
+                old.held_out_errors - self.best.held_out_errors,
+            )
             draws = self.rng.integers(len(gain), size=(400, len(gain)))
-            nats = 0.5 * np.log(old.error / max(self.now.error, 1e-300))
+            nats = 0.5 * np.log(old.error / max(self.best.error, 1e-300))
             stable = float((gain[draws].sum(axis=1) > 0).mean())
             self.claims[term.key] = Claim(Evidence(float(nats), p, stable))
 
-    def beats(self, other: "Search") -> bool:
+    def predicts_better_than(self, other: "StepwiseSearch") -> bool:
         """Whether this one predicts better, or as well by usual effects alone."""
-        sigma = for_score(self.problem, self.now.fit)
+        sigma = downweight_unscored(self.problem, self.best.fit)
         problem = replace(self.problem, sigma=sigma)
-        problem = whitened(problem, self.now.fit.terms, self.now.fit.values)
+        problem = marginalize_initial_states(
+            problem, self.best.fit.terms, self.best.fit.values
+        )
         mine, theirs = (
-            scored(problem, s.now.fit.terms, s.now.fit.values, rounds=2)
+            fit_and_score(problem, s.best.fit.terms, s.best.fit.values, rounds=2)
             for s in (self, other)
         )
         if mine.error < BETTER * theirs.error:
             return True
-        odd = [sum(t.effect.rare for t in s.named) for s in (self, other)]
-        return odd[0] < odd[1] and as_good(problem, mine, theirs)
+        odd = [sum(t.effect.rarity for t in s.named) for s in (self, other)]
+        return odd[0] < odd[1] and is_as_good(problem, mine, theirs)
 
 
-def _weighed_anew(problem: Problem, found: Fit, rounds: int) -> tuple[Problem, Scored]:
+def _reweight_and_fit(
+    problem: Problem, found: Fit, rounds: int
+) -> tuple[Problem, ScoredFit]:
     """The problem with weights by what a fit leaves, and the fit there."""
-    new = reweighed(problem, found)
-    near = problem.carried(new, found.jacobian)
-    start = looked_about(new, found.terms, found.values)
-    return new, scored(new, found.terms, start, rounds=rounds, known=near)
+    new = reweight_residuals(problem, found)
+    near = problem.transfer_jacobian(new, found.jacobian)
+    start = search_multiples(new, found.terms, found.values)
+    return new, fit_and_score(new, found.terms, start, rounds=rounds, known=near)

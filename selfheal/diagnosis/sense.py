@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ..recording.data import Floats
-from .plant import Plant
+from .plant import ModelVariant
 from .scene import Channel
 from .terms import Term
 
@@ -13,7 +13,7 @@ NO_NOISE = np.zeros((3, 1))
 Bound = Mapping[str, Floats]
 
 
-class Sensors:
+class SensorReader:
     """Reads channels from a batch.
 
     Attributes:
@@ -23,23 +23,25 @@ class Sensors:
             and accelerations.
     """
 
-    def __init__(self, plant: Plant, signals: Sequence[Channel], terms=()) -> None:
+    def __init__(
+        self, plant: ModelVariant, signals: Sequence[Channel], terms=()
+    ) -> None:
         """`terms` may say that an encoder sits behind a gap or a spring."""
         self.width = sum(c.width for c in signals)
         self.needs: set[str] = set()
         self._readers: list[tuple[slice, Callable[[Bound], Floats]]] = []
-        behind = _behind(plant, terms)
+        behind = _find_link_joints(plant, terms)
         own = [plant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
         self.rates, self.accelerations = (
-            _rows(plant.model, own, stage)
+            _find_sensor_rows(plant.model, own, stage)
             for stage in (2, 3)  # mjtStage
         )
         for c in signals:
-            needs, read = _reader(plant, c, behind)
+            needs, read = _make_reader(plant, c, behind)
             self.needs |= needs
             self._readers.append((c.columns, read))
 
-    def of_all(self, seen: Bound) -> Floats:
+    def read_all(self, seen: Bound) -> Floats:
         """Signals (A, B, width) of fields (A, B, ...) of states.
 
         What a step computes is of the state before it, as its position and velocity are
@@ -53,7 +55,7 @@ class Sensors:
         return out.reshape(*shape, self.width)
 
 
-def _rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
+def _find_sensor_rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
     """Rows of sensordata of those sensors that are computed at a stage of a step."""
     if model.nhistory:  # they tell what was
         return np.zeros(0, int)
@@ -62,7 +64,7 @@ def _rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
     return np.concatenate([np.zeros(0, int), *each])
 
 
-def hidden(plant: Plant, places) -> list[Channel]:
+def make_second_joint_channels(plant: ModelVariant, places) -> list[Channel]:
     """Position and velocity of the second joint of each place, as signals."""
     found: list[Channel] = []
     for place in places:
@@ -74,9 +76,9 @@ def hidden(plant: Plant, places) -> list[Channel]:
     return found
 
 
-def _behind(plant: Plant, terms: Sequence[Term]) -> dict[str, int]:
+def _find_link_joints(plant: ModelVariant, terms: Sequence[Term]) -> dict[str, int]:
     """Second joint of each joint whose position is read behind it."""
-    places = [plant.place(p) for t in terms for p in t.places if "suffix" in p]
+    places = [plant.map_place(p) for t in terms for p in t.places if "suffix" in p]
     return {
         plant.model.joint(p["joint"]).name: p["extra_jnt"]
         for p in places
@@ -84,10 +86,10 @@ def _behind(plant: Plant, terms: Sequence[Term]) -> dict[str, int]:
     }
 
 
-def _reader(plant: Plant, c: Channel, behind) -> tuple[set[str], Callable]:
+def _make_reader(plant: ModelVariant, c: Channel, behind) -> tuple[set[str], Callable]:
     model = plant.model
     if c.kind in ("joint_position", "joint_velocity"):
-        return set(), _joint(model, c, behind)
+        return set(), _make_joint_reader(model, c, behind)
     if c.kind == "joint_torque":
         a = model.actuator(c.target).id
         gear = float(model.actuator_gear[a, 0])
@@ -96,10 +98,10 @@ def _reader(plant: Plant, c: Channel, behind) -> tuple[set[str], Callable]:
         s = model.sensor(c.target)
         rows = slice(int(s.adr[0]), int(s.adr[0]) + int(s.dim[0]))
         return {"sensordata"}, lambda b: b["sensordata"][:, rows]
-    return _body(model, c)
+    return _make_body_reader(model, c)
 
 
-def _joint(model, c: Channel, behind) -> Callable:
+def _make_joint_reader(model, c: Channel, behind) -> Callable:
     joint = model.joint(c.target)
     field, address = (
         ("qpos", "qposadr") if c.kind == "joint_position" else ("qvel", "dofadr")
@@ -111,7 +113,7 @@ def _joint(model, c: Channel, behind) -> Callable:
     return lambda b: b[field][:, [at]] + b[field][:, [extra]]
 
 
-def _body(model, c: Channel) -> tuple[set[str], Callable]:
+def _make_body_reader(model, c: Channel) -> tuple[set[str], Callable]:
     i = model.body(c.target).id
     root = int(model.body_rootid[i])
     if c.kind == "body_position":

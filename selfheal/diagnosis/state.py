@@ -5,7 +5,7 @@ from functools import cached_property
 import numpy as np
 
 from ..recording.data import Floats
-from .parabolas import nearest, neighbors, of_slow_noise
+from .parabolas import ar1_error_factors, choose_half_width, find_nearest
 from .scene import Channel
 
 JOLT = 3.0  # times the neighbors' scatter, a state's error at a jolt; chosen
@@ -13,7 +13,7 @@ HIDDEN = 2.0  # times the noise, a state's error by a jolt and not by noise; cho
 GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
 
 
-def estimate(
+def estimate_state(
     model, signals: tuple[Channel, ...], log, at: Floats, step: float, reads
 ) -> tuple[Floats, Floats, Floats]:
     """State at times `at` (W) [steps] of one episode.
@@ -36,7 +36,7 @@ def estimate(
         np.full((*shape, model.nv), np.nan),
     )
     std = np.full((*shape, 2 * model.nv), np.nan)
-    told = _Told(signals, log, at, step, reads)
+    told = _SignalLookup(signals, log, at, step, reads)
     for j in range(model.njnt):
         q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
         name = model.joint(j).name
@@ -44,22 +44,22 @@ def estimate(
             value, slope, s, r = told("joint_position", name)
             rate, _, t, _ = told("joint_velocity", name)
             qpos[:, q], std[:, v] = value[:, 0], s[:, 0]
-            qvel[:, v], std[:, model.nv + v] = _both(slope, r, rate, t)
+            qvel[:, v], std[:, model.nv + v] = _combine_estimates(slope, r, rate, t)
         elif model.jnt_type[j] == 0:
             body = model.body(model.jnt_bodyid[j]).name
             rates = slice(model.nv + v, model.nv + v + 6)
-            _free(told, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
+            _fill_floating_body(told, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
                   std[:, v : v + 6], std[:, rates])  # fmt: skip
-        elif (frame := _frame(model, j)) is not None:
+        elif (frame := _parent_orientation(model, j)) is not None:
             body = model.body(model.jnt_bodyid[j]).name
             rates = slice(model.nv + v, model.nv + v + 3)
-            _turned(told, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
+            _fill_orientation(told, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
                     std[:, v : v + 3], std[:, rates])  # fmt: skip
-            qpos[:, q : q + 4] = _since(frame, qpos[:, q : q + 4])
+            qpos[:, q : q + 4] = _relative_rotation(frame, qpos[:, q : q + 4])
     return qpos, qvel, std
 
 
-def _frame(model, joint: int) -> Floats | None:
+def _parent_orientation(model, joint: int) -> Floats | None:
     """Orientation (4) that a ball joint turns from, if nothing moves that."""
     import mujoco
 
@@ -72,12 +72,12 @@ def _frame(model, joint: int) -> Floats | None:
     return frame
 
 
-def _since(frame: Floats, unit: Floats) -> Floats:
+def _relative_rotation(frame: Floats, unit: Floats) -> Floats:
     """Rotations (W, 4) from a frame (4) to orientations (W, 4)."""
     return np.hstack([unit @ frame[:, None], _body_rate(frame[None], unit)])
 
 
-class _Told:
+class _SignalLookup:
     """Values and slopes of signals at some times of an episode."""
 
     def __init__(self, signals, log, at, step, reads) -> None:
@@ -92,39 +92,39 @@ class _Told:
                 said = self.reads.get(c.name, {})
                 late = said.get("delay", 0.0) / self.step
                 if late not in self._smooth:
-                    self._smooth[late] = self.log.smooth(self.at + late, self.step)
+                    self._smooth[late] = self.log.interpolate(self.at + late, self.step)
                 value, slope = self._smooth[late]
                 gain = said.get("gain", 1.0)
-                value, (s, r) = value[:, c.columns], self._std(c)
+                value, (s, r) = value[:, c.columns], self._standard_errors(c)
                 if not late:
-                    value, s = self._or_as_read(c, value, s)
+                    value, s = self._use_first_reading(c, value, s)
                 value = (value - np.asarray(said.get("bias", 0.0))) / gain
                 return value, slope[:, c.columns] / gain, s, r
         lost = np.full((len(self.at), 4), np.nan)
         return lost, lost, lost, lost
 
-    def _or_as_read(self, c: Channel, value: Floats, s: Floats):
+    def _use_first_reading(self, c: Channel, value: Floats, s: Floats):
         """Values and errors; an episode's first ones as read, if a jolt hides them."""
         first, noise = self.log.readings[0, c.columns], np.nan_to_num(c.noise)
         own = (self.at == 0)[:, None] & np.isfinite(first) & (s > HIDDEN * noise)
         return np.where(own, first, value), np.where(own, noise, s)
 
     @cached_property
-    def _there(self) -> tuple[float, Floats, np.ndarray]:
+    def _sample_distances(self) -> tuple[float, Floats, np.ndarray]:
         """Distance of samples [s]; time to an end (W, 1) [s]; nearest samples (W)."""
-        times = self.log.at * self.step
-        gap, _ = neighbors(times)
+        times = self.log.sample_steps * self.step
+        gap, _ = choose_half_width(times)
         inside = np.minimum(
             self.at * self.step - times[0], times[-1] - self.at * self.step
         )
-        return gap, inside[:, None], nearest(self.log.at, self.at)
+        return gap, inside[:, None], find_nearest(self.log.sample_steps, self.at)
 
-    def _std(self, c: Channel) -> tuple[Floats, Floats]:
+    def _standard_errors(self, c: Channel) -> tuple[Floats, Floats]:
         """Standard deviations of a parabola's value and slope, larger at an end."""
-        gap, inside, rows = self._there
-        own = self.log.near
+        gap, inside, rows = self._sample_distances
+        own = self.log.polynomials
         scatter, sides, borrowed = (
-            x[rows, c.columns] for x in (own.scatter, own.sides, own.borrowed)
+            x[rows, c.columns] for x in (own.scatter, own.half_width, own.is_borrowed)
         )
         n = 2 * sides + 1
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
@@ -135,14 +135,14 @@ class _Told:
         noise = noise + JOLT * np.maximum(jolt, 0)
         more = np.ones((2, *sides.shape))
         for m in np.unique(sides):
-            slow = [of_slow_noise(float(a), int(m))[:2] for a in c.memory]
+            slow = [ar1_error_factors(float(a), int(m))[:2] for a in c.ar1]
             more = np.where(sides == m, np.array(slow).T[:, None], more)
         value = noise * more[0] * np.sqrt(2.25 / n) * (1 + near)
         slope = noise * more[1] * np.sqrt(3.0 / n) / (sides * gap) * (1 + 3 * near)
         return value, slope
 
 
-def _both(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
+def _combine_estimates(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
     """Mean (W) of two columns (W, 1 or more), weighted by their errors, and its own.
 
     One that is NaN does not count.
@@ -156,7 +156,9 @@ def _both(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
         return mean, 1 / np.sqrt(total)
 
 
-def _free(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
+def _fill_floating_body(
+    told: _SignalLookup, body: str, qpos, qvel, std_q, std_v
+) -> None:
     """Fill in the state of a floating body."""
     place, rate, s, r = told("body_position", body)
     qpos[:, :3], qvel[:, :3] = place[:, :3], rate[:, :3]
@@ -164,10 +166,12 @@ def _free(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
     linear, _, s, _ = told("body_linear_velocity", body)
     known = np.isfinite(linear[:, :3]).all(axis=1)
     qvel[known, :3], std_v[known, :3] = linear[known, :3], s[known, :3]
-    _turned(told, body, qpos[:, 3:7], qvel[:, 3:6], std_q[:, 3:6], std_v[:, 3:6])
+    _fill_orientation(
+        told, body, qpos[:, 3:7], qvel[:, 3:6], std_q[:, 3:6], std_v[:, 3:6]
+    )
 
 
-def _turned(told: _Told, body: str, qpos, qvel, std_q, std_v) -> None:
+def _fill_orientation(told: _SignalLookup, body: str, qpos, qvel, std_q, std_v) -> None:
     """Fill in the orientation and the angular velocity of a body."""
     turn, slope, s, r = told("body_orientation", body)
     length = np.linalg.norm(turn, axis=1, keepdims=True)
@@ -190,15 +194,19 @@ def _body_rate(unit: Floats, slope: Floats) -> Floats:
     )  # fmt: skip
 
 
-def start_of(world, log: int, start, reads) -> tuple[Floats, Floats, Floats]:
+def estimate_initial_state(
+    world, log: int, start, reads
+) -> tuple[Floats, Floats, Floats]:
     """State at grid points `start` (W) of an episode: as given, read, or at rest.
 
     Returns:
         qpos (W, nq), qvel (W, nv), standard deviation (W, 2 nv).
     """
-    episode, model = world.logs[log], world.workshop.given
+    episode, model = world.episodes[log], world.compiler.nominal
     at = np.asarray(start, float)
-    qpos, qvel, std = estimate(model, world.signals, episode, at, world.step, reads)
+    qpos, qvel, std = estimate_state(
+        model, world.channels, episode, at, world.timestep, reads
+    )
     first = at == 0
     if episode.qpos0 is not None:
         qpos[first] = episode.qpos0

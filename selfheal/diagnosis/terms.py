@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from .patch import Insert, Rename, Set
-    from .scene import Scene
+    from .scene import RobotSummary
 
 Floats = NDArray[np.float64]
 
@@ -35,11 +35,11 @@ class Parameter:
 
     name: str
     unit: str
-    absent: float
+    nominal: float
     low: float
     high: float
     scale: float
-    least: float = 0.0
+    resolution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Term:
     targets: tuple[str, ...]
     places: tuple[Mapping[str, Any], ...]
     parameters: tuple[Parameter, ...]
-    starts: tuple[tuple[float, ...], ...]
-    note: Mapping[str, Any] = field(default_factory=dict)
+    initial_values: tuple[tuple[float, ...], ...]
+    finding_fields: Mapping[str, Any] = field(default_factory=dict)
     onset: Onset | None = None
 
     @property
@@ -97,20 +97,20 @@ class Term:
         """Values' natural steps (p)."""
         return np.array([p.scale for p in self.parameters], float)
 
-    def is_faint(self, values: Floats) -> bool:
+    def is_negligible(self, values: Floats) -> bool:
         """Whether values (p) are too near to absent to tell, or not what it says."""
         each = zip(self.parameters, values, strict=True)
-        apart = [(abs(v - p.absent), p) for p, v in each]
-        near = any(off < p.least for off, p in apart)
+        apart = [(abs(v - p.nominal), p) for p, v in each]
+        near = any(off < p.resolution for off, p in apart)
         near |= bool(apart) and all(off <= NIL * p.scale for off, p in apart)
         # a wave as slow as may be is a bend, of something else
-        bend = self.effect.waves and values[1] < 1.01 * self.low[1]
-        return bool(near or bend or not self.effect.is_sound(values))
+        bend = self.effect.is_periodic and values[1] < 1.01 * self.low[1]
+        return bool(near or bend or not self.effect.is_consistent(values))
 
     @property
     def key(self) -> tuple:
         """What tells it from other candidates, whatever its starts."""
-        return self.effect.name, self.targets, tuple(self.note.items())
+        return self.effect.name, self.targets, tuple(self.finding_fields.items())
 
     @property
     def label(self) -> str:
@@ -118,7 +118,7 @@ class Term:
         return f"{self.effect.name} at {', '.join(self.targets)}"
 
 
-def is_new(term: Term, kept: Sequence[Term]) -> bool:
+def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
     """Whether a term says something new beside those kept."""
     return not any(
         term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
@@ -126,42 +126,42 @@ def is_new(term: Term, kept: Sequence[Term]) -> bool:
     )
 
 
-def other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
+def find_other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
     """The same effect at the same place by other laws."""
     own = term.effect.name, term.targets
     same = [t for t in among if (t.effect.name, t.targets) == own]
     return [t for t in same if t.key != term.key]
 
 
-def saying(term: Term, **more) -> Term:
+def extend_places(term: Term, **more) -> Term:
     """The same term whose place says more."""
     return replace(term, places=tuple({**place, **more} for place in term.places))
 
 
-def says_anew(term: Term, stated: Sequence[Term]) -> bool:
+def restates_nominal_value(term: Term, stated: Sequence[Term]) -> bool:
     """Whether an effect's parameters are those of the model, and one is stated."""
-    if not np.isfinite([p.absent for p in term.parameters]).all():
+    if not np.isfinite([p.nominal for p in term.parameters]).all():
         return False
     said = {target for t in stated for target in t.targets}
     own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
     return bool(own & said)
 
 
-def replaced(term: Term, terms: Sequence[Term]) -> list[int]:
+def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
     """Which of the stated values (one a term, the first ones) an effect overrides."""
-    own = {f"{at}/{name}" for at in term.targets for name in term.effect.instead}
+    own = {f"{at}/{name}" for at in term.targets for name in term.effect.overrides}
     return [i for i, t in enumerate(terms) if own & set(t.targets)]
 
 
-def unrounded(terms: Sequence[Term], values: Floats) -> Floats:
+def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
     """Values (n, P) with which no reading is rounded."""
-    each = [(t.effect.rounds, p.absent) for t in terms for p in t.parameters]
+    each = [(t.effect.rounds_readings, p.nominal) for t in terms for p in t.parameters]
     rounds = np.array([r for r, _ in each], bool)
     return np.where(rounds, [absent for _, absent in each], values)
 
 
 @dataclass
-class Moment:
+class StepState:
     """What an effect may read and write at one step of N simulations.
 
     Attributes:
@@ -184,12 +184,12 @@ class Moment:
     qvel: Floats
     ctrl: Floats
     actuator_torque: Floats
-    bias: Floats
-    applied: Floats
+    bias_torque: Floats
+    applied_force: Floats
     frictionloss: Floats
     forcerange: Floats | None
-    sums: Mapping[int, Floats]
-    step: float
+    integral_errors: Mapping[int, Floats]
+    timestep: float
 
 
 class Effect:
@@ -201,71 +201,81 @@ class Effect:
 
     name = ""
     group = ""
-    says = ""
+    description = ""
     equation = ""
     source = ""
     separate_by = ""
     regime = "always"
-    common = False  # see `is_usual`
+    is_common = False  # see `is_usual`
     # people measure lengths (2) better than loads (1), those than friction (0)
-    rare = 0
-    instead: tuple[str, ...] = ()  # names of stated values whose place it takes
-    restates = False  # says that a number or a law which the model states is not so
-    of_before = False  # gives a command as it was when a step began
-    waves = False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
-    limits_actuators = False  # writes Moment.forcerange
-    in_steps = False  # MuJoCo does it by whole time steps, and a replay exactly
-    rounds = False  # its readings jump; fits are made to what they were before
-    vector = ""  # the parameter that a finding states as one vector, of NAME_x, NAME_y
+    rarity = 0
+    overrides: tuple[str, ...] = ()  # names of stated values whose place it takes
+    restates_nominal = (
+        False  # says that a number or a law which the model states is not so
+    )
+    holds_previous_command = False  # gives a command as it was when a step began
+    is_periodic = (
+        False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
+    )
+    writes_forcerange = False  # writes Moment.forcerange
+    native_is_stepwise = (
+        False  # MuJoCo does it by whole time steps, and a replay exactly
+    )
+    rounds_readings = False  # its readings jump; fits are made to what they were before
+    vector_parameter = (
+        ""  # the parameter that a finding states as one vector, of NAME_x, NAME_y
+    )
 
-    def terms(self, scene: "Scene") -> list[Term]:
+    def propose_terms(self, scene: "RobotSummary") -> list[Term]:
         """Every place where it could be."""
         raise NotImplementedError
 
     def is_usual(self, term: Term) -> bool:
         """Whether most robots have some of it there, whatever else is missing."""
-        return self.common and len(term.targets) == 1
+        return self.is_common and len(term.targets) == 1
 
-    def is_seen(self, term: Term) -> bool:
+    def is_directly_observed(self, term: Term) -> bool:
         """Whether readings show just that, and not only what some size of it does."""
         return False
 
-    def oddity(self, term: Term, values: Floats) -> int:
+    def rate_rarity(self, term: Term, values: Floats) -> int:
         """How rare (`rare`) what it says with values (p) is."""
-        return self.rare
+        return self.rarity
 
-    def is_sound(self, values: Floats) -> bool:
+    def is_consistent(self, values: Floats) -> bool:
         """Whether values (p) together are what its sentence says."""
         return True
 
-    def edit(self, model: "mujoco.MjModel", place, values: Floats) -> None:
+    def edit_model(self, model: "mujoco.MjModel", place, values: Floats) -> None:
         """Change a compiled model; values (p)."""
 
-    def structure(self, spec: "mujoco.MjSpec", place) -> None:
+    def edit_spec(self, spec: "mujoco.MjSpec", place) -> None:
         """Add to the model what an edit of numbers cannot."""
 
-    def command(self, ctrl: Floats, step: float, place, values: Floats) -> Floats:
+    def transform_command(
+        self, ctrl: Floats, step: float, place, values: Floats
+    ) -> Floats:
         """Commands (N, G, nu) on a grid of `step` s, as they reach the actuators."""
         return ctrl
 
-    def act(self, moment: Moment, place, values: Floats) -> None:
+    def apply_forces(self, moment: StepState, place, values: Floats) -> None:
         """Add forces, or change limits, at one step; values (N, p)."""
 
-    def measure(self, place, values: Floats) -> Mapping[str, Floats]:
+    def transform_reading(self, place, values: Floats) -> Mapping[str, Floats]:
         """Of signal place["signal"] what it changes: bias (N, p), gain, delay (N)."""
         return {}
 
-    def yields(self, values: Floats, load: float) -> float:
+    def compute_deflection(self, values: Floats, load: float) -> float:
         """Where a joint that it adds rests under a load [N m or N]."""
         return 0.0
 
-    def changes(
+    def edit_text(
         self, model: "mujoco.MjModel", place, values: Floats
     ) -> "Sequence[Set | Insert | Rename] | None":
         """The edit of the MJCF's text that is the same; None: MuJoCo has no such."""
         return None
 
 
-def does(effect: Effect, verb: str) -> bool:
+def implements(effect: Effect, verb: str) -> bool:
     """Whether an effect acts in the way `verb` ("edit", "act", ...)."""
     return getattr(type(effect), verb) is not getattr(Effect, verb)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnosis.effects import catalogue
-from ..diagnosis.result import Diagnosis, Located
-from ..diagnosis.stated import is_loose
-from ..diagnosis.terms import does
+from ..diagnosis.effects import load_catalogue
+from ..diagnosis.result import Diagnosis, Localization
+from ..diagnosis.stated import is_unidentified
+from ..diagnosis.terms import implements
 from . import figures, tables
 from .facts import percent
 from .page import Html, Section, bars, bullets, diff, join, mark, paragraph, table
@@ -218,8 +218,8 @@ def _notes(finding: Mapping[str, Any]) -> Iterable[Html]:
 
 def _by_replay(effect: str) -> str:
     """What patched.xml has of an effect that plain MuJoCo cannot express."""
-    known = catalogue().get(effect)
-    if known is not None and does(known, "edit"):
+    known = load_catalogue().get(effect)
+    if known is not None and implements(known, "edit_model"):
         return (
             ": plain MuJoCo can express only a part of it; patched.xml has that part, "
             "and selfheal replay applies all of it."
@@ -240,7 +240,7 @@ def _windows(where: Mapping[str, Any]) -> str:
 
 def _experiments(diagnosis: Diagnosis) -> list[str]:
     """What would tell the best candidates that earned no name from one another."""
-    known = catalogue()
+    known = load_catalogue()
     found = [
         f"{_capital(known[c.effect].separate_by)}: would decide about {c.effect} at "
         f"{c.target}."
@@ -289,7 +289,7 @@ def _traces(diagnosis: Diagnosis) -> Section:
     return Section(title, (figure(figures.traces(chosen), caption),))
 
 
-def _located(located: Located) -> Section:
+def _located(located: Localization) -> Section:
     """The map."""
     title = "Where the re-fitted model is wrong"
     share = np.asarray(located.share)
@@ -333,7 +333,7 @@ def _refit(diagnosis: Diagnosis) -> Section:
     )
     if stuck:
         said += f" At their bounds: {stuck}; the true value may lie beyond."
-    if loose := sum(map(is_loose, stated)):
+    if loose := sum(map(is_unidentified, stated)):
         said += f" Not pinned down: {loose}; the data fit any value that is allowed."
     return Section(title, (said, tables.refit(stated)))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate
 from ..body.genome import build
-from ..diagnosis.result import Located, Trace
+from ..diagnosis.result import Localization, Trace
 from ..selfmodel.run import Cycle, Run
 from .draw import NEUTRAL, RIGHT, WRONG, draw, from_above, from_behind, window
 from .facts import TILT_NAMES, action_name, right_edges, thousands
@@ -286,7 +286,7 @@ def _limit(ax: "Axes", read: Floats, curves: Sequence[Floats], room: float) -> N
     ax.set_ylim(bottom - margin, top + margin)
 
 
-def error_map(located: Located) -> "Figure":
+def error_map(located: Localization) -> "Figure":
     """Where the squared error lies: a row a signal, a column a regime."""
     worst = np.argsort(-np.nan_to_num(located.share).sum(axis=1), kind="stable")
     rows = np.sort(worst[:SIGNALS])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.genome import HINGE_NAMES
 from ..diagnosis.result import Candidate, SignalFit
-from ..diagnosis.stated import is_loose, reach
+from ..diagnosis.stated import is_unidentified, relative_bound
 from ..selfmodel.run import Run
 from .facts import (
     SIDES,
@@ -291,7 +291,7 @@ def _refit(entry: Mapping[str, Any]) -> list[object]:
         quantity(entry),
         f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else _DASH,
         mark("at its bound", "wrong") if at_bound(entry)
-        else mark("not pinned down", "soft") if is_loose(entry) else "",
+        else mark("not pinned down", "soft") if is_unidentified(entry) else "",
     ]  # fmt: skip
 
 
@@ -303,7 +303,7 @@ def _change(entry: Mapping[str, Any]) -> float:
 
 def at_bound(entry: Mapping[str, Any]) -> bool:
     """Whether a re-fitted value went as far as a careful user would let it."""
-    return abs(_change(entry)) >= (1 - _AT_BOUND) * reach(entry["parameter"])
+    return abs(_change(entry)) >= (1 - _AT_BOUND) * relative_bound(entry["parameter"])
 
 
 def held_out(signals: Sequence[SignalFit]) -> Html:

@@ -8,7 +8,7 @@ from ..terms import Effect
 
 
 @cache
-def catalogue() -> dict[str, Effect]:
+def load_catalogue() -> dict[str, Effect]:
     """Every effect that can be named, by name, in the order of the contract."""
     found = [entry.load()() for entry in entry_points(group="selfheal.effects")]
     order = {name: i for i, name in enumerate(GROUPS)}
@@ -19,13 +19,13 @@ def catalogue() -> dict[str, Effect]:
 GROUPS = ("friction", "transmission", "actuator", "body", "world", "measurement")
 
 
-def effect(name: str) -> Effect:
+def find_effect(name: str) -> Effect:
     """The effect of that name.
 
     Raises:
         UnknownNameError: there is none.
     """
-    effects = catalogue()
+    effects = load_catalogue()
     if name not in effects:
         raise UnknownNameError("effect", name, effects)
     return effects[name]

@@ -2,73 +2,75 @@
 
 import numpy as np
 
-from ..scene import Scene, along, least_inertia
-from ..terms import Effect, Floats, Parameter, Term, saying
+from ..scene import RobotSummary, find_link_axis, min_stable_inertia
+from ..terms import Effect, Floats, Parameter, Term, extend_places
 
 HEAVY = 1000.0  # times a joint's inertia, the rotor of one that is stuck; chosen
 STILL = 1.5  # times a reading's noise, the spread of one that tells no motion; chosen
 LEFT = 1e-3  # of a lost limb's mass and inertia; chosen: nothing, and it still steps
 
 
-class AtBody(Effect):
+class BodyEffect(Effect):
     """What all of them share: a body that moves."""
 
     group = "body"
-    rare = 2
+    rarity = 2
 
-    def parameters(self, scene: Scene, body) -> tuple[Parameter, ...]:
+    def make_parameters(self, scene: RobotSummary, body) -> tuple[Parameter, ...]:
         """Its numbers at a body; `body` is a `scene.Moving`."""
         raise NotImplementedError
 
-    def starts(self, scene: Scene, body) -> tuple[tuple[float, ...], ...]:
+    def make_initial_values(
+        self, scene: RobotSummary, body
+    ) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
         raise NotImplementedError
 
-    def fits(self, scene: Scene, body) -> bool:
+    def applies_to(self, scene: RobotSummary, body) -> bool:
         """Whether it could be at this body."""
         return True
 
-    def terms(self, scene: Scene) -> list[Term]:
+    def propose_terms(self, scene: RobotSummary) -> list[Term]:
         """At every body that moves."""
         return [
             Term(
                 self,
                 (f"body:{body.name}",),
                 ({"body": body.id},),
-                self.parameters(scene, body),
-                self.starts(scene, body),
+                self.make_parameters(scene, body),
+                self.make_initial_values(scene, body),
             )
             for body in scene.bodies
-            if self.fits(scene, body)
+            if self.applies_to(scene, body)
         ]
 
 
-class Payload(AtBody):
+class Payload(BodyEffect):
     name = "payload"
-    vector = "position"
-    rare = 1
-    says = "A mass that the model does not have."
+    vector_parameter = "position"
+    rarity = 1
+    description = "A mass that the model does not have."
     equation = "a point of that mass fixed to the body"
     source = "MuJoCo geom/mass"
     separate_by = "repeat with a second known mass, or in another pose"
     regime = "high_load"
 
-    def parameters(self, scene, body):
+    def make_parameters(self, scene, body):
         axis = [
-            Parameter("position_" + x, "m", float(body.far[i]), float(body.box[i, 0]),
+            Parameter("position_" + x, "m", float(body.far_end[i]), float(body.box[i, 0]),
                       float(body.box[i, 1]), 0.3 * body.size)
             for i, x in enumerate("xyz")
         ]  # fmt: skip
         # a light hand may bear much: as much as all that moves
-        most = max(5 * body.chain, sum(b.mass for b in scene.bodies))
+        most = max(5 * body.subtree_mass, sum(b.mass for b in scene.bodies))
         mass = Parameter("mass", "kg", 0.0, 0.0, most, 0.2 * body.mass)
         return (mass, *axis)
 
-    def starts(self, scene, body):
+    def make_initial_values(self, scene, body):
         m = 0.2 * body.mass
-        return tuple((m, *map(float, p)) for p in (body.far, body.com))
+        return tuple((m, *map(float, p)) for p in (body.far_end, body.com))
 
-    def fits(self, scene, body):
+    def applies_to(self, scene, body):
         """Of parts that are fixed to each other the last one, such as a gripper."""
         model, inner = scene.model, {0}
         for other in scene.bodies:
@@ -78,17 +80,17 @@ class Payload(AtBody):
                 parent = int(model.body_parentid[parent])
         return bool(body.mass) and body.id not in inner
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         add_mass(model, place["body"], values[0], values[1:])
 
 
-def spatial(model, body: int) -> Floats:
+def spatial_inertia(model, body: int) -> Floats:
     """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
-    turn = _matrix(model.body_iquat[body])
+    turn = _rotation_matrix(model.body_iquat[body])
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
 
 
-def _matrix(quaternion: Floats) -> Floats:
+def _rotation_matrix(quaternion: Floats) -> Floats:
     """The rotation (3, 3) of a quaternion (4)."""
     import mujoco
 
@@ -97,7 +99,9 @@ def _matrix(quaternion: Floats) -> Floats:
     return flat.reshape(3, 3)
 
 
-def set_spatial(model, body: int, mass: float, com: Floats, inertia: Floats) -> None:
+def set_spatial_inertia(
+    model, body: int, mass: float, com: Floats, inertia: Floats
+) -> None:
     """Give a body its mass [kg], center of mass (3) [m] and inertia (3, 3) [kg m^2].
 
     The inertia is about the center of mass, in the body's frame.
@@ -105,8 +109,8 @@ def set_spatial(model, body: int, mass: float, com: Floats, inertia: Floats) -> 
     import mujoco
 
     old = model.body_iquat[body].copy()
-    turn = _matrix(old)
-    sizes, further = _principal(turn.T @ inertia @ turn)
+    turn = _rotation_matrix(old)
+    sizes, further = _principal_axes(turn.T @ inertia @ turn)
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, further.ravel())
     mujoco.mju_mulQuat(model.body_iquat[body], old, quaternion)
@@ -116,7 +120,7 @@ def set_spatial(model, body: int, mass: float, com: Floats, inertia: Floats) -> 
     model.body_sameframe[body] = 0
 
 
-def _principal(inertia: Floats) -> tuple[Floats, Floats]:
+def _principal_axes(inertia: Floats) -> tuple[Floats, Floats]:
     """Principal moments (3) of an inertia, and their axes (3, 3) in its frame.
 
     By the rotations of Jacobi (1846), none beyond 45 degrees: axes that are principal
@@ -135,7 +139,7 @@ def _principal(inertia: Floats) -> tuple[Floats, Floats]:
     return np.diag(turned), axes
 
 
-def _point(mass: float, at: Floats) -> Floats:
+def _point_inertia(mass: float, at: Floats) -> Floats:
     return mass * (at @ at * np.eye(3) - np.outer(at, at))
 
 
@@ -144,74 +148,80 @@ def add_mass(model, body: int, mass: float, at: Floats) -> None:
     m, c = float(model.body_mass[body]), model.body_ipos[body].copy()
     total = m + mass
     com = (m * c + mass * at) / total
-    inertia = spatial(model, body) + _point(m, c - com) + _point(mass, at - com)
-    set_spatial(model, body, total, com, inertia)
+    inertia = (
+        spatial_inertia(model, body)
+        + _point_inertia(m, c - com)
+        + _point_inertia(mass, at - com)
+    )
+    set_spatial_inertia(model, body, total, com, inertia)
 
 
-class ComShift(AtBody):
+class ComShift(BodyEffect):
     name = "com_shift"
-    rare = 1
-    says = "The center of mass lies elsewhere."
+    rarity = 1
+    description = "The center of mass lies elsewhere."
     equation = "com = stated com + (x, y, z)"
     source = "MuJoCo inertial/pos"
     separate_by = "repeat in another pose"
     regime = "high_load"
 
-    def parameters(self, scene, body):
+    def make_parameters(self, scene, body):
         unit = body.size
         return tuple(Parameter(x, "m", 0.0, -unit, unit, 0.05 * unit) for x in "xyz")
 
-    def starts(self, scene, body):
+    def make_initial_values(self, scene, body):
         return ((0.0, 0.0, 0.0),)
 
-    def fits(self, scene, body):
+    def applies_to(self, scene, body):
         return bool(body.mass)
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         body = place["body"]
         model.body_ipos[body] += values
         model.body_sameframe[body] = 0
 
 
-class LinkLength(AtBody):
+class LinkLength(BodyEffect):
     name = "link_length"
-    instead = ("length",)
-    says = "The part is longer or shorter than stated."
+    overrides = ("length",)
+    description = "The part is longer or shorter than stated."
     equation = "everything in the body scales along it by length / stated length"
     source = "Bongard, Zykov, Lipson 2006: part scales"
     separate_by = "touch one known point with the part in two poses"
 
-    def parameters(self, scene, body):
+    def make_parameters(self, scene, body):
         stated = body.length
         return (
             Parameter("length", "m", stated, 0.02 * stated, 2 * stated, 0.1 * stated),
         )
 
-    def starts(self, scene, body):
+    def make_initial_values(self, scene, body):
         return tuple((share * body.length,) for share in (0.2, 0.6, 0.85, 1.15))
 
-    def fits(self, scene, body):
+    def applies_to(self, scene, body):
         return body.length > 0
 
-    def edit(self, model, place, values):
-        axis, length = along(model, place["body"])
-        stretch(model, place["body"], axis, values[0] / length)
+    def edit_model(self, model, place, values):
+        axis, length = find_link_axis(model, place["body"])
+        stretch_body(model, place["body"], axis, values[0] / length)
 
 
-def stretch(model, body: int, axis: Floats, ratio: float) -> None:
+def stretch_body(model, body: int, axis: Floats, ratio: float) -> None:
     """Scale what a body holds, and where its children hang, along an axis (3) of it."""
     grow = np.eye(3) + (ratio - 1) * np.outer(axis, axis)
-    inertia = spatial(model, body)
+    inertia = spatial_inertia(model, body)
     moments = grow @ (np.trace(inertia) / 2 * np.eye(3) - inertia) @ grow
     com = grow @ model.body_ipos[body]
     inertia = np.trace(moments) * np.eye(3) - moments
-    set_spatial(model, body, float(model.body_mass[body]), com, inertia)
+    set_spatial_inertia(model, body, float(model.body_mass[body]), com, inertia)
     for child in np.flatnonzero(model.body_parentid == body):
         if child != body:
             model.body_pos[child] = grow @ model.body_pos[child]
     for geom in np.flatnonzero(model.geom_bodyid == body):
         model.geom_pos[geom] = grow @ model.geom_pos[geom]
-        lies = np.abs(_matrix(model.geom_quat[geom]).T @ axis)  # along its own axes
+        lies = np.abs(
+            _rotation_matrix(model.geom_quat[geom]).T @ axis
+        )  # along its own axes
         if lies.max() > 0.99:
             _stretch_geom(model, int(geom), int(lies.argmax()), ratio)
     for site in np.flatnonzero(model.site_bodyid == body):
@@ -232,31 +242,31 @@ def _stretch_geom(model, geom: int, axis: int, ratio: float) -> None:
     model.geom_rbound[geom] *= max(ratio, 1.0)
 
 
-class MountShift(AtBody):
+class MountShift(BodyEffect):
     name = "mount_shift"
-    says = "The part is attached elsewhere on its parent."
+    description = "The part is attached elsewhere on its parent."
     equation = "body pos = stated pos + (x, y, z)"
     source = "MuJoCo body/pos"
     separate_by = "move the part while its parent is held"
 
-    def parameters(self, scene, body):
-        reach = self._reach(body)
+    def make_parameters(self, scene, body):
+        reach = self._max_shift(body)
         return tuple(Parameter(x, "m", 0.0, -reach, reach, 0.05 * reach) for x in "xyz")
 
-    def starts(self, scene, body):
+    def make_initial_values(self, scene, body):
         # also a fifth of the way: which foot bears it may change between
-        far = 0.2 * self._reach(body) * np.eye(3)
+        far = 0.2 * self._max_shift(body) * np.eye(3)
         return tuple(map(tuple, np.vstack([np.zeros(3), far, -far]).tolist()))
 
-    def _reach(self, body):
+    def _max_shift(self, body):
         return max(body.offset, body.size)
 
-    def fits(self, scene, body):
-        return not body.free and body.parent != 0
+    def applies_to(self, scene, body):
+        return not body.is_floating and body.parent != 0
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         """At each body, and at all that hang alike on one parent."""
-        found = super().terms(scene)
+        found = super().propose_terms(scene)
         alike: dict[int, list[Term]] = {}
         for term in found:
             parent = int(scene.model.body_parentid[term.places[0]["body"]])
@@ -267,47 +277,47 @@ class MountShift(AtBody):
                 places = tuple(t.places[0] for t in group)
                 first = group[0]
                 found.append(
-                    Term(self, targets, places, first.parameters, first.starts)
+                    Term(self, targets, places, first.parameters, first.initial_values)
                 )
         return found
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.body_pos[place["body"]] += values
 
 
-class LimbLoss(AtBody):
+class LimbLoss(BodyEffect):
     """What remains at its joints is as much of a rotor as their servos need."""
 
     name = "limb_loss"
-    says = "The part, and all that hung on it, is gone."
+    description = "The part, and all that hung on it, is gone."
     equation = "mass and contacts of the part are zero"
     source = "Bongard, Zykov, Lipson 2006: damage"
     separate_by = "load the joint above it"
 
-    def parameters(self, scene, body):
+    def make_parameters(self, scene, body):
         return ()
 
-    def starts(self, scene, body):
+    def make_initial_values(self, scene, body):
         return ((),)
 
-    def fits(self, scene, body):
-        return not body.free and body.parent != 0
+    def applies_to(self, scene, body):
+        return not body.is_floating and body.parent != 0
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         return [
-            saying(t, parts=len(_hanging(scene.model, t.places[0]["body"])))
-            for t in super().terms(scene)
+            extend_places(t, parts=len(_list_subtree(scene.model, t.places[0]["body"])))
+            for t in super().propose_terms(scene)
         ]
 
-    def oddity(self, term, values):
-        return self.rare + term.places[0]["parts"] - 1  # no more than has to be lost
+    def rate_rarity(self, term, values):
+        return self.rarity + term.places[0]["parts"] - 1  # no more than has to be lost
 
-    def edit(self, model, place, values):
-        for body in _hanging(model, place["body"]):
+    def edit_model(self, model, place, values):
+        for body in _list_subtree(model, place["body"]):
             model.body_mass[body] *= LEFT
             model.body_inertia[body] *= LEFT
             for dof in np.flatnonzero(model.dof_bodyid == body):
-                least = least_inertia(model, model.dof_jntid[dof])
+                least = min_stable_inertia(model, model.dof_jntid[dof])
                 model.dof_armature[dof] = max(model.dof_armature[dof], least)
             geoms = np.flatnonzero(model.geom_bodyid == body)
             model.geom_size[geoms] *= LEFT
@@ -316,7 +326,7 @@ class LimbLoss(AtBody):
             model.geom_conaffinity[geoms] = 0
 
 
-def _hanging(model, body: int) -> list[int]:
+def _list_subtree(model, body: int) -> list[int]:
     """A body and all that hang on it."""
     found = [body]
     for other in range(body + 1, model.nbody):
@@ -325,22 +335,22 @@ def _hanging(model, body: int) -> list[int]:
     return found
 
 
-def _is_still(scene: Scene, joint: str) -> bool:
+def _is_still(scene: RobotSummary, joint: str) -> bool:
     """Whether a joint's readings are one angle and noise."""
     kind = "joint_position"
-    own = [c for c in scene.signals if (c.kind, c.target) == (kind, joint)]
+    own = [c for c in scene.channels if (c.kind, c.target) == (kind, joint)]
     return any(c.spread < STILL * c.noise[0] for c in own)
 
 
 class JointJam(Effect):
     name = "joint_jam"
     group = "body"
-    says = "The joint is stuck at an angle."
+    description = "The joint is stuck at an angle."
     equation = "q = angle"
     source = "Bongard, Lipson 2005: damage"
     separate_by = "command the joint"
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         """At every joint that was not seen to move."""
         return [
             Term(
@@ -350,21 +360,21 @@ class JointJam(Effect):
                   "still": _is_still(scene, joint.name)},),
                 (
                     Parameter(
-                        "angle", joint.unit, joint.middle, joint.middle - joint.range,
-                        joint.middle + joint.range, 0.1 * joint.range,
+                        "angle", joint.unit, joint.range_center, joint.range_center - joint.range,
+                        joint.range_center + joint.range, 0.1 * joint.range,
                     ),
                 ),
-                ((joint.middle,),),
+                ((joint.range_center,),),
             )
             for joint in scene.joints
             if joint.range < 0.1 or not joint.measured
         ]  # fmt: skip
 
-    def is_seen(self, term):
+    def is_directly_observed(self, term):
         """Where readings are one angle and noise, as a huge friction would have it."""
         return term.places[0]["still"]
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         # a spring of 20 ms period or so, critically damped, that a step can carry, and
         # so heavy a rotor that no torque of the robot bends it
         rate, inertia = min(300.0, 1 / model.opt.timestep), HEAVY * place["inertia"]

@@ -8,138 +8,148 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene import Scene
-from ..terms import Effect, Parameter, Term, saying
+from ..scene import RobotSummary
+from ..terms import Effect, Parameter, Term, extend_places
 
 BOTH = "both"  # sides of a gear
 ALIKE = 0.05  # of a friction, by which its two directions may differ; chosen
 
 
-class Friction(Effect):
+class JointEffect(Effect):
     """What all of them share: a joint that moves."""
 
     group = "friction"
 
-    def parameters(self, scene: Scene, joint) -> tuple[Parameter, ...]:
+    def make_parameters(self, scene: RobotSummary, joint) -> tuple[Parameter, ...]:
         """Its numbers at a joint; `joint` is a `scene.Joint`."""
         raise NotImplementedError
 
-    def starts(self, scene: Scene, joint) -> tuple[tuple[float, ...], ...]:
+    def make_initial_values(
+        self, scene: RobotSummary, joint
+    ) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
         return tuple(
-            tuple(p.absent + share * p.scale for p in self.parameters(scene, joint))
+            tuple(
+                p.nominal + share * p.scale for p in self.make_parameters(scene, joint)
+            )
             for share in (0.3, 1.0)
         )
 
-    def terms(self, scene: Scene) -> list[Term]:
+    def propose_terms(self, scene: RobotSummary) -> list[Term]:
         """At every hinge and slide."""
         return [
             Term(
                 self,
                 (f"joint:{joint.name}",),
                 ({"joint": joint.id, "dof": joint.dof},),
-                self.parameters(scene, joint),
-                self.starts(scene, joint),
+                self.make_parameters(scene, joint),
+                self.make_initial_values(scene, joint),
             )
             for joint in scene.joints
         ]
 
 
-def strength(scene: Scene, joint) -> float:
+def torque_scale(scene: RobotSummary, joint) -> float:
     """What bounds of torques go by [N m or N].
 
     The joint's typical torque does not count what motors give, so a third of what they
     were asked for at most does.
     """
-    asked = [a.most / 3 for a in scene.actuators if a.dof == joint.dof]
+    asked = [a.max_force / 3 for a in scene.actuators if a.dof == joint.dof]
     return max([joint.torque, *asked])
 
 
-class ViscousFriction(Friction):
+class ViscousFriction(JointEffect):
     name = "viscous_friction"
-    common = True
-    instead = ("damping",)
-    says = "A torque against the motion, proportional to speed."
+    is_common = True
+    overrides = ("damping",)
+    description = "A torque against the motion, proportional to speed."
     equation = "tau = -damping v"
     source = "MuJoCo joint/damping"
     separate_by = "let the joint swing with the motor off"
     regime = "fast"
 
-    def parameters(self, scene, joint):
+    def make_parameters(self, scene, joint):
         unit = f"{joint.force} s/{joint.unit}"
         scale = 0.2 * joint.torque / joint.speed
         now = float(scene.model.dof_damping[joint.dof])
-        high = 10 * strength(scene, joint) / joint.speed + 10 * now
+        high = 10 * torque_scale(scene, joint) / joint.speed + 10 * now
         return (Parameter("damping", unit, now, 0.0, high, scale),)
 
-    def starts(self, scene, joint):
-        (p,) = self.parameters(scene, joint)
-        return ((p.absent + 0.3 * p.scale,), (p.absent + 2 * p.scale,), (p.absent / 2,))
+    def make_initial_values(self, scene, joint):
+        (p,) = self.make_parameters(scene, joint)
+        return (
+            (p.nominal + 0.3 * p.scale,),
+            (p.nominal + 2 * p.scale,),
+            (p.nominal / 2,),
+        )
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.dof_damping[place["dof"]] = values[0]
 
 
-class QuadraticDamping(Friction):
+class QuadraticDamping(JointEffect):
     name = "quadratic_damping"
-    says = "A torque against the motion that grows with the square of speed."
+    description = "A torque against the motion that grows with the square of speed."
     equation = "tau = -damping2 v |v|"
     source = "MuJoCo joint/damping, second coefficient (3.7)"
     separate_by = "swing the joint once slowly and once at full speed"
     regime = "fast"
 
-    def parameters(self, scene, joint):
+    def make_parameters(self, scene, joint):
         unit = f"{joint.force} s^2/{joint.unit}^2"
         scale = 0.2 * joint.torque / joint.speed**2
         now = float(scene.model.dof_dampingpoly[joint.dof, 0])
-        high = 10 * strength(scene, joint) / joint.speed**2 + 10 * now
+        high = 10 * torque_scale(scene, joint) / joint.speed**2 + 10 * now
         return (Parameter("damping2", unit, now, 0.0, high, scale),)
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.dof_dampingpoly[place["dof"], 0] = values[0]
 
 
-class CoulombFriction(Friction):
+class CoulombFriction(JointEffect):
     name = "coulomb_friction"
-    common = True
-    instead = ("frictionloss",)
-    says = "A constant torque against the motion; at rest it holds."
+    is_common = True
+    overrides = ("frictionloss",)
+    description = "A constant torque against the motion; at rest it holds."
     equation = "tau = -frictionloss sign(v)"
     source = "MuJoCo joint/frictionloss"
     separate_by = "move the joint back and forth at two constant speeds"
     regime = "reversal"
 
-    def parameters(self, scene, joint):
-        now, scale, high = _dry(scene, joint)
+    def make_parameters(self, scene, joint):
+        now, scale, high = _dry_friction_bounds(scene, joint)
         return (Parameter("frictionloss", joint.force, now, 0.0, high, scale),)
 
-    def starts(self, scene, joint):
-        (p,) = self.parameters(scene, joint)
-        return ((p.absent + 0.3 * p.scale,), (p.absent + 1.5 * p.scale,))
+    def make_initial_values(self, scene, joint):
+        (p,) = self.make_parameters(scene, joint)
+        return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,))
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 
 
-def _dry(scene: Scene, joint) -> tuple[float, float, float]:
+def _dry_friction_bounds(scene: RobotSummary, joint) -> tuple[float, float, float]:
     """Dry friction of a joint [N m or N]: as stated, a search's step, the largest."""
     now = float(scene.model.dof_frictionloss[joint.dof])
-    return now, 0.1 * joint.torque, 3 * strength(scene, joint) + 10 * now
+    return now, 0.1 * joint.torque, 3 * torque_scale(scene, joint) + 10 * now
 
 
-class StribeckFriction(Friction):
+class StribeckFriction(JointEffect):
     """A total, like `coulomb_friction`: absent, both torques are what is stated."""
 
     name = "stribeck_friction"
-    instead = ("frictionloss",)
-    says = "Dry friction that is larger at rest and falls as the joint starts to move."
+    overrides = ("frictionloss",)
+    description = (
+        "Dry friction that is larger at rest and falls as the joint starts to move."
+    )
     equation = "tau = -(coulomb + (static - coulomb) exp(-(v/v_s)^2)) sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30"
     separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
     regime = "slow"
 
-    def parameters(self, scene, joint):
-        now, scale, high = _dry(scene, joint)
+    def make_parameters(self, scene, joint):
+        now, scale, high = _dry_friction_bounds(scene, joint)
         speed = f"{joint.unit}/s"
         return (
             Parameter("coulomb", joint.force, now, 0.0, high, scale),
@@ -150,35 +160,35 @@ class StribeckFriction(Friction):
             ),
         )  # fmt: skip
 
-    def starts(self, scene, joint):
-        (now, t, _), v = _dry(scene, joint), joint.speed
+    def make_initial_values(self, scene, joint):
+        (now, t, _), v = _dry_friction_bounds(scene, joint), joint.speed
         return (
             (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
             (now + t, now + 3 * t, 0.02 * v),
         )  # fmt: skip
 
-    def is_sound(self, values):
+    def is_consistent(self, values):
         return bool(values[1] > values[0])
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 
-    def act(self, moment, place, values):
+    def apply_forces(self, moment, place, values):
         dof = place["dof"]
         coulomb, static, speed = values.T
         slow = np.exp(-((moment.qvel[:, dof] / speed) ** 2))
         moment.frictionloss[:, dof] += (static - coulomb) * slow
 
 
-class LoadDependentFriction(Friction):
+class LoadDependentFriction(JointEffect):
     """Of what the motor gives, or of that and what the load asks for in the mean.
 
     The mean (BAM's gearbox torque, halved) is of a gear that the load drives as well.
     """
 
     name = "load_dependent_friction"
-    common = True
-    says = (
+    is_common = True
+    description = (
         "Dry friction of a gear that grows with the torque it transmits: the motor's, "
         'or with `"side": "both"` the mean of the motor\'s and the load\'s.'
     )
@@ -187,62 +197,62 @@ class LoadDependentFriction(Friction):
     separate_by = "repeat the same motion with another payload"
     regime = "high_load"
 
-    def parameters(self, scene, joint):
+    def make_parameters(self, scene, joint):
         return (Parameter("load_coefficient", "1", 0.0, 0.0, 1.5, 0.1),)
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         """At each driven joint; of both sides where nothing but its weight loads it."""
-        own = [term for term in super().terms(scene) if _driven(scene, term)]
-        return own if scene.touches else [*own, *map(_of_both_sides, own)]
+        own = [term for term in super().propose_terms(scene) if _is_driven(scene, term)]
+        return own if scene.has_contact else [*own, *map(_use_both_sides, own)]
 
     def is_usual(self, term):
-        return super().is_usual(term) and not term.note
+        return super().is_usual(term) and not term.finding_fields
 
-    def act(self, moment, place, values):
+    def apply_forces(self, moment, place, values):
         dof = place["dof"]
         load = moment.actuator_torque[:, dof]
         if place.get("side") == BOTH:
-            load = (load + moment.bias[:, dof]) / 2
+            load = (load + moment.bias_torque[:, dof]) / 2
         moment.frictionloss[:, dof] += values[:, 0] * np.abs(load)
 
 
-def _of_both_sides(term: Term) -> Term:
-    return replace(saying(term, side=BOTH), note={"side": BOTH})
+def _use_both_sides(term: Term) -> Term:
+    return replace(extend_places(term, side=BOTH), finding_fields={"side": BOTH})
 
 
-def _driven(scene: Scene, term: Term) -> bool:
+def _is_driven(scene: RobotSummary, term: Term) -> bool:
     return any(a.dof == term.places[0]["dof"] for a in scene.actuators)
 
 
-class AsymmetricFriction(Friction):
+class AsymmetricFriction(JointEffect):
     """A total, like `coulomb_friction`: absent, both torques are what is stated."""
 
     name = "asymmetric_friction"
-    instead = ("frictionloss",)
-    says = "Dry friction of different size in the two directions."
+    overrides = ("frictionloss",)
+    description = "Dry friction of different size in the two directions."
     equation = "tau = -positive where v > 0, +negative where v < 0"
     source = "Corke 1996, A Robotics Toolbox for MATLAB: Link.Tc"
     separate_by = "move at the same constant speed both ways, without gravity"
     regime = "reversal"
 
-    def parameters(self, scene, joint):
-        now, scale, high = _dry(scene, joint)
+    def make_parameters(self, scene, joint):
+        now, scale, high = _dry_friction_bounds(scene, joint)
         return (
             Parameter("positive", joint.force, now, 0.0, high, scale),
             Parameter("negative", joint.force, now, 0.0, high, scale),
         )
 
-    def is_sound(self, values):
+    def is_consistent(self, values):
         return bool(np.ptp(values) > ALIKE * np.max(values))
 
-    def starts(self, scene, joint):
-        now, t, _ = _dry(scene, joint)
+    def make_initial_values(self, scene, joint):
+        now, t, _ = _dry_friction_bounds(scene, joint)
         pairs = ((1, 0.3), (0.3, 1), (3, 1), (1, 3))
         return tuple((now + a * t, now + b * t) for a, b in pairs)
 
     # a mean friction and a constant torque: the same, also where the joint sticks
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values.mean()
 
-    def act(self, moment, place, values):
-        moment.applied[:, place["dof"]] -= (values[:, 0] - values[:, 1]) / 2
+    def apply_forces(self, moment, place, values):
+        moment.applied_force[:, place["dof"]] -= (values[:, 0] - values[:, 1]) / 2

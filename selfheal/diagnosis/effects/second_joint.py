@@ -3,10 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
-from ..patch import Insert, Set, number
-from ..scene import least_inertia
-from ..terms import saying
-from .friction import Friction
+from ..patch import Insert, Set, format_number
+from ..scene import min_stable_inertia
+from ..terms import extend_places
+from .friction import JointEffect
 
 FIELDS = {
     "range": "jnt_range",
@@ -27,7 +27,7 @@ ALONE: dict[str, Any] = {
 }
 
 
-class Extra(Friction):
+class SecondJointEffect(JointEffect):
     """Effects that need a second joint behind the motor's.
 
     The motor's side is the rotor's armature; where the model states less than the time
@@ -36,9 +36,11 @@ class Extra(Friction):
 
     group = "transmission"
     suffix = ""
-    light = 0.01  # least inertia of the motor's side, of the joint's; chosen
+    min_inertia_share = (
+        0.01  # least inertia of the motor's side, of the joint's; chosen
+    )
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         """Once for each side, motor's and link's, that the encoder may read.
 
         At the last joint of a body only: MuJoCo would put the new one behind the others
@@ -46,23 +48,27 @@ class Extra(Friction):
         """
         found, body = [], scene.model.jnt_bodyid
         taken = {j.name for j in scene.joints}
-        for term in super().terms(scene):
-            joint = scene.joint(term.places[0]["joint"])
+        for term in super().propose_terms(scene):
+            joint = scene.joint_by_id(term.places[0]["joint"])
             last = body[joint.id] not in body[joint.id + 1 :]
             if not last or joint.name + self.suffix in taken:
                 continue
             for side in ("motor", "link") if joint.measured else ("motor",):
                 more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
                 more |= {"inertia": joint.inertia}
-                found.append(replace(saying(term, **more), note={"measured": side}))
+                found.append(
+                    replace(
+                        extend_places(term, **more), finding_fields={"measured": side}
+                    )
+                )
         return found
 
-    def structure(self, spec, place):
+    def edit_spec(self, spec, place):
         """Add a joint of the same axis between the motor and the body it moves."""
         if place.get("there"):
             return  # a patched model's text has it already
         joint = spec.joints[place["joint"]]  # those before it are as they were
-        light = self.light * place["inertia"]
+        light = self.min_inertia_share * place["inertia"]
         # what lies between two added ones has some inertia, or none could be computed
         third = joint.parent.joints[-1].name != joint.name
         extra = joint.parent.add_joint(
@@ -77,45 +83,48 @@ class Extra(Friction):
             extra.set_frame(joint.frame)
         joint.armature = max(joint.armature, light)
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         if not place.get("there"):
-            model.dof_armature[place["dof"]] = self.rotor(model, place)
-        numbers = self.numbers(model, values)
+            model.dof_armature[place["dof"]] = self.motor_inertia(model, place)
+        numbers = self.joint_attributes(model, values)
         model.jnt_limited[place["extra_jnt"]] = "range" in numbers
         for name, value in numbers.items():
             field = getattr(model, FIELDS[name])
             at = place["extra_" + FIELDS[name][:3]]
             field[at] = value if field.ndim > 1 else value[0]
 
-    def rotor(self, model, place) -> float:
+    def motor_inertia(self, model, place) -> float:
         """Inertia of the motor's side [kg m^2 or kg]: as stated, or what computes.
 
         A stop knows nothing of an implicit damping: beside a side so light that its
         servo's damping stops it in one step, it is too soft.
         """
         stated = float(model.dof_armature[place["dof"]])
-        servo = least_inertia(model, place["joint"])
-        return max(stated, servo, self.light * place["inertia"])
+        servo = min_stable_inertia(model, place["joint"])
+        return max(stated, servo, self.min_inertia_share * place["inertia"])
 
-    def numbers(self, model, values) -> dict[str, tuple[float, ...]]:
+    def joint_attributes(self, model, values) -> dict[str, tuple[float, ...]]:
         """MJCF attributes of the second joint, angles in rad."""
         raise NotImplementedError
 
-    def changes(self, model, place, values):
+    def edit_text(self, model, place, values):
         joint = model.joint(place["joint"])
         slide = model.jnt_type[joint.id] == 2
         own = ALONE | {"armature": model.dof_armature[place["extra_dof"]]}
         told = {
             "name": joint.name + self.suffix,
             "type": "slide" if slide else "hinge",
-            "axis": number(joint.axis),
-            "pos": number(joint.pos),
-            **{k: number(v) for k, v in (own | self.numbers(model, values)).items()},
+            "axis": format_number(joint.axis),
+            "pos": format_number(joint.pos),
+            **{
+                k: format_number(v)
+                for k, v in (own | self.joint_attributes(model, values)).items()
+            },
         }
         told["limited"] = "true" if "range" in told else "false"
         xml = " ".join(f'{k}="{v}"' for k, v in told.items())
         body = model.body(model.jnt_bodyid[joint.id]).name
         return [
-            Set("joint", joint.name, {"armature": number(joint.armature)}),
+            Set("joint", joint.name, {"armature": format_number(joint.armature)}),
             Insert("body", body, f"<joint {xml}/>", angles=() if slide else ("range",)),
         ]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene import Scene
+from ..scene import RobotSummary
 from ..terms import Effect, Floats, Parameter, Term
 
 STEEPEST = 0.5  # [rad] of a slope that nobody saw; chosen
@@ -14,46 +14,46 @@ POSES = 16  # that tell it; chosen
 IN_LINE = 0.01  # [rad] by which a flat robot's slope may be off its plane; chosen
 
 
-class OfWorld(Effect):
+class WorldEffect(Effect):
     """What all of them share: one place, the world."""
 
     group = "world"
 
-    def whole(self, parameters, starts) -> Term:
+    def make_term(self, parameters, starts) -> Term:
         """The term at the world."""
         return Term(self, ("world",), ({},), parameters, starts)
 
 
-class Slope(OfWorld):
+class Slope(WorldEffect):
     name = "slope"
-    says = "What is taken for horizontal is tilted."
+    description = "What is taken for horizontal is tilted."
     equation = "gravity turned by tilt towards the downhill direction azimuth"
     source = "MuJoCo option/gravity"
     separate_by = "turn the robot by 180 degrees: a slope turns with the room"
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         if not np.linalg.norm(scene.model.opt.gravity):
             return []
         tilt = Parameter("tilt", "rad", 0.0, 0.0, STEEPEST, 0.03)
-        plane = _plane(scene.model)
+        plane = _find_plane_azimuths(scene.model)
         if plane is None:
             azimuth = Parameter("azimuth", "rad", 0.0, -10.0, 10.0, 0.5)
             turns = np.deg2rad((0, 90, 180, -90))
             starts = tuple((0.05, float(a)) for a in turns)
-            return [self.whole((tilt, azimuth), starts)]
+            return [self.make_term((tilt, azimuth), starts)]
         # across its plane a slope would only seem to weaken the gravity
         found = []
         for side, a in enumerate(plane):
             low, high = a - IN_LINE, a + IN_LINE
             azimuth = Parameter("azimuth", "rad", a, low, high, IN_LINE)
-            term = self.whole((tilt, azimuth), ((0.05, a),))
-            found.append(replace(term, note={"side": 1 - 2 * side}))
+            term = self.make_term((tilt, azimuth), ((0.05, a),))
+            found.append(replace(term, finding_fields={"side": 1 - 2 * side}))
         return found
 
-    def is_sound(self, values):
+    def is_consistent(self, values):
         return bool(values[0] < 0.99 * STEEPEST)  # else it stands for another thing
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         tilt, azimuth = values
         size = np.linalg.norm(model.opt.gravity)
         up = -model.opt.gravity / size
@@ -63,7 +63,7 @@ class Slope(OfWorld):
         model.opt.gravity[:] = size * (np.sin(tilt) * down - np.cos(tilt) * up)
 
 
-def _plane(model) -> tuple[float, ...] | None:
+def _find_plane_azimuths(model) -> tuple[float, ...] | None:
     """Azimuths [rad] of the slopes that a robot feels; None: of all.
 
     The two of its plane where its parts move in one, none where they move upright.
@@ -91,40 +91,42 @@ def _plane(model) -> tuple[float, ...] | None:
     return () if flat[0] else (along, along + np.pi)
 
 
-class FluidDrag(OfWorld):
+class FluidDrag(WorldEffect):
     name = "fluid_drag"
-    rare = 1
-    says = "Air or water resists the parts that move through it."
+    rarity = 1
+    description = "Air or water resists the parts that move through it."
     equation = "MuJoCo's inertia-box fluid model, of density or viscosity"
     source = "MuJoCo option/density, viscosity"
     separate_by = "change the area of a moving part"
     regime = "fast"
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         now = scene.model.opt
         return [
-            self._of("density", "kg/m^3", now.density, 1e4, (1.2, 50.0, 500.0)),
-            self._of("viscosity", "Pa s", now.viscosity, 100.0, (0.01, 0.3, 3.0)),
+            self._make_term("density", "kg/m^3", now.density, 1e4, (1.2, 50.0, 500.0)),
+            self._make_term(
+                "viscosity", "Pa s", now.viscosity, 100.0, (0.01, 0.3, 3.0)
+            ),
         ]
 
-    def _of(self, name: str, unit: str, now: float, high: float, starts) -> Term:
+    def _make_term(self, name: str, unit: str, now: float, high: float, starts) -> Term:
         parameter = Parameter(name, unit, float(now), 0.0, high, starts[1])
         begin = tuple((s,) for s in starts)
         return Term(self, ("world",), ({"field": name},), (parameter,), begin)
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         setattr(model.opt, place["field"], values[0])
 
 
-class Wind(OfWorld):
+class Wind(WorldEffect):
     name = "wind"
-    rare = 1
-    says = "The air moves."
+    rarity = 1
+    description = "The air moves."
     equation = "drag of the velocity relative to (vx, vy, vz)"
     source = "MuJoCo option/wind"
     separate_by = "turn the robot by 180 degrees"
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         if not (scene.model.opt.density or scene.model.opt.viscosity):
             return []
         speed, wind = _terminal_speed(scene), scene.model.opt.wind
@@ -134,13 +136,13 @@ class Wind(OfWorld):
             for i, x in enumerate("xyz")
         )
         starts = np.kron([[0.05], [0.5]], speed * np.eye(3)[:2])
-        return [self.whole(axes, tuple(map(tuple, starts.tolist())))]
+        return [self.make_term(axes, tuple(map(tuple, starts.tolist())))]
 
-    def edit(self, model, place, values):
+    def edit_model(self, model, place, values):
         model.opt.wind[:] = values
 
 
-def _terminal_speed(scene: Scene) -> float:
+def _terminal_speed(scene: RobotSummary) -> float:
     """The least speed [m/s] at which the medium would carry a body's weight, or so."""
     medium, g = scene.model.opt, 9.81
     speeds = []
@@ -154,7 +156,7 @@ def _terminal_speed(scene: Scene) -> float:
     return float(min(speeds, default=1.0))
 
 
-class OfGround(OfWorld):
+class GroundEffect(WorldEffect):
     """What happens where something touches the ground.
 
     MuJoCo takes the larger friction of two geoms and the mean of their solref, or both
@@ -162,20 +164,20 @@ class OfGround(OfWorld):
     factor, and so is the contact's: what the model states of each of them is kept.
     """
 
-    def at(self, scene: Scene) -> dict | None:
+    def find_place(self, scene: RobotSummary) -> dict | None:
         """The place: the world's geoms that touch anything; None where nothing can."""
-        return ground(scene.model) if scene.touches else None
+        return find_ground_geoms(scene.model) if scene.has_contact else None
 
 
-def ground(model) -> dict[str, tuple[int, ...]] | None:
+def find_ground_geoms(model) -> dict[str, tuple[int, ...]] | None:
     """The world's geoms that something which moves can touch; None without any."""
     fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
     touch = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
     place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
-    return place if _sides(model, place)[1].size else None
+    return place if _find_contact_sides(model, place)[1].size else None
 
 
-def _sides(model, place) -> tuple[np.ndarray, np.ndarray]:
+def _find_contact_sides(model, place) -> tuple[np.ndarray, np.ndarray]:
     """The ground's geoms, and those of bodies that move which it can touch."""
     a = np.array(place["geoms"], int)
     b = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
@@ -184,36 +186,36 @@ def _sides(model, place) -> tuple[np.ndarray, np.ndarray]:
     return a, b[meets.any(axis=0)]
 
 
-def _counting(model, place) -> tuple[np.ndarray, ...]:
+def _find_deciding_sides(model, place) -> tuple[np.ndarray, ...]:
     """Of both sides, or of the one with the higher priority: what contacts go by."""
-    ground, moving = sides = _sides(model, place)
+    ground, moving = sides = _find_contact_sides(model, place)
     ours, theirs = (model.geom_priority[g] for g in sides)
     if ours.min() > theirs.max():
         return (ground,)
     return (moving,) if theirs.min() > ours.max() else sides
 
 
-class GroundFriction(OfGround):
+class GroundFriction(GroundEffect):
     name = "ground_friction"
-    says = "The ground is more slippery, or rougher, than stated."
+    description = "The ground is more slippery, or rougher, than stated."
     equation = "|f_tangential| <= friction f_normal, where the contact is roughest"
     source = "MuJoCo geom/friction"
     separate_by = "push the resting robot until it slides"
     regime = "contact"
 
-    def terms(self, scene):
-        place = self.at(scene)
+    def propose_terms(self, scene):
+        place = self.find_place(scene)
         if place is None:
             return []
-        sides = _counting(scene.model, place)
-        now = _friction(scene.model, sides)
+        sides = _find_deciding_sides(scene.model, place)
+        now = _largest_friction(scene.model, sides)
         parameter = Parameter("friction", "1", now, 0.0, max(5.0, 2 * now), 0.2)
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
         return [Term(self, ("world",), (place,), (parameter,), starts)]
 
-    def edit(self, model, place, values):
-        sides = _counting(model, place)
-        now = _friction(model, sides)
+    def edit_model(self, model, place, values):
+        sides = _find_deciding_sides(model, place)
+        now = _largest_friction(model, sides)
         for geoms in sides:
             if now:
                 model.geom_friction[geoms, 0] *= values[0] / now
@@ -221,29 +223,29 @@ class GroundFriction(OfGround):
                 model.geom_friction[geoms, 0] = values[0]
 
 
-def _friction(model, sides) -> float:
+def _largest_friction(model, sides) -> float:
     """Of the roughest contact."""
     return float(max(model.geom_friction[g, 0].max() for g in sides))
 
 
-class GroundCompliance(OfGround):
+class GroundCompliance(GroundEffect):
     name = "ground_compliance"
-    says = "The ground gives way, or bounces, otherwise than stated."
+    description = "The ground gives way, or bounces, otherwise than stated."
     equation = "contact as a spring and damper of timeconst and dampratio, on average"
     source = "MuJoCo geom/solref"
     separate_by = "drop a part from two heights"
     regime = "contact"
 
-    def terms(self, scene):
+    def propose_terms(self, scene):
         """Where solref is a time and a ratio; its other form has no absent value."""
-        place = self.at(scene)
+        place = self.find_place(scene)
         if place is None:
             return []
-        sides = _counting(scene.model, place)
+        sides = _find_deciding_sides(scene.model, place)
         if any((scene.model.geom_solref[g] <= 0).any() for g in sides):
             return []
-        time, ratio = map(float, _solref(scene.model, sides))
-        least = 2 * scene.step  # MuJoCo computes no shorter one
+        time, ratio = map(float, _mean_solref(scene.model, sides))
+        least = 2 * scene.timestep  # MuJoCo computes no shorter one
         parameters = (
             Parameter("timeconst", "s", time, least, max(0.3, 2 * time), 0.005),
             Parameter("dampratio", "1", ratio, 0.02, max(5.0, 2 * ratio), 0.1),
@@ -252,13 +254,13 @@ class GroundCompliance(OfGround):
         starts = tuple((max(a * time, least), b * ratio) for a, b in shares)
         return [Term(self, ("world",), (place,), parameters, starts)]
 
-    def edit(self, model, place, values):
-        sides = _counting(model, place)
-        ratio = values / _solref(model, sides)
+    def edit_model(self, model, place, values):
+        sides = _find_deciding_sides(model, place)
+        ratio = values / _mean_solref(model, sides)
         for geoms in sides:
             model.geom_solref[geoms] *= ratio
 
 
-def _solref(model, sides) -> Floats:
+def _mean_solref(model, sides) -> Floats:
     """Time constant [s] and damping ratio [1] of a contact, on average."""
     return np.mean([model.geom_solref[g].mean(axis=0) for g in sides], axis=0)
