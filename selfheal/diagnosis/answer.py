@@ -16,14 +16,14 @@ from .case import Dataset
 from .fit import Fit, refine_jacobian
 from .intervals import standard_errors
 from .name import Hypothesis
-from .patch import apply_edits, unified_diff
+from .patch import Edit, apply_edits, unified_diff
 from .problem import Problem
 from .prove import HeldOutScores, RemainingStructure, explainable_removed
 from .result import Candidate, Diagnosis, Localization, SignalFit, Trace
 from .scene import Channel
 from .stated import is_unidentified
 from .terms import Term
-from .textual import Edit, ModelSource, build_edits, compile_patched
+from .textual import ModelSource, build_edits, compile_patched
 from .usable import find_divergence
 from .windows import Segments
 from .world import Simulator

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -11,8 +12,6 @@ from ..errors import InputError
 from ..files import check_writable
 from .document import format_document
 from .entries import check_entries
-from .patch import apply_edits
-from .result import Diagnosis
 
 FILES = ("diagnosis.json", "patched.xml", "report.html")
 
@@ -51,21 +50,22 @@ def unfinished_folder(folder: str | os.PathLike[str]) -> Path:
 
 
 def write_diagnosis(
-    diagnosis: Diagnosis, folder: str | os.PathLike[str], force: bool
+    folder: Path, document: Mapping[str, Any], patched: str, page: str
 ) -> None:
     """Write diagnosis.json, patched.xml and report.html, all or nothing.
 
-    Raises:
-        InputError: as `Diagnosis.save` says.
+    Args:
+        folder: that `check_folder` let pass, where a link to it leads.
+        document: diagnosis.json.
+        patched: text of patched.xml, whose paths lead from the folder.
+        page: report.html.
     """
-    folder = check_folder(folder, force).resolve()  # where a link leads
-    text, home = _relocate_patch(diagnosis, folder), folder.parent
-    new = home / f".{folder.name}.{uuid4().hex[:8]}.tmp"
+    new = folder.parent / f".{folder.name}.{uuid4().hex[:8]}.tmp"
     new.mkdir(parents=True)
     try:
-        (new / "diagnosis.json").write_text(format_document(diagnosis.document))
-        (new / "patched.xml").write_bytes(text.encode())
-        (new / "report.html").write_text(diagnosis.page, encoding="utf-8")
+        (new / "diagnosis.json").write_text(format_document(document))
+        (new / "patched.xml").write_bytes(patched.encode())
+        (new / "report.html").write_text(page, encoding="utf-8")
         _replace_folder(new, folder)
     finally:
         shutil.rmtree(new, ignore_errors=True)
@@ -82,16 +82,6 @@ def _replace_folder(new: Path, folder: Path) -> None:
         os.replace(folder, old)
     os.replace(new, folder)
     shutil.rmtree(old, ignore_errors=True)
-
-
-def _relocate_patch(diagnosis: Diagnosis, folder: Path) -> str:
-    """Text of patched.xml whose paths lead from a folder to where they led before."""
-    given = Path(diagnosis.model)
-    if apply_edits(given, diagnosis.edits, given.resolve().parent) != diagnosis.patched:
-        raise InputError(
-            f"{given} is no longer the model that was diagnosed; diagnose it again"
-        )
-    return apply_edits(given, diagnosis.edits, folder)
 
 
 def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:

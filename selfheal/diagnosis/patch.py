@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import ModelError
+from .element_ids import ElementIds
 from .markup import Element
 from .paths import relocate_paths
 from .tree import SECTIONS, SETTINGS, MjcfDocument, name_of
@@ -68,6 +69,9 @@ class Rename:
     attributes: Mapping[str, str | None]
 
 
+Edit = Set | Insert | Rename
+
+
 def format_number(value: float | Iterable[float]) -> str:
     """A number or several as MJCF text, in the six to nine digits of single precision.
 
@@ -96,7 +100,7 @@ def unified_diff(given: str, new: str) -> str:
 
 def apply_edits(
     path: str | os.PathLike[str],
-    edits: Sequence[Set | Insert | Rename],
+    edits: Sequence[Edit],
     folder: str | os.PathLike[str],
 ) -> str:
     """The model's text after the edits, to be written as UTF-8 into a folder.
@@ -115,8 +119,9 @@ def apply_edits(
         UnknownNameError: a tag that no edit can speak of.
     """
     tree = MjcfDocument(path)
+    ids = ElementIds(tree)
     found = [
-        None if isinstance(e.name, str) else tree.by_id(e.tag, e.name) for e in edits
+        None if isinstance(e.name, str) else ids.find(e.tag, e.name) for e in edits
     ]
     for edit, element in zip(edits, found, strict=True):
         _apply_edit(tree, edit, element)
@@ -132,9 +137,7 @@ def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, 
     return [(name_of(e), e.tag) for e in MjcfDocument(path).list_elements(tag)]
 
 
-def _apply_edit(
-    tree: MjcfDocument, edit: Set | Insert | Rename, element: Element | None
-) -> None:
+def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None:
     """Make one edit; `element` where its id has told which it is."""
     general = edit.name == "" and edit.tag in (*SETTINGS, *SECTIONS)
     if isinstance(edit, Set) and general:

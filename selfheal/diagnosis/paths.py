@@ -2,12 +2,9 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .markup import Element
-
-if TYPE_CHECKING:
-    from .tree import MjcfDocument
+from .tree import MjcfDocument, find_file
 
 _FILES = {
     **dict.fromkeys(("mesh", "hfield", "skin", "flexcomp"), ("meshdir", ("file",))),
@@ -16,12 +13,6 @@ _FILES = {
         ("file", *(f"file{s}" for s in "right left up down front back".split())),
     ),
 }
-
-
-def find_file(name: str, *folders: str) -> str:
-    """The first folder that has a file; MuJoCo looks in the main model's first."""
-    places = [os.path.join(folder, name) for folder in folders]
-    return next((p for p in places if os.path.isfile(p)), places[0])
 
 
 def _relative_path(path: str, folder: str) -> str:
@@ -37,7 +28,7 @@ def _redirect(element: Element, target: str, folder: str) -> None:
         element.set({"file": _relative_path(target, folder)})
 
 
-def relocate_paths(tree: "MjcfDocument", folder: str) -> None:
+def relocate_paths(tree: MjcfDocument, folder: str) -> None:
     """Make every path lead from `folder` to the file that it led to."""
     for element in [e for e in tree.root.walk() if e.included]:
         path, above = element.get("file") or "", element.parent
@@ -62,7 +53,7 @@ def relocate_paths(tree: "MjcfDocument", folder: str) -> None:
         _redirect(element, target, folder)
 
 
-def _relocate_assets(tree: "MjcfDocument", folder: str) -> None:
+def _relocate_assets(tree: MjcfDocument, folder: str) -> None:
     """Move the folders of meshes and textures, as seen from where the text will lie."""
     owners = {kind: _find_owner(tree, kind) for kind in ("meshdir", "texturedir")}
     used = [
@@ -84,7 +75,7 @@ def _relocate_assets(tree: "MjcfDocument", folder: str) -> None:
         tree.get_section("compiler").set({attribute: _relative_path(tree.home, folder)})
 
 
-def _find_owner(tree: "MjcfDocument", kind: str) -> tuple[Element, str] | None:
+def _find_owner(tree: MjcfDocument, kind: str) -> tuple[Element, str] | None:
     """The compiler and the attribute that have the last word on a folder."""
     for element in tree.list_sections("compiler")[::-1]:
         for attribute in (kind, "assetdir"):
@@ -97,7 +88,7 @@ def _owner_value(owner: tuple[Element, str] | None) -> str:
     return (owner[0].get(owner[1]) or "") if owner else ""
 
 
-def _redirect_assets(tree: "MjcfDocument", kind: str, value: str) -> bool:
+def _redirect_assets(tree: MjcfDocument, kind: str, value: str) -> bool:
     """Whether a folder leads to any file; an inlined element is made to use it.
 
     MuJoCo looks for the file of an included element in that folder first, then beside

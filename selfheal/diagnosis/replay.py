@@ -1,7 +1,6 @@
 """A diagnosed model replayed: takes commands and initial states, gives the signals."""
 
 import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from .folder import read_document
 from .logs import build_channels, sample_episode
 from .plant import ModelCompiler
 from .prepare import StateReconstruction, reorder_commands, summarize_actuators
-from .result import Diagnosis
 from .scene import RobotSummary, summarize_bodies, summarize_joints
 from .stated import build_nominal_terms
 from .terms import Parameter, Term
@@ -63,19 +61,6 @@ def replay_recording(
         for name in recording.episodes
     }
     return replace(recording, episodes=episodes)
-
-
-def simulate(
-    diagnosis: Diagnosis,
-    recording: Recording,
-    *,
-    model: str | os.PathLike[str] | None = None,
-) -> Recording:
-    """The same of a diagnosis that lies in no folder yet; errors as `replay` says."""
-    with tempfile.TemporaryDirectory() as room:
-        folder = Path(room) / "diagnosis"
-        diagnosis.save(folder)
-        return replay_recording(folder, recording, model=model)
 
 
 def _build_terms(

@@ -1,15 +1,17 @@
 """What a diagnosis says: the contract's document, and what a page draws beside it."""
 
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from ..errors import InputError
 from ..recording import Recording, opened
 from ..recording.data import Floats
-
-if TYPE_CHECKING:
-    from .textual import Edit
+from .folder import check_folder, write_diagnosis
+from .patch import Edit, apply_edits
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,7 @@ class Diagnosis:
 
     model: str
     document: Mapping[str, Any]
-    edits: "Sequence[Edit]"
+    edits: Sequence[Edit]
     patched: str
     diff: str
     traces: tuple[Trace, ...]
@@ -136,9 +138,14 @@ class Diagnosis:
             InputError: the folder cannot be written or would be lost, or the model's
                 file has changed since it was diagnosed.
         """
-        from .folder import write_diagnosis
-
-        write_diagnosis(self, folder, force)
+        folder = check_folder(folder, force).resolve()
+        given = Path(self.model)
+        if apply_edits(given, self.edits, given.resolve().parent) != self.patched:
+            raise InputError(
+                f"{given} is no longer the model that was diagnosed; diagnose it again"
+            )
+        patched = apply_edits(given, self.edits, folder)
+        write_diagnosis(folder, self.document, patched, self.page)
 
     def simulate(
         self,
@@ -161,6 +168,10 @@ class Diagnosis:
                 it diverge.
             InputError: the model lacks what a finding is about.
         """
-        from .replay import simulate
+        from .replay import replay_recording  # pages of other rooms need no simulator
 
-        return simulate(self, opened(recording), model=model)
+        recording = opened(recording)
+        with tempfile.TemporaryDirectory() as room:
+            folder = Path(room) / "diagnosis"
+            self.save(folder)
+            return replay_recording(folder, recording, model=model)

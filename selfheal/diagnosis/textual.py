@@ -10,11 +10,10 @@ import numpy as np
 
 from ..errors import ModelError
 from ..recording.data import Floats
-from .patch import Insert, Rename, Set, apply_edits, format_number, list_tags
+from .patch import Edit, Insert, Rename, Set, apply_edits, format_number, list_tags
 from .plant import ModelVariant, split_values
 from .terms import Term, implements
 
-Edit = Set | Insert | Rename
 # other ways to say how something is turned
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # what the kinds of actuators say, and a <general> one cannot

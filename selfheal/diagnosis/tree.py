@@ -3,11 +3,8 @@
 import inspect
 import os
 import re
-import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-
-import mujoco
 
 from ..errors import ModelError, UnknownNameError
 from ..recording import read_spec
@@ -21,24 +18,15 @@ from .markup import (
     skip_trailing_comments,
     trim_spaces,
 )
-from .paths import find_file, relocate_paths
 
 _BODIES = ("worldbody", "body")
 SETTINGS = ("compiler", "option", "size", "statistic", "visual")
 SECTIONS = ("actuator", "contact", "equality", "keyframe", "sensor", "tendon")
-_KINDS = {  # MuJoCo's name of what has an id, and where a model counts it
-    "body": ("BODY", "nbody"),
-    "inertial": ("BODY", "nbody"),
-    "joint": ("JOINT", "njnt"),
-    "geom": ("GEOM", "ngeom"),
-    "site": ("SITE", "nsite"),
-    "actuator": ("ACTUATOR", "nactuator"),
-    "contact": ("PAIR", "npair"),
-    "equality": ("EQUALITY", "neq"),
-    "keyframe": ("KEY", "nkey"),
-    "sensor": ("SENSOR", "nsensor"),
-    "tendon": ("TENDON", "ntendon"),
-}
+# elements that have an id in a compiled model, and can be edited by it
+WITH_IDS = (
+    "body", "inertial", "joint", "geom", "site", "actuator", "contact", "equality",
+    "keyframe", "sensor", "tendon",
+)  # fmt: skip
 _MAKERS = ("replicate", "composite", "flexcomp", "attach")
 
 
@@ -57,7 +45,6 @@ class MjcfDocument:
         if self.root.tag != "mujoco":
             tag = self.root.tag
             raise ModelError(f"{self.path}: <{tag}> is no model; <mujoco> or <robot>")
-        self.twins: dict[str, tuple[mujoco.MjModel, dict[str | None, Element]]] = {}
         self.newline = "\r\n" if "\r\n" in text else "\n"
         self._include(self.file, {os.path.realpath(self.path)})
 
@@ -84,8 +71,8 @@ class MjcfDocument:
             return [e for s in self.list_sections(tag) for e in s.elements()]
         if tag in ("mujoco", *SETTINGS):
             raise ModelError(f"{self.path}: a <{tag}> has no name; say '' for it")
-        if tag not in _KINDS:
-            raise UnknownNameError("tag", tag, ("mujoco", *SETTINGS, *_KINDS))
+        if tag not in WITH_IDS:
+            raise UnknownNameError("tag", tag, ("mujoco", *SETTINGS, *WITH_IDS))
         tags = {"joint": ("joint", "freejoint"), "body": ("worldbody", "body")}
         return [e for e in self._walk_bodies() if e.tag in tags.get(tag, (tag,))]
 
@@ -102,10 +89,11 @@ class MjcfDocument:
         """The element of a name; of several (worlds) the last of the main file."""
         found = [e for e in self.list_elements(tag) if name_of(e) == name]
         if not found:
-            raise ModelError(self._describe_missing(tag, name))
+            raise ModelError(self.describe_missing(tag, name))
         return next((e for e in found[::-1] if not e.list_includes()), found[-1])
 
-    def _describe_missing(self, tag: str, name: str) -> str:
+    def describe_missing(self, tag: str, name: str) -> str:
+        """Why a name is not in the text, and which names are."""
         names = [name_of(e) for e in self.list_elements(tag)]
         there = [repr(n) for n in names if n is not None]
         unnamed = f"{names.count(None)} without a name" if None in names else ""
@@ -116,42 +104,6 @@ class MjcfDocument:
             f"{self.path}: the text has no {tag} {name!r}; there are: "
             f"{', '.join(there) or 'none'}{made if makers else ''}"
         )
-
-    def by_id(self, tag: str, index: int) -> Element:
-        """The element that has an id in the compiled model: MuJoCo is asked."""
-        if tag not in self.twins:
-            self.twins[tag] = self._twin(tag)
-        model, names = self.twins[tag]
-        kind, count = _KINDS[tag]
-        if not 0 <= index < (total := getattr(model, count)):
-            what = f"no {tag} has id {index}; there are {total}"
-            raise ModelError(f"{self.path}: {what}")
-        kind = getattr(mujoco.mjtObj, f"mjOBJ_{kind}")
-        name = mujoco.mj_id2name(model, kind, index)
-        if name not in names:
-            raise ModelError(self._describe_missing(tag, name or f"with id {index}"))
-        return names[name]
-
-    def _twin(self, tag: str) -> "tuple[mujoco.MjModel, dict[str | None, Element]]":
-        """The same model with a name for all of a kind, and what has which name."""
-        twin, names = MjcfDocument(self.path), {}
-        pairs = zip(self.list_elements(tag), twin.list_elements(tag), strict=True)
-        for k, (own, its) in enumerate(pairs):
-            if name_of(twin.inline(its)) is None:
-                find_named_element(its).set({"name": f"unnamed element {k}"})
-            names[name_of(its)] = own
-        return twin.compiled(), names
-
-    def compiled(self) -> "mujoco.MjModel":
-        """The model as MuJoCo reads it."""
-        with tempfile.TemporaryDirectory() as folder:
-            relocate_paths(self, os.path.realpath(folder))
-            path = Path(folder) / "model.xml"
-            path.write_bytes(self.file.to_text().encode())
-            try:
-                return mujoco.MjModel.from_xml_path(str(path))
-            except ValueError as error:
-                raise ModelError(describe_refusal(self.path, error)) from error
 
     def inline(self, element: Element) -> Element:
         """Bring an element into the main file, with the files that it lies in."""
@@ -231,6 +183,12 @@ class MjcfDocument:
         return self.newline + base + (step or "  ")
 
 
+def find_file(name: str, *folders: str) -> str:
+    """The first folder that has a file; MuJoCo looks in the main model's first."""
+    places = [os.path.join(folder, name) for folder in folders]
+    return next((p for p in places if os.path.isfile(p)), places[0])
+
+
 def _read_text(path: str) -> str:
     """A file's text; where it is not UTF-8 it says that from now on."""
     try:
@@ -260,6 +218,7 @@ def _from_urdf(path: str) -> str:
 
 
 def describe_refusal(path: str, error: Exception) -> str:
+    """One line of what MuJoCo says against a file."""
     return f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}"
 
 
