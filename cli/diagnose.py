@@ -13,7 +13,7 @@ import typer
 from ._progress import Live
 
 if TYPE_CHECKING:
-    from selfheal.diagnosis.result import Diagnosis
+    from selfheal.diagnosis.output.result import Diagnosis
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _FILES = ("diagnosis.json", "patched.xml", "report.html")
@@ -62,7 +62,7 @@ def diagnose(
     # numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import diagnose as find
-    from selfheal.diagnosis.folder import check_folder, unfinished_folder
+    from selfheal.diagnosis.output.storage import check_folder, unfinished_folder
 
     out = check_folder(out, force)
     memory = unfinished_folder(out)
@@ -194,7 +194,7 @@ def replay(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
-    from selfheal.diagnosis.replay import replay_recording
+    from selfheal.diagnosis.output.replay import replay_recording
     from selfheal.recording import read, write
 
     start = time.perf_counter()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from .diagnosis.result import Diagnosis
+from .diagnosis.output.result import Diagnosis
 from .errors import InputError, check_seed
 from .files import check_file
 from .recording import Recording, opened, without_file

@@ -12,7 +12,7 @@ from toys_diagnosis import ROBOTS, record
 import selfheal
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.replay import replay_recording
+from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.errors import InputError, ModelError, RecordingError
 from selfheal.recording import read, write
 

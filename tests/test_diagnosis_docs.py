@@ -12,9 +12,9 @@ import pytest
 from test_diagnosis_effects import CONTRACT
 from toys_diagnosis import bench
 
-from selfheal.diagnosis import score
 from selfheal.diagnosis.effects import GROUPS, load_catalogue
-from selfheal.diagnosis.textual import is_native
+from selfheal.diagnosis.output.mjcf_patch import is_native
+from selfheal.diagnosis.simulation import score
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Effects

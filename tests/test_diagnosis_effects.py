@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench, places
 
-from selfheal.diagnosis import score
-from selfheal.diagnosis.answer import build_patch, patch_or_nominal
-from selfheal.diagnosis.document import _list_parameters
 from selfheal.diagnosis.effects import GROUPS, find_effect, load_catalogue
+from selfheal.diagnosis.effects.base import is_distinct
 from selfheal.diagnosis.effects.body import (
     add_mass,
     set_spatial_inertia,
     spatial_inertia,
 )
-from selfheal.diagnosis.fit import Fit
-from selfheal.diagnosis.replay import replay_recording
-from selfheal.diagnosis.stated import build_nominal_terms
-from selfheal.diagnosis.terms import is_distinct
-from selfheal.diagnosis.textual import is_native
+from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
+from selfheal.diagnosis.output.document import _list_parameters
+from selfheal.diagnosis.output.mjcf_patch import is_native
+from selfheal.diagnosis.output.replay import replay_recording
+from selfheal.diagnosis.simulation import score
 from selfheal.errors import UnknownNameError
 
 # contract section 4: what a target is, and names and units of the parameters

@@ -11,9 +11,9 @@ from toys_diagnosis import ROBOTS, record
 
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
-from selfheal.diagnosis.document import format_document
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.locate import REGIMES
+from selfheal.diagnosis.output.document import format_document
+from selfheal.diagnosis.output.localization import REGIMES
 from selfheal.errors import ModelError, RecordingError, UnknownNameError
 
 PENDULUM = ROBOTS["pendulum"]

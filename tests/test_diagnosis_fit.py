@@ -7,34 +7,24 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench
 
-from selfheal.diagnosis import prove, rough
-from selfheal.diagnosis.choose import (
-    STRAINED,
-    Claim,
-    _choose_likeliest,
-    choose_winner,
-    find_relieving,
-    fit_parameterless,
-    significant_prior_penalty,
-)
+from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.evidence import (
-    Evidence,
-    ScoredFit,
-    assign_blocks,
-    assign_folds,
-    bic,
-    effective_sample_size,
-    fit_and_score,
-    generalizes_across_episodes,
-    improvement_p_value,
-    is_as_good,
-    predict_held_out,
-    reestimate_initial_states,
-    reestimate_misleading_states,
-    refit_without_folds,
+from selfheal.diagnosis.effects.base import (
+    Effect,
+    Parameter,
+    Term,
+    find_overridden,
+    restates_nominal_value,
 )
-from selfheal.diagnosis.fit import (
+from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.estimation import nonsmooth
+from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
+from selfheal.diagnosis.estimation.covariance import (
+    LEVEL,
+    effective_sample_size,
+    standard_errors,
+)
+from selfheal.diagnosis.estimation.least_squares import (
     Fit,
     compute_jacobian,
     fit_parameters,
@@ -44,42 +34,68 @@ from selfheal.diagnosis.fit import (
     solve_bounded_step,
     stack_bounds,
 )
-from selfheal.diagnosis.intervals import LEVEL, standard_errors
-from selfheal.diagnosis.name import Hypothesis, NamedEffect
-from selfheal.diagnosis.noise import (
+from selfheal.diagnosis.estimation.marginalization import (
+    _respond_to_offsets,
+    is_horizon_informative,
+    marginalize_initial_states,
+)
+from selfheal.diagnosis.estimation.noise import (
     expected_cost,
     expected_noise,
     robust_noise,
     worst_channel_ratio,
 )
-from selfheal.diagnosis.plant import ModelCompiler
-from selfheal.diagnosis.polish import prefer_simpler_names
-from selfheal.diagnosis.prepare import build_simulator, summarize_robot
-from selfheal.diagnosis.problem import (
+from selfheal.diagnosis.estimation.nonsmooth import (
+    search_along_valleys,
+    search_multiples,
+)
+from selfheal.diagnosis.estimation.problem import (
     FAR,
     Problem,
-    _respond_to_offsets,
     build_initial_state_offsets,
-    is_horizon_informative,
-    marginalize_initial_states,
 )
-from selfheal.diagnosis.prove import makes_replay_worse, removes_too_little
-from selfheal.diagnosis.prune import compute_removal_costs, exchange_term
-from selfheal.diagnosis.refute import choose_hypothesis, try_equivalents
-from selfheal.diagnosis.rough import search_along_valleys, search_multiples
-from selfheal.diagnosis.screen import find_overlooked_segments, screen_candidates
-from selfheal.diagnosis.search import StepwiseSearch
-from selfheal.diagnosis.stated import build_nominal_terms
-from selfheal.diagnosis.terms import (
-    Effect,
-    Parameter,
-    Term,
-    find_overridden,
-    restates_nominal_value,
+from selfheal.diagnosis.estimation.reweighting import (
+    reestimate_initial_states,
+    reestimate_misleading_states,
 )
-from selfheal.diagnosis.trial import LinearizedFit, fit_candidate
-from selfheal.diagnosis.windows import Segments, cut_segments
-from selfheal.diagnosis.world import LATE
+from selfheal.diagnosis.selection import verdict
+from selfheal.diagnosis.selection.backward import compute_removal_costs, exchange_term
+from selfheal.diagnosis.selection.criteria import (
+    STRAINED,
+    Claim,
+    _choose_likeliest,
+    choose_winner,
+    find_relieving,
+    fit_parameterless,
+    significant_prior_penalty,
+)
+from selfheal.diagnosis.selection.cross_validation import (
+    ScoredFit,
+    assign_blocks,
+    assign_folds,
+    fit_and_score,
+    generalizes_across_episodes,
+    predict_held_out,
+    refit_without_folds,
+)
+from selfheal.diagnosis.selection.evidence import (
+    Evidence,
+    bic,
+    improvement_p_value,
+    is_as_good,
+)
+from selfheal.diagnosis.selection.holdout import choose_hypothesis, try_equivalents
+from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
+from selfheal.diagnosis.selection.refine import prefer_simpler_names
+from selfheal.diagnosis.selection.screening import (
+    find_overlooked_segments,
+    screen_candidates,
+)
+from selfheal.diagnosis.selection.stepwise import StepwiseSearch
+from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
+from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.diagnosis.simulation.simulator import LATE
 from selfheal.recording import read
 
 NOISE = 1e-3
@@ -537,7 +553,9 @@ def test_where_something_touches_slopes_of_stated_values_are_kept(
         asked.append(first)
         return compute_jacobian(problem, terms, values, at, first, **more)
 
-    monkeypatch.setattr("selfheal.diagnosis.fit.compute_jacobian", counted)
+    monkeypatch.setattr(
+        "selfheal.diagnosis.estimation.least_squares.compute_jacobian", counted
+    )
     rng = np.random.default_rng(4)
     start = truth + 0.01 * rng.normal(size=len(truth))
     before = problem.residuals_at(terms, start)
@@ -818,7 +836,9 @@ def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
 def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
     share, patched, worse, monkeypatch
 ):
-    monkeypatch.setattr(prove, "_share_removed_in_segments", lambda case, naming: share)
+    monkeypatch.setattr(
+        verdict, "_share_removed_in_segments", lambda case, naming: share
+    )
     proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
     assert makes_replay_worse(None, None, proof) is worse
 
@@ -893,7 +913,7 @@ def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
     problem = replace(plain, segments=replace(plain.segments, readings=told + noise))
     sought = marginalize_initial_states(problem, (), values)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("selfheal.diagnosis.problem.SOUGHT", 0)
+        patch.setattr("selfheal.diagnosis.estimation.marginalization.SOUGHT", 0)
         linear = marginalize_initial_states(problem, (), values)
     cost = [float((p.residuals_at((), values) ** 2).sum()) for p in (linear, sought)]
     readings = np.isfinite(problem.segments.readings).sum()
@@ -934,7 +954,7 @@ def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
     problem = _off(b, term, values, speeds)
     cost = []
     for odd in (np.inf, 4.0):
-        monkeypatch.setattr("selfheal.diagnosis.problem.ODD", odd)
+        monkeypatch.setattr("selfheal.diagnosis.estimation.marginalization.ODD", odd)
         white = marginalize_initial_states(problem, (term,), values)
         cost.append(white.sum_by_segment(white.residuals_at((term,), values) ** 2))
     lost = cost[0] > 3 * np.median(cost[0])
@@ -1006,7 +1026,7 @@ def test_stated_values_follow_an_effect_that_moves(arm):
 def test_what_touches_is_fitted_further_by_means_over_its_roughness(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(rough, "ROUNDS", 2)
+    monkeypatch.setattr(nonsmooth, "ROUNDS", 2)
     b = bench("box", tmp_path, episodes=4, seconds=0.6)
     stated, (slip, *_) = (
         _stated(b),
@@ -1018,7 +1038,7 @@ def test_what_touches_is_fitted_further_by_means_over_its_roughness(
     begin = np.append(np.ones(len(stated)), 0.8 * 0.3)
     problem = marginalize_initial_states(problem, terms, begin)
     found = fit_parameters(problem, terms, begin)
-    seat, new = rough.fit_smoothed(problem, found)
+    seat, new = nonsmooth.fit_smoothed(problem, found)
     assert new.cost < 0.7 * found.cost
     assert abs(new.values[-1] - 0.3) < abs(found.values[-1] - 0.3)
     np.testing.assert_array_equal(new.residuals, seat.residuals_at(terms, new.values))

@@ -11,16 +11,20 @@ import pytest
 from test_diagnosis_score import undiagnosed
 from toys_diagnosis import ROBOTS, bench, places, record
 
-from selfheal.diagnosis import folder
-from selfheal.diagnosis.document import build_refit, format_document, to_json_values
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.entries import check_entries
-from selfheal.diagnosis.patch import apply_edits
-from selfheal.diagnosis.replay import replay_recording
-from selfheal.diagnosis.result import Diagnosis, Localization
-from selfheal.diagnosis.stated import is_unidentified
-from selfheal.diagnosis.terms import Parameter
+from selfheal.diagnosis.effects.base import Parameter
+from selfheal.diagnosis.effects.nominal import is_unidentified
+from selfheal.diagnosis.output import storage
+from selfheal.diagnosis.output.document import (
+    build_refit,
+    format_document,
+    to_json_values,
+)
+from selfheal.diagnosis.output.replay import replay_recording
+from selfheal.diagnosis.output.result import Diagnosis, Localization
+from selfheal.diagnosis.output.schema import check_entries
 from selfheal.errors import InputError, RecordingError, UnknownNameError
+from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import Signal, load_model, names_of
 
 NAN = float("nan")
@@ -58,8 +62,8 @@ def test_a_diagnosis_is_three_files_and_is_read_back(given, tmp_path):
     out = tmp_path / "out"
     _diagnosis(given).save(out)
     assert _names(out) == FILES and _names(tmp_path) == ["out"]
-    assert folder.read_document(out)["verdict"] == "nothing"
-    assert folder.read_document(out)["fit"] == {"floor": None}
+    assert storage.read_document(out)["verdict"] == "nothing"
+    assert storage.read_document(out)["fit"] == {"floor": None}
 
 
 def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
@@ -67,9 +71,9 @@ def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
     _diagnosis(given).save(out)
     with pytest.raises(InputError, match="--force"):
         _diagnosis(given, "unlisted").save(out)
-    assert folder.read_document(out)["verdict"] == "nothing"
+    assert storage.read_document(out)["verdict"] == "nothing"
     _diagnosis(given, "unlisted").save(out, force=True)
-    assert folder.read_document(out)["verdict"] == "unlisted" and _names(tmp_path) == [
+    assert storage.read_document(out)["verdict"] == "unlisted" and _names(tmp_path) == [
         "out"
     ]
 
@@ -86,7 +90,7 @@ def test_other_files_are_never_deleted(force, tmp_path):
     out.mkdir()
     (out / "thesis.tex").write_text("")
     with pytest.raises(InputError):
-        folder.check_folder(out, force)
+        storage.check_folder(out, force)
     assert _names(out) == ["thesis.tex"]
 
 
@@ -101,7 +105,7 @@ def test_a_link_to_a_folder_stays_one(given, tmp_path):
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(InputError, match="is a file"):
-        folder.check_folder(tmp_path / "out", True)
+        storage.check_folder(tmp_path / "out", True)
 
 
 @pytest.mark.parametrize("there", [False, True])
@@ -141,7 +145,7 @@ def test_what_is_no_diagnosis_is_refused(text, said, tmp_path):
     if text is not None:
         (tmp_path / "diagnosis.json").write_text(text)
     with pytest.raises(InputError, match=said):
-        folder.read_document(tmp_path)
+        storage.read_document(tmp_path)
 
 
 def test_json_has_no_nan_and_no_numpy():

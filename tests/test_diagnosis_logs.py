@@ -9,18 +9,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 from toys_diagnosis import ROBOTS, bench, record
 
-from selfheal.diagnosis.case import cut_readable_segments
-from selfheal.diagnosis.logs import (
+from selfheal.diagnosis.data.episodes import (
     _average_over_steps,
     _find_quantum,
     _remove_sign_jumps,
     build_channels,
     sample_episode,
 )
-from selfheal.diagnosis.parabolas import fit_polynomials
-from selfheal.diagnosis.prepare import reorder_commands
-from selfheal.diagnosis.state import estimate_initial_state
-from selfheal.diagnosis.windows import Segments, cut_segments
+from selfheal.diagnosis.data.local_polynomial import fit_polynomials
+from selfheal.diagnosis.data.segments import Segments, cut_segments
+from selfheal.diagnosis.data.state_estimate import estimate_initial_state
+from selfheal.diagnosis.simulation.build import reorder_commands
+from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from selfheal.recording import Episode, Recording, Signal
 
 STEP = 0.002

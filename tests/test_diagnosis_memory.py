@@ -8,9 +8,9 @@ from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
-from selfheal.diagnosis.document import format_document
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.memory import Checkpoint, digest_inputs
+from selfheal.diagnosis.output.document import format_document
+from selfheal.diagnosis.simulation.checkpoint import Checkpoint, digest_inputs
 
 ANSWER = (np.arange(4.0), np.array(7))
 QUESTION = ("fit", np.arange(3.0), (1, None), [b"of", 2.5])

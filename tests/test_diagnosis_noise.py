@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from toys_diagnosis import bench
 
-from selfheal.diagnosis.noise import update_noise_model
-from selfheal.diagnosis.parabolas import MOST, ar1_error_factors, choose_half_width
-from selfheal.diagnosis.problem import Problem
-from selfheal.diagnosis.state import estimate_initial_state
-from selfheal.diagnosis.windows import cut_segments
+from selfheal.diagnosis.data.local_polynomial import (
+    MOST,
+    ar1_error_factors,
+    choose_half_width,
+)
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.data.state_estimate import estimate_initial_state
+from selfheal.diagnosis.estimation.noise import update_noise_model
+from selfheal.diagnosis.estimation.problem import Problem
 
 SIZE = 1e-3
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench, record
 
-from selfheal.diagnosis import locate, score
-from selfheal.diagnosis.patch import apply_edits
-from selfheal.diagnosis.plant import ModelCompiler
-from selfheal.diagnosis.prepare import build_simulator
-from selfheal.diagnosis.prove import is_replay_off
-from selfheal.diagnosis.replay import replay_recording
-from selfheal.diagnosis.windows import cut_segments
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.output import localization
+from selfheal.diagnosis.output.replay import replay_recording
+from selfheal.diagnosis.selection.verdict import is_replay_off
+from selfheal.diagnosis.simulation import score
+from selfheal.diagnosis.simulation.build import build_simulator
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import read
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
@@ -163,14 +164,14 @@ def arm(tmp_path_factory):
 @pytest.mark.parametrize("regime", ["reversal", "fast", "slow", "after_step"])
 def test_an_error_in_one_regime_is_located_there(regime, arm):
     pieces = cut_segments(arm.simulator.episodes, 150)
-    masks = locate.classify_samples(arm.simulator, arm.robot, pieces)
-    r = locate.REGIMES.index(regime)
+    masks = localization.classify_samples(arm.simulator, arm.robot, pieces)
+    r = localization.REGIMES.index(regime)
     names = [c.name for c in arm.simulator.channels]
     elbow, shoulder = names.index("elbow"), names.index("shoulder")
     rng = np.random.default_rng(0)
     square = rng.chisquare(1, (len(pieces.sample_steps), len(names)))
     square[:, elbow] += 20 * masks[r, :, elbow]
-    share, p = locate.localize_error(arm.simulator, arm.robot, pieces, square)
+    share, p = localization.localize_error(arm.simulator, arm.robot, pieces, square)
     assert p[elbow, r] < 1e-3
     inside = masks[:, :, elbow]
     density = share[elbow] / inside.mean(axis=1)
@@ -184,7 +185,7 @@ def test_white_noise_lies_nowhere(arm):
     pieces = cut_segments(arm.simulator.episodes, 150)
     rng = np.random.default_rng(1)
     square = rng.chisquare(1, (len(pieces.sample_steps), len(arm.simulator.channels)))
-    _, p = locate.localize_error(arm.simulator, arm.robot, pieces, square)
+    _, p = localization.localize_error(arm.simulator, arm.robot, pieces, square)
     assert p.min() > 0.01
 
 
@@ -192,8 +193,8 @@ def test_regimes_are_what_they_are_called(arm):
     pieces = cut_segments(arm.simulator.episodes, 150)
     masks = dict(
         zip(
-            locate.REGIMES,
-            locate.classify_samples(arm.simulator, arm.robot, pieces),
+            localization.REGIMES,
+            localization.classify_samples(arm.simulator, arm.robot, pieces),
             strict=True,
         )
     )
@@ -207,8 +208,8 @@ def test_regimes_are_what_they_are_called(arm):
 def test_contact_is_where_something_touches(tmp_path):
     b = bench("box", tmp_path, episodes=3, seconds=0.8)
     pieces = cut_segments(b.simulator.episodes, None)
-    masks = locate.classify_samples(b.simulator, b.robot, pieces)
-    touch = masks[locate.REGIMES.index("contact"), :, 0]
+    masks = localization.classify_samples(b.simulator, b.robot, pieces)
+    touch = masks[localization.REGIMES.index("contact"), :, 0]
     low = pieces.readings[:, b.simulator.channels[0].first_column + 2] < 0.05
     assert touch[low].mean() > 0.85 and not touch[pieces.sample_steps < 10].any()
 
@@ -255,7 +256,7 @@ def test_a_coarse_time_step_leads_no_replay_astray(tmp_path):
 def test_holms_correction_is_holms(seed):
     rng = np.random.default_rng(seed)
     p, tested = rng.uniform(0, 0.2, (4, 5)), rng.random((4, 5)) < 0.7
-    fixed = locate._correct_holm(p, tested)
+    fixed = localization._correct_holm(p, tested)
     assert (fixed[~tested] == 1).all() and (fixed[tested] >= p[tested]).all()
     raw, new, m = p[tested], fixed[tested], tested.sum()
     for cell in range(m):

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from toys_diagnosis import ROBOTS, bench, record
 
+from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.fit import fit_parameters
-from selfheal.diagnosis.onset import (
+from selfheal.diagnosis.effects.base import Onset
+from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.selection.change_point import (
     choose_held_out_after,
     detect_change_point,
     set_onset,
 )
-from selfheal.diagnosis.problem import Problem, marginalize_initial_states
-from selfheal.diagnosis.stated import build_nominal_terms
-from selfheal.diagnosis.terms import Onset
-from selfheal.diagnosis.windows import cut_segments
 
 PENDULUM, STEP = ROBOTS["pendulum"], 0.002
 WORN = 0.04  # [N m s/rad]
@@ -40,8 +41,8 @@ def _changing(*, at: int, episodes: int = 6, seed: int = 0, change=_worn):
 
 def _stated_fit(folder, recording):
     """A problem of all pieces, and the fit of what the model states."""
-    from selfheal.diagnosis.plant import ModelCompiler
-    from selfheal.diagnosis.prepare import build_simulator, summarize_robot
+    from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+    from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 
     path = folder / "model.xml"
     path.write_text(PENDULUM.xml)
@@ -91,7 +92,7 @@ def test_what_was_always_or_never_there_did_not_set_in(tmp_path, at):
     ids=["some before", "all later", "all before"],
 )
 def test_what_is_held_out_is_later(tmp_path, held, expected):
-    from selfheal.diagnosis.case import prepare_dataset
+    from selfheal.diagnosis.simulation.dataset import prepare_dataset
 
     path = tmp_path / "model.xml"
     path.write_text(PENDULUM.xml)

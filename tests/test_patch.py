@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.patch import (
+from selfheal.errors import ModelError, UnknownNameError
+from selfheal.mjcf.edit import (
     Insert,
     Rename,
     Set,
@@ -18,7 +19,6 @@ from selfheal.diagnosis.patch import (
     format_number,
     unified_diff,
 )
-from selfheal.errors import ModelError, UnknownNameError
 
 ARM = """<?xml version="1.0"?>
 <!-- an arm; not <joint name="knee"/> -->

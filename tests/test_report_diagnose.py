@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
-from selfheal.diagnosis.answer import _improvement_p_value
+from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.result import (
+from selfheal.diagnosis.output.build_result import _improvement_p_value
+from selfheal.diagnosis.output.result import (
     Candidate,
     Diagnosis,
     Localization,
     SignalFit,
     Trace,
 )
-from selfheal.diagnosis.windows import Segments
 from selfheal.report import diagnose, figures, phrases, tables
 from selfheal.report.diagnose import page, sentence
 from selfheal.report.page import bars, write_page

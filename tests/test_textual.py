@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from toys_diagnosis import ARM, ROBOTS, bench, record
 
-from selfheal.diagnosis import answer
-from selfheal.diagnosis.answer import build_patch, patch_or_nominal
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.body import spatial_inertia
-from selfheal.diagnosis.fit import Fit
-from selfheal.diagnosis.patch import Set
-from selfheal.diagnosis.plant import ModelCompiler
-from selfheal.diagnosis.prepare import build_simulator, summarize_robot
-from selfheal.diagnosis.stated import build_nominal_terms
+from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.output import build_result
+from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
+from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.mjcf.edit import Set
 
 RADIAN = '<compiler angle="radian"/>'
 ELBOW = '<position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>'
@@ -274,7 +274,7 @@ def test_a_change_of_one_number_changes_one_line(written, tmp_path):
 
 def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
     wrong = [Set("joint", "elbow", {"stickiness": "much"})]
-    monkeypatch.setattr(answer, "build_edits", lambda *_: wrong)
+    monkeypatch.setattr(build_result, "build_edits", lambda *_: wrong)
     case, found = written("plain"), Fit((), *np.zeros((2, 0)), np.zeros((0, 0)))
     text, diff, edits, unpatched = patch_or_nominal(case, found)
     assert (text, diff, edits) == (ARM, "", [])

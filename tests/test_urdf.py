@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 from selfheal.cli import app
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.patch import apply_edits
-from selfheal.diagnosis.plant import ModelCompiler
-from selfheal.diagnosis.prepare import build_simulator, summarize_robot
-from selfheal.diagnosis.stated import build_nominal_terms
+from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.errors import ModelError, RecordingError
+from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import (
     check_against_model,
     load_model,

@@ -8,8 +8,8 @@ from toys_diagnosis import ROBOTS, bench, record
 
 import selfheal
 from selfheal.diagnosis import diagnose as module
-from selfheal.diagnosis.score import cut_replay_segments
-from selfheal.diagnosis.usable import find_divergence
+from selfheal.diagnosis.simulation.checks import find_divergence
+from selfheal.diagnosis.simulation.score import cut_replay_segments
 from selfheal.errors import ModelError, RecordingError
 from selfheal.recording import Signal
 

@@ -13,8 +13,8 @@ from selfheal.body.mjcf import ignore_warnings
 from selfheal.recording import Episode, Recording, Signal
 
 if TYPE_CHECKING:
-    from selfheal.diagnosis.scene import RobotSummary
-    from selfheal.diagnosis.world import Simulator
+    from selfheal.diagnosis.data.robot_summary import RobotSummary
+    from selfheal.diagnosis.simulation.simulator import Simulator
 
 PENDULUM = """<mujoco model="pendulum">
   <!-- a weight on a rod, turned by a servo -->
@@ -320,8 +320,8 @@ class Bench:
 
 def bench(robot: Robot | str, folder: Path, **how) -> Bench:
     """The robot's model in a folder, and a recording of it."""
-    from selfheal.diagnosis.plant import ModelCompiler
-    from selfheal.diagnosis.prepare import build_simulator, summarize_robot
+    from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+    from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 
     robot = ROBOTS[robot] if isinstance(robot, str) else robot
     path = folder / "model.xml"

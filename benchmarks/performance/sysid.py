@@ -20,19 +20,20 @@ import numpy as np
 from mujoco import sysid
 
 from benchmarks.writer import Section, make_parser, publish_results
-from selfheal.diagnosis import score
-from selfheal.diagnosis.case import (
+from selfheal.diagnosis.effects.base import Term
+from selfheal.diagnosis.effects.nominal import MASS, REST, build_nominal_terms
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.simulation import score
+from selfheal.diagnosis.simulation.dataset import (
     LONG,
     WINDOW,
     Dataset,
     cut_readable_segments,
     prepare_dataset,
 )
-from selfheal.diagnosis.fit import fit_parameters
-from selfheal.diagnosis.problem import Problem, marginalize_initial_states
-from selfheal.diagnosis.score import cut_replay_segments
-from selfheal.diagnosis.stated import MASS, REST, build_nominal_terms
-from selfheal.diagnosis.terms import Term
+from selfheal.diagnosis.simulation.score import cut_replay_segments
 from selfheal.recording import Episode, Recording, Signal
 
 XML = """<mujoco model="arm">
@@ -153,7 +154,7 @@ def select_terms(case: Dataset) -> list[Term]:
 
 
 def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
-    """Factors of VALUES by `selfheal.diagnosis.fit`.
+    """Factors of VALUES by `selfheal.diagnosis.estimation.least_squares`.
 
     Args:
         robot: what is fitted.

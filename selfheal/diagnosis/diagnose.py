@@ -7,21 +7,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..recording import Recording
-from .answer import build_diagnosis
-from .case import (
-    LONG,
-    WINDOW,
-    build_problem,
-    check_enough_segments,
-    cut_readable_segments,
-    prepare_dataset,
-)
 from .effects import load_catalogue
-from .name import name_effects, start_search
-from .onset import choose_held_out_after, detect_change_point, set_onset
-from .polish import prefer_simpler_names, refine_hypothesis
-from .problem import Problem
-from .prove import (
+from .effects.nominal import build_nominal_terms
+from .estimation.problem import Problem, build_problem, check_enough_segments
+from .output.build_result import build_diagnosis
+from .output.result import Diagnosis
+from .selection.change_point import (
+    choose_held_out_after,
+    detect_change_point,
+    set_onset,
+)
+from .selection.holdout import choose_hypothesis, drop_refuted, keep_competitive
+from .selection.hypotheses import name_effects, start_search
+from .selection.quantization import name_quantization
+from .selection.refine import prefer_simpler_names, refine_hypothesis
+from .selection.verdict import (
     HeldOutScores,
     analyze_remaining,
     decide_verdict,
@@ -30,11 +30,8 @@ from .prove import (
     makes_replay_worse,
     removes_too_little,
 )
-from .refute import choose_hypothesis, drop_refuted, keep_competitive
-from .result import Diagnosis
-from .rounding import name_quantization
-from .stated import build_nominal_terms
-from .usable import check_dataset
+from .simulation.checks import check_dataset
+from .simulation.dataset import LONG, WINDOW, cut_readable_segments, prepare_dataset
 
 Progress = Callable[[str, float], None]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.effects import load_catalogue
-from ..diagnosis.result import Diagnosis, Localization
-from ..diagnosis.stated import is_unidentified
-from ..diagnosis.terms import implements
+from ..diagnosis.effects.base import implements
+from ..diagnosis.effects.nominal import is_unidentified
+from ..diagnosis.output.result import Diagnosis, Localization
 from . import figures, tables
 from .facts import percent
 from .page import Html, Section, bars, bullets, diff, join, mark, paragraph, table

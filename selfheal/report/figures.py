@@ -10,7 +10,7 @@ import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate
 from ..body.genome import build
-from ..diagnosis.result import Localization, Trace
+from ..diagnosis.output.result import Localization, Trace
 from ..selfmodel.run import Cycle, Run
 from .draw import NEUTRAL, RIGHT, WRONG, draw, from_above, from_behind, window
 from .facts import TILT_NAMES, action_name, right_edges, thousands

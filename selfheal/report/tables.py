@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..body.genome import HINGE_NAMES
-from ..diagnosis.result import Candidate, SignalFit
-from ..diagnosis.stated import is_unidentified, relative_bound
+from ..diagnosis.effects.nominal import is_unidentified, relative_bound
+from ..diagnosis.output.result import Candidate, SignalFit
 from ..selfmodel.run import Run
 from .facts import (
     SIDES,

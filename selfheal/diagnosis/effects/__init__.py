@@ -4,7 +4,7 @@ from functools import cache
 from importlib.metadata import entry_points
 
 from ...errors import UnknownNameError
-from ..terms import Effect
+from .base import Effect
 
 
 @cache

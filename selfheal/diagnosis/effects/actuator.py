@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..patch import Rename, Set, format_number
-from ..scene import RobotSummary, has_affine_force
-from ..terms import Effect, Floats, Parameter, Term, extend_places
+from ...mjcf.edit import Rename, Set, format_number
+from ..data.robot_summary import RobotSummary, has_affine_force
+from .base import Effect, Floats, Parameter, Term, extend_places
 
 SLOW = 0.3  # of its scale, an integral gain that is hardly more than a torque; chosen
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..scene import RobotSummary, find_link_axis, min_stable_inertia
-from ..terms import Effect, Floats, Parameter, Term, extend_places
+from ..data.robot_summary import RobotSummary, find_link_axis, min_stable_inertia
+from .base import Effect, Floats, Parameter, Term, extend_places
 
 HEAVY = 1000.0  # times a joint's inertia, the rotor of one that is stuck; chosen
 STILL = 1.5  # times a reading's noise, the spread of one that tells no motion; chosen

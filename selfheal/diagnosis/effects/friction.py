@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene import RobotSummary
-from ..terms import Effect, Parameter, Term, extend_places
+from ..data.robot_summary import RobotSummary
+from .base import Effect, Parameter, Term, extend_places
 
 BOTH = "both"  # sides of a gear
 ALIKE = 0.05  # of a friction, by which its two directions may differ; chosen

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from ..scene import Channel, RobotSummary
-from ..terms import Effect, Parameter, Term
+from ..data.robot_summary import Channel, RobotSummary
+from .base import Effect, Parameter, Term
 
 # of a step, a delay that is how recordings are made: who records a simulation, or a
 # control loop, reads what was computed a moment ago; chosen

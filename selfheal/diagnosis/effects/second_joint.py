@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from ..patch import Insert, Set, format_number
-from ..scene import min_stable_inertia
-from ..terms import extend_places
+from ...mjcf.edit import Insert, Set, format_number
+from ..data.robot_summary import min_stable_inertia
+from .base import extend_places
 from .friction import JointEffect
 
 FIELDS = {

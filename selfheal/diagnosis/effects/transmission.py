@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..terms import Effect, Parameter, Term, extend_places
+from .base import Effect, Parameter, Term, extend_places
 from .friction import JointEffect, torque_scale
 from .second_joint import SecondJointEffect
 

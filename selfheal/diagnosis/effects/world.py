@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..scene import RobotSummary
-from ..terms import Effect, Floats, Parameter, Term
+from ..data.robot_summary import RobotSummary
+from .base import Effect, Floats, Parameter, Term
 
 STEEPEST = 0.5  # [rad] of a slope that nobody saw; chosen
 FLAT = 1e-6  # of the largest torque of weight: no torque at all

@@ -1,0 +1,1 @@
+"""Output: diagnosis.json, patched.xml, and the replay of both."""

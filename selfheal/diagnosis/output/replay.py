@@ -1,0 +1,266 @@
+"""A diagnosed model replayed: takes commands and initial states, gives the signals."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError, RecordingError
+from ...recording import Episode, ModelNames, Recording, check_against_model, names_of
+from ...recording.data import Floats
+from ..data.episodes import build_channels, sample_episode
+from ..data.robot_summary import RobotSummary, summarize_bodies, summarize_joints
+from ..data.segments import cut_segments
+from ..effects import find_effect
+from ..effects.base import Parameter, Term
+from ..effects.nominal import build_nominal_terms
+from ..effects.world import GroundEffect, find_ground_geoms
+from ..simulation.build import (
+    StateReconstruction,
+    reorder_commands,
+    summarize_actuators,
+)
+from ..simulation.checks import find_divergence
+from ..simulation.model_variants import ModelCompiler
+from ..simulation.simulator import Simulator
+from .storage import read_document
+
+
+def replay_recording(
+    folder: str | os.PathLike[str],
+    recording: Recording,
+    *,
+    model: str | os.PathLike[str] | None = None,
+) -> Recording:
+    """The recording with every predictable signal filled in, open loop.
+
+    Args:
+        folder: of a diagnosis.
+        recording: commands and initial states; signals of NaN say what is asked for.
+        model: another version of the robot's model; None: the patched one.
+
+    Raises:
+        InputError: the folder holds no diagnosis.
+        ModelError: MuJoCo cannot load the model.
+        RecordingError: an episode has no qpos0, or speaks of what the model lacks.
+    """
+    document = read_document(folder)
+    path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
+    workshop = ModelCompiler(path)
+    patched = model is None and not document.get("unpatched")
+    terms, values = _build_terms(document, workshop, patched)
+    added = _find_added_joints(document, workshop.nominal) if patched else []
+    check_against_model(recording, _list_names(workshop, len(added)))
+    episodes = {
+        name: _replay_episode(workshop, recording, name, terms, values, added)
+        for name in recording.episodes
+    }
+    return replace(recording, episodes=episodes)
+
+
+def _build_terms(
+    document: Mapping[str, Any], workshop: ModelCompiler, patched: bool
+) -> tuple[list[Term], Floats]:
+    """What is true beyond the model, and its values in a row."""
+    terms: list[Term] = []
+    values: list[Floats] = []
+    if not patched:
+        for term, factor in _restore_refit(document, workshop):
+            terms.append(term)
+            values.append(np.array([factor]))
+    for finding in document["findings"]:
+        term = restore_term(finding, workshop, patched)
+        if patched and _is_in_patch(finding):
+            continue
+        terms.append(term)
+        values.append(_read_values(finding))
+    return terms, np.concatenate([*values, np.zeros(0)])
+
+
+def _is_in_patch(finding: Mapping[str, Any]) -> bool:
+    """Whether a patched model says all of a finding without help."""
+    helped = (
+        finding.get("measured") == "link"
+        or find_effect(finding["effect"]).native_is_stepwise
+    )
+    return bool(finding.get("native") and not helped)
+
+
+def _restore_refit(document, workshop: ModelCompiler) -> Iterator[tuple[Term, float]]:
+    """What the diagnosis fitted anew, as factors of what this model states."""
+    stated = {
+        t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(workshop))
+    }
+    for entry in document["refit"]:
+        if entry["parameter"] in stated and entry["given"]:
+            yield stated[entry["parameter"]], entry["value"] / entry["given"]
+
+
+def _read_values(finding: Mapping[str, Any]) -> Floats:
+    return np.concatenate([
+        np.atleast_1d(np.array(p["value"], float)) for p in finding["parameters"]
+    ] + [np.zeros(0)])  # fmt: skip
+
+
+def restore_term(
+    finding: Mapping[str, Any], workshop: ModelCompiler, patched: bool
+) -> Term:
+    """A finding as a term of a model.
+
+    Raises:
+        InputError: the model does not have what the finding is about.
+    """
+    kind = find_effect(finding["effect"])
+    names = [p["name"] for p in finding["parameters"]]
+    place = restore_place(workshop.nominal, finding, names)
+    if patched:
+        place["there"] = True  # the joint that it adds is in the text already
+        if "suffix" in place:
+            _check_added_joint(workshop, place)
+    parameters = tuple(
+        Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
+        for i in range(len(_read_values(finding)))
+    )
+    return Term(kind, (finding["target"],), (place,), parameters, ())
+
+
+def _check_added_joint(workshop: ModelCompiler, place: Mapping[str, Any]) -> None:
+    """Refuse a patched model without the joint that a finding says is in it."""
+    joint, model = place["joint"], workshop.nominal
+    name = f"{model.joint(joint).name}{place['suffix']}"
+    if name not in [model.joint(j).name for j in range(model.njnt)]:
+        raise InputError(
+            f"{workshop.path} has no joint {name!r}, which the diagnosis says is in "
+            "it; would fit: the patched.xml that was written with it"
+        )
+
+
+def restore_place(
+    model, finding: Mapping[str, Any], names: Sequence[str]
+) -> dict[str, Any]:
+    """What an effect needs to act where a finding says, in a given model."""
+    kind = find_effect(finding["effect"])
+    sort, _, name = finding["target"].partition(":")
+    side = finding.get("measured") or finding.get("side")
+    place: dict[str, Any] = {"side": side, "begins": finding.get("begins")}
+    try:
+        if sort == "joint":
+            place |= _joint_place(model, name)
+            if "other" in finding:
+                other = _joint_place(model, finding["other"].partition(":")[2])
+                place |= {"other_dof": other["dof"], "other_qpos": other["qpos"]}
+            if getattr(kind, "suffix", ""):
+                place["suffix"] = kind.suffix  # type: ignore[attr-defined]
+        elif sort == "actuator":
+            a = model.actuator(name).id
+            place |= {"actuator": a, "gear": float(model.actuator_gear[a, 0])}
+            if model.actuator_trntype[a] in (0, 1):
+                joint = model.joint(int(model.actuator_trnid[a, 0]))
+                place |= {"dof": int(joint.dofadr[0]), "qpos": int(joint.qposadr[0])}
+        elif sort == "body":
+            place["body"] = model.body(name).id
+        elif sort == "sensor":
+            place["signal"] = name
+        elif sort == "geom":
+            place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
+        elif sort == "world":
+            place |= {"field": (*names, "")[0], **(find_ground_geoms(model) or {})}
+            if isinstance(kind, GroundEffect) and "geoms" not in place:
+                raise InputError(
+                    f"the model has no ground, whose {kind.name} the diagnosis names; "
+                    "would fit: a geom of the world that something can touch"
+                )
+    except KeyError as error:
+        raise InputError(f"the model has no {sort} {name!r}, which the diagnosis names"
+                         ) from error  # fmt: skip
+    return place
+
+
+def _joint_place(model, name: str) -> dict[str, Any]:
+    joint = model.joint(name)
+    dof = int(joint.dofadr[0])
+    return {"joint": joint.id, "dof": dof, "qpos": int(joint.qposadr[0]),
+            "inertia": float(model.dof_M0[dof])}  # fmt: skip
+
+
+def summarize_unrecorded(workshop: ModelCompiler) -> RobotSummary:
+    """A robot of which nothing was recorded."""
+    model = workshop.nominal
+    joints = summarize_joints(
+        model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set()
+    )
+    world = Simulator(workshop, (), (), float(model.opt.timestep))
+    actuators = summarize_actuators(world, StateReconstruction(world), joints)
+    return RobotSummary(
+        model, world.timestep, (), joints, actuators, summarize_bodies(model), True
+    )
+
+
+def _replay_episode(
+    workshop: ModelCompiler,
+    recording: Recording,
+    name: str,
+    terms: Sequence[Term],
+    values: Floats,
+    added: Sequence[int],
+) -> Episode:
+    """One episode, filled in; `added` joints are not in its state."""
+    episode = recording.episodes[name]
+    if episode.qpos0 is None:
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: it has no qpos0; a replay needs the "
+            "state that it starts from"
+        )
+    model = workshop.nominal
+    begun = reorder_commands(_extend_state(episode, model, added), model)
+    one = replace(recording, episodes={name: begun})
+    signals = build_channels([one], empty=True)
+    step = float(model.opt.timestep)
+    world = Simulator(
+        workshop, signals, (sample_episode(name, begun, signals, step),), step
+    )
+    pieces = cut_segments(world.episodes, None, empty=True)
+    told = world.simulate(terms, values[None], pieces)[0]
+    if not np.isfinite(told).all():
+        _, _, lost = find_divergence(world, pieces, terms, values)
+        raise RecordingError(
+            f"{recording.file}, episode {name!r}: the model diverges at {lost:.4g} s"
+        )
+    filled = dict(episode.signals)
+    for c in signals:
+        old = episode.signals[c.name]
+        filled[c.name] = replace(
+            old, values=told[:, c.columns].reshape(old.values.shape)
+        )
+    return replace(episode, signals=filled)
+
+
+def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
+    """Joints that a patch added to a model, each with one degree of freedom."""
+    names = {
+        finding["target"].partition(":")[2] + suffix
+        for finding in document["findings"]
+        if (suffix := getattr(find_effect(finding["effect"]), "suffix", ""))
+    }
+    return [j for j in range(model.njnt) if model.joint(j).name in names]
+
+
+def _list_names(workshop: ModelCompiler, added: int) -> ModelNames:
+    """What a recording may say of the model, to which a patch added joints."""
+    names = names_of(workshop.nominal)
+    return replace(names, nq=names.nq - added, nv=names.nv - added)
+
+
+def _extend_state(episode: Episode, model, added: Sequence[int]) -> Episode:
+    """The episode with a place in its state for joints that a patch added.
+
+    They start at 0, and so does every velocity where none is given.
+    """
+    qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
+    qpos[np.delete(np.arange(model.nq), model.jnt_qposadr[added])] = episode.qpos0
+    if episode.qvel0 is not None:
+        qvel[np.delete(np.arange(model.nv), model.jnt_dofadr[added])] = episode.qvel0
+    return replace(episode, qpos0=qpos, qvel0=qvel)

@@ -1,0 +1,108 @@
+"""A diagnosis on disk (contract section 2): whole, or not there."""
+
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from ...errors import InputError
+from ...files import check_writable
+from .document import format_document
+from .schema import check_entries
+
+FILES = ("diagnosis.json", "patched.xml", "report.html")
+
+
+def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
+    """Refuse a folder that cannot be written or would be lost.
+
+    Raises:
+        InputError: it cannot be written, or holds something and `force` is not set.
+    """
+    folder = Path(folder)
+    check_writable(folder)
+    if folder.is_file():
+        raise InputError(f"{folder} is a file; would fit: a folder to be made")
+    try:
+        held = sorted(os.listdir(folder)) if folder.is_dir() else []
+    except OSError as error:
+        raise InputError(f"cannot look into {folder}: {error.strerror}") from error
+    if others := [name for name in held if name not in FILES]:
+        raise InputError(
+            f"{folder} holds {', '.join(others[:3])}, which is no part of a diagnosis "
+            "and would be lost; would fit: a new folder, or an empty one"
+        )
+    if held and not force:
+        raise InputError(
+            f"{folder} holds an earlier diagnosis; --force replaces it, or give "
+            "another folder"
+        )
+    return folder
+
+
+def unfinished_folder(folder: str | os.PathLike[str]) -> Path:
+    """The hidden folder beside it, in which a killed diagnosis goes on."""
+    real = Path(folder).resolve()  # "." has no name
+    return real.with_name(f".{real.name}.unfinished")
+
+
+def write_diagnosis(
+    folder: Path, document: Mapping[str, Any], patched: str, page: str
+) -> None:
+    """Write diagnosis.json, patched.xml and report.html, all or nothing.
+
+    Args:
+        folder: that `check_folder` let pass, where a link to it leads.
+        document: diagnosis.json.
+        patched: text of patched.xml, whose paths lead from the folder.
+        page: report.html.
+    """
+    new = folder.parent / f".{folder.name}.{uuid4().hex[:8]}.tmp"
+    new.mkdir(parents=True)
+    try:
+        (new / "diagnosis.json").write_text(format_document(document))
+        (new / "patched.xml").write_bytes(patched.encode())
+        (new / "report.html").write_text(page, encoding="utf-8")
+        _replace_folder(new, folder)
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _replace_folder(new: Path, folder: Path) -> None:
+    """Let a new folder take the place of one that may be there."""
+    if folder == Path.cwd():  # who stands in it would stand in a deleted one
+        for name in FILES:
+            os.replace(new / name, folder / name)
+        return
+    old = new.with_suffix(".old")
+    if folder.exists():
+        os.replace(folder, old)
+    os.replace(new, folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """diagnosis.json of a folder.
+
+    Raises:
+        InputError: there is none, or it is none.
+    """
+    path = Path(folder) / "diagnosis.json"
+    try:
+        document = json.loads(path.read_text())
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not JSON: {error}") from error
+    except RecursionError as error:
+        raise InputError(
+            f"{path} is nested too deeply; would fit: a diagnosis"
+        ) from error
+    kind = document.get("format") if isinstance(document, dict) else None
+    if kind != "selfheal-diagnosis" or document.get("version") != 1:
+        raise InputError(f"{path} is not a selfheal-diagnosis of version 1")
+    check_entries(path, document)
+    return document

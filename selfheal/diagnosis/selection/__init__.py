@@ -1,0 +1,1 @@
+"""Model selection: which effects the data support, tested on held-out episodes."""

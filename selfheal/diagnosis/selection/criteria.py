@@ -1,0 +1,275 @@
+"""Which of some candidates earns a name: takes their fits, gives one or none."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ..effects.base import Term, find_overridden, implements
+from ..estimation.candidate_fit import LinearizedFit
+from ..estimation.least_squares import (
+    Fit,
+    compute_jacobian,
+    fit_parameters,
+    prior_precision,
+    refine_undamped,
+)
+from ..estimation.marginalization import marginalize_initial_states
+from ..estimation.noise import noise_ratio
+from ..estimation.problem import Problem
+from ..estimation.reweighting import reestimate_initial_states
+from .change_point import LEFT
+from .cross_validation import ScoredFit, fit_and_score, generalizes_across_episodes
+from .evidence import (
+    Evidence,
+    bic,
+    bootstrap_stability,
+    improvement_p_value,
+    is_as_good,
+)
+from .screening import Progress
+
+FITTED = 5  # of the last ones, with every other value fitted anew; chosen
+SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
+# least share of the held-out squared error that a name removes; and where impacts make
+# the cost rough; chosen
+WORTH, ROUGH = 0.02, 0.1
+STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
+DRASTIC = 2  # at most, of what leaves nothing to fit, that are fitted; chosen
+MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """What speaks for a name, and what else might have got it.
+
+    Attributes:
+        evidence: for it.
+        rivals: what cannot be told from it.
+        others: what else might take its place beside later effects.
+    """
+
+    evidence: Evidence
+    rivals: tuple[Term, ...] = ()
+    others: tuple[Term, ...] = ()
+
+
+def fit_finalists(
+    problem: Problem, fits: Sequence[Fit], progress: Progress
+) -> list[ScoredFit]:
+    """The candidates' predictions, the best ones' with everything else fitted anew."""
+    found = [ScoredFit.from_fit(problem, f) for f in fits]
+    found.sort(key=lambda s: s.error)
+    for i in range(min(FITTED, len(found))):
+        old = found[i]
+        progress(f"fitting {old.candidate.label}", i / FITTED)
+        at, near = old.fit.values, old.fit.jacobian
+        new = fit_and_score(problem, old.fit.terms, at, rounds=3, known=near)
+        if new.error < old.error:
+            found[i] = new
+        found[i] = _score_reestimated(problem, found[i])
+    return found
+
+
+def _score_reestimated(problem: Problem, found: ScoredFit) -> ScoredFit:
+    """The same with the starts that its values ask for, if it is better there."""
+    terms, values = found.fit.terms, found.fit.values
+    seat = reestimate_initial_states(problem, terms, values)
+    if seat is problem:
+        return found
+    near = problem.transfer_jacobian(seat, found.fit.jacobian)
+    new = replace(
+        fit_and_score(seat, terms, values, rounds=4, known=near), reestimated=seat
+    )
+    return new if new.error < found.error else found
+
+
+def fit_parameterless(
+    base: LinearizedFit, stated: int, candidates: Sequence[Term], progress: Progress
+) -> list[ScoredFit]:
+    """Predictions of what leaves nothing to fit, as a lost limb, begun from the start.
+
+    Stated values and starts that were sought without it are so far off that it seems of
+    no use there. So it is looked at with values as given and starts as read, and those
+    that mend most of it are fitted from there.
+    """
+    whole = [t for t in candidates if not t.parameters]
+    problem, found = base.problem, base.fit
+    if not whole or problem.segments.is_single_readings:
+        return []
+    raw = replace(problem.unmarginalized, initial_state_shift=None)
+    values = np.append(np.ones(stated), found.values[stated:])
+    before = raw.residuals_at(found.terms, values)
+    costs = {}
+    for term in whole:
+        after = raw.residuals_at((*found.terms, term), values)
+        costs[term] = float(after @ after) / float(before @ before)
+    order = sorted(whole, key=lambda t: costs[t])[:DRASTIC]
+    scores = []
+    for term in [t for t in order if costs[t] < MOSTLY]:
+        progress(f"fitting {term.label}", 0.0)
+        terms = (*found.terms, term)
+        seat = marginalize_initial_states(raw, terms, values)
+        scores.append(
+            replace(fit_and_score(seat, terms, values, rounds=4), reestimated=seat)
+        )
+    return scores
+
+
+def choose_winner(
+    problem: Problem, now: ScoredFit, finals: Sequence[ScoredFit], tried: float
+) -> tuple[ScoredFit, Claim] | None:
+    """The candidate that earns a name, and its claim to it."""
+    p_value = {s: improvement_p_value(problem, now, s, tried) for s in finals}
+    least = ROUGH if problem.is_nonsmooth else WORTH
+    good = [
+        s
+        for s in finals
+        if p_value[s] < SURE
+        and not s.candidate.is_negligible(s.values)
+        and s.error < (1 - least) * now.error
+        and is_plausible(problem, now, s)
+        and generalizes_across_episodes(problem, now.fit, s.fit, s.reestimated)
+    ]
+    if not good:
+        return None
+    best = _choose_likeliest(problem, now, sorted(good, key=lambda s: s.error))
+    others = [s for s in good if s is not best]
+    also = [s for s in others if is_as_good(problem, s, best, 2.0)]
+    evidence = Evidence(
+        float(0.5 * np.log(now.error / max(best.error, 1e-300))),
+        p_value[best],
+        bootstrap_stability(problem, good, [best, *also]),
+    )
+    return best, Claim(
+        evidence,
+        tuple(s.candidate for s in also[:3]),
+        tuple(s.candidate for s in others),
+    )
+
+
+def find_relieving(
+    base: LinearizedFit, now: ScoredFit, candidates: Sequence[Term], progress: Progress
+) -> tuple[ScoredFit, Claim] | None:
+    """The candidate without which stated values are too far from what is believed.
+
+    Several at their bounds can stand for one that had to leave them. Only where the
+    readings fit as they are: else what is missing has pushed them there.
+    """
+    from scipy.stats import chi2
+
+    problem = base.problem
+    if noise_ratio(problem, now.fit.residuals) >= LEFT:
+        return None
+    # where something touches, the cost is too rough to follow a valley
+    end = (
+        partial(refine_undamped, problem)
+        if not problem.simulator.has_contact
+        else lambda f: f
+    )
+    before = end(now.fit)
+    fits = []
+    for i, term in enumerate(candidates):
+        progress(f"trying {term.label}", i / len(candidates))
+        fits.append(_fit_freed(problem, before, term))
+    fits.sort(key=lambda f: f.cost + f.prior_penalty)
+    found = [ScoredFit.from_fit(problem, end(f)) for f in fits[:FITTED]]
+    relief = {
+        s: before.prior_penalty
+        - s.fit.prior_penalty
+        - max(s.fit.cost - before.cost, 0.0)
+        for s in found
+    }
+    p_value = {
+        s: float(len(candidates) * chi2.sf(relief[s], len(s.candidate.parameters)))
+        for s in found
+        if not s.candidate.is_negligible(s.values)
+    }
+    best = min(p_value, key=lambda s: p_value[s], default=None)
+    if best is None or p_value[best] >= SURE:
+        return None
+    gain = float(0.5 * np.log(now.error / max(best.error, 1e-300)))
+    rivals = tuple(s.candidate for s in p_value if p_value[s] < SURE and s is not best)
+    sure = Evidence(
+        gain, p_value[best], bootstrap_stability(problem, [now, *found], [best])
+    )
+    return best, Claim(sure, rivals, rivals)
+
+
+def _fit_freed(problem: Problem, found: Fit, term: Term) -> Fit:
+    """One step from a fit, with what it made of the values that a term says anew.
+
+    The readings fit there; how far it has to go from there, belief tells.
+    """
+    factor = {t.targets[0]: v for t, v in zip(found.terms, found.values, strict=True)}
+    target = term.targets[0]
+    own = [p.nominal * factor.get(f"{target}/{p.name}", 1.0) for p in term.parameters]
+    terms, start = (*found.terms, term), np.append(found.values, own)
+    r = problem.residuals_at(terms, start)
+    new = compute_jacobian(problem, terms, start, r, len(found.values))
+    near = np.hstack([found.jacobian, new])
+    near[:, find_overridden(term, found.terms)] = 0.0
+    return fit_parameters(problem, terms, start, rounds=1, known=near)
+
+
+def _choose_likeliest(
+    problem: Problem, now: ScoredFit, good: Sequence[ScoredFit]
+) -> ScoredFit:
+    """Of candidates, the best first, the one that gets the name."""
+    for s in good:
+        if (
+            s.candidate.effect.is_directly_observed(s.candidate)
+            and s.error < MOSTLY * now.error
+        ):
+            return s
+    if problem.segments.is_single_readings:
+        good = sorted(good, key=partial(bic, problem), reverse=True)
+        near = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
+        # a pose that is read once tells nothing of when a command arrives
+        return min(
+            near, key=lambda s: implements(s.candidate.effect, "transform_command")
+        )
+    close = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
+    usual = [s for s in close if not _rank_rarity(s)[0]] or close
+    near = [s for s in usual if is_as_good(problem, s, usual[0], 2.0)]
+    most = min(s.fit.prior_penalty for s in near) + significant_prior_penalty(
+        problem, near[0].fit
+    )
+    near = [s for s in near if s.fit.prior_penalty < most]
+    # of those that the data cannot rank, a usual one, with the least to choose
+    return min(near, key=_rank_rarity)
+
+
+def _rank_rarity(s: ScoredFit) -> tuple:
+    """By what those go that the data cannot rank, the least odd first."""
+    term = s.candidate
+    own = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
+    # what does nothing here, as a shift along a joint's axis, is no choice
+    free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
+    return term.effect.rate_rarity(term, s.values), free, s.error
+
+
+def significant_prior_penalty(problem: Problem, found: Fit) -> float:
+    """Strain [variances] that is no accident.
+
+    Impacts make the cost rough, which drives every stated value some way.
+    """
+    values = np.count_nonzero(prior_precision(found.terms))
+    return STRAINED + (values if problem.simulator.has_contact else 0)
+
+
+def is_plausible(problem: Problem, now: ScoredFit, new: ScoredFit) -> bool:
+    """Whether an effect is usual enough for what it explains.
+
+    Where much stays unexplained, one that is rare, or says that the model's own numbers
+    are far off, is more likely to stand for something else.
+    """
+    usual = not is_rare_or_restating(new.candidate)
+    mostly = new.error < MOSTLY * now.error
+    return usual or mostly or noise_ratio(problem, new.fit.residuals) < LEFT
+
+
+def is_rare_or_restating(term: Term) -> bool:
+    """Whether an effect is rare, or says that what the model states is not so."""
+    return bool(term.effect.rarity or term.effect.restates_nominal)

@@ -1,0 +1,1 @@
+"""Simulation: batches of rollouts of model variants, and their scores."""

@@ -1,0 +1,144 @@
+"""What cannot be diagnosed: takes a case, refuses it and says what would fit."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...errors import ModelError, RecordingError
+from ...recording.data import Floats
+from ..data.robot_summary import POSITION_LIKE
+from ..data.segments import Segments
+from ..effects.base import Term
+from .dataset import SHORT, WINDOW, Dataset, cut_readable_segments
+from .simulator import Simulator
+
+LOST = 0.5  # share of pieces that the given model may not survive; chosen
+AS_GIVEN = np.zeros(0)  # values of no terms
+
+
+def check_dataset(case: Dataset) -> None:
+    """Refuse what no fit could make sense of, before any fit.
+
+    Raises:
+        RecordingError: too short, without a reading to be judged on, or nothing moves.
+        ModelError: what moves has no name, or the model diverges nearly everywhere;
+            the message says where and when.
+    """
+    _check_joint_names(case)
+    pieces = cut_readable_segments(case.training, WINDOW)
+    _check_length(case, pieces)
+    _check_motion(case)
+    count, episode, time = find_divergence(case.training, pieces)
+    if count > LOST * len(pieces):
+        raise ModelError(
+            f"{case.compiler.path}: the model diverges, first in episode {episode!r} "
+            f"at {time:.4g} s, in {count} of {len(pieces)} pieces; would fit: a "
+            "smaller timestep, another integrator, or commands and initial states "
+            "that it can stand"
+        )
+
+
+def _check_joint_names(case: Dataset) -> None:
+    """Refuse joints of which neither a finding nor a replay could speak."""
+    model = case.compiler.nominal
+    slide, hinge = 2, 3  # mjtJoint
+    unnamed = [
+        int(model.jnt_bodyid[j])
+        for j in range(model.njnt)
+        if model.jnt_type[j] in (slide, hinge) and not model.joint(j).name
+    ]
+    if unnamed:
+        where = ", ".join(
+            f"a joint of body {model.body(b).name or b!r}" for b in unnamed
+        )
+        raise ModelError(
+            f"{case.compiler.path}: no name has {where}; would fit: a name for every "
+            "hinge and slide"
+        )
+
+
+def _check_length(case: Dataset, pieces: Segments) -> None:
+    seconds, least = (
+        float(pieces.lengths.sum()) * case.training.timestep,
+        SHORT * WINDOW,
+    )
+    if seconds < least:
+        raise RecordingError(
+            f"{seconds:.3g} s of readings are too few to decide anything; would fit: "
+            f"at least {least} s, better 20 s, beside what is held out"
+        )
+
+
+def _check_motion(case: Dataset) -> None:
+    scored = [c for c in case.training.channels if c.is_scored]
+    if not scored:
+        raise RecordingError(
+            f"no signal of kind {', '.join(POSITION_LIKE)} has a reading; would fit: "
+            "at least one of them"
+        )
+    read = np.concatenate([log.readings for log in case.training.episodes])
+    if not any(np.nanstd(read[:, c.columns], axis=0).any() for c in scored):
+        raise RecordingError(
+            f"no position-like signal moves ({', '.join(c.name for c in scored)}); "
+            "would fit: a recording in which the robot moves"
+        )
+    columns = [c.columns for c in case.held_out.channels if c.is_scored]
+    judged = (
+        np.isfinite(log.readings[:, k])
+        for log in case.held_out.episodes
+        for k in columns
+    )
+    if not any(known.any() for known in judged):
+        raise RecordingError(
+            f"what is held out ({', '.join(case.held_out_names)}) has no reading of a "
+            "position-like signal to be judged on; would fit: other episodes"
+        )
+
+
+def find_divergence(
+    world: Simulator,
+    pieces: Segments,
+    terms: Sequence[Term] = (),
+    values: Floats = AS_GIVEN,
+) -> tuple[int, str, float]:
+    """In how many windows a simulation is lost; where and when it is first.
+
+    Args:
+        world: that is simulated.
+        pieces: the windows.
+        terms: what is true beyond the given model.
+        values: (P) of their parameters.
+
+    Returns:
+        Count, id of the episode, time in it [s] to within two steps; 0, "", NaN where
+        none is lost.
+    """
+    lost = _find_diverged(world, pieces, terms, values)
+    if not len(lost):
+        return 0, "", np.nan
+    w = int(lost[0])
+    log = world.episodes[int(pieces.episode[w])]
+    low, high = 0, int(pieces.lengths[w])  # alive, lost
+    while high - low > 1:
+        middle = (low + high) // 2
+        cut = Segments(
+            pieces.episode[[w]], pieces.first_step[[w]], np.array([middle]), np.array([0]),
+            np.array([float(middle)]), np.zeros((1, log.readings.shape[1])),
+        )  # fmt: skip
+        if len(_find_diverged(world, cut, terms, values)):
+            high = middle
+        else:
+            low = middle
+    return (
+        len(lost),
+        log.id,
+        log.start + (int(pieces.first_step[w]) + high) * world.timestep,
+    )
+
+
+def _find_diverged(
+    world: Simulator, pieces: Segments, terms, values: Floats
+) -> np.ndarray:
+    """Numbers of the windows that are lost."""
+    told = world.simulate(terms, values[None], pieces)[0]
+    return np.unique(pieces.segment_of_sample[~np.isfinite(told).all(axis=1)])

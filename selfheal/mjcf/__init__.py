@@ -1,0 +1,1 @@
+"""The text of an MJCF model: read, changed in place, written."""

@@ -1,0 +1,261 @@
+"""A model as a tree of files: takes its path, finds and changes its elements."""
+
+import inspect
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from ..errors import ModelError, UnknownNameError
+from ..recording import read_spec
+from .xml_text import (
+    Element,
+    find_indentation,
+    is_space,
+    list_comments,
+    parse,
+    replace_children,
+    skip_trailing_comments,
+    trim_spaces,
+)
+
+_BODIES = ("worldbody", "body")
+SETTINGS = ("compiler", "option", "size", "statistic", "visual")
+SECTIONS = ("actuator", "contact", "equality", "keyframe", "sensor", "tendon")
+# elements that have an id in a compiled model, and can be edited by it
+WITH_IDS = (
+    "body", "inertial", "joint", "geom", "site", "actuator", "contact", "equality",
+    "keyframe", "sensor", "tendon",
+)  # fmt: skip
+_MAKERS = ("replicate", "composite", "flexcomp", "attach")
+
+
+class MjcfDocument:
+    """A model's files, the included ones where they are included."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = os.fspath(path)
+        self.home = os.path.realpath(os.path.dirname(os.path.abspath(path)))
+        text = _read_text(self.path)
+        self.file = parse(text, self.home, self.path)
+        if self.file.root().tag == "robot":
+            text = _from_urdf(self.path)
+            self.file = parse(text, self.home, self.path)
+        self.root = self.file.root()
+        if self.root.tag != "mujoco":
+            tag = self.root.tag
+            raise ModelError(f"{self.path}: <{tag}> is no model; <mujoco> or <robot>")
+        self.newline = "\r\n" if "\r\n" in text else "\n"
+        self._include(self.file, {os.path.realpath(self.path)})
+
+    def _include(self, file: Element, seen: set[str]) -> None:
+        """Read what a file includes."""
+        for element in [e for e in file.walk() if e.tag == "include"]:
+            path = find_file(element.get("file") or "", self.home, element.home)
+            if os.path.realpath(path) in seen:  # MuJoCo refuses it too
+                raise ModelError(f"{self.path}: {path} is included twice")
+            seen.add(os.path.realpath(path))
+            text = _read_text(path).removeprefix("\ufeff")
+            text = text.replace("\r\n", "\n").replace("\n", self.newline)
+            element.included = parse(text, os.path.dirname(path), path)
+            element.included.parent = element
+            self._include(element.included, seen)
+
+    def list_sections(self, tag: str) -> list[Element]:
+        """The model's outermost elements of a tag."""
+        return [e for e in self.root.elements() if e.tag == tag]
+
+    def list_elements(self, tag: str) -> list[Element]:
+        """All elements of the text that an edit with this tag can speak of."""
+        if tag in SECTIONS:
+            return [e for s in self.list_sections(tag) for e in s.elements()]
+        if tag in ("mujoco", *SETTINGS):
+            raise ModelError(f"{self.path}: a <{tag}> has no name; say '' for it")
+        if tag not in WITH_IDS:
+            raise UnknownNameError("tag", tag, ("mujoco", *SETTINGS, *WITH_IDS))
+        tags = {"joint": ("joint", "freejoint"), "body": ("worldbody", "body")}
+        return [e for e in self._walk_bodies() if e.tag in tags.get(tag, (tag,))]
+
+    def _walk_bodies(self) -> Iterator[Element]:
+        """Bodies and what is in them, without what MuJoCo multiplies."""
+        stack = self.list_sections("worldbody")[::-1]
+        while stack:
+            element = stack.pop()
+            yield element
+            if element.tag in ("worldbody", "body", "frame"):
+                stack += list(element.elements())[::-1]
+
+    def find(self, tag: str, name: str) -> Element:
+        """The element of a name; of several (worlds) the last of the main file."""
+        found = [e for e in self.list_elements(tag) if name_of(e) == name]
+        if not found:
+            raise ModelError(self.describe_missing(tag, name))
+        return next((e for e in found[::-1] if not e.list_includes()), found[-1])
+
+    def describe_missing(self, tag: str, name: str) -> str:
+        """Why a name is not in the text, and which names are."""
+        names = [name_of(e) for e in self.list_elements(tag)]
+        there = [repr(n) for n in names if n is not None]
+        unnamed = f"{names.count(None)} without a name" if None in names else ""
+        there += [unnamed] if unnamed else []
+        makers = sorted({e.tag for e in self._walk_bodies() if e.tag in _MAKERS})
+        made = f"; what {', '.join(f'<{m}>' for m in makers)} makes has no text"
+        return (
+            f"{self.path}: the text has no {tag} {name!r}; there are: "
+            f"{', '.join(there) or 'none'}{made if makers else ''}"
+        )
+
+    def inline(self, element: Element) -> Element:
+        """Bring an element into the main file, with the files that it lies in."""
+        for include in element.list_includes():
+            file, above = include.included, include.parent
+            assert file and above
+            indent, root = find_indentation(include), file.root()
+            margin = "" if indent is None else self.newline + indent
+            at = file.children.index(root)
+            pieces: list[str | Element] = []
+            for note in list_comments(file.children[:at]):
+                pieces += [note, margin]
+            pieces += trim_spaces(root.children)
+            for note in list_comments(file.children[at:]):
+                pieces += [margin, note]
+            replace_children(above, above.children.index(include), pieces, replaced=1)
+        return element
+
+    def get_section(self, tag: str, first: bool = False) -> Element:
+        """A section or a setting of the main file; made where it has none."""
+        found = self.list_sections(tag)
+        if found and (first or not found[-1].list_includes()):
+            return self.inline(found[0 if first else -1])
+        return self.insert(self.root, f"<{tag}/>", first=False)
+
+    def uses_degrees(self) -> bool:
+        """Whether the text counts angles in degrees, as MJCF does unless told."""
+        told = [e.get("angle") for e in self.list_sections("compiler")]
+        return next((a for a in told[::-1] if a), "degree") == "degree"
+
+    def configure(self, tag: str, attributes: Mapping[str, str | None]) -> None:
+        """Change settings where they are made: the last word counts."""
+        for name, value in attributes.items():
+            holders = [e for e in self.list_sections(tag) if e.get(name) is not None]
+            if value is None:
+                for holder in holders:
+                    self.inline(holder).set({name: None})
+            elif not holders:
+                self.get_section(tag).set({name: value})
+            elif holders[-1].find_changes({name: value}):
+                self.inline(holders[-1]).set({name: value})
+
+    def insert(self, parent: Element, xml: str, first: bool) -> Element:
+        """Put a text into an element of the main file; gives its first element."""
+        margin = self._margin(parent)
+        lines = inspect.cleandoc(xml).splitlines()
+        text = (margin or self.newline).join(lines)
+        pieces = parse(text, self.home, f"text to insert, {xml!r}").children
+        new = next(p for p in pieces if isinstance(p, Element))
+        if parent.close is None:
+            parent.space, parent.close = "", f"</{parent.tag}>"
+        at = 0 if first else _find_place(parent, new.tag)
+        at = skip_trailing_comments(parent.children, at)
+        rest = "".join(p for p in parent.children[at:] if isinstance(p, str))
+        first_child = not any(isinstance(p, Element) for p in parent.children)
+        end = []  # the end tag gets a line of its own with the first child
+        if margin and first_child and "\n" not in rest:
+            end = [self.newline + (find_indentation(parent) or "")]
+        replace_children(parent, at, [margin, *pieces, *end])
+        return new
+
+    def _margin(self, parent: Element) -> str:
+        """What stands before a child: a line's end and indentation; "" in a line."""
+        children = [c for c in parent.children if isinstance(c, Element)]
+        indents = [i for c in children if (i := find_indentation(c)) is not None]
+        if indents:
+            return self.newline + indents[0]
+        base = find_indentation(parent)
+        if children or base is None:
+            return ""
+        tops = (
+            find_indentation(c) for c in self.root.children if isinstance(c, Element)
+        )
+        step = next((t for t in tops if t), "").removeprefix(
+            find_indentation(self.root) or ""
+        )
+        return self.newline + base + (step or "  ")
+
+
+def find_file(name: str, *folders: str) -> str:
+    """The first folder that has a file; MuJoCo looks in the main model's first."""
+    places = [os.path.join(folder, name) for folder in folders]
+    return next((p for p in places if os.path.isfile(p)), places[0])
+
+
+def _read_text(path: str) -> str:
+    """A file's text; where it is not UTF-8 it says that from now on."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise ModelError(f"cannot read {path}: {error.strerror}") from error
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        pass
+    declared = re.match(rb"""(<\?xml[^>]*encoding\s*=\s*["'])([\w.-]+)""", data)
+    try:
+        text = data.decode(declared[2].decode() if declared else "latin-1")
+    except (LookupError, UnicodeDecodeError) as error:
+        raise ModelError(f"cannot read {path}: {error}") from error
+    return re.sub(r"""^(<\?xml[^>]*encoding\s*=\s*["'])[\w.-]+""", r"\1UTF-8", text)
+
+
+def _from_urdf(path: str) -> str:
+    """A URDF as MuJoCo writes it in MJCF."""
+    try:
+        spec = read_spec(path)
+        spec.compile()
+        return spec.to_xml()
+    except ValueError as error:
+        raise ModelError(describe_refusal(path, error)) from error
+
+
+def describe_refusal(path: str, error: Exception) -> str:
+    """One line of what MuJoCo says against a file."""
+    return f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}"
+
+
+def find_named_element(element: Element) -> Element:
+    """The element whose name an edit says: of an inertia the body."""
+    bearer: Element | None = element
+    while element.tag == "inertial" and bearer and bearer.tag not in _BODIES:
+        bearer = bearer.parent
+    return bearer or element
+
+
+def name_of(element: Element) -> str | None:
+    """Name in the text; None without one."""
+    bearer = find_named_element(element)
+    return "world" if bearer.tag == "worldbody" else bearer.get("name")
+
+
+def _find_place(parent: Element, tag: str) -> int:
+    """Where a child belongs: after its kind, before bodies, settings at the front."""
+    pieces = parent.children
+    children = [(i, c) for i, c in enumerate(pieces) if isinstance(c, Element)]
+    end = max((i for i, p in enumerate(pieces) if not is_space(p)), default=-1) + 1
+    if parent.tag == "mujoco" and tag in SETTINGS:
+        return max((i + 1 for i, c in children if c.tag in SETTINGS[:2]), default=0)
+    if parent.tag not in (*_BODIES, "frame"):
+        return end
+    if alike := [i for i, c in children if _contains(c, tag)]:
+        return alike[-1] + 1
+    body = next((i for i, c in children if _contains(c, "body")), len(pieces))
+    if tag == "body" or body == len(pieces):
+        return end
+    return max((i + 1 for i, _ in children if i < body), default=0)
+
+
+def _contains(element: Element, tag: str) -> bool:
+    """Whether it is of a kind, or brings one into the body that it stands in."""
+    if element.tag == tag or element.tag == "body":
+        return element.tag == tag
+    inside = element.included.root() if element.included else element
+    return any(_contains(e, tag) for e in inside.elements())

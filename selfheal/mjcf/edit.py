@@ -1,0 +1,167 @@
+"""Edits of an MJCF's text: takes the user's file, gives it back with little changed."""
+
+import difflib
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..errors import ModelError
+from .asset_paths import relocate_paths
+from .document import SECTIONS, SETTINGS, MjcfDocument, name_of
+from .element_ids import ElementIds
+from .xml_text import Element
+
+_SINGLE = 2.0**-25  # half a unit in the last place of a single-precision number
+
+
+@dataclass(frozen=True)
+class Set:
+    """Give an element attributes, or take them away.
+
+    Attributes:
+        tag: "joint" (a freejoint too), "geom", "site", "body", "inertial" (of the body
+            named), a section ("actuator", "sensor", ...: any element in it), or one
+            of the settings ("option", "compiler", ...; made where missing).
+        name: the element's, "" for settings; or its id in the compiled given model.
+        attributes: values as MJCF writes them, None to remove one.
+    """
+
+    tag: str
+    name: str | int
+    attributes: Mapping[str, str | None]
+
+
+@dataclass(frozen=True)
+class Insert:
+    """Put elements into another one, after those of their kind.
+
+    Attributes:
+        tag: of the parent, as in `Set`; also "mujoco". A section's own name is "".
+        name: of the parent.
+        xml: the new text; where it stands sets its indentation.
+        first: before everything else in the parent.
+        angles: attributes [rad] of the new element; written in degrees where the model
+            counts in them.
+    """
+
+    tag: str
+    name: str | int
+    xml: str
+    first: bool = False
+    angles: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rename:
+    """Change an element's tag, and attributes as `Set` does.
+
+    Attributes:
+        tag: as in `Set`.
+        name: as in `Set`.
+        to: the new tag.
+        attributes: values as MJCF writes them, None to remove one.
+    """
+
+    tag: str
+    name: str | int
+    to: str
+    attributes: Mapping[str, str | None]
+
+
+Edit = Set | Insert | Rename
+
+
+def format_number(value: float | Iterable[float]) -> str:
+    """A number or several as MJCF text, in the six to nine digits of single precision.
+
+    Raises:
+        ModelError: one of them is not finite.
+    """
+    values = value if isinstance(value, Iterable) else [value]
+    return " ".join(_format_digits(float(v)) for v in values)
+
+
+def _format_digits(value: float) -> str:
+    if not math.isfinite(value):
+        raise ModelError(f"{value} cannot be written into a model")
+    texts = (f"{value + 0.0:.{digits}g}" for digits in (6, 7, 8))  # + 0: no -0
+    close = (t for t in texts if abs(float(t) - value) <= _SINGLE * abs(value))
+    return next(close, f"{value:.9g}")
+
+
+def unified_diff(given: str, new: str) -> str:
+    """What changed between two texts, as a unified diff; empty where nothing did."""
+    lines = difflib.unified_diff(
+        given.splitlines(), new.splitlines(), "given", "patched.xml", lineterm=""
+    )
+    return "\n".join(lines)
+
+
+def apply_edits(
+    path: str | os.PathLike[str],
+    edits: Sequence[Edit],
+    folder: str | os.PathLike[str],
+) -> str:
+    """The model's text after the edits, to be written as UTF-8 into a folder.
+
+    Comments, order, whitespace, line ends and names stay. An included file stays
+    included unless an edit falls into it; then its text takes the place of the
+    `<include>`. Without edits, in its own folder, a model comes back as it is.
+
+    Args:
+        path: an MJCF, or a URDF, which MuJoCo first turns into one.
+        edits: applied one after the other; ids are those of the model as given.
+        folder: where the text will lie; paths in it are made to lead from there.
+
+    Raises:
+        ModelError: a file is missing or no XML, or an element has no text.
+        UnknownNameError: a tag that no edit can speak of.
+    """
+    tree = MjcfDocument(path)
+    ids = ElementIds(tree)
+    found = [
+        None if isinstance(e.name, str) else ids.find(e.tag, e.name) for e in edits
+    ]
+    for edit, element in zip(edits, found, strict=True):
+        _apply_edit(tree, edit, element)
+    relocate_paths(tree, os.path.realpath(folder))
+    return tree.file.to_text()
+
+
+def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
+    """Name and tag of all elements that an edit with this tag can speak of.
+
+    In the order of the text, what is included in place; errors as `patched` says.
+    """
+    return [(name_of(e), e.tag) for e in MjcfDocument(path).list_elements(tag)]
+
+
+def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None:
+    """Make one edit; `element` where its id has told which it is."""
+    general = edit.name == "" and edit.tag in (*SETTINGS, *SECTIONS)
+    if isinstance(edit, Set) and general:
+        tree.configure(edit.tag, edit.attributes)
+        return
+    if edit.tag == "mujoco" and edit.name == "":
+        element = tree.root
+    elif general:
+        first = isinstance(edit, Insert) and edit.first
+        element = tree.get_section(edit.tag, first)
+    elif element is None:
+        element = tree.find(edit.tag, str(edit.name))
+    if isinstance(edit, Insert):
+        new = tree.insert(tree.inline(element), edit.xml, edit.first)
+        if tree.uses_degrees():
+            new.set({name: _to_degrees(new.get(name)) for name in edit.angles})
+        return
+    if isinstance(edit, Rename) and element.tag != edit.to:
+        tree.inline(element).tag = edit.to
+        element.close = f"</{edit.to}>" if element.close else None
+    if element.find_changes(edit.attributes):
+        tree.inline(element).set(edit.attributes)
+
+
+def _to_degrees(radians: str | None) -> str | None:
+    """Angles of a text in degrees; None without any."""
+    return radians and format_number(math.degrees(float(r)) for r in radians.split())
