@@ -52,6 +52,7 @@ from selfheal.diagnosis.estimation.nonsmooth import (
 from selfheal.diagnosis.estimation.problem import (
     FAR,
     Problem,
+    assign_blocks,
     build_initial_state_offsets,
 )
 from selfheal.diagnosis.estimation.reweighting import (
@@ -71,7 +72,6 @@ from selfheal.diagnosis.selection.criteria import (
 )
 from selfheal.diagnosis.selection.cross_validation import (
     ScoredFit,
-    assign_blocks,
     assign_folds,
     fit_and_score,
     generalizes_across_episodes,

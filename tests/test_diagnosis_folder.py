@@ -259,8 +259,12 @@ def test_a_model_may_have_any_name(end, arm, tmp_path):
     )
     (tmp_path / f"other{end}").write_text(still)
     (tmp_path / "usual.xml").write_text(still)
-    told = [replay_recording(out, recording, model=tmp_path / n).episodes["000"].signals["elbow"]
-            for n in (f"other{end}", "usual.xml")]  # fmt: skip
+    told = [
+        replay_recording(out, recording, model=tmp_path / n)
+        .episodes["000"]
+        .signals["elbow"]
+        for n in (f"other{end}", "usual.xml")
+    ]
     np.testing.assert_array_equal(told[0].values, told[1].values)
     texts = [
         apply_edits(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")

@@ -1,16 +1,23 @@
 """Data flow one way: a room imports only from rooms above it."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
 ROOMS = [
-    *("errors", "files", "recording", "body", "engine", "robot", "selfmodel"),
+    *("errors", "files", "recording", "mjcf", "body", "engine", "robot", "selfmodel"),
     *("gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),
 ]
+INNER = {  # rooms of rooms
+    "diagnosis": [
+        *("data", "effects", "simulation", "estimation", "selection", "output"),
+        "diagnose",
+    ],
+}
 HONEST = ("selfmodel", "gait", "recovery", "diagnosis")  # never see the truth
 FILES = [path for top in ("selfheal", "cli") for path in (ROOT / top).rglob("*.py")]
 
@@ -47,6 +54,34 @@ def test_a_module_imports_only_from_rooms_above_it(path):
         allowed = ROOMS[: ROOMS.index(room) + 1] + ["__version__"] * (room == "cli")
     below = {name for name in _imports(path) if name.split(".")[1] not in allowed}
     assert not below
+
+
+@pytest.mark.parametrize("path", FILES, ids=_id)
+def test_a_module_imports_only_from_inner_rooms_above_it(path):
+    _, room, *inner = _name(path).split(".")
+    if room not in INNER or inner[0] == "__init__":
+        return
+    order = INNER[room]
+    assert inner[0] in order, f"put {inner[0]!r} in its place in INNER[{room!r}]"
+    allowed = order[: order.index(inner[0]) + 1]
+    parts = [name.split(".") for name in _imports(path)]
+    used = {".".join(p) for p in parts if p[1] == room and p[2] not in allowed}
+    assert not used
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    modules = {_name(path).removesuffix(".__init__"): path for path in FILES}
+    imported = {
+        module: {
+            name if name in modules else name.rpartition(".")[0]
+            for name in _imports(path)
+        }
+        for module, path in modules.items()
+    }
+    graph = TopologicalSorter(
+        {m: {x for x in xs if x in modules and x != m} for m, xs in imported.items()}
+    )
+    graph.prepare()  # raises a CycleError that shows the circle
 
 
 def test_the_self_model_never_sees_the_hidden_truth():

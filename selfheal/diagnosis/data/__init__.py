@@ -1,1 +1,1 @@
-"""Data of a diagnosis: recordings as episodes, segments and states on a grid of time."""
+"""Data of a diagnosis: episodes, segments and initial states of recordings."""

@@ -210,10 +210,16 @@ def sample_episode(
                 fit_polynomials(time, own).refit_first_samples(time, own, c.scatter)
             )
     return SampledEpisode(
-        id=name, start=float(time[0]), sample_steps=at, readings=readings, sent_ctrl=episode.ctrl,
-        **_grid_commands(at, episode.ctrl), polynomials=LocalPolynomials.concatenate(parts),
-        qpos0=episode.qpos0, qvel0=episode.qvel0,
-    )  # fmt: skip
+        id=name,
+        start=float(time[0]),
+        sample_steps=at,
+        readings=readings,
+        sent_ctrl=episode.ctrl,
+        **_grid_commands(at, episode.ctrl),
+        polynomials=LocalPolynomials.concatenate(parts),
+        qpos0=episode.qpos0,
+        qvel0=episode.qvel0,
+    )
 
 
 def _remove_sign_jumps(quaternion: Floats) -> Floats:

@@ -60,9 +60,13 @@ class Segments:
         rows = np.flatnonzero(new[self.segment_of_sample] >= 0)
         rows = rows[np.argsort(new[self.segment_of_sample[rows]], kind="stable")]
         return Segments(
-            self.episode[chosen], self.first_step[chosen], self.lengths[chosen],
-            new[self.segment_of_sample[rows]], self.sample_steps[rows], self.readings[rows],
-        )  # fmt: skip
+            self.episode[chosen],
+            self.first_step[chosen],
+            self.lengths[chosen],
+            new[self.segment_of_sample[rows]],
+            self.sample_steps[rows],
+            self.readings[rows],
+        )
 
     def find_sample_rows(self, chosen: np.ndarray) -> np.ndarray:
         """Numbers of the samples of some windows, as `take` orders them."""

@@ -57,10 +57,16 @@ class Payload(BodyEffect):
 
     def make_parameters(self, scene, body):
         axis = [
-            Parameter("position_" + x, "m", float(body.far_end[i]), float(body.box[i, 0]),
-                      float(body.box[i, 1]), 0.3 * body.size)
+            Parameter(
+                "position_" + x,
+                "m",
+                float(body.far_end[i]),
+                float(body.box[i, 0]),
+                float(body.box[i, 1]),
+                0.3 * body.size,
+            )
             for i, x in enumerate("xyz")
-        ]  # fmt: skip
+        ]
         # a light hand may bear much: as much as all that moves
         most = max(5 * body.subtree_mass, sum(b.mass for b in scene.bodies))
         mass = Parameter("mass", "kg", 0.0, 0.0, most, 0.2 * body.mass)
@@ -356,19 +362,29 @@ class JointJam(Effect):
             Term(
                 self,
                 (f"joint:{joint.name}",),
-                ({"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia,
-                  "still": _is_still(scene, joint.name)},),
+                (
+                    {
+                        "joint": joint.id,
+                        "dof": joint.dof,
+                        "inertia": joint.inertia,
+                        "still": _is_still(scene, joint.name),
+                    },
+                ),
                 (
                     Parameter(
-                        "angle", joint.unit, joint.range_center, joint.range_center - joint.range,
-                        joint.range_center + joint.range, 0.1 * joint.range,
+                        "angle",
+                        joint.unit,
+                        joint.range_center,
+                        joint.range_center - joint.range,
+                        joint.range_center + joint.range,
+                        0.1 * joint.range,
                     ),
                 ),
                 ((joint.range_center,),),
             )
             for joint in scene.joints
             if joint.range < 0.1 or not joint.measured
-        ]  # fmt: skip
+        ]
 
     def is_directly_observed(self, term):
         """Where readings are one angle and noise, as a huge friction would have it."""

@@ -167,9 +167,16 @@ def _body_terms(scene: RobotSummary) -> list[Term]:
         found += _inertia_terms(scene.model, body)
         for word, axis, length in _list_lengths(scene, body):
             found.append(
-                _make_term(_scale_length, f"{name}/{word}", LENGTH, length, "m", at=body.id,
-                      axis=axis)
-            )  # fmt: skip
+                _make_term(
+                    _scale_length,
+                    f"{name}/{word}",
+                    LENGTH,
+                    length,
+                    "m",
+                    at=body.id,
+                    axis=axis,
+                )
+            )
     return found
 
 
@@ -230,10 +237,15 @@ def _joint_terms(scene: RobotSummary) -> list[Term]:
                 )
         if model.jnt_stiffness[joint.id]:
             found.append(
-                _make_term(_scale_stiffness, f"joint:{joint.name or joint.id}/stiffness", REST,
-                      float(model.jnt_stiffness[joint.id]),
-                      f"{joint.force}/{joint.unit}", joint=joint.id)
-            )  # fmt: skip
+                _make_term(
+                    _scale_stiffness,
+                    f"joint:{joint.name or joint.id}/stiffness",
+                    REST,
+                    float(model.jnt_stiffness[joint.id]),
+                    f"{joint.force}/{joint.unit}",
+                    joint=joint.id,
+                )
+            )
     for j in np.flatnonzero(model.jnt_type == 1):  # ball: the same along three axes
         found += _ball_terms(model, int(j))
     return found

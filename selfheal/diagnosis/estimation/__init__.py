@@ -1,1 +1,1 @@
-"""Estimation: nonlinear least squares over segments with marginalized initial states."""
+"""Estimation: least squares over segments with marginalized initial states."""

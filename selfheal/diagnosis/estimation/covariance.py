@@ -4,9 +4,8 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Parameter
-from ..selection.cross_validation import assign_blocks
 from .least_squares import Fit, prior_precision
-from .problem import Problem
+from .problem import Problem, assign_blocks
 
 
 def effective_sample_size(problem: Problem, r: Floats) -> float:

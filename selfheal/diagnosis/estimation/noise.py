@@ -20,6 +20,8 @@ JUMPS = 0.7  # of the scatter, less than which a fit does not leave if that is n
 SLOW, ALIKE = 1.2, 0.1  # times the scatter's variance, a noise that is not white; a
 # difference [1] of noises that is none; chosen
 RARELY = 10  # windows of which the worst one makes no column loud; chosen
+ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
+LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 
 
 def update_noise_model(problem: Problem, residuals: Floats) -> Simulator:

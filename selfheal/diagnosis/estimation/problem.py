@@ -25,6 +25,7 @@ from ..simulation.simulator import Simulator
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 # of an error, a move of a start that changes nothing but which roughness is met; chosen
 HAIR = 0.1
+BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +139,19 @@ class Problem:
 
         windows, counted = self.segments, self.simulator.simulated_count
         noise = [(c.noise, c.ar1) for c in self.simulator.channels]
-        own = (windows.episode, windows.first_step, windows.lengths, windows.segment_of_sample, windows.sample_steps,
-               noise, self.sigma, list(self.marginal_bases), self.initial_state_shift, self.shift_response,
-               self.centered)  # fmt: skip
+        own = (
+            windows.episode,
+            windows.first_step,
+            windows.lengths,
+            windows.segment_of_sample,
+            windows.sample_steps,
+            noise,
+            self.sigma,
+            list(self.marginal_bases),
+            self.initial_state_shift,
+            self.shift_response,
+            self.centered,
+        )
         before = counted[0]
         *answer, simulated = self.simulator.checkpoint.load_or_compute(
             (*own, *question), counting
@@ -262,7 +273,8 @@ def check_enough_segments(world: Simulator, problem: Problem) -> None:
     if len(problem.segments) < SHORT and (lost := _list_unmeasured_joints(world)):
         raise RecordingError(
             f"no signal tells the position of {', '.join(lost)}, so that an episode is "
-            f"one piece, and {len(world.episodes)} are too few to decide anything; would "
+            f"one piece, and {len(world.episodes)} are too few to decide anything; "
+            "would "
             f"fit: record it, or at least {SHORT} episodes beside what is held out"
         )
     if len(problem.segments) < SHORT:
@@ -279,3 +291,12 @@ def check_enough_segments(world: Simulator, problem: Problem) -> None:
             "no position-like signal moves by more than its noise; would fit: a "
             "recording in which the robot moves"
         )
+
+
+def assign_blocks(problem: Problem) -> np.ndarray:
+    """(W) block of each window: neighbors in time share one."""
+    return (
+        np.arange(len(problem.segments))
+        * min(BLOCKS, len(problem.segments))
+        // len(problem.segments)
+    )

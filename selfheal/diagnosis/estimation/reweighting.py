@@ -8,12 +8,11 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
-from ..selection.change_point import LEFT
 from ..simulation.simulator import Simulator
 from .candidate_fit import LinearizedFit
 from .least_squares import Fit, fit_parameters
 from .marginalization import marginalize_initial_states
-from .noise import noise_ratio, residual_rms, update_noise_model
+from .noise import LEFT, noise_ratio, residual_rms, update_noise_model
 from .problem import Problem
 
 UNSCORED = 4.0  # times as far off may be what is not scored; chosen

@@ -68,13 +68,20 @@ def build_diagnosis(
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
     return Diagnosis(
-        os.path.abspath(case.compiler.path), doc.to_json_values(document), changes, text, diff,
+        os.path.abspath(case.compiler.path),
+        doc.to_json_values(document),
+        changes,
+        text,
+        diff,
         _make_traces(case, proof.segments, stated, found),
-        located, _fit_signals(case, proof.squares, proof.count), _list_candidates(naming),
-        remarks, time.monotonic() - begun,
+        located,
+        _fit_signals(case, proof.squares, proof.count),
+        _list_candidates(naming),
+        remarks,
+        time.monotonic() - begun,
         int(case.training.simulated_count[0] + case.held_out.simulated_count[0]),
         more_than_noise=structure.is_significant,
-    )  # fmt: skip
+    )
 
 
 def _localize(case: Dataset, naming: Hypothesis):
@@ -242,11 +249,16 @@ def _fit_signals(case: Dataset, squares, count) -> tuple[SignalFit, ...]:
     world, noise = case.held_out, score.compute_noise_floor(case.held_out)
     return tuple(
         SignalFit(
-            c.name, c.is_scored, floor=float(noise[s]),
-            **{k: score.bootstrap_interval(world, x, count, s) for k, x in squares.items()},
+            c.name,
+            c.is_scored,
+            floor=float(noise[s]),
+            **{
+                k: score.bootstrap_interval(world, x, count, s)
+                for k, x in squares.items()
+            },
         )
         for s, c in enumerate(world.channels)
-    )  # fmt: skip
+    )
 
 
 def _list_candidates(naming: Hypothesis) -> tuple[Candidate, ...]:

@@ -155,8 +155,11 @@ def localize_error(
             means = []
             for mask in (inside, ~inside):
                 n = np.bincount(windows.segment_of_sample[mask], minlength=count)
-                e = np.bincount(windows.segment_of_sample[mask], np.nan_to_num(square[mask, s]),
-                                minlength=count)  # fmt: skip
+                e = np.bincount(
+                    windows.segment_of_sample[mask],
+                    np.nan_to_num(square[mask, s]),
+                    minlength=count,
+                )
                 means.append(np.where(n > 0, e / np.maximum(n, 1), np.nan))
             apart = means[0] - means[1]
             apart = apart[np.isfinite(apart) & (apart != 0)]

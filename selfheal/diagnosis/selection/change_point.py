@@ -12,14 +12,11 @@ from ..effects.base import Onset, Term
 from ..estimation.covariance import effective_sample_size
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.noise import expected_noise_by_segment
+from ..estimation.noise import ABOVE, LEFT, expected_noise_by_segment
 from ..estimation.problem import Problem
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import is_as_good
-
-ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
-LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
 
 # least number of episodes, or share of a lone one, that what is stated explains; into
 # how many parts those are cut at most that may come before; chosen

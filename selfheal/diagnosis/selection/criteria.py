@@ -16,10 +16,9 @@ from ..estimation.least_squares import (
     refine_undamped,
 )
 from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.noise import noise_ratio
+from ..estimation.noise import LEFT, noise_ratio
 from ..estimation.problem import Problem
 from ..estimation.reweighting import reestimate_initial_states
-from .change_point import LEFT
 from .cross_validation import ScoredFit, fit_and_score, generalizes_across_episodes
 from .evidence import (
     Evidence,

@@ -9,12 +9,11 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
-from ..estimation.problem import Problem
-from .evidence import EQUAL
+from ..estimation.problem import BLOCKS, Problem, assign_blocks
 
-BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
 EPISODES = 3  # at least, each to be predicted from the others; chosen
 FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
+EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +49,6 @@ class ScoredFit:
     def values(self) -> Floats:
         """Of its parameters."""
         return self.fit.values[len(self.fit.values) - len(self.candidate.parameters) :]
-
-
-def assign_blocks(problem: Problem) -> np.ndarray:
-    """(W) block of each window: neighbors in time share one."""
-    return (
-        np.arange(len(problem.segments))
-        * min(BLOCKS, len(problem.segments))
-        // len(problem.segments)
-    )
 
 
 def predict_held_out(

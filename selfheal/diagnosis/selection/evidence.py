@@ -8,14 +8,13 @@ import numpy as np
 from ...recording.data import Floats
 from ..estimation.covariance import effective_sample_size
 from ..estimation.noise import noise_ratio
-from ..estimation.problem import Problem
+from ..estimation.problem import Problem, assign_blocks
 from ..estimation.reweighting import TAILS
-from .cross_validation import ScoredFit, assign_blocks
+from .cross_validation import EQUAL, ScoredFit
 
 STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
 # nats of likelihood, and of a squared error, by which another fit is surely not as good
 CERTAIN, SLIGHTLY = 5.0, 0.02
-EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
 FAINT = 0.1  # of the residuals' size, what is smaller is no smaller; chosen
 
 

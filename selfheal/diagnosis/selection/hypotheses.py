@@ -128,9 +128,10 @@ def name_effects(
         candidates=likely,
     )
     longer = replace(
-        subsample_problem(longer, _search_steps(search.nominal_count), search.rng), sigma=search.problem.sigma,
+        subsample_problem(longer, _search_steps(search.nominal_count), search.rng),
+        sigma=search.problem.sigma,
         simulator=search.problem.simulator,
-    )  # fmt: skip
+    )
     if not other.run_from_usual(longer, {t.key for t in search.named}):
         return [_finish(search, problem)]
     both = (other, search) if other.predicts_better_than(search) else (search, other)

@@ -12,14 +12,13 @@ from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import noise_ratio
+from ..estimation.noise import ABOVE, noise_ratio
 from ..estimation.nonsmooth import fit_smoothed, search_along_valleys, search_multiples
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
 from ..simulation.dataset import LONG, WINDOW, Dataset, cut_readable_segments
 from ..simulation.model_variants import split_values
 from .backward import exchange_term, is_simpler
-from .change_point import ABOVE
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .screening import STEPS, subsample_problem

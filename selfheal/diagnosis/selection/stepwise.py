@@ -13,9 +13,15 @@ from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import expected_cost, noise_ratio, worst_channel_ratio
+from ..estimation.noise import (
+    ABOVE,
+    LEFT,
+    expected_cost,
+    noise_ratio,
+    worst_channel_ratio,
+)
 from ..estimation.nonsmooth import search_multiples
-from ..estimation.problem import Problem
+from ..estimation.problem import Problem, assign_blocks
 from ..estimation.reweighting import (
     downweight_unscored,
     reestimate_initial_states,
@@ -28,7 +34,6 @@ from .backward import (
     exchange_term,
     fit_without,
 )
-from .change_point import ABOVE, LEFT
 from .criteria import (
     STRAINED,
     SURE,
@@ -39,12 +44,7 @@ from .criteria import (
     fit_finalists,
     fit_parameterless,
 )
-from .cross_validation import (
-    ScoredFit,
-    assign_blocks,
-    fit_and_score,
-    refit_without_folds,
-)
+from .cross_validation import ScoredFit, fit_and_score, refit_without_folds
 from .evidence import Evidence, improvement_p_value, is_as_good
 from .screening import MANY, STEPS, Progress, screen_candidates, select_hard_segments
 

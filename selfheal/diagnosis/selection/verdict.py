@@ -11,6 +11,7 @@ from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import (
+    ABOVE,
     expected_cost,
     expected_noise,
     robust_noise,
@@ -20,7 +21,6 @@ from ..estimation.problem import Problem, build_initial_state_offsets
 from ..simulation import score
 from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
-from .change_point import ABOVE
 from .cross_validation import ScoredFit
 from .evidence import improvement_p_value
 from .holdout import squared_error, squared_error_reestimated

@@ -34,8 +34,12 @@ def build_simulator(
     logs = []
     for r in recordings:
         for name, e in r.episodes.items():
-            own = sample_episode(f"{r.file}:{name}" if several else name, reorder_commands(e, model),
-                      signals, step)  # fmt: skip
+            own = sample_episode(
+                f"{r.file}:{name}" if several else name,
+                reorder_commands(e, model),
+                signals,
+                step,
+            )
             at = (r.file, name), (r.file, whole_of(name))
             number = names.index(at[0] if at[0] in names else at[1])
             logs.append(replace(own, number=number))
@@ -59,9 +63,15 @@ def summarize_robot(world: Simulator) -> RobotSummary:
     }
     joints = summarize_joints(model, motion.torque, motion, measured)
     return RobotSummary(
-        model, world.timestep, world.channels, joints, summarize_actuators(world, states, joints),
-        summarize_bodies(model), motion.touches, cut_segments(world.episodes, None).is_single_readings,
-    )  # fmt: skip
+        model,
+        world.timestep,
+        world.channels,
+        joints,
+        summarize_actuators(world, states, joints),
+        summarize_bodies(model),
+        motion.touches,
+        cut_segments(world.episodes, None).is_single_readings,
+    )
 
 
 class StateReconstruction:

@@ -122,9 +122,13 @@ def find_divergence(
     while high - low > 1:
         middle = (low + high) // 2
         cut = Segments(
-            pieces.episode[[w]], pieces.first_step[[w]], np.array([middle]), np.array([0]),
-            np.array([float(middle)]), np.zeros((1, log.readings.shape[1])),
-        )  # fmt: skip
+            pieces.episode[[w]],
+            pieces.first_step[[w]],
+            np.array([middle]),
+            np.array([0]),
+            np.array([float(middle)]),
+            np.zeros((1, log.readings.shape[1])),
+        )
         if len(_find_diverged(world, cut, terms, values)):
             high = middle
         else:

@@ -63,9 +63,15 @@ def center_damping(model, step: float) -> None:
 
 
 def simulate_batch(
-    those: Hypotheses, windows: Segments, start, commands: Floats, sensors: SensorReader,
-    looked_at: np.ndarray, *, step: float,
-) -> Floats:  # fmt: skip
+    those: Hypotheses,
+    windows: Segments,
+    start,
+    commands: Floats,
+    sensors: SensorReader,
+    looked_at: np.ndarray,
+    *,
+    step: float,
+) -> Floats:
     """True signals (N, K, C) of n hypotheses in W windows, N = n W.
 
     Args:
@@ -115,9 +121,14 @@ def _run_rollout(
 
 
 def _run_stepwise(
-    those: Hypotheses, windows: Segments, start, commands: Floats, sensors: SensorReader,
-    looked_at: np.ndarray, step: float,
-) -> Floats:  # fmt: skip
+    those: Hypotheses,
+    windows: Segments,
+    start,
+    commands: Floats,
+    sensors: SensorReader,
+    looked_at: np.ndarray,
+    step: float,
+) -> Floats:
     """True signals (N, K, C), where effects act at every step."""
     plant, n, w = those.variant, len(those.models), len(windows)
     acts = [

@@ -193,9 +193,14 @@ class Simulator:
         sensors = SensorReader(plant, self.channels, terms)
         commands = self._compute_commands(those, windows, centered, mean)
         told = simulate_batch(
-            those, windows, start, commands, sensors, self._find_sampled_steps(windows, reads),
+            those,
+            windows,
+            start,
+            commands,
+            sensors,
+            self._find_sampled_steps(windows, reads),
             step=self.timestep,
-        )  # fmt: skip
+        )
         told = told.reshape(len(values), len(windows), *told.shape[1:])
         return self._sample_signals(
             told, those, windows, commands.reshape(*told.shape[:3], -1)
@@ -221,17 +226,25 @@ class Simulator:
             return
         plant, n = those.variant, len(those.models)
         before = Segments(
-            windows.episode[rows], windows.first_step[rows] - steps, np.full(len(rows), steps),
-            np.zeros(0, int), np.zeros(0), np.zeros((0, 0)),
-        )  # fmt: skip
+            windows.episode[rows],
+            windows.first_step[rows] - steps,
+            np.full(len(rows), steps),
+            np.zeros(0, int),
+            np.zeros(0),
+            np.zeros((0, 0)),
+        )
         places = [
             plant.map_place(p) for t in those.terms for p in t.places if "suffix" in p
         ]
         told = simulate_batch(
-            those, before, self._make_initial_states(those, before).compute(those.models, None),
+            those,
+            before,
+            self._make_initial_states(those, before).compute(those.models, None),
             self._compute_commands(those, before, those.centered, those.centered),
-            SensorReader(plant, make_second_joint_channels(plant, places)), np.zeros(0, int), step=self.timestep,
-        )[:, steps].reshape(n, len(rows), len(places), 2)  # fmt: skip
+            SensorReader(plant, make_second_joint_channels(plant, places)),
+            np.zeros(0, int),
+            step=self.timestep,
+        )[:, steps].reshape(n, len(rows), len(places), 2)
         q, v = (x.reshape(n, len(windows), -1)[:, rows] for x in start[:2])
         for i, place in enumerate(places):
             known = np.isfinite(told[:, :, i]).all(axis=-1)
