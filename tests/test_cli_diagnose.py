@@ -73,7 +73,7 @@ def doctor(monkeypatch):
     """The stand-in, in its place."""
     stand_in = Doctor()
     for name, function in (
-        ("diagnose", "diagnose"), ("replay", "replay_recording"),
+        ("diagnose", "diagnose"), ("output.replay", "replay_recording"),
     ):  # fmt: skip
         module = ModuleType(f"selfheal.diagnosis.{name}")
         setattr(module, function, getattr(stand_in, function))

@@ -880,7 +880,10 @@ def test_whitening_takes_what_an_uncertain_start_explains(arm):
     problem = marginalize_initial_states(plain, (), np.zeros(0))
     kick = build_initial_state_offsets(arm.simulator, plain.segments)
     none = np.zeros((len(kick), 0))
-    raw, white = (p.compute_residuals((), none, kick=kick) for p in (plain, problem))
+    raw, white = (
+        p.compute_residuals((), none, initial_state_offset=kick)
+        for p in (plain, problem)
+    )
     for n in range(1, len(kick)):
         before = plain.sum_by_segment((raw[n] - raw[0]) ** 2)
         after = problem.sum_by_segment((white[n] - white[0]) ** 2)
@@ -907,7 +910,7 @@ def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
     kick = build_initial_state_offsets(b.simulator, plain.segments)
     off = (kick.sum(axis=0) * rng.normal(size=kick.shape[1:]))[None]
     told = b.simulator.simulate(
-        (), values[None], plain.segments, kick=off, centered=True
+        (), values[None], plain.segments, initial_state_offset=off, centered=True
     )[0]
     noise = NOISE * rng.normal(size=told.shape)
     problem = replace(plain, segments=replace(plain.segments, readings=told + noise))
@@ -938,7 +941,7 @@ def _off(b, term, values, speeds) -> Problem:
     kick[..., :2] = 0
     kick[..., 2:] *= speeds
     told = b.simulator.simulate(
-        (term,), values[None], plain.segments, kick=kick, centered=True
+        (term,), values[None], plain.segments, initial_state_offset=kick, centered=True
     )[0]
     noise = NOISE * np.random.default_rng(0).normal(size=told.shape)
     return replace(plain, segments=replace(plain.segments, readings=told + noise))

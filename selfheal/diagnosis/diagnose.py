@@ -61,19 +61,23 @@ def diagnose(
     """
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
-    case = prepare_dataset(model, recordings, held_out, memory)
-    check_dataset(case)
-    problem = build_problem(case, WINDOW)
-    check_enough_segments(case.training, problem)
+    dataset = prepare_dataset(model, recordings, held_out, memory)
+    check_dataset(dataset)
+    problem = build_problem(dataset, WINDOW)
+    check_enough_segments(dataset.training, problem)
     search = start_search(
-        problem, case.robot, build_nominal_terms(case.robot), load_catalogue().values(),
-        rng=np.random.default_rng(seed), progress=say,
-    )  # fmt: skip
+        problem,
+        dataset.robot,
+        build_nominal_terms(dataset.robot),
+        load_catalogue().values(),
+        rng=np.random.default_rng(seed),
+        progress=say,
+    )
     onset = (
         None if search.is_done else detect_change_point(search.problem, search.best.fit)
     )
     if onset and not held_out:
-        later = choose_held_out_after(onset, recordings, case.held_out)
+        later = choose_held_out_after(onset, recordings, dataset.held_out)
         if later:  # what is held out now could not show it
             return diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
@@ -81,35 +85,39 @@ def diagnose(
             )  # fmt: skip
     search.candidates = set_onset(search.candidates, onset)
     longer = Problem(
-        case.training, cut_readable_segments(case.training, LONG), problem.sigma
+        dataset.training, cut_readable_segments(dataset.training, LONG), problem.sigma
     )
-    namings = name_effects(search, problem, longer)
-    case = case.with_noise_of(namings[0].problem.simulator)
+    hypotheses = name_effects(search, problem, longer)
+    dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
     say("fitting everything once more", 0.0)
-    namings = [
-        prefer_simpler_names(refine_hypothesis(case, n))
-        for n in keep_competitive(case, namings)
+    hypotheses = [
+        prefer_simpler_names(refine_hypothesis(dataset, n))
+        for n in keep_competitive(dataset, hypotheses)
     ]
     say("testing what was found on the held-out episodes", 0.0)
-    naming, refuted = choose_hypothesis(case, [drop_refuted(case, n) for n in namings])
-    say("looking for what has no name", 0.0)
-    structure = analyze_remaining(case, naming)
-    naming, verdict = decide_verdict(naming, structure)
-    proof = HeldOutScores.compute(case, naming)
-    worse = bool(naming.named) and makes_replay_worse(case, naming, proof)
-    if worse or (naming.named and removes_too_little(case, naming, proof)):
-        # what does not predict where nothing was fitted is no finding
-        refuted = (*refuted, *(n.term.label for n in naming.named))
-        naming, verdict = decide_verdict(drop_names(naming), structure)
-        verdict = "unlisted" if worse else verdict
-        proof = HeldOutScores.compute(case, naming)
-    smooth, naming = (
-        naming,
-        name_quantization(naming, case.robot, load_catalogue().values()),
+    hypothesis, refuted = choose_hypothesis(
+        dataset, [drop_refuted(dataset, n) for n in hypotheses]
     )
-    if naming is not smooth:
+    say("looking for what has no name", 0.0)
+    structure = analyze_remaining(dataset, hypothesis)
+    hypothesis, verdict = decide_verdict(hypothesis, structure)
+    proof = HeldOutScores.compute(dataset, hypothesis)
+    worse = bool(hypothesis.named) and makes_replay_worse(dataset, hypothesis, proof)
+    if worse or (hypothesis.named and removes_too_little(dataset, hypothesis, proof)):
+        # what does not predict where nothing was fitted is no finding
+        refuted = (*refuted, *(n.term.label for n in hypothesis.named))
+        hypothesis, verdict = decide_verdict(drop_names(hypothesis), structure)
+        verdict = "unlisted" if worse else verdict
+        proof = HeldOutScores.compute(dataset, hypothesis)
+    smooth, hypothesis = (
+        hypothesis,
+        name_quantization(hypothesis, dataset.robot, load_catalogue().values()),
+    )
+    if hypothesis is not smooth:
         verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
-        proof = HeldOutScores.compute(case, naming)
-    if is_replay_off(case, naming, proof):
+        proof = HeldOutScores.compute(dataset, hypothesis)
+    if is_replay_off(dataset, hypothesis, proof):
         verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
-    return build_diagnosis(case, naming, verdict, proof, structure, refuted, begun)
+    return build_diagnosis(
+        dataset, hypothesis, verdict, proof, structure, refuted, begun
+    )

@@ -182,8 +182,8 @@ def fit_rotations(time: Floats, quaternion: Floats) -> LocalPolynomials:
     origin = np.repeat(near[:, m], width)
     turn = Rotation.from_quat(whole, scalar_first=True)
     away = (turn[origin].inv() * turn[near.ravel()]).as_rotvec()
-    told = known[near] & known[near[:, m]][:, None]
-    away = np.where(told[..., None], away.reshape(len(near), width, 3), np.nan)
+    predicted = known[near] & known[near[:, m]][:, None]
+    away = np.where(predicted[..., None], away.reshape(len(near), width, 3), np.nan)
     parts = [_fit_quadratics(time, away[..., k]) for k in range(3)]
     own = np.stack([a for a, _ in parts], axis=1)  # (T, 3, 3)
     each = np.stack([v for _, v in parts], axis=1) / 4  # of a quaternion's vector part

@@ -14,14 +14,14 @@ GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
 
 
 def estimate_state(
-    model, signals: tuple[Channel, ...], log, at: Floats, step: float, reads
+    model, signals: tuple[Channel, ...], episode, at: Floats, step: float, reads
 ) -> tuple[Floats, Floats, Floats]:
     """State at times `at` (W) [steps] of one episode.
 
     Args:
         model: the given one.
         signals: channels.
-        log: of the episode.
+        episode: of the episode.
         at: (W).
         step: [s].
         reads: of a signal: gain, delay, each a number, and bias, one a column.
@@ -36,24 +36,24 @@ def estimate_state(
         np.full((*shape, model.nv), np.nan),
     )
     std = np.full((*shape, 2 * model.nv), np.nan)
-    told = _SignalLookup(signals, log, at, step, reads)
+    predicted = _SignalLookup(signals, episode, at, step, reads)
     for j in range(model.njnt):
         q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
         name = model.joint(j).name
         if model.jnt_type[j] in (2, 3):
-            value, slope, s, r = told("joint_position", name)
-            rate, _, t, _ = told("joint_velocity", name)
+            value, slope, s, r = predicted("joint_position", name)
+            rate, _, t, _ = predicted("joint_velocity", name)
             qpos[:, q], std[:, v] = value[:, 0], s[:, 0]
             qvel[:, v], std[:, model.nv + v] = _combine_estimates(slope, r, rate, t)
         elif model.jnt_type[j] == 0:
             body = model.body(model.jnt_bodyid[j]).name
             rates = slice(model.nv + v, model.nv + v + 6)
-            _fill_floating_body(told, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
+            _fill_floating_body(predicted, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
                   std[:, v : v + 6], std[:, rates])  # fmt: skip
         elif (frame := _parent_orientation(model, j)) is not None:
             body = model.body(model.jnt_bodyid[j]).name
             rates = slice(model.nv + v, model.nv + v + 3)
-            _fill_orientation(told, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
+            _fill_orientation(predicted, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
                     std[:, v : v + 3], std[:, rates])  # fmt: skip
             qpos[:, q : q + 4] = _relative_rotation(frame, qpos[:, q : q + 4])
     return qpos, qvel, std
@@ -80,8 +80,8 @@ def _relative_rotation(frame: Floats, unit: Floats) -> Floats:
 class _SignalLookup:
     """Values and slopes of signals at some times of an episode."""
 
-    def __init__(self, signals, log, at, step, reads) -> None:
-        self.signals, self.log, self.at, self.step = signals, log, at, step
+    def __init__(self, signals, episode, at, step, reads) -> None:
+        self.signals, self.log, self.at, self.step = signals, episode, at, step
         self.reads = reads
         self._smooth: dict[float, tuple[Floats, Floats]] = {}
 
@@ -157,29 +157,31 @@ def _combine_estimates(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
 
 
 def _fill_floating_body(
-    told: _SignalLookup, body: str, qpos, qvel, std_q, std_v
+    predicted: _SignalLookup, body: str, qpos, qvel, std_q, std_v
 ) -> None:
     """Fill in the state of a floating body."""
-    place, rate, s, r = told("body_position", body)
+    place, rate, s, r = predicted("body_position", body)
     qpos[:, :3], qvel[:, :3] = place[:, :3], rate[:, :3]
     std_q[:, :3], std_v[:, :3] = s[:, :3], r[:, :3]
-    linear, _, s, _ = told("body_linear_velocity", body)
+    linear, _, s, _ = predicted("body_linear_velocity", body)
     known = np.isfinite(linear[:, :3]).all(axis=1)
     qvel[known, :3], std_v[known, :3] = linear[known, :3], s[known, :3]
     _fill_orientation(
-        told, body, qpos[:, 3:7], qvel[:, 3:6], std_q[:, 3:6], std_v[:, 3:6]
+        predicted, body, qpos[:, 3:7], qvel[:, 3:6], std_q[:, 3:6], std_v[:, 3:6]
     )
 
 
-def _fill_orientation(told: _SignalLookup, body: str, qpos, qvel, std_q, std_v) -> None:
+def _fill_orientation(
+    predicted: _SignalLookup, body: str, qpos, qvel, std_q, std_v
+) -> None:
     """Fill in the orientation and the angular velocity of a body."""
-    turn, slope, s, r = told("body_orientation", body)
+    turn, slope, s, r = predicted("body_orientation", body)
     length = np.linalg.norm(turn, axis=1, keepdims=True)
     unit = turn / length
     qpos[:] = unit
     qvel[:] = 2 * _body_rate(unit, slope / length)
     std_q[:], std_v[:] = 2 * s[:, 1:4], 2 * r[:, 1:4]
-    angular, _, s, _ = told("body_angular_velocity", body)
+    angular, _, s, _ = predicted("body_angular_velocity", body)
     known = np.isfinite(angular[:, :3]).all(axis=1)
     qvel[known], std_v[known] = angular[known, :3], s[known, :3]
 
@@ -195,17 +197,17 @@ def _body_rate(unit: Floats, slope: Floats) -> Floats:
 
 
 def estimate_initial_state(
-    world, log: int, start, reads
+    simulator, log: int, start, reads
 ) -> tuple[Floats, Floats, Floats]:
     """State at grid points `start` (W) of an episode: as given, read, or at rest.
 
     Returns:
         qpos (W, nq), qvel (W, nv), standard deviation (W, 2 nv).
     """
-    episode, model = world.episodes[log], world.compiler.nominal
+    episode, model = simulator.episodes[log], simulator.compiler.nominal
     at = np.asarray(start, float)
     qpos, qvel, std = estimate_state(
-        model, world.channels, episode, at, world.timestep, reads
+        model, simulator.channels, episode, at, simulator.timestep, reads
     )
     first = at == 0
     if episode.qpos0 is not None:

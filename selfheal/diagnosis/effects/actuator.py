@@ -17,32 +17,32 @@ class ActuatorEffect(Effect):
     group = "actuator"
     is_shared = False  # may be one cause for all actuators, a bus or a supply
 
-    def make_parameters(self, scene: RobotSummary, actuator) -> tuple[Parameter, ...]:
+    def make_parameters(self, robot: RobotSummary, actuator) -> tuple[Parameter, ...]:
         """Its numbers at an actuator; `actuator` is a `scene.Actuator`."""
         raise NotImplementedError
 
     def make_initial_values(
-        self, scene: RobotSummary, actuator
+        self, robot: RobotSummary, actuator
     ) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
         raise NotImplementedError
 
-    def applies_to(self, scene: RobotSummary, actuator) -> bool:
+    def applies_to(self, robot: RobotSummary, actuator) -> bool:
         """Whether it could be at this actuator."""
         return True
 
-    def propose_terms(self, scene: RobotSummary) -> list[Term]:
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """At each actuator and, where one cause can do that, at all alike."""
         found = [
             Term(
                 self,
                 (f"actuator:{actuator.name}",),
-                (scene.actuator_place(actuator),),
-                self.make_parameters(scene, actuator),
-                self.make_initial_values(scene, actuator),
+                (robot.actuator_place(actuator),),
+                self.make_parameters(robot, actuator),
+                self.make_initial_values(robot, actuator),
             )
-            for actuator in scene.actuators
-            if self.applies_to(scene, actuator)
+            for actuator in robot.actuators
+            if self.applies_to(robot, actuator)
         ]
         if self.is_shared and len(found) > 1:
             targets = tuple(t.targets[0] for t in found)
@@ -64,12 +64,12 @@ class CommandDelay(ActuatorEffect):
     is_shared = True
     native_is_stepwise = True
 
-    def make_parameters(self, scene, actuator):
+    def make_parameters(self, robot, actuator):
         return (
-            Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, scene.contact_timing_error),
+            Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, robot.contact_timing_error),
         )
 
-    def make_initial_values(self, scene, actuator):
+    def make_initial_values(self, robot, actuator):
         return ((0.005,), (0.02,), (0.06,))
 
     def transform_command(self, ctrl, step, place, values):
@@ -86,12 +86,12 @@ class CommandDelay(ActuatorEffect):
     def edit_text(self, model, place, values):
         delay = float(model.actuator_delay[place["actuator"]]) + values[0]
         steps = int(np.ceil(delay / model.opt.timestep)) + 1
-        told = {
+        predicted = {
             "delay": format_number(delay),
             "nsample": str(max(steps, 2) + 1),
             "interp": "linear",
         }
-        return [Set("actuator", _name_or_id(model, place), told)]
+        return [Set("actuator", _name_or_id(model, place), predicted)]
 
 
 def _name_or_id(model, place):
@@ -127,14 +127,14 @@ class ActuatorLag(ActuatorEffect):
     regime = "after_step"
     is_shared = True
 
-    def make_parameters(self, scene, actuator):
+    def make_parameters(self, robot, actuator):
         return (Parameter("timeconst", "s", 0.0, 0.0, 1.0, 0.02),)
 
-    def make_initial_values(self, scene, actuator):
+    def make_initial_values(self, robot, actuator):
         return ((0.01,), (0.05,), (0.2,))
 
-    def applies_to(self, scene, actuator):
-        model, a = scene.model, actuator.id
+    def applies_to(self, robot, actuator):
+        model, a = robot.model, actuator.id
         return model.actuator_dyntype[a] == 0 and has_affine_force(model, a)
 
     def transform_command(self, ctrl, step, place, values):
@@ -160,7 +160,7 @@ def _keep_if_undelayed(out: Floats, u: Floats, keep: Floats) -> Floats:
 def rename_to_general(model, place, **attributes) -> list[Rename]:
     """The actuator as a <general> one of the same law, with more attributes."""
     a = place["actuator"]
-    told = {
+    predicted = {
         "gainprm": format_number(model.actuator_gainprm[a, :3]),
         "biasprm": format_number(model.actuator_biasprm[a, :3]),
         "biastype": "affine" if model.actuator_biastype[a] == 1 else "none",
@@ -171,12 +171,14 @@ def rename_to_general(model, place, **attributes) -> list[Rename]:
         },
     }
     if model.actuator_ctrllimited[a]:
-        told["ctrlrange"] = format_number(
+        predicted["ctrlrange"] = format_number(
             model.actuator_ctrlrange[a]
         )  # not inherited now
     own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")
     gone = dict.fromkeys(own)
-    return [Rename("actuator", _name_or_id(model, place), "general", {**gone, **told})]
+    return [
+        Rename("actuator", _name_or_id(model, place), "general", {**gone, **predicted})
+    ]
 
 
 class RateLimit(ActuatorEffect):
@@ -187,17 +189,17 @@ class RateLimit(ActuatorEffect):
     separate_by = "step the command by several sizes"
     regime = "after_step"
 
-    def make_parameters(self, scene, actuator):
+    def make_parameters(self, robot, actuator):
         rate = actuator.max_rate
         unit = f"{actuator.unit}/s"
         return (Parameter("rate", unit, np.inf, 1e-2 * rate, 1e3 * rate, rate),)
 
-    def make_initial_values(self, scene, actuator):
+    def make_initial_values(self, robot, actuator):
         return tuple((share * actuator.max_rate,) for share in (0.3, 1.0, 3.0))
 
-    def applies_to(self, scene, actuator):
+    def applies_to(self, robot, actuator):
         """Of what holds a position, in whatever units that is commanded."""
-        model, a = scene.model, actuator.id
+        model, a = robot.model, actuator.id
         holds = has_affine_force(model, a) and model.actuator_biasprm[a, 1] < 0
         return actuator.dof >= 0 and holds and actuator.max_rate > 0
 
@@ -224,27 +226,27 @@ class TorqueSaturation(ActuatorEffect):
     separate_by = "command larger and larger steps"
     regime = "saturated"
 
-    def make_parameters(self, scene, actuator):
+    def make_parameters(self, robot, actuator):
         most = actuator.max_force
         low, high = 0.005 * most, 20 * most
         return (Parameter("limit", actuator.force, np.inf, low, high, 0.1 * most),)
 
-    def make_initial_values(self, scene, actuator):
+    def make_initial_values(self, robot, actuator):
         return tuple(
             (s * actuator.max_force,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)
         )
 
-    def applies_to(self, scene, actuator):
+    def applies_to(self, robot, actuator):
         # at a site the gear is a direction
-        geared = scene.model.actuator_gear[actuator.id, 0] != 0
-        return geared and has_affine_force(scene.model, actuator.id)
+        geared = robot.model.actuator_gear[actuator.id, 0] != 0
+        return geared and has_affine_force(robot.model, actuator.id)
 
     def edit_model(self, model, place, values):
         a = place["actuator"]
         most = values[0] / abs(model.actuator_gear[a, 0])
         limited = model.actuator_forcelimited[a]
-        stated = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
-        model.actuator_forcerange[a] = np.clip(stated, -most, most)
+        nominal_terms = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
+        model.actuator_forcerange[a] = np.clip(nominal_terms, -most, most)
         model.actuator_forcelimited[a] = 1
 
 
@@ -257,9 +259,9 @@ class SpeedTorqueLimit(ActuatorEffect):
     regime = "fast"
     writes_forcerange = True
 
-    def make_parameters(self, scene, actuator):
-        most, speed = actuator.max_force, scene.joint_by_dof(actuator.dof).max_speed
-        unit = f"{scene.joint_by_dof(actuator.dof).unit}/s"
+    def make_parameters(self, robot, actuator):
+        most, speed = actuator.max_force, robot.joint_by_dof(actuator.dof).max_speed
+        unit = f"{robot.joint_by_dof(actuator.dof).unit}/s"
         return (
             Parameter("stall_torque", actuator.force, np.inf, 0.01 * most,
                       20 * most, 0.2 * most),
@@ -267,24 +269,24 @@ class SpeedTorqueLimit(ActuatorEffect):
                       100 * speed, 0.3 * speed),
         )  # fmt: skip
 
-    def make_initial_values(self, scene, actuator):
-        most, speed = actuator.max_force, scene.joint_by_dof(actuator.dof).max_speed
+    def make_initial_values(self, robot, actuator):
+        most, speed = actuator.max_force, robot.joint_by_dof(actuator.dof).max_speed
         return (
             (most, 1.3 * speed), (0.6 * most, 1.3 * speed), (most, 4 * speed),
             (0.2 * most, 1.3 * speed), (0.2 * most, 4 * speed),
         )  # fmt: skip
 
-    def applies_to(self, scene, actuator):
+    def applies_to(self, robot, actuator):
         return actuator.dof >= 0
 
-    def apply_forces(self, moment, place, values):
+    def apply_forces(self, state, place, values):
         a, gear = place["actuator"], place["gear"]
         stall, speed = values.T
-        share = moment.qvel[:, place["dof"]] / speed
+        share = state.qvel[:, place["dof"]] / speed
         up = stall * np.clip(1 - share, 0, 1) / abs(gear)
         down = -stall * np.clip(1 + share, 0, 1) / abs(gear)
         low, high = (down, up) if gear > 0 else (-up, -down)
-        limits = moment.forcerange[:, a]
+        limits = state.forcerange[:, a]
         limits[:, 0] = np.maximum(limits[:, 0], low)
         limits[:, 1] = np.minimum(limits[:, 1], high)
 
@@ -301,13 +303,13 @@ class ServoGain(ActuatorEffect):
     separate_by = "load the held joint with a known weight"
     regime = "high_load"
 
-    def make_parameters(self, scene, actuator):
-        kp, kv = _servo_gains(scene.model, actuator.id)
+    def make_parameters(self, robot, actuator):
+        kp, kv = _servo_gains(robot.model, actuator.id)
         unit = f"{actuator.force}/{actuator.unit if actuator.servo else 'ctrl'}"
         stiffness = Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp)
         if not actuator.servo:
             return (stiffness,)
-        joint = scene.joint_by_dof(actuator.dof)
+        joint = robot.joint_by_dof(actuator.dof)
         high = 10 * kv + 0.5 * kp
         scale = 0.2 * kv + 0.05 * joint.torque / joint.speed
         return (
@@ -317,12 +319,12 @@ class ServoGain(ActuatorEffect):
             ),
         )
 
-    def make_initial_values(self, scene, actuator):
-        kp, *kv = (p.nominal for p in self.make_parameters(scene, actuator))
+    def make_initial_values(self, robot, actuator):
+        kp, *kv = (p.nominal for p in self.make_parameters(robot, actuator))
         return ((0.6 * kp, *kv), (1.6 * kp, *kv))
 
-    def applies_to(self, scene, actuator):
-        model, a = scene.model, actuator.id
+    def applies_to(self, robot, actuator):
+        model, a = robot.model, actuator.id
         law = model.actuator_gaintype[a], model.actuator_biastype[a]
         return actuator.servo or (max(law) == 0 and model.actuator_gainprm[a, 0] > 0)
 
@@ -355,13 +357,13 @@ class IntegralAction(ActuatorEffect):
     separate_by = "hold a loaded pose for ten seconds"
     regime = "high_load"
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """At each servo; its sum begun at 0, or long before the recording."""
-        own = super().propose_terms(scene)
+        own = super().propose_terms(robot)
         return [*own, *map(_begin_settled, own)]
 
-    def make_parameters(self, scene, actuator):
-        kp, _ = _servo_gains(scene.model, actuator.id)
+    def make_parameters(self, robot, actuator):
+        kp, _ = _servo_gains(robot.model, actuator.id)
         most = actuator.max_force
         return (
             Parameter("ki", f"{actuator.force}/({actuator.unit} s)", 0.0, 0.0, 50 * kp,
@@ -369,27 +371,27 @@ class IntegralAction(ActuatorEffect):
             Parameter("imax", actuator.force, most, 0.0, 10 * most, 0.2 * most),
         )  # fmt: skip
 
-    def make_initial_values(self, scene, actuator):
-        kp, _ = _servo_gains(scene.model, actuator.id)
+    def make_initial_values(self, robot, actuator):
+        kp, _ = _servo_gains(robot.model, actuator.id)
         most = actuator.max_force
         # one that is often full: from a limit that is never met no slope leads there
         return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
 
-    def applies_to(self, scene, actuator):
+    def applies_to(self, robot, actuator):
         # the sum of what was read is in the joint's unit, as the error without a gear
-        ungeared = scene.model.actuator_gear[actuator.id, 0] == 1
+        ungeared = robot.model.actuator_gear[actuator.id, 0] == 1
         return actuator.servo and actuator.measured and ungeared
 
-    def apply_forces(self, moment, place, values):
+    def apply_forces(self, state, place, values):
         # the sum since the episode began is that of the measured error up to the
         # window's start, and of the simulated one from there
-        error = moment.ctrl[:, place["actuator"]] - moment.qpos[:, place["qpos"]]
+        error = state.ctrl[:, place["actuator"]] - state.qpos[:, place["qpos"]]
         total, most = (
-            moment.integral_errors[place["actuator"]],
+            state.integral_errors[place["actuator"]],
             self.max_integral(values),
         )
-        moment.applied_force[:, place["dof"]] += values[:, 0] * total
-        total[:] = np.clip(total + error * moment.timestep, -most, most)
+        state.applied_force[:, place["dof"]] += values[:, 0] * total
+        total[:] = np.clip(total + error * state.timestep, -most, most)
 
     @staticmethod
     def max_integral(values: Floats) -> Floats:

@@ -138,11 +138,11 @@ def extend_places(term: Term, **more) -> Term:
     return replace(term, places=tuple({**place, **more} for place in term.places))
 
 
-def restates_nominal_value(term: Term, stated: Sequence[Term]) -> bool:
+def restates_nominal_value(term: Term, nominal_terms: Sequence[Term]) -> bool:
     """Whether an effect's parameters are those of the model, and one is stated."""
     if not np.isfinite([p.nominal for p in term.parameters]).all():
         return False
-    said = {target for t in stated for target in t.targets}
+    said = {target for t in nominal_terms for target in t.targets}
     own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
     return bool(own & said)
 
@@ -226,7 +226,7 @@ class Effect:
         ""  # the parameter that a finding states as one vector, of NAME_x, NAME_y
     )
 
-    def propose_terms(self, scene: "RobotSummary") -> list[Term]:
+    def propose_terms(self, robot: "RobotSummary") -> list[Term]:
         """Every place where it could be."""
         raise NotImplementedError
 
@@ -258,7 +258,7 @@ class Effect:
         """Commands (N, G, nu) on a grid of `step` s, as they reach the actuators."""
         return ctrl
 
-    def apply_forces(self, moment: StepState, place, values: Floats) -> None:
+    def apply_forces(self, state: StepState, place, values: Floats) -> None:
         """Add forces, or change limits, at one step; values (N, p)."""
 
     def transform_reading(self, place, values: Floats) -> Mapping[str, Floats]:

@@ -16,32 +16,32 @@ class BodyEffect(Effect):
     group = "body"
     rarity = 2
 
-    def make_parameters(self, scene: RobotSummary, body) -> tuple[Parameter, ...]:
+    def make_parameters(self, robot: RobotSummary, body) -> tuple[Parameter, ...]:
         """Its numbers at a body; `body` is a `scene.Moving`."""
         raise NotImplementedError
 
     def make_initial_values(
-        self, scene: RobotSummary, body
+        self, robot: RobotSummary, body
     ) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
         raise NotImplementedError
 
-    def applies_to(self, scene: RobotSummary, body) -> bool:
+    def applies_to(self, robot: RobotSummary, body) -> bool:
         """Whether it could be at this body."""
         return True
 
-    def propose_terms(self, scene: RobotSummary) -> list[Term]:
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """At every body that moves."""
         return [
             Term(
                 self,
                 (f"body:{body.name}",),
                 ({"body": body.id},),
-                self.make_parameters(scene, body),
-                self.make_initial_values(scene, body),
+                self.make_parameters(robot, body),
+                self.make_initial_values(robot, body),
             )
-            for body in scene.bodies
-            if self.applies_to(scene, body)
+            for body in robot.bodies
+            if self.applies_to(robot, body)
         ]
 
 
@@ -55,7 +55,7 @@ class Payload(BodyEffect):
     separate_by = "repeat with a second known mass, or in another pose"
     regime = "high_load"
 
-    def make_parameters(self, scene, body):
+    def make_parameters(self, robot, body):
         axis = [
             Parameter(
                 "position_" + x,
@@ -68,18 +68,18 @@ class Payload(BodyEffect):
             for i, x in enumerate("xyz")
         ]
         # a light hand may bear much: as much as all that moves
-        most = max(5 * body.subtree_mass, sum(b.mass for b in scene.bodies))
+        most = max(5 * body.subtree_mass, sum(b.mass for b in robot.bodies))
         mass = Parameter("mass", "kg", 0.0, 0.0, most, 0.2 * body.mass)
         return (mass, *axis)
 
-    def make_initial_values(self, scene, body):
+    def make_initial_values(self, robot, body):
         m = 0.2 * body.mass
         return tuple((m, *map(float, p)) for p in (body.far_end, body.com))
 
-    def applies_to(self, scene, body):
+    def applies_to(self, robot, body):
         """Of parts that are fixed to each other the last one, such as a gripper."""
-        model, inner = scene.model, {0}
-        for other in scene.bodies:
+        model, inner = robot.model, {0}
+        for other in robot.bodies:
             parent = other.parent if other.mass else 0
             while parent and model.body_weldid[parent] == model.body_weldid[other.id]:
                 inner.add(parent)
@@ -171,14 +171,14 @@ class ComShift(BodyEffect):
     separate_by = "repeat in another pose"
     regime = "high_load"
 
-    def make_parameters(self, scene, body):
+    def make_parameters(self, robot, body):
         unit = body.size
         return tuple(Parameter(x, "m", 0.0, -unit, unit, 0.05 * unit) for x in "xyz")
 
-    def make_initial_values(self, scene, body):
+    def make_initial_values(self, robot, body):
         return ((0.0, 0.0, 0.0),)
 
-    def applies_to(self, scene, body):
+    def applies_to(self, robot, body):
         return bool(body.mass)
 
     def edit_model(self, model, place, values):
@@ -195,16 +195,23 @@ class LinkLength(BodyEffect):
     source = "Bongard, Zykov, Lipson 2006: part scales"
     separate_by = "touch one known point with the part in two poses"
 
-    def make_parameters(self, scene, body):
-        stated = body.length
+    def make_parameters(self, robot, body):
+        nominal_terms = body.length
         return (
-            Parameter("length", "m", stated, 0.02 * stated, 2 * stated, 0.1 * stated),
+            Parameter(
+                "length",
+                "m",
+                nominal_terms,
+                0.02 * nominal_terms,
+                2 * nominal_terms,
+                0.1 * nominal_terms,
+            ),
         )
 
-    def make_initial_values(self, scene, body):
+    def make_initial_values(self, robot, body):
         return tuple((share * body.length,) for share in (0.2, 0.6, 0.85, 1.15))
 
-    def applies_to(self, scene, body):
+    def applies_to(self, robot, body):
         return body.length > 0
 
     def edit_model(self, model, place, values):
@@ -255,11 +262,11 @@ class MountShift(BodyEffect):
     source = "MuJoCo body/pos"
     separate_by = "move the part while its parent is held"
 
-    def make_parameters(self, scene, body):
+    def make_parameters(self, robot, body):
         reach = self._max_shift(body)
         return tuple(Parameter(x, "m", 0.0, -reach, reach, 0.05 * reach) for x in "xyz")
 
-    def make_initial_values(self, scene, body):
+    def make_initial_values(self, robot, body):
         # also a fifth of the way: which foot bears it may change between
         far = 0.2 * self._max_shift(body) * np.eye(3)
         return tuple(map(tuple, np.vstack([np.zeros(3), far, -far]).tolist()))
@@ -267,15 +274,15 @@ class MountShift(BodyEffect):
     def _max_shift(self, body):
         return max(body.offset, body.size)
 
-    def applies_to(self, scene, body):
+    def applies_to(self, robot, body):
         return not body.is_floating and body.parent != 0
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """At each body, and at all that hang alike on one parent."""
-        found = super().propose_terms(scene)
+        found = super().propose_terms(robot)
         alike: dict[int, list[Term]] = {}
         for term in found:
-            parent = int(scene.model.body_parentid[term.places[0]["body"]])
+            parent = int(robot.model.body_parentid[term.places[0]["body"]])
             alike.setdefault(parent, []).append(term)
         for group in alike.values():
             if len(group) > 1:
@@ -300,19 +307,19 @@ class LimbLoss(BodyEffect):
     source = "Bongard, Zykov, Lipson 2006: damage"
     separate_by = "load the joint above it"
 
-    def make_parameters(self, scene, body):
+    def make_parameters(self, robot, body):
         return ()
 
-    def make_initial_values(self, scene, body):
+    def make_initial_values(self, robot, body):
         return ((),)
 
-    def applies_to(self, scene, body):
+    def applies_to(self, robot, body):
         return not body.is_floating and body.parent != 0
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         return [
-            extend_places(t, parts=len(_list_subtree(scene.model, t.places[0]["body"])))
-            for t in super().propose_terms(scene)
+            extend_places(t, parts=len(_list_subtree(robot.model, t.places[0]["body"])))
+            for t in super().propose_terms(robot)
         ]
 
     def rate_rarity(self, term, values):
@@ -341,10 +348,10 @@ def _list_subtree(model, body: int) -> list[int]:
     return found
 
 
-def _is_still(scene: RobotSummary, joint: str) -> bool:
+def _is_still(robot: RobotSummary, joint: str) -> bool:
     """Whether a joint's readings are one angle and noise."""
     kind = "joint_position"
-    own = [c for c in scene.channels if (c.kind, c.target) == (kind, joint)]
+    own = [c for c in robot.channels if (c.kind, c.target) == (kind, joint)]
     return any(c.spread < STILL * c.noise[0] for c in own)
 
 
@@ -356,7 +363,7 @@ class JointJam(Effect):
     source = "Bongard, Lipson 2005: damage"
     separate_by = "command the joint"
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """At every joint that was not seen to move."""
         return [
             Term(
@@ -367,7 +374,7 @@ class JointJam(Effect):
                         "joint": joint.id,
                         "dof": joint.dof,
                         "inertia": joint.inertia,
-                        "still": _is_still(scene, joint.name),
+                        "still": _is_still(robot, joint.name),
                     },
                 ),
                 (
@@ -382,7 +389,7 @@ class JointJam(Effect):
                 ),
                 ((joint.range_center,),),
             )
-            for joint in scene.joints
+            for joint in robot.joints
             if joint.range < 0.1 or not joint.measured
         ]
 

@@ -12,7 +12,7 @@ class FreeFormTorque(Effect):
     name = "free_form"
     group = "unlisted"
 
-    def propose_terms(self, scene: RobotSummary) -> list[Term]:
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One at each joint."""
         return [
             Term(
@@ -27,16 +27,16 @@ class FreeFormTorque(Effect):
                 ),
                 ((0.0,) * len(BASIS),),
             )
-            for j in scene.joints
+            for j in robot.joints
         ]  # fmt: skip
 
-    def apply_forces(self, moment, place, values):
-        x = 2 * (moment.qpos[:, place["qpos"]] - place["middle"]) / place["range"]
+    def apply_forces(self, state, place, values):
+        x = 2 * (state.qpos[:, place["qpos"]] - place["middle"]) / place["range"]
         x = np.clip(x, -2, 2)
-        v = np.clip(moment.qvel[:, place["dof"]] / place["speed"], -4, 4)
+        v = np.clip(state.qvel[:, place["dof"]] / place["speed"], -4, 4)
         dry = np.tanh(10 * v)
         terms = (np.ones_like(x), x, x**2, x**3, v, v * np.abs(v), dry, dry * x, v * x)
-        moment.applied_force[:, place["dof"]] += np.sum(
+        state.applied_force[:, place["dof"]] += np.sum(
             values * np.stack(terms, 1), axis=1
         )
 

@@ -20,42 +20,42 @@ class JointEffect(Effect):
 
     group = "friction"
 
-    def make_parameters(self, scene: RobotSummary, joint) -> tuple[Parameter, ...]:
+    def make_parameters(self, robot: RobotSummary, joint) -> tuple[Parameter, ...]:
         """Its numbers at a joint; `joint` is a `scene.Joint`."""
         raise NotImplementedError
 
     def make_initial_values(
-        self, scene: RobotSummary, joint
+        self, robot: RobotSummary, joint
     ) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
         return tuple(
             tuple(
-                p.nominal + share * p.scale for p in self.make_parameters(scene, joint)
+                p.nominal + share * p.scale for p in self.make_parameters(robot, joint)
             )
             for share in (0.3, 1.0)
         )
 
-    def propose_terms(self, scene: RobotSummary) -> list[Term]:
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """At every hinge and slide."""
         return [
             Term(
                 self,
                 (f"joint:{joint.name}",),
                 ({"joint": joint.id, "dof": joint.dof},),
-                self.make_parameters(scene, joint),
-                self.make_initial_values(scene, joint),
+                self.make_parameters(robot, joint),
+                self.make_initial_values(robot, joint),
             )
-            for joint in scene.joints
+            for joint in robot.joints
         ]
 
 
-def torque_scale(scene: RobotSummary, joint) -> float:
+def torque_scale(robot: RobotSummary, joint) -> float:
     """What bounds of torques go by [N m or N].
 
     The joint's typical torque does not count what motors give, so a third of what they
     were asked for at most does.
     """
-    asked = [a.max_force / 3 for a in scene.actuators if a.dof == joint.dof]
+    asked = [a.max_force / 3 for a in robot.actuators if a.dof == joint.dof]
     return max([joint.torque, *asked])
 
 
@@ -69,15 +69,15 @@ class ViscousFriction(JointEffect):
     separate_by = "let the joint swing with the motor off"
     regime = "fast"
 
-    def make_parameters(self, scene, joint):
+    def make_parameters(self, robot, joint):
         unit = f"{joint.force} s/{joint.unit}"
         scale = 0.2 * joint.torque / joint.speed
-        now = float(scene.model.dof_damping[joint.dof])
-        high = 10 * torque_scale(scene, joint) / joint.speed + 10 * now
+        now = float(robot.model.dof_damping[joint.dof])
+        high = 10 * torque_scale(robot, joint) / joint.speed + 10 * now
         return (Parameter("damping", unit, now, 0.0, high, scale),)
 
-    def make_initial_values(self, scene, joint):
-        (p,) = self.make_parameters(scene, joint)
+    def make_initial_values(self, robot, joint):
+        (p,) = self.make_parameters(robot, joint)
         return (
             (p.nominal + 0.3 * p.scale,),
             (p.nominal + 2 * p.scale,),
@@ -96,11 +96,11 @@ class QuadraticDamping(JointEffect):
     separate_by = "swing the joint once slowly and once at full speed"
     regime = "fast"
 
-    def make_parameters(self, scene, joint):
+    def make_parameters(self, robot, joint):
         unit = f"{joint.force} s^2/{joint.unit}^2"
         scale = 0.2 * joint.torque / joint.speed**2
-        now = float(scene.model.dof_dampingpoly[joint.dof, 0])
-        high = 10 * torque_scale(scene, joint) / joint.speed**2 + 10 * now
+        now = float(robot.model.dof_dampingpoly[joint.dof, 0])
+        high = 10 * torque_scale(robot, joint) / joint.speed**2 + 10 * now
         return (Parameter("damping2", unit, now, 0.0, high, scale),)
 
     def edit_model(self, model, place, values):
@@ -117,22 +117,22 @@ class CoulombFriction(JointEffect):
     separate_by = "move the joint back and forth at two constant speeds"
     regime = "reversal"
 
-    def make_parameters(self, scene, joint):
-        now, scale, high = _dry_friction_bounds(scene, joint)
+    def make_parameters(self, robot, joint):
+        now, scale, high = _dry_friction_bounds(robot, joint)
         return (Parameter("frictionloss", joint.force, now, 0.0, high, scale),)
 
-    def make_initial_values(self, scene, joint):
-        (p,) = self.make_parameters(scene, joint)
+    def make_initial_values(self, robot, joint):
+        (p,) = self.make_parameters(robot, joint)
         return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,))
 
     def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 
 
-def _dry_friction_bounds(scene: RobotSummary, joint) -> tuple[float, float, float]:
+def _dry_friction_bounds(robot: RobotSummary, joint) -> tuple[float, float, float]:
     """Dry friction of a joint [N m or N]: as stated, a search's step, the largest."""
-    now = float(scene.model.dof_frictionloss[joint.dof])
-    return now, 0.1 * joint.torque, 3 * torque_scale(scene, joint) + 10 * now
+    now = float(robot.model.dof_frictionloss[joint.dof])
+    return now, 0.1 * joint.torque, 3 * torque_scale(robot, joint) + 10 * now
 
 
 class StribeckFriction(JointEffect):
@@ -148,8 +148,8 @@ class StribeckFriction(JointEffect):
     separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
     regime = "slow"
 
-    def make_parameters(self, scene, joint):
-        now, scale, high = _dry_friction_bounds(scene, joint)
+    def make_parameters(self, robot, joint):
+        now, scale, high = _dry_friction_bounds(robot, joint)
         speed = f"{joint.unit}/s"
         return (
             Parameter("coulomb", joint.force, now, 0.0, high, scale),
@@ -160,8 +160,8 @@ class StribeckFriction(JointEffect):
             ),
         )  # fmt: skip
 
-    def make_initial_values(self, scene, joint):
-        (now, t, _), v = _dry_friction_bounds(scene, joint), joint.speed
+    def make_initial_values(self, robot, joint):
+        (now, t, _), v = _dry_friction_bounds(robot, joint), joint.speed
         return (
             (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
             (now + t, now + 3 * t, 0.02 * v),
@@ -173,11 +173,11 @@ class StribeckFriction(JointEffect):
     def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 
-    def apply_forces(self, moment, place, values):
+    def apply_forces(self, state, place, values):
         dof = place["dof"]
         coulomb, static, speed = values.T
-        slow = np.exp(-((moment.qvel[:, dof] / speed) ** 2))
-        moment.frictionloss[:, dof] += (static - coulomb) * slow
+        slow = np.exp(-((state.qvel[:, dof] / speed) ** 2))
+        state.frictionloss[:, dof] += (static - coulomb) * slow
 
 
 class LoadDependentFriction(JointEffect):
@@ -197,31 +197,31 @@ class LoadDependentFriction(JointEffect):
     separate_by = "repeat the same motion with another payload"
     regime = "high_load"
 
-    def make_parameters(self, scene, joint):
+    def make_parameters(self, robot, joint):
         return (Parameter("load_coefficient", "1", 0.0, 0.0, 1.5, 0.1),)
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """At each driven joint; of both sides where nothing but its weight loads it."""
-        own = [term for term in super().propose_terms(scene) if _is_driven(scene, term)]
-        return own if scene.has_contact else [*own, *map(_use_both_sides, own)]
+        own = [term for term in super().propose_terms(robot) if _is_driven(robot, term)]
+        return own if robot.has_contact else [*own, *map(_use_both_sides, own)]
 
     def is_usual(self, term):
         return super().is_usual(term) and not term.finding_fields
 
-    def apply_forces(self, moment, place, values):
+    def apply_forces(self, state, place, values):
         dof = place["dof"]
-        load = moment.actuator_torque[:, dof]
+        load = state.actuator_torque[:, dof]
         if place.get("side") == BOTH:
-            load = (load + moment.bias_torque[:, dof]) / 2
-        moment.frictionloss[:, dof] += values[:, 0] * np.abs(load)
+            load = (load + state.bias_torque[:, dof]) / 2
+        state.frictionloss[:, dof] += values[:, 0] * np.abs(load)
 
 
 def _use_both_sides(term: Term) -> Term:
     return replace(extend_places(term, side=BOTH), finding_fields={"side": BOTH})
 
 
-def _is_driven(scene: RobotSummary, term: Term) -> bool:
-    return any(a.dof == term.places[0]["dof"] for a in scene.actuators)
+def _is_driven(robot: RobotSummary, term: Term) -> bool:
+    return any(a.dof == term.places[0]["dof"] for a in robot.actuators)
 
 
 class AsymmetricFriction(JointEffect):
@@ -235,8 +235,8 @@ class AsymmetricFriction(JointEffect):
     separate_by = "move at the same constant speed both ways, without gravity"
     regime = "reversal"
 
-    def make_parameters(self, scene, joint):
-        now, scale, high = _dry_friction_bounds(scene, joint)
+    def make_parameters(self, robot, joint):
+        now, scale, high = _dry_friction_bounds(robot, joint)
         return (
             Parameter("positive", joint.force, now, 0.0, high, scale),
             Parameter("negative", joint.force, now, 0.0, high, scale),
@@ -245,8 +245,8 @@ class AsymmetricFriction(JointEffect):
     def is_consistent(self, values):
         return bool(np.ptp(values) > ALIKE * np.max(values))
 
-    def make_initial_values(self, scene, joint):
-        now, t, _ = _dry_friction_bounds(scene, joint)
+    def make_initial_values(self, robot, joint):
+        now, t, _ = _dry_friction_bounds(robot, joint)
         pairs = ((1, 0.3), (0.3, 1), (3, 1), (1, 3))
         return tuple((now + a * t, now + b * t) for a, b in pairs)
 
@@ -254,5 +254,5 @@ class AsymmetricFriction(JointEffect):
     def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values.mean()
 
-    def apply_forces(self, moment, place, values):
-        moment.applied_force[:, place["dof"]] -= (values[:, 0] - values[:, 1]) / 2
+    def apply_forces(self, state, place, values):
+        state.applied_force[:, place["dof"]] -= (values[:, 0] - values[:, 1]) / 2

@@ -16,35 +16,35 @@ class SensorEffect(Effect):
 
     group = "measurement"
 
-    def make_parameter(self, scene, signal) -> Parameter:
+    def make_parameter(self, robot, signal) -> Parameter:
         """Its number at a signal; `signal` is a `scene.Channel`."""
         raise NotImplementedError
 
-    def make_parameters(self, scene, signal) -> tuple[Parameter, ...]:
+    def make_parameters(self, robot, signal) -> tuple[Parameter, ...]:
         """Its numbers at a signal."""
-        return (self.make_parameter(scene, signal),)
+        return (self.make_parameter(robot, signal),)
 
-    def make_initial_values(self, scene, signal) -> tuple[tuple[float, ...], ...]:
+    def make_initial_values(self, robot, signal) -> tuple[tuple[float, ...], ...]:
         """Values to begin a search at."""
-        every = self.make_parameters(scene, signal)
+        every = self.make_parameters(robot, signal)
         return (tuple(p.nominal + 0.3 * p.scale for p in every),)
 
-    def applies_to(self, scene, signal) -> bool:
+    def applies_to(self, robot, signal) -> bool:
         """Whether it could be at this signal."""
         return signal.width == 1
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """At every signal."""
         return [
             Term(
                 self,
                 (f"sensor:{signal.name}",),
                 ({"signal": signal.name, "kind": signal.kind},),
-                self.make_parameters(scene, signal),
-                self.make_initial_values(scene, signal),
+                self.make_parameters(robot, signal),
+                self.make_initial_values(robot, signal),
             )
-            for signal in scene.channels
-            if self.applies_to(scene, signal)
+            for signal in robot.channels
+            if self.applies_to(robot, signal)
         ]
 
     def is_usual(self, term):
@@ -62,13 +62,13 @@ class SensorEffect(Effect):
     )
 
 
-def has_vector_offset(scene: RobotSummary, signal: Channel) -> bool:
+def has_vector_offset(robot: RobotSummary, signal: Channel) -> bool:
     """Whether a signal's columns have each a zero, and a scale together.
 
     Those of a direction or a quaternion have none, and of where a robot that floats is
     nobody knows the zero.
     """
-    model = scene.model
+    model = robot.model
     if signal.free_columns < signal.width or signal.width == 1:
         return False
     if signal.kind != "body_position":
@@ -86,7 +86,7 @@ class SensorBias(SensorEffect):
     source = "JCGM 200:2012 (VIM), instrumental bias"
     separate_by = "bring the joint to a mechanical stop of known angle"
 
-    def make_parameter(self, scene, signal):
+    def make_parameter(self, robot, signal):
         return Parameter(
             "bias",
             signal.unit,
@@ -96,16 +96,16 @@ class SensorBias(SensorEffect):
             0.1 * signal.spread,
         )
 
-    def make_parameters(self, scene, signal):
+    def make_parameters(self, robot, signal):
         """One a column; of a vector they are called bias_x, bias_y, ..."""
-        one = self.make_parameter(scene, signal)
+        one = self.make_parameter(robot, signal)
         if signal.width == 1:
             return (one,)
         axes = "xyz"[: signal.width] if signal.width <= 3 else range(signal.width)
         return tuple(replace(one, name=f"bias_{x}") for x in axes)
 
-    def applies_to(self, scene, signal):
-        return super().applies_to(scene, signal) or has_vector_offset(scene, signal)
+    def applies_to(self, robot, signal):
+        return super().applies_to(robot, signal) or has_vector_offset(robot, signal)
 
     def transform_reading(self, place, values):
         return {"bias": values}
@@ -119,11 +119,11 @@ class SensorGain(SensorEffect):
     source = "JCGM 200:2012 (VIM), sensitivity"
     separate_by = "bring the joint to two known angles"
 
-    def make_parameter(self, scene, signal):
+    def make_parameter(self, robot, signal):
         return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05, resolution=TRUE_TO)
 
-    def applies_to(self, scene, signal):
-        return super().applies_to(scene, signal) or has_vector_offset(scene, signal)
+    def applies_to(self, robot, signal):
+        return super().applies_to(robot, signal) or has_vector_offset(robot, signal)
 
 
 class SensorDelay(SensorEffect):
@@ -137,14 +137,14 @@ class SensorDelay(SensorEffect):
     separate_by = "let the joint swing with the motor off"
     regime = "fast"
 
-    def make_parameter(self, scene, signal):
-        least = max(scene.contact_timing_error, STALE * scene.timestep)
+    def make_parameter(self, robot, signal):
+        least = max(robot.contact_timing_error, STALE * robot.timestep)
         return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, resolution=least)
 
-    def make_initial_values(self, scene, signal):
+    def make_initial_values(self, robot, signal):
         return ((0.005,), (0.03,))
 
-    def applies_to(self, scene, signal):
+    def applies_to(self, robot, signal):
         return True
 
 
@@ -158,12 +158,12 @@ class Quantization(SensorEffect):
     regime = "slow"
     rounds_readings = True
 
-    def applies_to(self, scene, signal):
-        return super().applies_to(scene, signal) and signal.quantum > 0
+    def applies_to(self, robot, signal):
+        return super().applies_to(robot, signal) and signal.quantum > 0
 
-    def make_parameter(self, scene, signal):
+    def make_parameter(self, robot, signal):
         step = signal.quantum
         return Parameter("step", signal.unit, 0.0, 0.0, 2 * step, 0.1 * step)
 
-    def make_initial_values(self, scene, signal):
+    def make_initial_values(self, robot, signal):
         return ((signal.quantum,),)

@@ -49,7 +49,7 @@ class NominalParameter(Effect):
         """`scale(model, place, factor)` edits a compiled model."""
         self.scale = scale
 
-    def propose_terms(self, scene: RobotSummary) -> list[Term]:
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """It is not searched for."""
         return []
 
@@ -139,19 +139,19 @@ def _scale_friction(model, place, factor):
     model.geom_friction[place["at"], 0] *= factor
 
 
-def build_nominal_terms(scene: RobotSummary) -> list[Term]:
+def build_nominal_terms(robot: RobotSummary) -> list[Term]:
     """Everything that the model states and that is not zero, as terms."""
     return [
-        *_body_terms(scene),
-        *_joint_terms(scene),
-        *_actuator_terms(scene),
-        *_geom_terms(scene),
+        *_body_terms(robot),
+        *_joint_terms(robot),
+        *_actuator_terms(robot),
+        *_geom_terms(robot),
     ]
 
 
-def _body_terms(scene: RobotSummary) -> list[Term]:
+def _body_terms(robot: RobotSummary) -> list[Term]:
     found = []
-    for body in scene.bodies:
+    for body in robot.bodies:
         name = f"body:{body.name}"
         found.append(
             _make_term(
@@ -164,8 +164,8 @@ def _body_terms(scene: RobotSummary) -> list[Term]:
                 name="mass",
             )
         )
-        found += _inertia_terms(scene.model, body)
-        for word, axis, length in _list_lengths(scene, body):
+        found += _inertia_terms(robot.model, body)
+        for word, axis, length in _list_lengths(robot, body):
             found.append(
                 _make_term(
                     _scale_length,
@@ -203,7 +203,7 @@ def _inertia_terms(model, body: MovingBody) -> list[Term]:
 
 
 def _list_lengths(
-    scene: RobotSummary, body: MovingBody
+    robot: RobotSummary, body: MovingBody
 ) -> Iterator[tuple[str, Floats, float]]:
     """Names, axes (3) and values [m] of the lengths that a body has.
 
@@ -211,18 +211,18 @@ def _list_lengths(
     it.
     """
     if body.length > LONG * body.size:
-        axis, length = find_link_axis(scene.model, body.id)
+        axis, length = find_link_axis(robot.model, body.id)
         yield "length", axis, length
-    elif scene.has_contact or body.id in scene.model.body_parentid:
-        sides = measure_extent(scene.model, body.id)
+    elif robot.has_contact or body.id in robot.model.body_parentid:
+        sides = measure_extent(robot.model, body.id)
         for word, axis, side in zip(SIDES, np.eye(3), sides, strict=True):
             if side > 0:
                 yield word, axis, float(side)
 
 
-def _joint_terms(scene: RobotSummary) -> list[Term]:
-    model, found = scene.model, []
-    for joint in scene.joints:
+def _joint_terms(robot: RobotSummary) -> list[Term]:
+    model, found = robot.model, []
+    for joint in robot.joints:
         speed = f"{joint.force} s/{joint.unit}"
         inertia = "kg m^2" if joint.unit == "rad" else "kg"
         for field, unit in (
@@ -263,9 +263,9 @@ def _ball_terms(model, joint: int) -> Iterator[Term]:
         yield _make_term(_scale_stiffness, target, REST, value, "N m/rad", joint=joint)
 
 
-def _actuator_terms(scene: RobotSummary) -> list[Term]:
-    model, found = scene.model, []
-    for a in scene.actuators:
+def _actuator_terms(robot: RobotSummary) -> list[Term]:
+    model, found = robot.model, []
+    for a in robot.actuators:
         if not has_affine_force(model, a.id):
             continue
         name = f"actuator:{a.name}"
@@ -306,15 +306,17 @@ def _actuator_terms(scene: RobotSummary) -> list[Term]:
     return found
 
 
-def _geom_terms(scene: RobotSummary) -> list[Term]:
+def _geom_terms(robot: RobotSummary) -> list[Term]:
     """Sliding friction where it is stated; MuJoCo's default is nobody's statement."""
-    model = scene.model
-    if not scene.has_contact:
+    model = robot.model
+    if not robot.has_contact:
         return []
-    stated = np.abs(model.geom_friction - [1.0, 0.005, 0.0001]).max(axis=1) > 1e-12
+    nominal_terms = (
+        np.abs(model.geom_friction - [1.0, 0.005, 0.0001]).max(axis=1) > 1e-12
+    )
     solid = (model.geom_contype | model.geom_conaffinity) > 0
     return [
         _make_term(_scale_friction, f"geom:{model.geom(g).name or g}/friction", REST,
               float(model.geom_friction[g, 0]), "1", at=int(g))
-        for g in np.flatnonzero(stated & solid)
+        for g in np.flatnonzero(nominal_terms & solid)
     ]  # fmt: skip

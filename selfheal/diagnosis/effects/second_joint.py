@@ -40,16 +40,16 @@ class SecondJointEffect(JointEffect):
         0.01  # least inertia of the motor's side, of the joint's; chosen
     )
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """Once for each side, motor's and link's, that the encoder may read.
 
         At the last joint of a body only: MuJoCo would put the new one behind the others
         and turn its axis with them. And where its name is not taken.
         """
-        found, body = [], scene.model.jnt_bodyid
-        taken = {j.name for j in scene.joints}
-        for term in super().propose_terms(scene):
-            joint = scene.joint_by_id(term.places[0]["joint"])
+        found, body = [], robot.model.jnt_bodyid
+        taken = {j.name for j in robot.joints}
+        for term in super().propose_terms(robot):
+            joint = robot.joint_by_id(term.places[0]["joint"])
             last = body[joint.id] not in body[joint.id + 1 :]
             if not last or joint.name + self.suffix in taken:
                 continue
@@ -99,9 +99,9 @@ class SecondJointEffect(JointEffect):
         A stop knows nothing of an implicit damping: beside a side so light that its
         servo's damping stops it in one step, it is too soft.
         """
-        stated = float(model.dof_armature[place["dof"]])
+        nominal_terms = float(model.dof_armature[place["dof"]])
         servo = min_stable_inertia(model, place["joint"])
-        return max(stated, servo, self.min_inertia_share * place["inertia"])
+        return max(nominal_terms, servo, self.min_inertia_share * place["inertia"])
 
     def joint_attributes(self, model, values) -> dict[str, tuple[float, ...]]:
         """MJCF attributes of the second joint, angles in rad."""
@@ -111,7 +111,7 @@ class SecondJointEffect(JointEffect):
         joint = model.joint(place["joint"])
         slide = model.jnt_type[joint.id] == 2
         own = ALONE | {"armature": model.dof_armature[place["extra_dof"]]}
-        told = {
+        predicted = {
             "name": joint.name + self.suffix,
             "type": "slide" if slide else "hinge",
             "axis": format_number(joint.axis),
@@ -121,8 +121,8 @@ class SecondJointEffect(JointEffect):
                 for k, v in (own | self.joint_attributes(model, values)).items()
             },
         }
-        told["limited"] = "true" if "range" in told else "false"
-        xml = " ".join(f'{k}="{v}"' for k, v in told.items())
+        predicted["limited"] = "true" if "range" in predicted else "false"
+        xml = " ".join(f'{k}="{v}"' for k, v in predicted.items())
         body = model.body(model.jnt_bodyid[joint.id]).name
         return [
             Set("joint", joint.name, {"armature": format_number(joint.armature)}),

@@ -31,14 +31,14 @@ class Armature(TransmissionEffect):
     separate_by = "repeat the motion with another payload"
     regime = "fast"
 
-    def make_parameters(self, scene, joint):
+    def make_parameters(self, robot, joint):
         unit = "kg m^2" if joint.unit == "rad" else "kg"
-        now = float(scene.model.dof_armature[joint.dof])
+        now = float(robot.model.dof_armature[joint.dof])
         high = now * 10 + 20 * joint.inertia
         return (Parameter("armature", unit, now, 0.0, high, 0.3 * joint.inertia),)
 
-    def make_initial_values(self, scene, joint):
-        (p,) = self.make_parameters(scene, joint)
+    def make_initial_values(self, robot, joint):
+        (p,) = self.make_parameters(robot, joint)
         return (
             (p.nominal + 0.3 * p.scale,),
             (p.nominal + 2 * p.scale,),
@@ -59,13 +59,13 @@ class JointSpring(TransmissionEffect):
     source = "MuJoCo joint/stiffness, springref"
     separate_by = "measure the torque at rest, or re-zero the encoder"
 
-    def make_parameters(self, scene, joint):
+    def make_parameters(self, robot, joint):
         unit = f"{joint.force}/{joint.unit}"
         scale = 0.2 * joint.torque / joint.range
-        high = 10 * torque_scale(scene, joint) / joint.range
+        high = 10 * torque_scale(robot, joint) / joint.range
         reach = 5 * joint.range + 1
-        now = float(scene.model.jnt_stiffness[joint.id])
-        ref = float(scene.model.qpos_spring[joint.qpos])
+        now = float(robot.model.jnt_stiffness[joint.id])
+        ref = float(robot.model.qpos_spring[joint.qpos])
         return (
             Parameter("stiffness", unit, now, 0.0, high + 10 * now, scale),
             Parameter(
@@ -74,8 +74,8 @@ class JointSpring(TransmissionEffect):
             ),
         )  # fmt: skip
 
-    def make_initial_values(self, scene, joint):
-        stiffness, ref = self.make_parameters(scene, joint)
+    def make_initial_values(self, robot, joint):
+        stiffness, ref = self.make_parameters(robot, joint)
         k = stiffness.nominal + stiffness.scale
         ends = (joint.range_center + joint.range, joint.range_center - joint.range)
         # a spring too stiff becomes softer in a few steps; one too soft puts its
@@ -105,10 +105,10 @@ class HardStop(TransmissionEffect):
     separate_by = "move slowly towards the angle from the free side"
     regime = "near_limit"
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         return [
-            self._make_term(scene, joint, side)
-            for joint in scene.joints
+            self._make_term(robot, joint, side)
+            for joint in robot.joints
             for side in (-1, 1)
         ]
 
@@ -119,7 +119,7 @@ class HardStop(TransmissionEffect):
             model.jnt_solref[joint, : len(soft)] = soft
         model.jnt_range[joint], model.jnt_limited[joint] = inside, 1
 
-    def _make_term(self, scene, joint, side: int) -> Term:
+    def _make_term(self, robot, joint, side: int) -> Term:
         end = (
             joint.range_center + side * joint.range / 2
         )  # where the robot was seen to go
@@ -130,17 +130,17 @@ class HardStop(TransmissionEffect):
         )  # fmt: skip
         starts = end - side * 0.02 * joint.range, end - side * 0.1 * joint.range
         place = {"joint": joint.id, "side": side, "dof": joint.dof}
-        soft = self._make_softness(scene, joint)
+        soft = self._make_softness(robot, joint)
         return Term(
             self, (f"joint:{joint.name}",), (place,), (stop, *soft),
             tuple((start, *(p.nominal for p in soft)) for start in starts),
             {"side": side},
         )  # fmt: skip
 
-    def _make_softness(self, scene, joint) -> tuple[Parameter, ...]:
+    def _make_softness(self, robot, joint) -> tuple[Parameter, ...]:
         """How soon it stops, where solref says such a time and poses are not all."""
-        time, hard = scene.model.jnt_solref[joint.id, 0], 2 * scene.timestep
-        if time < hard or scene.has_only_poses:
+        time, hard = robot.model.jnt_solref[joint.id, 0], 2 * robot.timestep
+        if time < hard or robot.has_only_poses:
             return ()
         return (Parameter("timeconst", "s", float(time), hard, 0.2, 0.2 * time),)
 
@@ -163,8 +163,8 @@ class Cogging(TransmissionEffect):
     regime = "slow"
     is_periodic = True
 
-    def make_parameters(self, scene, joint):
-        scale, high = 0.1 * joint.torque, 3 * torque_scale(scene, joint)
+    def make_parameters(self, robot, joint):
+        scale, high = 0.1 * joint.torque, 3 * torque_scale(robot, joint)
         least, apart = self._count_bounds(joint)
         return (
             Parameter("amplitude", joint.force, 0.0, 0.0, high, scale),
@@ -172,7 +172,7 @@ class Cogging(TransmissionEffect):
             Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
         )
 
-    def make_initial_values(self, scene, joint):
+    def make_initial_values(self, robot, joint):
         a = 0.01 * joint.torque  # small, so that the answer is linear
         least, apart = self._count_bounds(joint)
         apart = max(1.0, apart) if joint.unit == "rad" else apart
@@ -191,18 +191,18 @@ class Cogging(TransmissionEffect):
         apart = 2.0 / max(joint.range, 0.05)
         return (FEWEST if joint.unit == "rad" else ALONG * np.pi * apart), apart
 
-    def apply_forces(self, moment, place, values):
+    def apply_forces(self, state, place, values):
         amplitude, poles, phase = values.T
-        angle = moment.qpos[:, place["qpos"]]
-        moment.applied_force[:, place["dof"]] += amplitude * np.sin(
+        angle = state.qpos[:, place["qpos"]]
+        state.applied_force[:, place["dof"]] += amplitude * np.sin(
             poles * angle + phase
         )
 
-    def propose_terms(self, scene):
-        address = {j.id: j.qpos for j in scene.joints}
+    def propose_terms(self, robot):
+        address = {j.id: j.qpos for j in robot.joints}
         return [
             extend_places(t, qpos=address[t.places[0]["joint"]])
-            for t in super().propose_terms(scene)
+            for t in super().propose_terms(robot)
         ]
 
 
@@ -215,18 +215,18 @@ class JointCoupling(Effect):
     source = "MuJoCo tendon/fixed, stiffness"
     separate_by = "hold one joint and move the other"
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         return [
-            self._make_term(scene, a, b)
-            for a in scene.joints
-            for b in scene.joints
+            self._make_term(robot, a, b)
+            for a in robot.joints
+            for b in robot.joints
             if a.id < b.id
         ]
 
-    def _make_term(self, scene, a, b) -> Term:
+    def _make_term(self, robot, a, b) -> Term:
         # what both bear: the weaker joint's, or a start is far from all that could be
-        scale = 0.2 * min(torque_scale(scene, j) / j.range for j in (a, b))
-        high = 10 * torque_scale(scene, a) / a.range
+        scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
+        high = 10 * torque_scale(robot, a) / a.range
         unit = f"{a.force}/{a.unit}"
         parameters = (
             Parameter("stiffness", unit, 0.0, 0.0, high, scale),
@@ -241,12 +241,12 @@ class JointCoupling(Effect):
             {"other": f"joint:{b.name}"},
         )  # fmt: skip
 
-    def apply_forces(self, moment, place, values):
+    def apply_forces(self, state, place, values):
         stiffness, ratio = values.T
-        q = moment.qpos[:, place["qpos"]]
-        pull = stiffness * (q - ratio * moment.qpos[:, place["other_qpos"]])
-        moment.applied_force[:, place["dof"]] -= pull
-        moment.applied_force[:, place["other_dof"]] += ratio * pull
+        q = state.qpos[:, place["qpos"]]
+        pull = stiffness * (q - ratio * state.qpos[:, place["other_qpos"]])
+        state.applied_force[:, place["dof"]] -= pull
+        state.applied_force[:, place["other_dof"]] += ratio * pull
 
 
 class Backlash(SecondJointEffect):
@@ -261,11 +261,11 @@ class Backlash(SecondJointEffect):
     suffix = "_play"
     min_inertia_share = 0.003  # of 0.001 to 0.01 what shows least where the gap is shut
 
-    def make_parameters(self, scene, joint):
+    def make_parameters(self, robot, joint):
         scale = 0.03 * joint.range
         return (Parameter("gap", joint.unit, 0.0, 0.0, joint.range, scale),)
 
-    def make_initial_values(self, scene, joint):
+    def make_initial_values(self, robot, joint):
         # one twice as wide as the robot's explains nothing, as does none
         return tuple((share * joint.range,) for share in (0.003, 0.008, 0.02, 0.05))
 
@@ -289,9 +289,9 @@ class Compliance(SecondJointEffect):
     regime = "high_load"
     suffix = "_flex"
 
-    def make_parameters(self, scene, joint):
-        most = self._max_stiffness(scene, joint)
-        damped = most * scene.timestep  # stops all that the joint does in one step
+    def make_parameters(self, robot, joint):
+        most = self._max_stiffness(robot, joint)
+        damped = most * robot.timestep  # stops all that the joint does in one step
         k = min(joint.torque / (0.03 * joint.range), most / 5)
         d = min(0.3 * np.sqrt(k * joint.inertia), damped / 5)
         unit = f"{joint.force}/{joint.unit}"
@@ -300,19 +300,19 @@ class Compliance(SecondJointEffect):
             Parameter("damping", f"{joint.force} s/{joint.unit}", d, 0.0, damped, d),
         )
 
-    def _max_stiffness(self, scene, joint) -> float:
+    def _max_stiffness(self, robot, joint) -> float:
         """Stiffness [N m/rad or N/m] at which the joint swings once in six steps.
 
         MuJoCo takes a spring's torque as constant over a step: at three it diverges.
         """
         place = {"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia}
-        motor = self.motor_inertia(scene.model, place)
-        link = joint.inertia - float(scene.model.dof_armature[joint.dof])
+        motor = self.motor_inertia(robot.model, place)
+        link = joint.inertia - float(robot.model.dof_armature[joint.dof])
         link = max(link, self.min_inertia_share * joint.inertia)
-        return motor * link / (motor + link) / scene.timestep**2
+        return motor * link / (motor + link) / robot.timestep**2
 
-    def make_initial_values(self, scene, joint):
-        k, d = (p.scale for p in self.make_parameters(scene, joint))
+    def make_initial_values(self, robot, joint):
+        k, d = (p.scale for p in self.make_parameters(robot, joint))
         return ((k, d), (0.3 * k, d), (5 * k, d))
 
     def joint_attributes(self, model, values):

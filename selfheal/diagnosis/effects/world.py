@@ -31,11 +31,11 @@ class Slope(WorldEffect):
     source = "MuJoCo option/gravity"
     separate_by = "turn the robot by 180 degrees: a slope turns with the room"
 
-    def propose_terms(self, scene):
-        if not np.linalg.norm(scene.model.opt.gravity):
+    def propose_terms(self, robot):
+        if not np.linalg.norm(robot.model.opt.gravity):
             return []
         tilt = Parameter("tilt", "rad", 0.0, 0.0, STEEPEST, 0.03)
-        plane = _find_plane_azimuths(scene.model)
+        plane = _find_plane_azimuths(robot.model)
         if plane is None:
             azimuth = Parameter("azimuth", "rad", 0.0, -10.0, 10.0, 0.5)
             turns = np.deg2rad((0, 90, 180, -90))
@@ -100,8 +100,8 @@ class FluidDrag(WorldEffect):
     separate_by = "change the area of a moving part"
     regime = "fast"
 
-    def propose_terms(self, scene):
-        now = scene.model.opt
+    def propose_terms(self, robot):
+        now = robot.model.opt
         return [
             self._make_term("density", "kg/m^3", now.density, 1e4, (1.2, 50.0, 500.0)),
             self._make_term(
@@ -126,10 +126,10 @@ class Wind(WorldEffect):
     source = "MuJoCo option/wind"
     separate_by = "turn the robot by 180 degrees"
 
-    def propose_terms(self, scene):
-        if not (scene.model.opt.density or scene.model.opt.viscosity):
+    def propose_terms(self, robot):
+        if not (robot.model.opt.density or robot.model.opt.viscosity):
             return []
-        speed, wind = _terminal_speed(scene), scene.model.opt.wind
+        speed, wind = _terminal_speed(robot), robot.model.opt.wind
         most = max(50.0, speed)
         axes = tuple(
             Parameter("v" + x, "m/s", float(wind[i]), -most, most, 0.1 * speed)
@@ -142,11 +142,11 @@ class Wind(WorldEffect):
         model.opt.wind[:] = values
 
 
-def _terminal_speed(scene: RobotSummary) -> float:
+def _terminal_speed(robot: RobotSummary) -> float:
     """The least speed [m/s] at which the medium would carry a body's weight, or so."""
-    medium, g = scene.model.opt, 9.81
+    medium, g = robot.model.opt, 9.81
     speeds = []
-    for body in scene.bodies:
+    for body in robot.bodies:
         if medium.density:
             area = medium.density * body.size**2
             speeds.append(np.sqrt(2 * g * body.mass / area))
@@ -164,9 +164,9 @@ class GroundEffect(WorldEffect):
     factor, and so is the contact's: what the model states of each of them is kept.
     """
 
-    def find_place(self, scene: RobotSummary) -> dict | None:
+    def find_place(self, robot: RobotSummary) -> dict | None:
         """The place: the world's geoms that touch anything; None where nothing can."""
-        return find_ground_geoms(scene.model) if scene.has_contact else None
+        return find_ground_geoms(robot.model) if robot.has_contact else None
 
 
 def find_ground_geoms(model) -> dict[str, tuple[int, ...]] | None:
@@ -203,12 +203,12 @@ class GroundFriction(GroundEffect):
     separate_by = "push the resting robot until it slides"
     regime = "contact"
 
-    def propose_terms(self, scene):
-        place = self.find_place(scene)
+    def propose_terms(self, robot):
+        place = self.find_place(robot)
         if place is None:
             return []
-        sides = _find_deciding_sides(scene.model, place)
-        now = _largest_friction(scene.model, sides)
+        sides = _find_deciding_sides(robot.model, place)
+        now = _largest_friction(robot.model, sides)
         parameter = Parameter("friction", "1", now, 0.0, max(5.0, 2 * now), 0.2)
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
         return [Term(self, ("world",), (place,), (parameter,), starts)]
@@ -236,16 +236,16 @@ class GroundCompliance(GroundEffect):
     separate_by = "drop a part from two heights"
     regime = "contact"
 
-    def propose_terms(self, scene):
+    def propose_terms(self, robot):
         """Where solref is a time and a ratio; its other form has no absent value."""
-        place = self.find_place(scene)
+        place = self.find_place(robot)
         if place is None:
             return []
-        sides = _find_deciding_sides(scene.model, place)
-        if any((scene.model.geom_solref[g] <= 0).any() for g in sides):
+        sides = _find_deciding_sides(robot.model, place)
+        if any((robot.model.geom_solref[g] <= 0).any() for g in sides):
             return []
-        time, ratio = map(float, _mean_solref(scene.model, sides))
-        least = 2 * scene.timestep  # MuJoCo computes no shorter one
+        time, ratio = map(float, _mean_solref(robot.model, sides))
+        least = 2 * robot.timestep  # MuJoCo computes no shorter one
         parameters = (
             Parameter("timeconst", "s", time, least, max(0.3, 2 * time), 0.005),
             Parameter("dampratio", "1", ratio, 0.02, max(5.0, 2 * ratio), 0.1),

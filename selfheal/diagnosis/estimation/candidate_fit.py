@@ -49,9 +49,9 @@ class LinearizedFit:
 
     def select(self, chosen: np.ndarray) -> "LinearizedFit":
         """The same fit in some of the windows."""
-        windows, found = self.problem.segments, self.fit
-        width = windows.readings.shape[1]
-        rows = windows.find_sample_rows(chosen)[:, None] * width + np.arange(width)
+        segments, found = self.problem.segments, self.fit
+        width = segments.readings.shape[1]
+        rows = segments.find_sample_rows(chosen)[:, None] * width + np.arange(width)
         r, jac = found.residuals[rows.ravel()], found.jacobian[rows.ravel()]
         return LinearizedFit.from_fit(
             self.problem.select(chosen), Fit(found.terms, found.values, r, jac)
@@ -143,15 +143,15 @@ def _fit_candidate(base: LinearizedFit, term: Term, rounds: int) -> Arrays:
         return [(cost, new, others) for new, (cost, others) in found]
 
     points = np.array(term.initial_values, float).reshape(len(term.initial_values), -1)
-    told = residuals(points)
+    predicted = residuals(points)
     if term.effect.is_periodic and len(points) > 1:
-        points = np.clip(_find_best_sinusoid(base, points, told), low, high)
-        told = residuals(points)
-    if (np.abs(told) >= FAR).mean(axis=1).min() > LOST:
+        points = np.clip(_find_best_sinusoid(base, points, predicted), low, high)
+        predicted = residuals(points)
+    if (np.abs(predicted) >= FAR).mean(axis=1).min() > LOST:
         rounds = 0
-    ends = [base.minimize(r) for r in told]
+    ends = [base.minimize(r) for r in predicted]
     first = int(np.argmin([c for c, _ in ends]))
-    x, r, (cost, move) = points[first], told[first], ends[first]
+    x, r, (cost, move) = points[first], predicted[first], ends[first]
     jac = slopes(x, r) if rounds else np.zeros((len(r), len(x)))
     for _ in range(rounds if len(x) else 0):
         propose = partial(_propose_joint_step, base, jac, r, x, low, high, scale)
@@ -171,7 +171,9 @@ def _fit_candidate(base: LinearizedFit, term: Term, rounds: int) -> Arrays:
     return x, r, jac, move
 
 
-def _find_best_sinusoid(base: LinearizedFit, points: Floats, told: Floats) -> Floats:
+def _find_best_sinusoid(
+    base: LinearizedFit, points: Floats, predicted: Floats
+) -> Floats:
     """Amplitude, frequency and phase (1, 3) that explain most if all answers linearly.
 
     By the sine and the cosine of each frequency (Lomb 1976), fitted with all else.
@@ -179,12 +181,12 @@ def _find_best_sinusoid(base: LinearizedFit, points: Floats, told: Floats) -> Fl
     Args:
         base: the fit without it.
         points: (2 n, 3) starts, those of a frequency a quarter turn apart.
-        told: (2 n, R) residuals with them.
+        predicted: (2 n, R) residuals with them.
     """
     r, jac = base.fit.residuals, base.fit.jacobian
     best, most = points[:1], 0.0
     for k in range(0, len(points), 2):
-        pair = (told[k : k + 2] - r).T
+        pair = (predicted[k : k + 2] - r).T
         cross = jac.T @ pair
         h = np.block([[base.curvature, cross], [cross.T, pair.T @ pair]])
         g = np.concatenate([base.gradient_at(r), pair.T @ r])

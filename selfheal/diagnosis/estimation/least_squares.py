@@ -84,8 +84,8 @@ def prior_precision(terms: Sequence[Term]) -> Floats:
     two values apart, both stay near what the model states.
     """
     low, high, _ = stack_bounds(terms)
-    stated = [t.effect.name == "stated" for t in terms for _ in t.parameters]
-    return np.where(stated, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
+    nominal_terms = [t.effect.name == "stated" for t in terms for _ in t.parameters]
+    return np.where(nominal_terms, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
 
 
 def solve_bounded_step(
@@ -170,7 +170,7 @@ def _run_gauss_newton(
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.residuals_at(terms, x)
     jac = compute_jacobian(problem, terms, x, r) if known is None else known
-    stated = int(np.count_nonzero(weights))  # the first ones
+    nominal_terms = int(np.count_nonzero(weights))  # the first ones
     for _ in range(rounds if len(x) else 0):
         h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
         before = float(r @ r + weights @ (x - 1) ** 2)
@@ -189,9 +189,9 @@ def _run_gauss_newton(
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = update_broyden(jac, move, change, scale)
         elif problem.is_nonsmooth:  # and that is most of what it was wrong by
-            jac = update_broyden(jac, move, change, scale)[:, :stated]
+            jac = update_broyden(jac, move, change, scale)[:, :nominal_terms]
             jac = known = np.hstack(
-                [jac, compute_jacobian(problem, terms, x, r, stated)]
+                [jac, compute_jacobian(problem, terms, x, r, nominal_terms)]
             )
         else:
             jac, known = compute_jacobian(problem, terms, x, r), None
@@ -227,9 +227,9 @@ def find_lowest(
         promised = cost - min(promises)
         if promised < least * cost:
             break
-        for place, told in zip(places, tell(np.array(places)), strict=True):
-            if told[0] < now:
-                best, now = (place, *told), told[0]
+        for place, predicted in zip(places, tell(np.array(places)), strict=True):
+            if predicted[0] < now:
+                best, now = (place, *predicted), predicted[0]
         if cost - now > KEPT * promised:
             break
     return best

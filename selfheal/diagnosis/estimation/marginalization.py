@@ -43,13 +43,19 @@ def _initial_state_sensitivity(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> float:
     """Root mean square of what errors of the starts cause, of the signals' spreads."""
-    kick = build_initial_state_offsets(problem.simulator, problem.segments)
-    hypotheses = np.tile(values, (len(kick), 1))
-    told = problem.simulator.simulate(
-        terms, hypotheses, problem.segments, kick=kick, centered=problem.centered
+    initial_state_offset = build_initial_state_offsets(
+        problem.simulator, problem.segments
+    )
+    hypotheses = np.tile(values, (len(initial_state_offset), 1))
+    predicted = problem.simulator.simulate(
+        terms,
+        hypotheses,
+        problem.segments,
+        initial_state_offset=initial_state_offset,
+        centered=problem.centered,
     )
     spread = repeat_by_column(problem.simulator.channels, "spread")
-    moved = ((told[1:] - told[0]) / spread) ** 2
+    moved = ((predicted[1:] - predicted[0]) / spread) ** 2
     return float(np.sqrt(np.nanmean(moved.sum(axis=0))))
 
 
@@ -71,8 +77,8 @@ def marginalize_initial_states(
         else problem.initial_state_shift / std
     )
     begun = off.any(axis=1)  # elsewhere than from what was read
-    told, cost, bent = _search_initial_states(plain, terms, values, off, std)
-    known = off, std, told, cost
+    predicted, cost, bent = _search_initial_states(plain, terms, values, off, std)
+    known = off, std, predicted, cost
     each = cost / np.maximum(
         problem.sum_by_segment(np.ones(len(problem.segment_of_residual))), 1
     )
@@ -86,13 +92,13 @@ def marginalize_initial_states(
         others = _try_other_speeds(plain, terms, values, std, odd)
         _keep_likelier(plain, terms, values, known, odd, others)
     whiten = []
-    for _, moved in told:
+    for _, moved in predicted:
         u, s, _ = np.linalg.svd(moved, full_matrices=False)
         whiten.append((u, 1 - 1 / np.sqrt(1 + s**2)))
     plain = replace(plain, marginal_bases=tuple(whiten))
     if not off.any():
         return plain
-    pull = [moved @ o for (_, moved), o in zip(told, off, strict=True)]
+    pull = [moved @ o for (_, moved), o in zip(predicted, off, strict=True)]
     return replace(
         plain, initial_state_shift=off * std, shift_response=np.concatenate(pull)
     )
@@ -115,14 +121,14 @@ def _search_initial_states(
         (R_w, 2 nv). And what is left (W) of its squares with the likeliest start, that
         start's own errors included. And where (W) what starts cause is not linear.
     """
-    told = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
+    predicted = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
     cost, is_bent = np.zeros(len(off)), np.zeros(len(off), bool)
     active = np.arange(len(off))
     for last in range(SOUGHT + 1):
         part, start, unit = problem.select(active), off[active], std[active]
         own = _respond_to_offsets(part, terms, values, start, unit)
         for w, one in zip(active, own, strict=True):
-            told[w] = one
+            predicted[w] = one
         if last == SOUGHT or problem.segments.is_single_readings:
             break
         best = [
@@ -145,7 +151,7 @@ def _search_initial_states(
         if not len(active):
             break
         off[active] = tries[which][gains]
-    return told, cost, is_bent
+    return predicted, cost, is_bent
 
 
 def _keep_likelier(problem, terms, values, known, which, begin: Floats) -> None:
@@ -157,13 +163,13 @@ def _keep_likelier(problem, terms, values, known, which, begin: Floats) -> None:
         which: windows (v).
         begin: (v, 2 nv), as `off`; written to.
     """
-    off, std, told, cost = known
+    off, std, predicted, cost = known
     again, new, _ = _search_initial_states(
         problem.select(which), terms, values, begin, std[which]
     )
     for i in np.flatnonzero(new < cost[which]):
         w = which[i]
-        off[w], told[w], cost[w] = begin[i], again[i], new[i]
+        off[w], predicted[w], cost[w] = begin[i], again[i], new[i]
 
 
 def _try_other_speeds(problem, terms, values, std, which) -> Floats:
@@ -194,12 +200,12 @@ def _respond_to_offsets(
         hair = np.full((1, 1, width), HAIR)
         each = np.concatenate([each, hair, -hair])
     rows = np.tile(values, (len(each), 1))
-    told = problem.compute_residuals(terms, rows, (off + each) * std)
+    predicted = problem.compute_residuals(terms, rows, (off + each) * std)
     edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
     middle = slice(1 + width, None) if problem.is_nonsmooth else slice(1)
     return [
         (part[0], (part[1 : 1 + width] - part[middle].mean(axis=0)).T)
-        for part in np.split(told, edges, axis=1)
+        for part in np.split(predicted, edges, axis=1)
     ]
 
 

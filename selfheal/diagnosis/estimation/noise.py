@@ -29,24 +29,24 @@ def update_noise_model(problem: Problem, residuals: Floats) -> Simulator:
 
     The same one where that is what it knew before.
     """
-    world = problem.simulator
+    simulator = problem.simulator
     if problem.segments.is_single_readings:
-        return world
+        return simulator
     variance, memory = _fit_variograms(problem, residuals)
-    scatter = np.concatenate([c.scatter for c in world.channels])
+    scatter = np.concatenate([c.scatter for c in simulator.channels])
     left = residual_rms(problem, residuals) / np.sqrt(_noise_share_kept(problem))
     # where commands jump, so do torques: about a parabola that is no noise
     white = np.where(left < JUMPS * scatter, left, scatter)
     noise = np.fmax(white, np.sqrt(variance))
     signals = tuple(
         replace(c, ar1=memory[c.columns], noise=noise[c.columns])
-        for c in world.channels
+        for c in simulator.channels
     )
-    pairs = [(a, b) for s, t in zip(signals, world.channels, strict=True)
+    pairs = [(a, b) for s, t in zip(signals, simulator.channels, strict=True)
              for a, b in ((s.noise, t.noise), (s.ar1, t.ar1))]  # fmt: skip
     if all(np.allclose(a, b, rtol=ALIKE, equal_nan=True) for a, b in pairs):
-        return world
-    return world.with_channels(signals)
+        return simulator
+    return simulator.with_channels(signals)
 
 
 def _noise_share_kept(problem: Problem) -> float:
@@ -67,7 +67,7 @@ def _fit_variograms(problem: Problem, residuals: Floats) -> tuple[Floats, Floats
     """
     from scipy.optimize import nnls
 
-    known, world = np.isfinite(problem.segments.readings), problem.simulator
+    known, simulator = np.isfinite(problem.segments.readings), problem.simulator
     x, window = residuals.reshape(known.shape), problem.segments.segment_of_sample
     of_lags = np.empty((len(LAGS), known.shape[1]))
     for i, k in enumerate(LAGS):
@@ -75,17 +75,17 @@ def _fit_variograms(problem: Problem, residuals: Floats) -> tuple[Floats, Floats
         squares = np.where(both, (x[k:] - x[:-k]) ** 2, 0.0).sum(axis=0)
         of_lags[i] = squares / 2 / np.maximum(both.sum(axis=0), 1)
     parts = np.array([[LAGS**0, 1 - a**LAGS, LAGS**2] for a in MEMORIES])
-    _, m = choose_half_width(world.episodes[0].sample_steps * world.timestep)
-    scatter = np.concatenate([c.scatter for c in world.channels]) / problem.sigma
+    _, m = choose_half_width(simulator.episodes[0].sample_steps * simulator.timestep)
+    scatter = np.concatenate([c.scatter for c in simulator.channels]) / problem.sigma
     variance, memory = np.zeros((2, known.shape[1]))
     for c in np.flatnonzero(of_lags.all(axis=0)):
         tries = [nnls((p / of_lags[:, c]).T, np.ones(len(LAGS))) for p in parts]
         best = int(np.argmin([error for _, error in tries[:-1]]))
         (white, slow, _), error = tries[best]
         near = white + slow * ar1_error_factors(MEMORIES[best], m)[2]
-        told = error < ASTRAY * np.sqrt(len(LAGS)) and error < tries[-1][1]
-        told = told and near < ROOM * scatter[c] ** 2
-        if told and white + slow > SLOW * scatter[c] ** 2:
+        predicted = error < ASTRAY * np.sqrt(len(LAGS)) and error < tries[-1][1]
+        predicted = predicted and near < ROOM * scatter[c] ** 2
+        if predicted and white + slow > SLOW * scatter[c] ** 2:
             variance[c], memory[c] = white + slow, MEMORIES[best]
     return variance * problem.sigma**2, memory
 

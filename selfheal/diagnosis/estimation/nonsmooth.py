@@ -68,11 +68,11 @@ def search_along_valleys(problem: Problem, found: Fit) -> Floats:
             point[rest] += solve_bounded_step(
                 h[rest][:, rest], slope[rest], *room, scale[rest]
             )
-        told = (
+        predicted = (
             marginalize_initial_states(problem, terms, p).residuals_at(terms, p)
             for p in points
         )
-        values = _choose_likeliest(problem, points, told)
+        values = _choose_likeliest(problem, points, predicted)
     return values
 
 
@@ -91,17 +91,17 @@ def fit_smoothed(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
     each = _simulation_effort(problem) * JOLTS * (len(values) + 2 + len(SHARES))
     kicks = JOLTS if each < EFFORT else FEW
     for i in range(max(1, int(min(ROUNDS, EFFORT // each)))):
-        seat = marginalize_initial_states(problem, terms, values)
-        hairs = seat.draw_antithetic_offsets(kicks, np.random.default_rng(i))
-        work_out = partial(_take_smoothed_step, seat, terms, values, hairs)
-        new, slopes = seat.load_or_compute(("eased", terms, values, i), work_out)
-        problem, jac, values = seat, slopes, new
-    seat = marginalize_initial_states(problem, terms, values)
-    return seat, Fit(
+        reestimated = marginalize_initial_states(problem, terms, values)
+        hairs = reestimated.draw_antithetic_offsets(kicks, np.random.default_rng(i))
+        work_out = partial(_take_smoothed_step, reestimated, terms, values, hairs)
+        new, slopes = reestimated.load_or_compute(("eased", terms, values, i), work_out)
+        problem, jac, values = reestimated, slopes, new
+    reestimated = marginalize_initial_states(problem, terms, values)
+    return reestimated, Fit(
         terms,
         values,
-        seat.residuals_at(terms, values),
-        problem.transfer_jacobian(seat, jac),
+        reestimated.residuals_at(terms, values),
+        problem.transfer_jacobian(reestimated, jac),
     )
 
 
@@ -121,11 +121,11 @@ def _scale_one_value(
 
 
 def _choose_likeliest(
-    problem: Problem, points: Floats, told: Iterable[Floats]
+    problem: Problem, points: Floats, predicted: Iterable[Floats]
 ) -> Floats:
     """Of some points, the one whose residuals are, if each window has its own noise."""
     least = problem.sum_by_segment(np.ones(len(problem.segment_of_residual)))
-    costs = [np.log(least + problem.sum_by_segment(r**2)).sum() for r in told]
+    costs = [np.log(least + problem.sum_by_segment(r**2)).sum() for r in predicted]
     return points[int(np.argmin(costs))]
 
 

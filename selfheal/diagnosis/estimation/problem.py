@@ -63,25 +63,36 @@ class Problem:
         return self.simulator.has_contact and not self.segments.is_single_readings
 
     def compute_residuals(
-        self, terms: Sequence[Term], values: Floats, kick: Floats | None = None
+        self,
+        terms: Sequence[Term],
+        values: Floats,
+        initial_state_offset: Floats | None = None,
     ) -> Floats:
         """(n, R) readings less prediction, in standard deviations; 0 where missing.
 
-        `kick`: (n, W, 2 nv) added to the starts.
+        `initial_state_offset`: (n, W, 2 nv) added to the starts.
         """
         values = remove_rounding(terms, values)
         if self.initial_state_shift is not None:
-            more = np.zeros((len(values), 1, 1)) if kick is None else kick
-            kick = self.initial_state_shift + more
-        told = self.simulator.simulate(
-            terms, values, self.segments, kick=kick, centered=self.centered
+            more = (
+                np.zeros((len(values), 1, 1))
+                if initial_state_offset is None
+                else initial_state_offset
+            )
+            initial_state_offset = self.initial_state_shift + more
+        predicted = self.simulator.simulate(
+            terms,
+            values,
+            self.segments,
+            initial_state_offset=initial_state_offset,
+            centered=self.centered,
         )
-        apart = told - self.segments.readings
-        apart = _align_quaternions(apart, told, self) / self.sigma
+        apart = predicted - self.segments.readings
+        apart = _align_quaternions(apart, predicted, self) / self.sigma
         known = np.isfinite(self.segments.readings)
         lost = ~np.isfinite(apart)
         apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
-        flat = np.where(known, apart, 0.0).reshape(len(told), -1)
+        flat = np.where(known, apart, 0.0).reshape(len(predicted), -1)
         return self.marginalize(
             flat if self.shift_response is None else flat - self.shift_response
         )
@@ -137,14 +148,14 @@ class Problem:
             before = counted[0]
             return *work_out(), np.array(counted[0] - before)
 
-        windows, counted = self.segments, self.simulator.simulated_count
+        segments, counted = self.segments, self.simulator.simulated_count
         noise = [(c.noise, c.ar1) for c in self.simulator.channels]
         own = (
-            windows.episode,
-            windows.first_step,
-            windows.lengths,
-            windows.segment_of_sample,
-            windows.sample_steps,
+            segments.episode,
+            segments.first_step,
+            segments.lengths,
+            segments.segment_of_sample,
+            segments.sample_steps,
             noise,
             self.sigma,
             list(self.marginal_bases),
@@ -196,10 +207,10 @@ class Problem:
         if pull is not None:
             pull = pull.reshape(self.segments.readings.shape)
             pull = pull[self.segments.find_sample_rows(chosen)].ravel()
-        windows = self.simulator.select_segments(self.segments, chosen)
+        segments = self.simulator.select_segments(self.segments, chosen)
         return replace(
             self,
-            segments=windows,
+            segments=segments,
             marginal_bases=whiten,
             initial_state_shift=shift,
             shift_response=pull,
@@ -218,30 +229,30 @@ class Problem:
         )
 
 
-def _align_quaternions(apart: Floats, told: Floats, problem: Problem) -> Floats:
+def _align_quaternions(apart: Floats, predicted: Floats, problem: Problem) -> Floats:
     """Differences of which those of orientations take the nearer of two signs."""
     for c in problem.simulator.channels:
         if c.kind == "body_orientation":
             read = problem.segments.readings[:, c.columns]
-            dot = np.sum(told[..., c.columns] * read, axis=-1, keepdims=True)
+            dot = np.sum(predicted[..., c.columns] * read, axis=-1, keepdims=True)
             sign = np.where(dot < 0, -1.0, 1.0)
-            apart[..., c.columns] = told[..., c.columns] * sign - read
+            apart[..., c.columns] = predicted[..., c.columns] * sign - read
     return apart
 
 
-def build_initial_state_offsets(world: Simulator, windows: Segments) -> Floats:
+def build_initial_state_offsets(simulator: Simulator, segments: Segments) -> Floats:
     """Initial states (1 + 2 nv, W, 2 nv) off by nothing, and by one error each."""
-    std = initial_state_std(world, windows)
+    std = initial_state_std(simulator, segments)
     return unit_offsets(std.shape[1]) * std
 
 
-def initial_state_std(world: Simulator, windows: Segments) -> Floats:
+def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
     """Standard deviations (W, 2 nv) of the states that were read."""
-    std = np.empty((len(windows), 2 * world.compiler.nominal.nv))
-    for log in np.unique(windows.episode):
-        rows = np.flatnonzero(windows.episode == log)
+    std = np.empty((len(segments), 2 * simulator.compiler.nominal.nv))
+    for episode in np.unique(segments.episode):
+        rows = np.flatnonzero(segments.episode == episode)
         std[rows] = estimate_initial_state(
-            world, int(log), windows.first_step[rows], {}
+            simulator, int(episode), segments.first_step[rows], {}
         )[2]
     return std
 
@@ -251,29 +262,29 @@ def unit_offsets(width: int) -> Floats:
     return np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
 
 
-def build_problem(case: Dataset, seconds: float) -> Problem:
+def build_problem(dataset: Dataset, seconds: float) -> Problem:
     """Windows of the fitted recordings, weighted by the given model's error."""
-    world = case.training
-    pieces = cut_readable_segments(world, seconds)
-    apart = world.simulate([], np.zeros((1, 0)), pieces)[0] - pieces.readings
+    simulator = dataset.training
+    segments = cut_readable_segments(simulator, seconds)
+    apart = simulator.simulate([], np.zeros((1, 0)), segments)[0] - segments.readings
     sigma = np.sqrt(
         np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
     )
-    spread = repeat_by_column(world.channels, "spread")
+    spread = repeat_by_column(simulator.channels, "spread")
     sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
-    return Problem(world, pieces, sigma)
+    return Problem(simulator, segments, sigma)
 
 
-def check_enough_segments(world: Simulator, problem: Problem) -> None:
+def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
     """Refuse what could only be answered with "nothing", for want of evidence.
 
     Raises:
         RecordingError: too short, or nothing moved.
     """
-    if len(problem.segments) < SHORT and (lost := _list_unmeasured_joints(world)):
+    if len(problem.segments) < SHORT and (lost := _list_unmeasured_joints(simulator)):
         raise RecordingError(
             f"no signal tells the position of {', '.join(lost)}, so that an episode is "
-            f"one piece, and {len(world.episodes)} are too few to decide anything; "
+            f"one piece, and {len(simulator.episodes)} are too few to decide anything; "
             "would "
             f"fit: record it, or at least {SHORT} episodes beside what is held out"
         )
@@ -283,7 +294,7 @@ def check_enough_segments(world: Simulator, problem: Problem) -> None:
             f"anything; would fit: at least {SHORT}, better 40, beside what is held out"
         )
     loud = [
-        c.name for c in world.channels
+        c.name for c in simulator.channels
         if c.is_scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
     ]  # fmt: skip
     if not loud:

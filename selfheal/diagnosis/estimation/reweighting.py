@@ -47,21 +47,21 @@ def reweight_residuals(problem: Problem, found: Fit) -> Problem:
     if problem.segments.is_single_readings:
         return problem
     residuals = problem.residuals_at(found.terms, found.values)
-    world = update_noise_model(problem, residuals)
-    if world is problem.simulator:
+    simulator = update_noise_model(problem, residuals)
+    if simulator is problem.simulator:
         return problem
-    return _weight_by_residuals(problem, found, residuals, world)
+    return _weight_by_residuals(problem, found, residuals, simulator)
 
 
 def _weight_by_residuals(
-    problem: Problem, found: Fit, residuals: Floats, world: Simulator
+    problem: Problem, found: Fit, residuals: Floats, simulator: Simulator
 ) -> Problem:
     """The problem in a world that knows its noise, weighed by residuals (R)."""
-    noise = np.concatenate([c.noise for c in world.channels])
+    noise = np.concatenate([c.noise for c in simulator.channels])
     least = np.where(np.isfinite(noise), noise, 0.0)
     sigma = np.maximum(residual_rms(problem, residuals), least)
     sigma = np.where(sigma > 0, sigma, problem.sigma)
-    new = replace(problem, sigma=sigma, simulator=world)
+    new = replace(problem, sigma=sigma, simulator=simulator)
     return marginalize_initial_states(new, found.terms, found.values)
 
 
@@ -91,11 +91,11 @@ def reestimate_misleading_states(problem: Problem, found: Fit) -> tuple[Problem,
     sought with the values that all others ask for.
     """
     for _ in range(0 if problem.segments.is_single_readings else SEATS):
-        base, windows = (
+        base, segments = (
             LinearizedFit.from_fit(problem, found),
             range(len(problem.segments)),
         )
-        each = [base.drop_residuals(problem.segment_of_residual == w) for w in windows]
+        each = [base.drop_residuals(problem.segment_of_residual == w) for w in segments]
         saved, move = max(each, key=lambda x: x[0])
         if saved < HARMS * found.cost:
             break

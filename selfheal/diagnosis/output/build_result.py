@@ -39,8 +39,8 @@ STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
 def build_diagnosis(
-    case: Dataset,
-    naming: Hypothesis,
+    dataset: Dataset,
+    hypothesis: Hypothesis,
     verdict: str,
     proof: HeldOutScores,
     structure: RemainingStructure,
@@ -48,63 +48,63 @@ def build_diagnosis(
     begun: float,
 ) -> Diagnosis:
     """The document, the patched model, and what a page draws beside them."""
-    found, stated, numbers = proof.patched, proof.nominal, proof.numbers
-    located, where = _localize(case, naming)
-    problem = naming.problem
-    errors = standard_errors(problem, refine_jacobian(problem, naming.final.fit))
+    found, nominal_terms, numbers = proof.patched, proof.nominal, proof.numbers
+    located, where = _localize(dataset, hypothesis)
+    problem = hypothesis.problem
+    errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
     refit = doc.build_refit(found, errors)
-    remarks = _write_remarks(case, naming, structure, refuted, refit)
-    text, diff, changes, unpatched = patch_or_nominal(case, found)
+    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
+    text, diff, changes, unpatched = patch_or_nominal(dataset, found)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
         "verdict": verdict,
-        "findings": doc.build_findings(naming, errors, where),
+        "findings": doc.build_findings(hypothesis, errors, where),
         "refit": refit,
-        "fit": {"held_out": list(case.held_out_names), **numbers,
+        "fit": {"held_out": list(dataset.held_out_names), **numbers,
                 "explainable_removed": explainable_removed(numbers)},
     }  # fmt: skip
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
     return Diagnosis(
-        os.path.abspath(case.compiler.path),
+        os.path.abspath(dataset.compiler.path),
         doc.to_json_values(document),
         changes,
         text,
         diff,
-        _make_traces(case, proof.segments, stated, found),
+        _make_traces(dataset, proof.segments, nominal_terms, found),
         located,
-        _fit_signals(case, proof.squares, proof.count),
-        _list_candidates(naming),
+        _fit_signals(dataset, proof.squares, proof.count),
+        _list_candidates(hypothesis),
         remarks,
         time.monotonic() - begun,
-        int(case.training.simulated_count[0] + case.held_out.simulated_count[0]),
+        int(dataset.training.simulated_count[0] + dataset.held_out.simulated_count[0]),
         more_than_noise=structure.is_significant,
     )
 
 
-def _localize(case: Dataset, naming: Hypothesis):
+def _localize(dataset: Dataset, hypothesis: Hypothesis):
     """The map of the re-fitted model's error, and where each finding acts."""
-    world, problem = case.training, naming.problem
-    pieces = problem.segments
-    stated, final = naming.nominal.fit, naming.final.fit
-    before = _square_residuals(problem, stated.terms, stated.values)
-    share, p = localization.localize_error(world, case.robot, pieces, before)
+    simulator, problem = dataset.training, hypothesis.problem
+    segments = problem.segments
+    nominal_terms, final = hypothesis.nominal.fit, hypothesis.final.fit
+    before = _square_residuals(problem, nominal_terms.terms, nominal_terms.values)
+    share, p = localization.localize_error(simulator, dataset.robot, segments, before)
     located = Localization(
-        tuple(c.name for c in world.channels), localization.REGIMES, share, p
+        tuple(c.name for c in simulator.channels), localization.REGIMES, share, p
     )
     where: dict[int, dict[str, Any]] = {}
     after = _square_residuals(problem, final.terms, final.values)
-    masks = localization.classify_samples(world, case.robot, pieces)
-    for n, named in enumerate(naming.named):
+    masks = localization.classify_samples(simulator, dataset.robot, segments)
+    for n, named in enumerate(hypothesis.named):
         if named.term.effect.rounds_readings:
             own = {"name": named.term.places[0]["signal"], "share_of_error": 1.0,
                    "p_value": named.evidence.p_value}  # fmt: skip
             where[n] = {"signals": [own], "regime": "always", "windows": []}
             continue
         less = _square_residuals(problem, *final.without_terms(named.term))
-        where[n] = _describe_location(case, pieces, masks, less - after)
+        where[n] = _describe_location(dataset, segments, masks, less - after)
         if onset := named.term.onset:
             where[n]["onset"] = {
                 k: getattr(onset, k) for k in ("episode", "time", "low", "high")
@@ -124,33 +124,33 @@ def _square_residuals(
 
 
 def _describe_location(
-    case: Dataset, pieces: Segments, masks, gain: Floats
+    dataset: Dataset, segments: Segments, masks, gain: Floats
 ) -> dict[str, Any]:
-    world = case.training
+    simulator = dataset.training
     by_signal = np.maximum(gain.sum(axis=0), 0)
     by_signal = by_signal / max(by_signal.sum(), 1e-300)
     order = np.argsort(-by_signal)
     signals = [
-        {"name": world.channels[s].name, "share_of_error": by_signal[s],
-         "p_value": _improvement_p_value(pieces, gain[:, s])}
+        {"name": simulator.channels[s].name, "share_of_error": by_signal[s],
+         "p_value": _improvement_p_value(segments, gain[:, s])}
         for s in order if by_signal[s] > 0.02
     ]  # fmt: skip
     by_window = np.bincount(
-        pieces.segment_of_sample, gain.sum(axis=1), minlength=len(pieces)
+        segments.segment_of_sample, gain.sum(axis=1), minlength=len(segments)
     )
     worst = np.argsort(-by_window)[:3]
     return {
         "signals": signals,
         "regime": _find_densest_regime(masks, gain),
-        "windows": [_describe_segment(world, pieces, int(w)) for w in worst],
+        "windows": [_describe_segment(simulator, segments, int(w)) for w in worst],
     }
 
 
-def _improvement_p_value(pieces: Segments, gain: Floats) -> float:
+def _improvement_p_value(segments: Segments, gain: Floats) -> float:
     """p-value that an effect lowers a signal's error, over windows, few or many."""
     from scipy.stats import wilcoxon
 
-    each = np.bincount(pieces.segment_of_sample, gain, minlength=len(pieces))
+    each = np.bincount(segments.segment_of_sample, gain, minlength=len(segments))
     each = each[each != 0]
     return float(wilcoxon(each, alternative="greater").pvalue) if len(each) else 1.0
 
@@ -169,67 +169,73 @@ def _find_densest_regime(masks: np.ndarray, gain: Floats) -> str:
     return best
 
 
-def _describe_segment(world: Simulator, pieces: Segments, w: int) -> dict[str, Any]:
-    log = world.episodes[int(pieces.episode[w])]
-    start = log.start + pieces.first_step[w] * world.timestep
-    return {"episode": log.id, "start": start,
-            "end": start + pieces.lengths[w] * world.timestep}  # fmt: skip
+def _describe_segment(
+    simulator: Simulator, segments: Segments, w: int
+) -> dict[str, Any]:
+    episode = simulator.episodes[int(segments.episode[w])]
+    start = episode.start + segments.first_step[w] * simulator.timestep
+    return {"episode": episode.id, "start": start,
+            "end": start + segments.lengths[w] * simulator.timestep}  # fmt: skip
 
 
-def patch_or_nominal(case: Dataset, found: Fit) -> tuple[str, str, list[Edit], str]:
+def patch_or_nominal(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit], str]:
     """What `patch_of` gives; or the given text, and why there is no patch."""
     try:
-        return *build_patch(case, found), ""
+        return *build_patch(dataset, found), ""
     except ModelError as error:
-        path = Path(case.compiler.path)
+        path = Path(dataset.compiler.path)
         return apply_edits(path, (), path.resolve().parent), "", [], str(error)
 
 
-def build_patch(case: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
+def build_patch(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
     """Text of patched.xml beside the given model, its difference, and the edits.
 
     Raises:
         ModelError: what was found has no place in the text, or MuJoCo refuses it.
     """
-    path = Path(case.compiler.path)
+    path = Path(dataset.compiler.path)
     home = path.resolve().parent
-    plant = case.compiler.compile_variant(found.terms)
-    changes = build_edits(ModelSource(path), plant, found.terms, found.values)
+    variant = dataset.compiler.compile_variant(found.terms)
+    changes = build_edits(ModelSource(path), variant, found.terms, found.values)
     compile_patched(path, changes)
     text = apply_edits(path, changes, home)
     return text, unified_diff(apply_edits(path, (), home), text), changes
 
 
 def _make_traces(
-    case: Dataset, pieces: Segments, stated: Fit, found: Fit
+    dataset: Dataset, segments: Segments, nominal_terms: Fit, found: Fit
 ) -> tuple[Trace, ...]:
     """The worst stretches of the held-out episodes, by the re-fitted model.
 
     Of poses that were read once, all of them in a row.
     """
-    world, none = case.held_out, ((), np.zeros(0))
+    simulator, none = dataset.held_out, ((), np.zeros(0))
     each = [
-        world.simulate(terms, values[None], pieces)[0]
-        for terms, values in (none, (stated.terms, stated.values),
+        simulator.simulate(terms, values[None], segments)[0]
+        for terms, values in (none, (nominal_terms.terms, nominal_terms.values),
                               (found.terms, found.values))
     ]  # fmt: skip
     worst = []
-    for c in world.channels:
+    for c in simulator.channels:
         for k in range(c.first_column, c.first_column + c.width):
-            apart = (each[1][:, k] - pieces.readings[:, k]) / c.spread
+            apart = (each[1][:, k] - segments.readings[:, k]) / c.spread
             square = np.nan_to_num(apart**2, nan=0.0, posinf=0.0)
-            by = np.bincount(pieces.segment_of_sample, square, minlength=len(pieces))
+            by = np.bincount(
+                segments.segment_of_sample, square, minlength=len(segments)
+            )
             w = int(by.argmax())
             worst.append((by[w] * (2 if c.is_scored else 1), c, k, w))
     worst.sort(key=lambda x: -x[0])
-    if pieces.is_single_readings:
-        pose = np.arange(1, len(pieces.segment_of_sample) + 1, dtype=float)
+    if segments.is_single_readings:
+        pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
         return tuple(
-            Trace("", _column_name(c, k), c.unit, pose, pieces.readings[:, k],
+            Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
                   *(e[:, k] for e in each))
             for _, c, k, _ in worst[:4]
         )  # fmt: skip
-    return tuple(_make_trace(world, pieces, each, c, k, w) for _, c, k, w in worst[:4])
+    return tuple(
+        _make_trace(simulator, segments, each, c, k, w) for _, c, k, w in worst[:4]
+    )
 
 
 def _column_name(c: Channel, k: int) -> str:
@@ -237,42 +243,47 @@ def _column_name(c: Channel, k: int) -> str:
     return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
 
 
-def _make_trace(world: Simulator, pieces: Segments, each, c, k: int, w: int) -> Trace:
-    rows = np.flatnonzero(pieces.segment_of_sample == w)
-    log = world.episodes[int(pieces.episode[w])]
-    at = log.start + (pieces.first_step[w] + pieces.sample_steps[rows]) * world.timestep
-    return Trace(log.id, _column_name(c, k), c.unit, at, pieces.readings[rows, k],
+def _make_trace(
+    simulator: Simulator, segments: Segments, each, c, k: int, w: int
+) -> Trace:
+    rows = np.flatnonzero(segments.segment_of_sample == w)
+    episode = simulator.episodes[int(segments.episode[w])]
+    at = (
+        episode.start
+        + (segments.first_step[w] + segments.sample_steps[rows]) * simulator.timestep
+    )
+    return Trace(episode.id, _column_name(c, k), c.unit, at, segments.readings[rows, k],
                  *(e[rows, k] for e in each))  # fmt: skip
 
 
-def _fit_signals(case: Dataset, squares, count) -> tuple[SignalFit, ...]:
-    world, noise = case.held_out, score.compute_noise_floor(case.held_out)
+def _fit_signals(dataset: Dataset, squares, count) -> tuple[SignalFit, ...]:
+    simulator, noise = dataset.held_out, score.compute_noise_floor(dataset.held_out)
     return tuple(
         SignalFit(
             c.name,
             c.is_scored,
             floor=float(noise[s]),
             **{
-                k: score.bootstrap_interval(world, x, count, s)
+                k: score.bootstrap_interval(simulator, x, count, s)
                 for k, x in squares.items()
             },
         )
-        for s, c in enumerate(world.channels)
+        for s, c in enumerate(simulator.channels)
     )
 
 
-def _list_candidates(naming: Hypothesis) -> tuple[Candidate, ...]:
-    named = {(n.term.effect.name, n.term.targets) for n in naming.named}
+def _list_candidates(hypothesis: Hypothesis) -> tuple[Candidate, ...]:
+    named = {(n.term.effect.name, n.term.targets) for n in hypothesis.named}
     return tuple(
         Candidate(t.effect.name, ", ".join(t.targets), left,
                   (t.effect.name, t.targets) in named)
-        for t, left in naming.ranking
+        for t, left in hypothesis.ranking
     )  # fmt: skip
 
 
 def _write_remarks(
-    case: Dataset,
-    naming: Hypothesis,
+    dataset: Dataset,
+    hypothesis: Hypothesis,
     structure: RemainingStructure,
     refuted: Sequence[str],
     refit: Sequence[Mapping[str, Any]],
@@ -281,15 +292,15 @@ def _write_remarks(
     found = [
         f"Joint {j.name} moved by less than {STILL} {j.unit}: what is wrong with it, "
         "if anything is, these recordings cannot show."
-        for j in case.robot.joints
+        for j in dataset.robot.joints
         if j.measured and j.range < STILL
     ]
-    pieces = naming.problem.segments
-    count, episode, time = find_divergence(case.training, pieces)
+    segments = hypothesis.problem.segments
+    count, episode, time = find_divergence(dataset.training, segments)
     if count:
         found.append(
-            f"The model as given diverges in {count} of {len(pieces)} pieces, first in "
-            f"episode {episode} at {time:.4g} s."
+            f"The model as given diverges in {count} of {len(segments)} pieces, first "
+            f"in episode {episode} at {time:.4g} s."
         )
     if refuted:
         found.append(

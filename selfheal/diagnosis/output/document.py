@@ -16,19 +16,19 @@ from .mjcf_patch import is_native
 
 
 def build_findings(
-    naming: Hypothesis, errors: Floats, where: Mapping[int, Mapping]
+    hypothesis: Hypothesis, errors: Floats, where: Mapping[int, Mapping]
 ) -> list[dict[str, Any]]:
     """One entry an effect and place.
 
     Args:
-        naming: whose names are told.
+        hypothesis: whose names are told.
         errors: (P) standard ones of its values.
         where: each acts, by the number of the finding.
     """
-    found, out = naming.final.fit, []
+    found, out = hypothesis.final.fit, []
     spread = split_values(found.terms, errors)
     values = split_values(found.terms, found.values)
-    for n, named in enumerate(naming.named):
+    for n, named in enumerate(hypothesis.named):
         i = next(k for k, t in enumerate(found.terms) if t is named.term)
         for target in named.term.targets:
             out.append({

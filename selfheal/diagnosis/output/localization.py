@@ -14,45 +14,47 @@ FEW = 20  # samples of a regime below which nothing is said of it; chosen
 
 
 def classify_samples(
-    world: Simulator, scene: RobotSummary, windows: Segments
+    simulator: Simulator, robot: RobotSummary, segments: Segments
 ) -> np.ndarray:
     """Whether each sample of each signal (M, S) is in each regime: (R, M, S)."""
-    out = np.zeros((len(REGIMES), len(windows.sample_steps), len(world.channels)), bool)
-    at = windows.first_step[windows.segment_of_sample] + windows.sample_steps
-    log = windows.episode[windows.segment_of_sample]
-    for i, episode in enumerate(world.episodes):
+    out = np.zeros(
+        (len(REGIMES), len(segments.sample_steps), len(simulator.channels)), bool
+    )
+    at = segments.first_step[segments.segment_of_sample] + segments.sample_steps
+    log = segments.episode[segments.segment_of_sample]
+    for i, episode in enumerate(simulator.episodes):
         rows = np.flatnonzero(log == i)
         if len(rows):
-            motion = _compute_motion(world, scene, i)
+            motion = _compute_motion(simulator, robot, i)
             near = np.clip(np.round(at[rows]).astype(int), 0, len(motion[0]) - 1)
-            for s, c in enumerate(world.channels):
-                joints = _find_joints(scene, c)
+            for s, c in enumerate(simulator.channels):
+                joints = _find_joints(robot, c)
                 for r, name in enumerate(REGIMES):
                     out[r, rows, s] = _is_in_regime(
-                        name, motion, joints, episode, scene
+                        name, motion, joints, episode, robot
                     )[near]
     return out
 
 
-def _find_joints(scene: RobotSummary, c: Channel) -> list[int]:
+def _find_joints(robot: RobotSummary, c: Channel) -> list[int]:
     """Which joints (by order) a signal is about: its own, or all."""
-    own = [i for i, j in enumerate(scene.joints) if j.name == c.target]
+    own = [i for i, j in enumerate(robot.joints) if j.name == c.target]
     if c.kind == "joint_torque":
-        at = [a.dof for a in scene.actuators if a.name == c.target]
-        own = [i for i, j in enumerate(scene.joints) if j.dof in at]
-    return own or list(range(len(scene.joints)))
+        at = [a.dof for a in robot.actuators if a.name == c.target]
+        own = [i for i, j in enumerate(robot.joints) if j.dof in at]
+    return own or list(range(len(robot.joints)))
 
 
-def _compute_motion(world: Simulator, scene: RobotSummary, log: int):
+def _compute_motion(simulator: Simulator, robot: RobotSummary, log: int):
     """Position, speed, load (G, J) along an episode's grid, contact (G)."""
     import mujoco
 
     from ..data.state_estimate import estimate_initial_state
 
-    model, episode = world.compiler.nominal, world.episodes[log]
+    model, episode = simulator.compiler.nominal, simulator.episodes[log]
     every = max(1, len(episode.ctrl) // 400)
     at = np.arange(0, len(episode.ctrl), every)
-    qpos, qvel, _ = estimate_initial_state(world, log, at, {})
+    qpos, qvel, _ = estimate_initial_state(simulator, log, at, {})
     data = mujoco.MjData(model)
     load, touch = np.zeros((len(at), model.nv)), np.zeros(len(at), bool)
     for k, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
@@ -62,19 +64,19 @@ def _compute_motion(world: Simulator, scene: RobotSummary, log: int):
         load[k] = np.abs(data.qfrc_bias) if not model.nu else np.abs(data.qfrc_actuator)
         touch[k] = data.ncon > 0
     grid = np.minimum(np.arange(len(episode.ctrl)) // every, len(at) - 1)
-    dofs, places = [j.dof for j in scene.joints], [j.qpos for j in scene.joints]
+    dofs, places = [j.dof for j in robot.joints], [j.qpos for j in robot.joints]
     return qpos[grid][:, places], qvel[grid][:, dofs], load[grid][:, dofs], touch[grid]
 
 
 def _is_in_regime(
-    name: str, motion, joints, episode, scene: RobotSummary
+    name: str, motion, joints, episode, robot: RobotSummary
 ) -> np.ndarray:
     """(G) whether any of the joints is in the regime."""
     q, v, load, touch = motion
     found = np.zeros(len(q), bool)
     if name == "contact":
-        return touch if scene.has_contact else found
-    after = max(1, round(AFTER / scene.timestep))
+        return touch if robot.has_contact else found
+    after = max(1, round(AFTER / robot.timestep))
     if name == "after_step":
         jumps = np.zeros(len(q), bool)
         if episode.ctrl.size:
@@ -83,15 +85,15 @@ def _is_in_regime(
             jumps = (change > large).any(axis=1)
         return _within_last_steps(jumps, after)
     for j in joints:
-        joint = scene.joints[j]
+        joint = robot.joints[j]
         found |= _is_joint_in_regime(
-            name, joint, q[:, j], v[:, j], load[:, j], after, scene
+            name, joint, q[:, j], v[:, j], load[:, j], after, robot
         )
     return found
 
 
 def _is_joint_in_regime(
-    name, joint, q, v, load, after: int, scene: RobotSummary
+    name, joint, q, v, load, after: int, robot: RobotSummary
 ) -> np.ndarray:
     if name == "reversal":
         lively = np.abs(v) > 0.02 * joint.speed
@@ -106,9 +108,9 @@ def _is_joint_in_regime(
     if name == "near_limit":
         return np.abs(q - joint.range_center) > 0.45 * joint.range
     limits = [
-        scene.model.actuator_forcerange[a.id, 1]
-        for a in scene.actuators
-        if a.dof == joint.dof and scene.model.actuator_forcelimited[a.id]
+        robot.model.actuator_forcerange[a.id, 1]
+        for a in robot.actuators
+        if a.dof == joint.dof and robot.model.actuator_forcelimited[a.id]
     ]
     return load >= 0.98 * limits[0] if limits else np.zeros(len(q), bool)
 
@@ -132,7 +134,7 @@ def _within_last_steps(events: np.ndarray, steps: int) -> np.ndarray:
 
 
 def localize_error(
-    world: Simulator, scene: RobotSummary, windows: Segments, square: Floats
+    simulator: Simulator, robot: RobotSummary, segments: Segments, square: Floats
 ):
     """Share (S, R) of the squared error (M, S) in each regime, and its p-value.
 
@@ -141,12 +143,12 @@ def localize_error(
     """
     from scipy.stats import wilcoxon
 
-    where = classify_samples(world, scene, windows)
+    where = classify_samples(simulator, robot, segments)
     total = np.nansum(square)
-    share = np.full((len(world.channels), len(REGIMES)), np.nan)
+    share = np.full((len(simulator.channels), len(REGIMES)), np.nan)
     p = np.ones_like(share)
-    count = len(windows)
-    for s in range(len(world.channels)):
+    count = len(segments)
+    for s in range(len(simulator.channels)):
         for r in range(len(REGIMES)):
             inside = where[r, :, s]
             if inside.sum() < FEW or (~inside).sum() < FEW:
@@ -154,9 +156,9 @@ def localize_error(
             share[s, r] = np.nansum(square[inside, s]) / max(total, 1e-300)
             means = []
             for mask in (inside, ~inside):
-                n = np.bincount(windows.segment_of_sample[mask], minlength=count)
+                n = np.bincount(segments.segment_of_sample[mask], minlength=count)
                 e = np.bincount(
-                    windows.segment_of_sample[mask],
+                    segments.segment_of_sample[mask],
                     np.nan_to_num(square[mask, s]),
                     minlength=count,
                 )

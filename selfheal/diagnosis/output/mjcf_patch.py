@@ -111,26 +111,26 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
 
 
 def build_edits(
-    source: ModelSource, plant: ModelVariant, terms: Sequence[Term], values: Floats
+    source: ModelSource, variant: ModelVariant, terms: Sequence[Term], values: Floats
 ) -> list[Edit]:
     """What to change in the text so that the terms are true, as far as MuJoCo can."""
-    model = plant.build_model(terms, values)
+    model = variant.build_model(terms, values)
     found: list[Edit] = []
     for term, part in zip(terms, split_values(terms, values), strict=True):
         if implements(term.effect, "edit_text"):
             for place in term.places:
                 found += (
-                    term.effect.edit_text(plant.model, plant.map_place(place), part)
+                    term.effect.edit_text(variant.model, variant.map_place(place), part)
                     or []
                 )
     found = [
         *found,
-        *_edit_joints(source, plant.model, model),
-        *_edit_actuators(source, plant.model, model, found),
-        *_edit_bodies(source, plant.model, model),
-        *_edit_geoms(source, plant.model, model),
-        *_edit_sites(source, plant.model, model),
-        *_edit_option(plant.model, model),
+        *_edit_joints(source, variant.model, model),
+        *_edit_actuators(source, variant.model, model, found),
+        *_edit_bodies(source, variant.model, model),
+        *_edit_geoms(source, variant.model, model),
+        *_edit_sites(source, variant.model, model),
+        *_edit_option(variant.model, model),
     ]
     return found
 
@@ -159,33 +159,37 @@ def _edit_joints(source: ModelSource, old, new) -> Iterator[Edit]:
         if not new.jnt_type[j]:  # what floats states nothing
             continue
         v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
-        told: dict[str, str | None] = {}
+        predicted: dict[str, str | None] = {}
         damping = [
             np.append(m.dof_damping[v], m.dof_dampingpoly[v]) for m in (old, new)
         ]
         if _differs(*damping):
             used = np.flatnonzero(damping[1])
-            told["damping"] = format_number(
+            predicted["damping"] = format_number(
                 damping[1][: (used[-1] if used.size else 0) + 1]
             )
         for field, attribute in (("dof_frictionloss", "frictionloss"),
                                  ("dof_armature", "armature")):  # fmt: skip
             if _differs(getattr(old, field)[v], getattr(new, field)[v]):
-                told[attribute] = format_number(getattr(new, field)[v])
+                predicted[attribute] = format_number(getattr(new, field)[v])
         if _differs(old.jnt_stiffness[j], new.jnt_stiffness[j]):
-            told["stiffness"] = format_number(new.jnt_stiffness[j])
+            predicted["stiffness"] = format_number(new.jnt_stiffness[j])
         turn = source.degree and new.jnt_type[j] != 2
         if _differs(old.qpos_spring[q], new.qpos_spring[q]):
-            told["springref"] = format_number(_to_text_angle(new.qpos_spring[q], turn))
+            predicted["springref"] = format_number(
+                _to_text_angle(new.qpos_spring[q], turn)
+            )
         if _differs(old.jnt_range[j], new.jnt_range[j]):
-            told["range"] = format_number(_to_text_angle(new.jnt_range[j], turn))
-            told["limited"] = "true"
+            predicted["range"] = format_number(_to_text_angle(new.jnt_range[j], turn))
+            predicted["limited"] = "true"
         if _differs(old.jnt_solref[j], new.jnt_solref[j]):
-            told["solreflimit"] = format_number(new.jnt_solref[j])
+            predicted["solreflimit"] = format_number(new.jnt_solref[j])
         if name not in given:  # its effect has said the rest
-            told = {k: v for k, v in told.items() if k in ("range", "limited")}
-        if told:
-            yield Set("joint", _name_or_id(old.joint, j), told)
+            predicted = {
+                k: v for k, v in predicted.items() if k in ("range", "limited")
+            }
+        if predicted:
+            yield Set("joint", _name_or_id(old.joint, j), predicted)
 
 
 def _to_text_angle(value, degree: bool):
@@ -200,25 +204,25 @@ def _edit_actuators(
         name = _name_or_id(old.actuator, a)
         given = source.actuator_tag(old.actuator(a).name, a)
         tag = "general" if name in general else given
-        told = _edit_force_law(tag, old, new, a)
-        to = "general" if "gainprm" in told else tag
+        predicted = _edit_force_law(tag, old, new, a)
+        to = "general" if "gainprm" in predicted else tag
         if to == tag and _differs(old.actuator_dynprm[a, 0], new.actuator_dynprm[a, 0]):
             attribute = "dynprm" if tag == "general" else "timeconst"
-            told[attribute] = format_number(new.actuator_dynprm[a, 0])
+            predicted[attribute] = format_number(new.actuator_dynprm[a, 0])
         if _differs(old.actuator_gear[a], new.actuator_gear[a]):
             used = np.flatnonzero(new.actuator_gear[a])
-            told["gear"] = format_number(new.actuator_gear[a, : used[-1] + 1])
+            predicted["gear"] = format_number(new.actuator_gear[a, : used[-1] + 1])
         limits = [
             (m.actuator_forcelimited[a], *m.actuator_forcerange[a]) for m in (old, new)
         ]
         if _differs(*limits):
-            told["forcelimited"] = "true"
-            told["forcerange"] = format_number(new.actuator_forcerange[a])
-        told |= _keep_inherited_range(source, old, new, a, to != given)
-        if told and to != tag:
-            yield Rename("actuator", name, to, told)
-        elif told:
-            yield Set("actuator", name, told)
+            predicted["forcelimited"] = "true"
+            predicted["forcerange"] = format_number(new.actuator_forcerange[a])
+        predicted |= _keep_inherited_range(source, old, new, a, to != given)
+        if predicted and to != tag:
+            yield Rename("actuator", name, to, predicted)
+        elif predicted:
+            yield Set("actuator", name, predicted)
 
 
 def _edit_force_law(tag: str, old, new, a: int) -> dict[str, str | None]:
@@ -241,7 +245,7 @@ def _edit_force_law(tag: str, old, new, a: int) -> dict[str, str | None]:
         }
     if tag == "velocity" and not _differs([gain[0], *bias[:2]], [-bias[2], 0, 0]):
         return {"kv": format_number(gain[0])}
-    told: dict[str, str | None] = {
+    predicted: dict[str, str | None] = {
         **SHORT,
         "gaintype": "affine" if new.actuator_gaintype[a] == 1 else "fixed",
         "gainprm": format_number(gain),
@@ -249,8 +253,11 @@ def _edit_force_law(tag: str, old, new, a: int) -> dict[str, str | None]:
         "biasprm": format_number(bias),
     }
     if kind := DYNAMICS.get(int(new.actuator_dyntype[a])):
-        told |= {"dyntype": kind, "dynprm": format_number(new.actuator_dynprm[a, 0])}
-    return told
+        predicted |= {
+            "dyntype": kind,
+            "dynprm": format_number(new.actuator_dynprm[a, 0]),
+        }
+    return predicted
 
 
 def _keep_inherited_range(source: ModelSource, old, new, a: int, general: bool) -> dict:
@@ -284,7 +291,7 @@ def _edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
             yield Set("body", name, {"pos": moved})
         if not changed[b]:
             continue
-        told: dict[str, str | None] = {
+        predicted: dict[str, str | None] = {
             "pos": format_number(new.body_ipos[b]),
             "quat": format_number(new.body_iquat[b]),
             "mass": format_number(new.body_mass[b]),
@@ -293,13 +300,13 @@ def _edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
         if source.states_inertia(str(name)):
             moments = _stated_axes_inertia(source, source.spec.bodies[b], new, b)
             if moments is None:
-                told |= {"fullinertia": None, **TURNED}
+                predicted |= {"fullinertia": None, **TURNED}
             else:
-                told |= {"diaginertia": format_number(moments)}
-                del told["quat"]
-            yield Set("inertial", name, told)
+                predicted |= {"diaginertia": format_number(moments)}
+                del predicted["quat"]
+            yield Set("inertial", name, predicted)
         else:
-            xml = " ".join(f'{k}="{v}"' for k, v in told.items())
+            xml = " ".join(f'{k}="{v}"' for k, v in predicted.items())
             yield Insert("body", name, f"<inertial {xml}/>", first=True)
 
 
@@ -311,10 +318,12 @@ def _stated_axes_inertia(
 
     if np.isfinite(element.fullinertia[0]):
         return None
-    now, stated = np.empty(9), np.empty(9)
+    now, nominal_terms = np.empty(9), np.empty(9)
     mujoco.mju_quat2Mat(now, new.body_iquat[body])
-    mujoco.mju_quat2Mat(stated, source.resolve_orientation(element.iquat, element.ialt))
-    turn = stated.reshape(3, 3).T @ now.reshape(3, 3)
+    mujoco.mju_quat2Mat(
+        nominal_terms, source.resolve_orientation(element.iquat, element.ialt)
+    )
+    turn = nominal_terms.reshape(3, 3).T @ now.reshape(3, 3)
     tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
     moments = np.diag(tensor)
     apart = np.abs(tensor - np.diag(moments)).max()
@@ -355,30 +364,30 @@ def _placed_attributes(
 
 def _edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
     for g in range(new.ngeom):
-        told: dict[str, str | None] = {}
+        predicted: dict[str, str | None] = {}
         element = source.spec.geoms[g]
         moved = _differs(old.geom_pos[g], new.geom_pos[g])
         grown = _differs(old.geom_size[g], new.geom_size[g])
         if (moved or grown) and np.isfinite(element.fromto[0]):
-            told |= _placed_attributes(
+            predicted |= _placed_attributes(
                 source, element, new.geom_pos[g], new.geom_quat[g]
             )
-            told["size"] = _format_size(new, g)
+            predicted["size"] = _format_size(new, g)
         elif moved:
-            told["pos"] = _moved_position(
+            predicted["pos"] = _moved_position(
                 source, element, old.geom_pos, new.geom_pos, g
             )
         if grown and new.geom_dataid[g] < 0:  # a mesh keeps its size
-            told["size"] = _format_size(new, g)
+            predicted["size"] = _format_size(new, g)
         for field, attribute in (
             ("geom_friction", "friction"), ("geom_solref", "solref"),
             ("geom_priority", "priority"), ("geom_contype", "contype"),
             ("geom_conaffinity", "conaffinity"),
         ):  # fmt: skip
             if _differs(getattr(old, field)[g], getattr(new, field)[g]):
-                told[attribute] = format_number(getattr(new, field)[g])
-        if told:
-            yield Set("geom", _name_or_id(old.geom, g), told)
+                predicted[attribute] = format_number(getattr(new, field)[g])
+        if predicted:
+            yield Set("geom", _name_or_id(old.geom, g), predicted)
 
 
 def _format_size(model, geom: int) -> str:
@@ -395,22 +404,22 @@ def _edit_sites(source: ModelSource, old, new) -> Iterator[Edit]:
             continue
         element = source.spec.sites[s]
         if np.isfinite(element.fromto[0]):
-            told = _placed_attributes(
+            predicted = _placed_attributes(
                 source, element, new.site_pos[s], new.site_quat[s]
             )
-            told["size"] = format_number(new.site_size[s])
+            predicted["size"] = format_number(new.site_size[s])
         else:
-            told = {
+            predicted = {
                 "pos": _moved_position(source, element, old.site_pos, new.site_pos, s)
             }
-        yield Set("site", _name_or_id(old.site, s), told)
+        yield Set("site", _name_or_id(old.site, s), predicted)
 
 
 def _edit_option(old, new) -> Iterator[Edit]:
-    told: dict[str, str | None] = {
+    predicted: dict[str, str | None] = {
         field: format_number(getattr(new.opt, field))
         for field in ("gravity", "density", "viscosity", "wind")
         if _differs(getattr(old.opt, field), getattr(new.opt, field))
     }
-    if told:
-        yield Set("option", "", told)
+    if predicted:
+        yield Set("option", "", predicted)

@@ -49,30 +49,30 @@ def replay_recording(
     """
     document = read_document(folder)
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
-    workshop = ModelCompiler(path)
+    compiler = ModelCompiler(path)
     patched = model is None and not document.get("unpatched")
-    terms, values = _build_terms(document, workshop, patched)
-    added = _find_added_joints(document, workshop.nominal) if patched else []
-    check_against_model(recording, _list_names(workshop, len(added)))
+    terms, values = _build_terms(document, compiler, patched)
+    added = _find_added_joints(document, compiler.nominal) if patched else []
+    check_against_model(recording, _list_names(compiler, len(added)))
     episodes = {
-        name: _replay_episode(workshop, recording, name, terms, values, added)
+        name: _replay_episode(compiler, recording, name, terms, values, added)
         for name in recording.episodes
     }
     return replace(recording, episodes=episodes)
 
 
 def _build_terms(
-    document: Mapping[str, Any], workshop: ModelCompiler, patched: bool
+    document: Mapping[str, Any], compiler: ModelCompiler, patched: bool
 ) -> tuple[list[Term], Floats]:
     """What is true beyond the model, and its values in a row."""
     terms: list[Term] = []
     values: list[Floats] = []
     if not patched:
-        for term, factor in _restore_refit(document, workshop):
+        for term, factor in _restore_refit(document, compiler):
             terms.append(term)
             values.append(np.array([factor]))
     for finding in document["findings"]:
-        term = restore_term(finding, workshop, patched)
+        term = restore_term(finding, compiler, patched)
         if patched and _is_in_patch(finding):
             continue
         terms.append(term)
@@ -89,14 +89,14 @@ def _is_in_patch(finding: Mapping[str, Any]) -> bool:
     return bool(finding.get("native") and not helped)
 
 
-def _restore_refit(document, workshop: ModelCompiler) -> Iterator[tuple[Term, float]]:
+def _restore_refit(document, compiler: ModelCompiler) -> Iterator[tuple[Term, float]]:
     """What the diagnosis fitted anew, as factors of what this model states."""
-    stated = {
-        t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(workshop))
+    nominal_terms = {
+        t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(compiler))
     }
     for entry in document["refit"]:
-        if entry["parameter"] in stated and entry["given"]:
-            yield stated[entry["parameter"]], entry["value"] / entry["given"]
+        if entry["parameter"] in nominal_terms and entry["given"]:
+            yield nominal_terms[entry["parameter"]], entry["value"] / entry["given"]
 
 
 def _read_values(finding: Mapping[str, Any]) -> Floats:
@@ -106,7 +106,7 @@ def _read_values(finding: Mapping[str, Any]) -> Floats:
 
 
 def restore_term(
-    finding: Mapping[str, Any], workshop: ModelCompiler, patched: bool
+    finding: Mapping[str, Any], compiler: ModelCompiler, patched: bool
 ) -> Term:
     """A finding as a term of a model.
 
@@ -115,11 +115,11 @@ def restore_term(
     """
     kind = find_effect(finding["effect"])
     names = [p["name"] for p in finding["parameters"]]
-    place = restore_place(workshop.nominal, finding, names)
+    place = restore_place(compiler.nominal, finding, names)
     if patched:
         place["there"] = True  # the joint that it adds is in the text already
         if "suffix" in place:
-            _check_added_joint(workshop, place)
+            _check_added_joint(compiler, place)
     parameters = tuple(
         Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
         for i in range(len(_read_values(finding)))
@@ -127,13 +127,13 @@ def restore_term(
     return Term(kind, (finding["target"],), (place,), parameters, ())
 
 
-def _check_added_joint(workshop: ModelCompiler, place: Mapping[str, Any]) -> None:
+def _check_added_joint(compiler: ModelCompiler, place: Mapping[str, Any]) -> None:
     """Refuse a patched model without the joint that a finding says is in it."""
-    joint, model = place["joint"], workshop.nominal
+    joint, model = place["joint"], compiler.nominal
     name = f"{model.joint(joint).name}{place['suffix']}"
     if name not in [model.joint(j).name for j in range(model.njnt)]:
         raise InputError(
-            f"{workshop.path} has no joint {name!r}, which the diagnosis says is in "
+            f"{compiler.path} has no joint {name!r}, which the diagnosis says is in "
             "it; would fit: the patched.xml that was written with it"
         )
 
@@ -186,21 +186,21 @@ def _joint_place(model, name: str) -> dict[str, Any]:
             "inertia": float(model.dof_M0[dof])}  # fmt: skip
 
 
-def summarize_unrecorded(workshop: ModelCompiler) -> RobotSummary:
+def summarize_unrecorded(compiler: ModelCompiler) -> RobotSummary:
     """A robot of which nothing was recorded."""
-    model = workshop.nominal
+    model = compiler.nominal
     joints = summarize_joints(
         model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set()
     )
-    world = Simulator(workshop, (), (), float(model.opt.timestep))
-    actuators = summarize_actuators(world, StateReconstruction(world), joints)
+    simulator = Simulator(compiler, (), (), float(model.opt.timestep))
+    actuators = summarize_actuators(simulator, StateReconstruction(simulator), joints)
     return RobotSummary(
-        model, world.timestep, (), joints, actuators, summarize_bodies(model), True
+        model, simulator.timestep, (), joints, actuators, summarize_bodies(model), True
     )
 
 
 def _replay_episode(
-    workshop: ModelCompiler,
+    compiler: ModelCompiler,
     recording: Recording,
     name: str,
     terms: Sequence[Term],
@@ -214,18 +214,18 @@ def _replay_episode(
             f"{recording.file}, episode {name!r}: it has no qpos0; a replay needs the "
             "state that it starts from"
         )
-    model = workshop.nominal
+    model = compiler.nominal
     begun = reorder_commands(_extend_state(episode, model, added), model)
     one = replace(recording, episodes={name: begun})
     signals = build_channels([one], empty=True)
     step = float(model.opt.timestep)
-    world = Simulator(
-        workshop, signals, (sample_episode(name, begun, signals, step),), step
+    simulator = Simulator(
+        compiler, signals, (sample_episode(name, begun, signals, step),), step
     )
-    pieces = cut_segments(world.episodes, None, empty=True)
-    told = world.simulate(terms, values[None], pieces)[0]
-    if not np.isfinite(told).all():
-        _, _, lost = find_divergence(world, pieces, terms, values)
+    segments = cut_segments(simulator.episodes, None, empty=True)
+    predicted = simulator.simulate(terms, values[None], segments)[0]
+    if not np.isfinite(predicted).all():
+        _, _, lost = find_divergence(simulator, segments, terms, values)
         raise RecordingError(
             f"{recording.file}, episode {name!r}: the model diverges at {lost:.4g} s"
         )
@@ -233,7 +233,7 @@ def _replay_episode(
     for c in signals:
         old = episode.signals[c.name]
         filled[c.name] = replace(
-            old, values=told[:, c.columns].reshape(old.values.shape)
+            old, values=predicted[:, c.columns].reshape(old.values.shape)
         )
     return replace(episode, signals=filled)
 
@@ -248,9 +248,9 @@ def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
-def _list_names(workshop: ModelCompiler, added: int) -> ModelNames:
+def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
     """What a recording may say of the model, to which a patch added joints."""
-    names = names_of(workshop.nominal)
+    names = names_of(compiler.nominal)
     return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 

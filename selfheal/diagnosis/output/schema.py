@@ -104,20 +104,22 @@ def _list_parameter_names(effect: str, names: str | None) -> tuple[list[str], ..
 def _check_target(where: str, key: str, target: Any, sorts: str) -> None:
     sort, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
     if sort not in sorts.split() or (sort == "world") == bool(colon and name):
-        told = [s if s == "world" else f"{s}: and a name" for s in sorts.split()]
-        raise _misfit_error(where, key, target, ", ".join(told))
+        predicted = [s if s == "world" else f"{s}: and a name" for s in sorts.split()]
+        raise _misfit_error(where, key, target, ", ".join(predicted))
 
 
-def _check_parameters(where: str, told: Any, fits: tuple[list[str], ...]) -> None:
-    if not isinstance(told, list) or not all(isinstance(p, dict) for p in told):
+def _check_parameters(where: str, predicted: Any, fits: tuple[list[str], ...]) -> None:
+    if not isinstance(predicted, list) or not all(
+        isinstance(p, dict) for p in predicted
+    ):
         raise _misfit_error(
-            where, "parameters", told, "a list, each with name and value"
+            where, "parameters", predicted, "a list, each with name and value"
         )
-    names = [p.get("name") for p in told]
+    names = [p.get("name") for p in predicted]
     if fits and names not in fits:
         ways = " or ".join(", ".join(each) or "none" for each in fits)
         raise _misfit_error(where, "names of parameters", names, ways)
-    for p in told:
+    for p in predicted:
         value, what = p.get("value"), f"value of {p.get('name')}"
         if p.get("name") == "position":
             if not _is_position(value):

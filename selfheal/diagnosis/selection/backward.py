@@ -15,7 +15,7 @@ from .evidence import is_as_good
 BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
 
-def compute_removal_costs(base: LinearizedFit, stated: int) -> dict[Term, float]:
+def compute_removal_costs(base: LinearizedFit, nominal_terms: int) -> dict[Term, float]:
     """What each effect's absence would make of the cost, of 1, if all were linear.
 
     What is absent at infinity (a limit) is as good as absent at its bound.
@@ -23,7 +23,7 @@ def compute_removal_costs(base: LinearizedFit, stated: int) -> dict[Term, float]
     found = base.fit
     ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
     prices = {}
-    for i, term in enumerate(found.terms[stated:], stated):
+    for i, term in enumerate(found.terms[nominal_terms:], nominal_terms):
         own = np.arange(ends[i], ends[i + 1])
         absent = np.array([p.nominal for p in term.parameters])
         absent = np.clip(absent, term.low, term.high)
@@ -33,10 +33,12 @@ def compute_removal_costs(base: LinearizedFit, stated: int) -> dict[Term, float]
     return prices
 
 
-def eliminate_backward(problem: Problem, found: Fit, stated: int) -> Fit:
+def eliminate_backward(problem: Problem, found: Fit, nominal_terms: int) -> Fit:
     """Without the effects that cost next to nothing to take away, a half at a time."""
-    while len(found.terms) > stated:
-        prices = compute_removal_costs(LinearizedFit.from_fit(problem, found), stated)
+    while len(found.terms) > nominal_terms:
+        prices = compute_removal_costs(
+            LinearizedFit.from_fit(problem, found), nominal_terms
+        )
         order = sorted(prices, key=lambda t: prices[t])[: max(1, len(prices) // 2)]
         gone = [t for t in order if prices[t] < 1 + WORTH]
         if not gone:

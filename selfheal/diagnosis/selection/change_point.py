@@ -68,12 +68,12 @@ def _noise_ratios(problem: Problem, found: Fit) -> Floats:
     return left / np.maximum(expected_noise_by_segment(problem), 1e-12)
 
 
-def _list_cuts(log: np.ndarray) -> list[int]:
+def _list_cuts(episode: np.ndarray) -> list[int]:
     """Numbers of windows, in order of time, after which something may have set in."""
-    ends = np.flatnonzero(np.diff(log)) + 1
+    ends = np.flatnonzero(np.diff(episode)) + 1
     cuts = ends[WHOLE - 1 :]
     if not len(cuts):
-        cuts = np.unique((np.arange(PART, 1, 1 / CUTS) * len(log)).astype(int))
+        cuts = np.unique((np.arange(PART, 1, 1 / CUTS) * len(episode)).astype(int))
     return [int(cut) for cut in cuts[:: -(-len(cuts) // CUTS)]]
 
 
@@ -95,19 +95,19 @@ def _build_onset(
     problem: Problem, order: np.ndarray, at: int, low: int, high: int
 ) -> Onset:
     """At the at-th window in order of time, or from the low-th to the high-th."""
-    world, windows = problem.simulator, problem.segments
-    log = int(windows.episode[order[at]])
-    episode = world.episodes[log]
+    simulator, segments = problem.simulator, problem.segments
+    log = int(segments.episode[order[at]])
+    episode = simulator.episodes[log]
 
     def middle(k: int) -> float:
         """Of a window, as far as it is of the same episode [s]."""
         w = order[min(max(k, 0), len(order) - 1)]
-        inside = windows.first_step[w] + windows.lengths[w] / 2
-        if windows.episode[w] != log or not 0 <= k < len(order):
+        inside = segments.first_step[w] + segments.lengths[w] / 2
+        if segments.episode[w] != log or not 0 <= k < len(order):
             inside = 0.0 if k < at else episode.sample_steps[-1]
-        return float(episode.start + inside * world.timestep)
+        return float(episode.start + inside * simulator.timestep)
 
-    is_first = at == 0 or windows.episode[order[at - 1]] != log
+    is_first = at == 0 or segments.episode[order[at - 1]] != log
     time = episode.start if is_first else (middle(at - 1) + middle(at)) / 2
     interval = middle(low - 1), middle(high)
     return Onset(episode.number, whole_of(episode.id), time, *interval)
@@ -142,10 +142,10 @@ def locate_change_point(problem: Problem, whole: Problem, now: ScoredFit) -> Sco
 
 def _find_likeliest_onset(problem: Problem, found: Fit) -> Onset:
     """When effects set in, by which windows are likelier with them than without."""
-    those = [t for t in found.terms if t.onset]
+    hypotheses = [t for t in found.terms if t.onset]
     apart = [
         problem.residuals_at(set_onset(found.terms, None), found.values),
-        problem.residuals_at(*found.without_terms(*those)),
+        problem.residuals_at(*found.without_terms(*hypotheses)),
     ]
     gain = problem.sum_by_segment(apart[1] ** 2) - problem.sum_by_segment(apart[0] ** 2)
     now = problem.residuals_at(found.terms, found.values)
@@ -165,7 +165,7 @@ def choose_held_out_after(
     Nothing, where what is held out already is, or nothing later was recorded.
     """
     begin = (onset.number, onset.time)
-    if all((log.number, log.start) >= begin for log in held.episodes):
+    if all((episode.number, episode.start) >= begin for episode in held.episodes):
         return ()
     names: list[str] = []
     number = 0

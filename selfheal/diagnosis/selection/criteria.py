@@ -74,18 +74,22 @@ def fit_finalists(
 def _score_reestimated(problem: Problem, found: ScoredFit) -> ScoredFit:
     """The same with the starts that its values ask for, if it is better there."""
     terms, values = found.fit.terms, found.fit.values
-    seat = reestimate_initial_states(problem, terms, values)
-    if seat is problem:
+    reestimated = reestimate_initial_states(problem, terms, values)
+    if reestimated is problem:
         return found
-    near = problem.transfer_jacobian(seat, found.fit.jacobian)
+    near = problem.transfer_jacobian(reestimated, found.fit.jacobian)
     new = replace(
-        fit_and_score(seat, terms, values, rounds=4, known=near), reestimated=seat
+        fit_and_score(reestimated, terms, values, rounds=4, known=near),
+        reestimated=reestimated,
     )
     return new if new.error < found.error else found
 
 
 def fit_parameterless(
-    base: LinearizedFit, stated: int, candidates: Sequence[Term], progress: Progress
+    base: LinearizedFit,
+    nominal_terms: int,
+    candidates: Sequence[Term],
+    progress: Progress,
 ) -> list[ScoredFit]:
     """Predictions of what leaves nothing to fit, as a lost limb, begun from the start.
 
@@ -98,7 +102,7 @@ def fit_parameterless(
     if not whole or problem.segments.is_single_readings:
         return []
     raw = replace(problem.unmarginalized, initial_state_shift=None)
-    values = np.append(np.ones(stated), found.values[stated:])
+    values = np.append(np.ones(nominal_terms), found.values[nominal_terms:])
     before = raw.residuals_at(found.terms, values)
     costs = {}
     for term in whole:
@@ -109,9 +113,12 @@ def fit_parameterless(
     for term in [t for t in order if costs[t] < MOSTLY]:
         progress(f"fitting {term.label}", 0.0)
         terms = (*found.terms, term)
-        seat = marginalize_initial_states(raw, terms, values)
+        reestimated = marginalize_initial_states(raw, terms, values)
         scores.append(
-            replace(fit_and_score(seat, terms, values, rounds=4), reestimated=seat)
+            replace(
+                fit_and_score(reestimated, terms, values, rounds=4),
+                reestimated=reestimated,
+            )
         )
     return scores
 

@@ -90,7 +90,7 @@ def assign_folds(problem: Problem) -> np.ndarray:
 
 
 def generalizes_across_episodes(
-    problem: Problem, old: Fit, new: Fit, seat: Problem | None = None
+    problem: Problem, old: Fit, new: Fit, reestimated: Problem | None = None
 ) -> bool:
     """Whether `new`, in its seat, predicts whole episodes from the others better.
 
@@ -99,12 +99,12 @@ def generalizes_across_episodes(
     of one that alone shows an effect's size the others cannot tell it. Two episodes
     are too few to ask.
     """
-    log = problem.segments.episode[problem.segment_of_residual]
-    if len(np.unique(log)) < EPISODES:
+    episode = problem.segments.episode[problem.segment_of_residual]
+    if len(np.unique(episode)) < EPISODES:
         return True
     of = problem.segments.episode
-    before = np.bincount(of, predict_held_out(problem, old, log))
-    after = np.bincount(of, predict_held_out(seat or problem, new, log))
+    before = np.bincount(of, predict_held_out(problem, old, episode))
+    after = np.bincount(of, predict_held_out(reestimated or problem, new, episode))
     if problem.segments.is_single_readings:
         return bool(after.sum() < before.sum())
     there = before > 0

@@ -32,14 +32,14 @@ Tested = tuple[
 ]  # a hypothesis, and labels of what was refuted
 
 
-def choose_hypothesis(case: Dataset, hypotheses: Sequence[Tested]) -> Tested:
+def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Tested]) -> Tested:
     """Of several the first, unless held-out episodes speak for another.
 
     Clearly, if that one says more or rarer things.
     """
     if len(hypotheses) == 1:
         return hypotheses[0]
-    errors = _held_out_errors(case, [naming for naming, _ in hypotheses])
+    errors = _held_out_errors(dataset, [hypothesis for hypothesis, _ in hypotheses])
     best = int(np.argmin(errors))
     new, old = _complexity(hypotheses[best][0]), _complexity(hypotheses[0][0])
     simpler = all(n <= o for n, o in zip(new, old, strict=True))
@@ -47,26 +47,30 @@ def choose_hypothesis(case: Dataset, hypotheses: Sequence[Tested]) -> Tested:
     return hypotheses[best if errors[best] < margin * errors[0] else 0]
 
 
-def _complexity(naming: Hypothesis) -> tuple[int, int]:
+def _complexity(hypothesis: Hypothesis) -> tuple[int, int]:
     """How many rare effects a hypothesis names, and numbers of all of them."""
-    terms = [n.term for n in naming.named]
+    terms = [n.term for n in hypothesis.named]
     return sum(t.effect.rarity for t in terms), sum(len(t.parameters) for t in terms)
 
 
-def keep_competitive(case: Dataset, namings: Sequence[Hypothesis]) -> list[Hypothesis]:
+def keep_competitive(
+    dataset: Dataset, hypotheses: Sequence[Hypothesis]
+) -> list[Hypothesis]:
     """The first of several, and those that are as good in the held-out episodes."""
-    errors = _held_out_errors(case, namings) if len(namings) > 1 else [0.0]
-    return [n for n, e in zip(namings, errors, strict=True) if e <= errors[0]]
+    errors = _held_out_errors(dataset, hypotheses) if len(hypotheses) > 1 else [0.0]
+    return [n for n, e in zip(hypotheses, errors, strict=True) if e <= errors[0]]
 
 
-def _held_out_errors(case: Dataset, namings: Sequence[Hypothesis]) -> list[float]:
+def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list[float]:
     """Squared residuals in held-out episodes, weighed as the first one's score."""
-    sigma = downweight_unscored(namings[0].problem, namings[0].final.fit)
-    held = Problem(case.held_out, cut_readable_segments(case.held_out, WINDOW), sigma)
-    return [squared_error(held, naming.final.fit) for naming in namings]
+    sigma = downweight_unscored(hypotheses[0].problem, hypotheses[0].final.fit)
+    held = Problem(
+        dataset.held_out, cut_readable_segments(dataset.held_out, WINDOW), sigma
+    )
+    return [squared_error(held, hypothesis.final.fit) for hypothesis in hypotheses]
 
 
-def drop_refuted(case: Dataset, naming: Hypothesis) -> Tested:
+def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     """Only the names that help in the held-out episodes, and labels of the others.
 
     A name that makes far less difference there than where it was fitted, as that of a
@@ -75,23 +79,23 @@ def drop_refuted(case: Dataset, naming: Hypothesis) -> Tested:
     """
     gone: list[str] = []
     start = Problem(
-        case.held_out,
-        cut_readable_segments(case.held_out, WINDOW),
-        naming.problem.sigma,
+        dataset.held_out,
+        cut_readable_segments(dataset.held_out, WINDOW),
+        hypothesis.problem.sigma,
     )
-    while naming.named:
-        found, alone = naming.final.fit, naming.nominal.fit
+    while hypothesis.named:
+        found, alone = hypothesis.final.fit, hypothesis.nominal.fit
         held = marginalize_initial_states(start, found.terms, found.values)
-        told = held.residuals_at(found.terms, found.values)
-        error = float(told @ told)
+        predicted = held.residuals_at(found.terms, found.values)
+        error = float(predicted @ predicted)
         before = squared_error_reestimated(held, alone)
         least = max(HELPS * error, TRIFLE * (before - error))
         weakest = None
         values = dict(
             zip(found.terms, split_values(found.terms, found.values), strict=True)
         )
-        for name in naming.named:
-            less = fit_without(naming.problem, found, name.term)
+        for name in hypothesis.named:
+            less = fit_without(hypothesis.problem, found, name.term)
             other = held.residuals_at(less.terms, less.values)
             gain = squared_error_reestimated(held, less, other) - error
             if name.term.is_negligible(values[name.term]):
@@ -100,7 +104,7 @@ def drop_refuted(case: Dataset, naming: Hypothesis) -> Tested:
             relief = less.prior_penalty - found.prior_penalty
             if relief > significant_prior_penalty(held, found) and gain > -least:
                 continue
-            changed = float(((other - told) ** 2).sum()) / error
+            changed = float(((other - predicted) ** 2).sum()) / error
             if changed < UNSEEN * (less.cost / found.cost - 1):
                 continue
             if gain < least and (weakest is None or gain < weakest[0]):
@@ -109,14 +113,14 @@ def drop_refuted(case: Dataset, naming: Hypothesis) -> Tested:
             break
         _, name, less = weakest
         gone.append(name.term.label)
-        instead, best = try_equivalents(naming.problem, held, name, less)
-        named = [[n] if n is not name else instead for n in naming.named]
-        naming = replace(
-            naming,
-            final=ScoredFit.from_fit(naming.problem, best),
+        instead, best = try_equivalents(hypothesis.problem, held, name, less)
+        named = [[n] if n is not name else instead for n in hypothesis.named]
+        hypothesis = replace(
+            hypothesis,
+            final=ScoredFit.from_fit(hypothesis.problem, best),
             named=tuple(chain(*named)),
         )
-    return naming, tuple(gone)
+    return hypothesis, tuple(gone)
 
 
 def try_equivalents(
@@ -142,14 +146,18 @@ def squared_error(problem: Problem, found: Fit) -> float:
 
 
 def squared_error_reestimated(
-    problem: Problem, found: Fit, told: Floats | None = None
+    problem: Problem, found: Fit, predicted: Floats | None = None
 ) -> float:
     """The same; where starts were sought, from those likeliest for this fit.
 
-    `told`: (R) residuals from the problem's own starts, if they are known.
+    `predicted`: (R) residuals from the problem's own starts, if they are known.
     """
     if problem.initial_state_shift is not None:
         return squared_error(
             marginalize_initial_states(problem, found.terms, found.values), found
         )
-    return squared_error(problem, found) if told is None else float(told @ told)
+    return (
+        squared_error(problem, found)
+        if predicted is None
+        else float(predicted @ predicted)
+    )

@@ -59,8 +59,8 @@ class Hypothesis:
 
 def start_search(
     problem: Problem,
-    scene: RobotSummary,
-    stated: Sequence[Term],
+    robot: RobotSummary,
+    nominal_terms: Sequence[Term],
     effects: Iterable,
     *,
     rng: np.random.Generator,
@@ -70,18 +70,18 @@ def start_search(
 
     Args:
         problem: all windows that may be used.
-        scene: of the robot.
-        stated: terms of what the model states.
+        robot: of the robot.
+        nominal_terms: terms of what the model states.
         effects: the catalogue.
         rng: chooses the windows on which candidates are tried first.
         progress: told what is being done and how far it is.
     """
     kinds = [effect for effect in effects if not effect.rounds_readings]
-    candidates = tuple(term for effect in kinds for term in effect.propose_terms(scene))
+    candidates = tuple(term for effect in kinds for term in effect.propose_terms(robot))
     progress("refitting what the model states", 0.0)
-    some = draw_segments(problem, _search_steps(len(stated)), rng)
+    some = draw_segments(problem, _search_steps(len(nominal_terms)), rng)
     begin = partial(
-        StepwiseSearch.from_segments, problem, stated, candidates, rng, progress
+        StepwiseSearch.from_segments, problem, nominal_terms, candidates, rng, progress
     )
     search = begin(some)
     if search.is_done:
@@ -90,9 +90,9 @@ def start_search(
     return search
 
 
-def _search_steps(stated: int) -> int:
+def _search_steps(nominal_terms: int) -> int:
     """Steps of simulation in a search, of a robot of which so many terms are stated."""
-    return min(STEPS[-1], int(SEARCHED / max(stated, 1)))
+    return min(STEPS[-1], int(SEARCHED / max(nominal_terms, 1)))
 
 
 def name_effects(

@@ -17,7 +17,7 @@ MOST, SOME = 0.5, 0.25
 
 
 def name_quantization(
-    naming: Hypothesis, scene: RobotSummary, effects: Iterable[Effect]
+    hypothesis: Hypothesis, robot: RobotSummary, effects: Iterable[Effect]
 ) -> Hypothesis:
     """The same, with the signals named that rounding leaves no other noise in.
 
@@ -25,20 +25,20 @@ def name_quantization(
     better than from any fit. It is a name where the error of rounding, uniform within a
     step (Widrow 1956), is most of the readings' noise and much of what the fit leaves.
     """
-    problem, final = naming.problem, naming.final
+    problem, final = hypothesis.problem, hypothesis.final
     left = residual_rms(problem, final.fit.residuals) ** 2
-    by_name = {c.name: c for c in scene.channels}
+    by_name = {c.name: c for c in robot.channels}
     for term in (
-        t for e in effects if e.rounds_readings for t in e.propose_terms(scene)
+        t for e in effects if e.rounds_readings for t in e.propose_terms(robot)
     ):
         signal = by_name[term.places[0]["signal"]]
         noise, column = float(signal.scatter[0]), signal.first_column
         error = signal.quantum**2 / 12
         if error < MOST * noise**2 or error < SOME * left[column]:
             continue
-        told = np.isfinite(problem.segments.readings[:, column]).sum()
+        predicted = np.isfinite(problem.segments.readings[:, column]).sum()
         nats = -np.log(2 * OFF)  # of each reading, that could lie anywhere
-        evidence = Evidence(nats, float(np.exp(-nats * told)), 1.0)
+        evidence = Evidence(nats, float(np.exp(-nats * predicted)), 1.0)
         named = NamedEffect(_bound_step(term, signal), evidence, ())
         fit = final.fit
         fit = replace(
@@ -47,8 +47,8 @@ def name_quantization(
             jacobian=np.column_stack([fit.jacobian, np.zeros(len(fit.residuals))]),
         )  # fmt: skip
         final = replace(final, fit=fit)
-        naming = replace(naming, final=final, named=(*naming.named, named))
-    return naming
+        hypothesis = replace(hypothesis, final=final, named=(*hypothesis.named, named))
+    return hypothesis
 
 
 def _bound_step(term: Term, signal: Channel) -> Term:

@@ -28,16 +28,18 @@ from .screening import STEPS, subsample_problem
 POLISHED, SLOPES = 40000, 1e6
 
 
-def refine_hypothesis(case: Dataset, naming: Hypothesis) -> Hypothesis:
+def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     """The same names, fitted to more pieces, to longer ones if those can be told."""
-    found = naming.final.fit
-    sigma = downweight_unscored(naming.problem, found)
+    found = hypothesis.final.fit
+    sigma = downweight_unscored(hypothesis.problem, found)
     rng = np.random.default_rng(2)
     steps = int(np.clip(SLOPES / max(len(found.values), 1), STEPS[-1], POLISHED))
     short, long = (
         subsample_problem(
             Problem(
-                case.training, cut_readable_segments(case.training, seconds), sigma
+                dataset.training,
+                cut_readable_segments(dataset.training, seconds),
+                sigma,
             ),
             steps,
             rng,
@@ -50,16 +52,16 @@ def refine_hypothesis(case: Dataset, naming: Hypothesis) -> Hypothesis:
         else short
     )
     return _refit(
-        marginalize_initial_states(problem, found.terms, found.values), naming
+        marginalize_initial_states(problem, found.terms, found.values), hypothesis
     )
 
 
-def _refit(problem: Problem, naming: Hypothesis) -> Hypothesis:
+def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     """The same names in other windows."""
-    found, stated = naming.final.fit, naming.nominal.fit
-    alone = fit_parameters(problem, stated.terms, stated.values, rounds=6)
+    found, nominal_terms = hypothesis.final.fit, hypothesis.nominal.fit
+    alone = fit_parameters(problem, nominal_terms.terms, nominal_terms.values, rounds=6)
     final = alone
-    if naming.named:
+    if hypothesis.named:
         start = search_multiples(problem, found.terms, found.values)
         final = fit_parameters(problem, found.terms, start, rounds=6)
         if problem.is_nonsmooth:  # the cost has many minima
@@ -74,27 +76,27 @@ def _refit(problem: Problem, naming: Hypothesis) -> Hypothesis:
     ):
         final = refine_undamped(problem, final)
     whole = ScoredFit.from_fit(problem, final)
-    less = ScoredFit.from_fit(problem, alone) if naming.named else whole
-    return replace(naming, problem=problem, nominal=less, final=whole)
+    less = ScoredFit.from_fit(problem, alone) if hypothesis.named else whole
+    return replace(hypothesis, problem=problem, nominal=less, final=whole)
 
 
-def prefer_simpler_names(naming: Hypothesis) -> Hypothesis:
+def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:
     """The same; what cannot be told from a name has its place if it is plainer.
 
     In more pieces than those that named it a number may turn out to do nothing, as the
     speed at which a motor's torque ends.
     """
-    problem = naming.problem
-    for name in naming.named:
+    problem = hypothesis.problem
+    for name in hypothesis.named:
         plainer = [t for t in name.equivalent if is_simpler(t, name.term)]
-        final = exchange_term(problem, naming.final, name.term, plainer)
-        if final is naming.final:
+        final = exchange_term(problem, hypothesis.final, name.term, plainer)
+        if final is hypothesis.final:
             continue
         rest = tuple(t for t in name.equivalent if t.key != final.candidate.key)
         new = replace(name, term=final.candidate, equivalent=(name.term, *rest))
-        named = tuple(new if n is name else n for n in naming.named)
-        naming = replace(naming, final=final, named=named)
-    return naming
+        named = tuple(new if n is name else n for n in hypothesis.named)
+        hypothesis = replace(hypothesis, final=final, named=named)
+    return hypothesis
 
 
 def refit_native_timestep(base: LinearizedFit) -> Fit:

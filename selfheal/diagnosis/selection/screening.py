@@ -86,10 +86,10 @@ def find_overlooked_segments(
         return others[:0]
     rest = replace(problem.select(others), sigma=part.sigma, simulator=part.simulator)
     rest = marginalize_initial_states(rest, found.terms, found.values)
-    told = rest.residuals_at(found.terms, found.values)
+    predicted = rest.residuals_at(found.terms, found.values)
     each, own = (
         p.sum_by_segment(r**2) / np.maximum(p.sum_by_segment((r != 0).astype(float)), 1)
-        for p, r in ((rest, told), (part, found.residuals))
+        for p, r in ((rest, predicted), (part, found.residuals))
     )
     worst = np.argsort(-each)[: len(own) // 2]
     return others[worst[each[worst] > ODD * np.median(own)]]

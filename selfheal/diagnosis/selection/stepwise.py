@@ -82,14 +82,16 @@ class StepwiseSearch:
 
     @classmethod
     def from_segments(
-        cls, problem, stated, candidates, rng, progress, some
+        cls, problem, nominal_terms, candidates, rng, progress, some
     ) -> "StepwiseSearch":
         """In some of the windows, where nothing has a name yet."""
-        given = np.ones(len(stated))
-        problem = marginalize_initial_states(problem.select(some), stated, given)
-        found = fit_parameters(problem, stated, given)
+        given = np.ones(len(nominal_terms))
+        problem = marginalize_initial_states(problem.select(some), nominal_terms, given)
+        found = fit_parameters(problem, nominal_terms, given)
         problem, now = _reweight_and_fit(problem, found, 8)
-        return cls(problem, now, len(stated), candidates, rng, progress, claims={})
+        return cls(
+            problem, now, len(nominal_terms), candidates, rng, progress, claims={}
+        )
 
     @property
     def named(self) -> tuple[Term, ...]:
@@ -134,12 +136,14 @@ class StepwiseSearch:
     def restating_candidates(self) -> list[Term]:
         """What says a stated value anew; where something touches, one at its bound."""
         found = self.best.fit
-        stated = list(found.terms[: self.nominal_count])
+        nominal_terms = list(found.terms[: self.nominal_count])
         if self.problem.simulator.has_contact:
             low, high, _ = stack_bounds(found.terms)
             room = np.minimum(found.values - low, high - found.values) / (high - low)
-            stated = [t for t, own in zip(stated, room, strict=False) if own < BOUND]
-        return [t for t in self.candidates if restates_nominal_value(t, stated)]
+            nominal_terms = [
+                t for t, own in zip(nominal_terms, room, strict=False) if own < BOUND
+            ]
+        return [t for t in self.candidates if restates_nominal_value(t, nominal_terms)]
 
     @property
     def noise_ratio(self) -> float:
@@ -286,15 +290,15 @@ class StepwiseSearch:
         terms = (*self.best.fit.terms, *usual)
         values = np.concatenate([self.best.fit.values, *start])
         found = fit_parameters(self.problem, terms, values, rounds=8)
-        told = is_horizon_informative(longer, self.problem, terms, found.values)
-        if told:
+        predicted = is_horizon_informative(longer, self.problem, terms, found.values)
+        if predicted:
             self.problem = marginalize_initial_states(longer, terms, found.values)
             found = fit_parameters(self.problem, terms, found.values, rounds=8)
         found = eliminate_backward(self.problem, found, self.nominal_count)
         self.problem, self.best = _reweight_and_fit(self.problem, found, 4)
         self._remove_and_exchange()
         self._keep_significant(len(usual))
-        if not told and {t.key for t in self.named} in (set(), first):
+        if not predicted and {t.key for t in self.named} in (set(), first):
             return False
         self.run_forward()
         return True

@@ -39,19 +39,21 @@ WORSE, OTHER = 1.05, 3.0
 ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
 
 
-def _share_removed_in_segments(case: Dataset, naming: Hypothesis) -> float:
+def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> float:
     """Share of the explainable error that the names remove in held-out pieces.
 
     Signals weighed as in the fit: the contract's score, over their spread there, is of
     little else than one that hardly moves in a few poses; and of a chaotic robot's
     replay it tells where that was when it began.
     """
-    sigma, found = naming.problem.sigma, naming.final.fit
-    held = Problem(case.held_out, cut_readable_segments(case.held_out, WINDOW), sigma)
+    sigma, found = hypothesis.problem.sigma, hypothesis.final.fit
+    held = Problem(
+        dataset.held_out, cut_readable_segments(dataset.held_out, WINDOW), sigma
+    )
     held = marginalize_initial_states(held, found.terms, found.values)
     before, after = np.sqrt(
         [
-            squared_error_reestimated(held, naming.nominal.fit),
+            squared_error_reestimated(held, hypothesis.nominal.fit),
             squared_error(held, found),
         ]
     )
@@ -86,33 +88,35 @@ class RemainingStructure:
         ) > ABOVE
 
 
-def analyze_remaining(case: Dataset, naming: Hypothesis) -> RemainingStructure:
+def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStructure:
     """What is left beside the names, by a torque of free form and by its size."""
-    now, rng = naming.final.fit, np.random.default_rng(1)
-    pieces = Problem(
-        case.training,
-        cut_readable_segments(case.training, WINDOW),
-        naming.problem.sigma,
+    now, rng = hypothesis.final.fit, np.random.default_rng(1)
+    segments = Problem(
+        dataset.training,
+        cut_readable_segments(dataset.training, WINDOW),
+        hypothesis.problem.sigma,
     )
     problem = marginalize_initial_states(
-        subsample_problem(pieces, 15000, rng), now.terms, now.values
+        subsample_problem(segments, 15000, rng), now.terms, now.values
     )
     base = LinearizedFit.from_fit(
         problem, fit_parameters(problem, now.terms, now.values, rounds=0)
     )
     held = ScoredFit.from_fit(problem, base.fit)
     p, share = 1.0, 0.0
-    terms = FreeFormTorque().propose_terms(case.robot)
+    terms = FreeFormTorque().propose_terms(dataset.robot)
     for term in terms:
         new = ScoredFit.from_fit(problem, fit_candidate(base, term, rounds=2))
         p = min(p, improvement_p_value(problem, held, new, len(terms)))
         share = max(share, 1 - new.error / held.error)
     left = base.fit.cost
     before = (
-        squared_error_reestimated(problem, naming.nominal.fit) if naming.named else left
+        squared_error_reestimated(problem, hypothesis.nominal.fit)
+        if hypothesis.named
+        else left
     )
     noise = expected_cost(problem, base.fit)
-    if naming.named and problem.segments.is_single_readings:
+    if hypothesis.named and problem.segments.is_single_readings:
         noise = max(noise, robust_noise(problem, base.fit.residuals))
     return RemainingStructure(
         p, share, float(np.sqrt(left / max(noise, 1e-12))),
@@ -121,9 +125,9 @@ def analyze_remaining(case: Dataset, naming: Hypothesis) -> RemainingStructure:
     )  # fmt: skip
 
 
-def drop_names(naming: Hypothesis) -> Hypothesis:
+def drop_names(hypothesis: Hypothesis) -> Hypothesis:
     """The same without any name."""
-    return replace(naming, named=(), final=naming.nominal)
+    return replace(hypothesis, named=(), final=hypothesis.nominal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,62 +151,76 @@ class HeldOutScores:
     numbers: dict[str, float]
 
     @classmethod
-    def compute(cls, case: Dataset, naming: Hypothesis) -> "HeldOutScores":
+    def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Of the model as given, re-fitted, and with what was named."""
-        world, none = case.held_out, ((), np.zeros(0))
-        some = draw_segments(naming.problem, STEPPED, np.random.default_rng(3))
-        fits = [naming.nominal.fit, *([naming.final.fit] if naming.named else ())]
+        simulator, none = dataset.held_out, ((), np.zeros(0))
+        some = draw_segments(hypothesis.problem, STEPPED, np.random.default_rng(3))
+        fits = [
+            hypothesis.nominal.fit,
+            *([hypothesis.final.fit] if hypothesis.named else ()),
+        ]
         plain = [
             refit_native_timestep(
-                LinearizedFit.from_fit(naming.problem, f).select(some)
+                LinearizedFit.from_fit(hypothesis.problem, f).select(some)
             )
             for f in fits
         ]
-        stated, found = plain[0], plain[-1]
-        pieces = score.cut_replay_segments(world)
-        count = score.count_readings(world, pieces)
-        models = {"given": none, "refit": (stated.terms, stated.values),
+        nominal_terms, found = plain[0], plain[-1]
+        segments = score.cut_replay_segments(simulator)
+        count = score.count_readings(simulator, segments)
+        models = {"given": none, "refit": (nominal_terms.terms, nominal_terms.values),
                   "patched": (found.terms, found.values)}  # fmt: skip
         squares = {
-            k: score.sum_squared_errors(world, pieces, terms, values)
+            k: score.sum_squared_errors(simulator, segments, terms, values)
             for k, (terms, values) in models.items()
         }
-        numbers = {k: score.compute_score(world, s, count) for k, s in squares.items()}
-        numbers["floor"] = min(_noise_floor(case, pieces, found), numbers["patched"])
-        return cls(stated, found, pieces, count, squares, numbers)
+        numbers = {
+            k: score.compute_score(simulator, s, count) for k, s in squares.items()
+        }
+        numbers["floor"] = min(
+            _noise_floor(dataset, segments, found), numbers["patched"]
+        )
+        return cls(nominal_terms, found, segments, count, squares, numbers)
 
 
 def decide_verdict(
-    naming: Hypothesis, structure: RemainingStructure
+    hypothesis: Hypothesis, structure: RemainingStructure
 ) -> tuple[Hypothesis, str]:
     """The verdict; names that explain too little are taken back."""
-    if naming.named and structure.is_significant and structure.explained < EXPLAINED:
-        return drop_names(naming), "unlisted"
-    if naming.named:
+    if (
+        hypothesis.named
+        and structure.is_significant
+        and structure.explained < EXPLAINED
+    ):
+        return drop_names(hypothesis), "unlisted"
+    if hypothesis.named:
         whole = structure.explained > WHOLE or not structure.is_significant
-        return naming, "explained" if whole else "partly"
-    return naming, "unlisted" if structure.is_significant else "nothing"
+        return hypothesis, "explained" if whole else "partly"
+    return hypothesis, "unlisted" if structure.is_significant else "nothing"
 
 
-def _noise_floor(case: Dataset, pieces: Segments, found: Fit) -> float:
+def _noise_floor(dataset: Dataset, segments: Segments, found: Fit) -> float:
     """Score that the readings' noise alone would leave, as far as it is known.
 
     Noise is in what a prediction is compared with and, where the initial state was
     read, in what it starts from.
     """
-    world = case.held_out
-    kick = build_initial_state_offsets(world, pieces)
-    told = world.simulate(
-        found.terms, np.tile(found.values, (len(kick), 1)), pieces, kick=kick
+    simulator = dataset.held_out
+    initial_state_offset = build_initial_state_offsets(simulator, segments)
+    predicted = simulator.simulate(
+        found.terms,
+        np.tile(found.values, (len(initial_state_offset), 1)),
+        segments,
+        initial_state_offset=initial_state_offset,
     )
-    moved = np.nansum((told[1:] - told[0]) ** 2, axis=0)
+    moved = np.nansum((predicted[1:] - predicted[0]) ** 2, axis=0)
     squares = []
-    for c in world.channels:
+    for c in simulator.channels:
         noise = np.nansum(np.nan_to_num(c.noise) ** 2)
-        read = np.isfinite(pieces.readings[:, c.columns]).all(axis=1)
+        read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
         start = moved[read][:, c.columns].sum(axis=1)
         squares.append((noise + (start.mean() if read.any() else 0)) / c.spread**2)
-    scored = np.array([c.is_scored for c in world.channels])
+    scored = np.array([c.is_scored for c in simulator.channels])
     return float(np.sqrt(np.mean(np.array(squares)[scored]))) if scored.any() else 0.0
 
 
@@ -214,7 +232,9 @@ def explainable_removed(numbers: dict[str, float]) -> float | None:
     return (numbers["refit"] - numbers["patched"]) / room
 
 
-def makes_replay_worse(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bool:
+def makes_replay_worse(
+    dataset: Dataset, hypothesis: Hypothesis, proof: HeldOutScores
+) -> bool:
     """Whether the names make a replay of what is held out worse.
 
     Not if they explain nearly all in its pieces and it is no other thing: a robot that
@@ -225,20 +245,27 @@ def makes_replay_worse(case: Dataset, naming: Hypothesis, proof: HeldOutScores) 
         return True
     if patched > OTHER * refit:
         return True
-    return patched > WORSE * refit and _share_removed_in_segments(case, naming) < WHOLE
+    return (
+        patched > WORSE * refit
+        and _share_removed_in_segments(dataset, hypothesis) < WHOLE
+    )
 
 
-def removes_too_little(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bool:
+def removes_too_little(
+    dataset: Dataset, hypothesis: Hypothesis, proof: HeldOutScores
+) -> bool:
     """Whether names remove next to nothing of what can be explained where held out."""
     if proof.segments.is_single_readings:
-        return _share_removed_in_segments(case, naming) < LITTLE
+        return _share_removed_in_segments(dataset, hypothesis) < LITTLE
     removed = explainable_removed(proof.numbers)
     if removed is None or removed >= LITTLE:
         return False
-    return _share_removed_in_segments(case, naming) < EXPLAINED
+    return _share_removed_in_segments(dataset, hypothesis) < EXPLAINED
 
 
-def is_replay_off(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bool:
+def is_replay_off(
+    dataset: Dataset, hypothesis: Hypothesis, proof: HeldOutScores
+) -> bool:
     """Whether what is held out is further from the replay than noise can make it.
 
     Of a robot that something touches in most episodes: in one it may fall on another
@@ -247,20 +274,26 @@ def is_replay_off(case: Dataset, naming: Hypothesis, proof: HeldOutScores) -> bo
     """
     if proof.segments.is_single_readings:
         return False
-    world, found, far = case.held_out, naming.final.fit, ASTRAY * proof.numbers["floor"]
-    if _typical_score(world, proof.squares["patched"], proof.count) <= far:
+    simulator, found, far = (
+        dataset.held_out,
+        hypothesis.final.fit,
+        ASTRAY * proof.numbers["floor"],
+    )
+    if _typical_score(simulator, proof.squares["patched"], proof.count) <= far:
         return False
     finer = score.sum_squared_errors(
-        world, proof.segments, found.terms, found.values, centered=True
+        simulator, proof.segments, found.terms, found.values, centered=True
     )
-    return _typical_score(world, finer, proof.count) > far
+    return _typical_score(simulator, finer, proof.count) > far
 
 
-def _typical_score(world: Simulator, squares: Floats, count: Floats) -> float:
+def _typical_score(simulator: Simulator, squares: Floats, count: Floats) -> float:
     """Score of squared errors (E, S); where something touches, of half the episodes."""
-    if not world.has_contact:
-        return score.compute_score(world, squares, count)
+    if not simulator.has_contact:
+        return score.compute_score(simulator, squares, count)
     each = zip(squares, count, strict=True)
     return float(
-        np.nanmedian([score.compute_score(world, s[None], n[None]) for s, n in each])
+        np.nanmedian(
+            [score.compute_score(simulator, s[None], n[None]) for s, n in each]
+        )
     )

@@ -21,12 +21,12 @@ from .simulator import Simulator
 
 
 def build_simulator(
-    workshop: ModelCompiler,
+    compiler: ModelCompiler,
     recordings: Sequence[Recording],
     whole: Sequence[Recording] = (),
 ) -> Simulator:
     """Recordings that fit a model, against it; parts of the `whole` ones, if given."""
-    model = workshop.nominal
+    model = compiler.nominal
     signals = build_channels(recordings)
     step = float(model.opt.timestep)
     several = len(recordings) > 1
@@ -43,7 +43,7 @@ def build_simulator(
             at = (r.file, name), (r.file, whole_of(name))
             number = names.index(at[0] if at[0] in names else at[1])
             logs.append(replace(own, number=number))
-    return Simulator(workshop, signals, tuple(logs), step)
+    return Simulator(compiler, signals, tuple(logs), step)
 
 
 def reorder_commands(episode: Episode, model) -> Episode:
@@ -53,24 +53,24 @@ def reorder_commands(episode: Episode, model) -> Episode:
     return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=tuple(names))
 
 
-def summarize_robot(world: Simulator) -> RobotSummary:
+def summarize_robot(simulator: Simulator) -> RobotSummary:
     """What the robot and its recordings are like."""
-    model = world.compiler.nominal
-    states = StateReconstruction(world)
-    motion = _MotionStatistics(world, states)
+    model = simulator.compiler.nominal
+    states = StateReconstruction(simulator)
+    motion = _MotionStatistics(simulator, states)
     measured = {
         j for j in range(model.njnt) if states.is_measured[model.jnt_qposadr[j]]
     }
     joints = summarize_joints(model, motion.torque, motion, measured)
     return RobotSummary(
         model,
-        world.timestep,
-        world.channels,
+        simulator.timestep,
+        simulator.channels,
         joints,
-        summarize_actuators(world, states, joints),
+        summarize_actuators(simulator, states, joints),
         summarize_bodies(model),
         motion.touches,
-        cut_segments(world.episodes, None).is_single_readings,
+        cut_segments(simulator.episodes, None).is_single_readings,
     )
 
 
@@ -81,18 +81,18 @@ class StateReconstruction:
         is_read: (nq) whether readings tell a position most of the time.
     """
 
-    def __init__(self, world: Simulator) -> None:
-        model = world.compiler.nominal
-        told = [np.full((1, model.nq), np.nan)]
-        for episode in world.episodes:
+    def __init__(self, simulator: Simulator) -> None:
+        model = simulator.compiler.nominal
+        predicted = [np.full((1, model.nq), np.nan)]
+        for episode in simulator.episodes:
             at = np.linspace(0, episode.sample_steps[-1], 9)[1:-1]
-            told.append(
-                estimate_state(model, world.channels, episode, at, world.timestep, {})[
-                    0
-                ]
+            predicted.append(
+                estimate_state(
+                    model, simulator.channels, episode, at, simulator.timestep, {}
+                )[0]
             )
-        self.world = world
-        self.is_measured = np.isfinite(np.vstack(told)).mean(axis=0) >= 0.5
+        self.world = simulator
+        self.is_measured = np.isfinite(np.vstack(predicted)).mean(axis=0) >= 0.5
         by_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
         self._moves = self.is_measured[by_dof]
         self._paths: dict[int, Floats] = {}
@@ -132,15 +132,15 @@ class StateReconstruction:
 class _MotionStatistics:
     """How the robot moved, at some hundred moments."""
 
-    def __init__(self, world: Simulator, states_of: StateReconstruction) -> None:
+    def __init__(self, simulator: Simulator, states_of: StateReconstruction) -> None:
         import mujoco
 
-        model = world.compiler.nominal
+        model = simulator.compiler.nominal
         self.model = model
         states, torques, touches = [], [], False
         data = mujoco.MjData(model)
-        each = max(2, 600 // len(world.episodes))
-        for i, episode in enumerate(world.episodes):
+        each = max(2, 600 // len(simulator.episodes))
+        for i, episode in enumerate(simulator.episodes):
             at = np.linspace(0, episode.sample_steps[-1], each).astype(int)
             qpos, qvel = states_of(i, at)
             ctrl = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)]
@@ -174,22 +174,22 @@ def _may_rest_on_ground(model) -> bool:
 
 
 def summarize_actuators(
-    world: Simulator, states: StateReconstruction, joints
+    simulator: Simulator, states: StateReconstruction, joints
 ) -> tuple[Actuator, ...]:
     """The actuators, and how the recordings use them."""
-    model, found = world.compiler.nominal, []
+    model, found = simulator.compiler.nominal, []
     by_id = {j.id: j for j in joints}
     for a in range(model.nu):
         at_joint = model.actuator_trntype[a] in (0, 1)
         joint = by_id.get(int(model.actuator_trnid[a, 0])) if at_joint else None
-        found.append(_summarize_actuator(world, states, a, joint))
+        found.append(_summarize_actuator(simulator, states, a, joint))
     return tuple(found)
 
 
 def _summarize_actuator(
-    world: Simulator, states: StateReconstruction, a: int, joint
+    simulator: Simulator, states: StateReconstruction, a: int, joint
 ) -> Actuator:
-    model = world.compiler.nominal
+    model = simulator.compiler.nominal
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     servo = bool(
         joint is not None and model.actuator_biastype[a] == 1 and bias[1] < 0
@@ -197,7 +197,7 @@ def _summarize_actuator(
     )  # fmt: skip
     gear = abs(float(model.actuator_gear[a, 0]))
     most, rates = 0.0, []
-    for i, episode in enumerate(world.episodes):
+    for i, episode in enumerate(simulator.episodes):
         at = np.arange(
             0,
             int(episode.sample_steps[-1]),
@@ -215,7 +215,7 @@ def _summarize_actuator(
         if len(force):
             most = max(most, float(np.quantile(np.abs(force), 0.99)))
         if len(u) > 1:
-            steps = np.abs(np.diff(episode.ctrl[:, a])) / world.timestep
+            steps = np.abs(np.diff(episode.ctrl[:, a])) / simulator.timestep
             rates.append(float(np.quantile(steps, 0.95)))
     speed = joint.speed if joint is not None else 1.0
     return Actuator(

@@ -51,9 +51,9 @@ class Checkpoint:
         return answer
 
 
-def digest_inputs(workshop: ModelCompiler, recordings: Sequence[Recording]) -> bytes:
+def digest_inputs(compiler: ModelCompiler, recordings: Sequence[Recording]) -> bytes:
     """A digest of a model, recordings, and the programs that make answers of them."""
-    model = workshop.nominal
+    model = compiler.nominal
     raw = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, raw)
     said: list[Any] = [*map(version, ("selfheal", "mujoco", "numpy")), raw]

@@ -16,7 +16,7 @@ LOST = 0.5  # share of pieces that the given model may not survive; chosen
 AS_GIVEN = np.zeros(0)  # values of no terms
 
 
-def check_dataset(case: Dataset) -> None:
+def check_dataset(dataset: Dataset) -> None:
     """Refuse what no fit could make sense of, before any fit.
 
     Raises:
@@ -24,23 +24,23 @@ def check_dataset(case: Dataset) -> None:
         ModelError: what moves has no name, or the model diverges nearly everywhere;
             the message says where and when.
     """
-    _check_joint_names(case)
-    pieces = cut_readable_segments(case.training, WINDOW)
-    _check_length(case, pieces)
-    _check_motion(case)
-    count, episode, time = find_divergence(case.training, pieces)
-    if count > LOST * len(pieces):
+    _check_joint_names(dataset)
+    segments = cut_readable_segments(dataset.training, WINDOW)
+    _check_length(dataset, segments)
+    _check_motion(dataset)
+    count, episode, time = find_divergence(dataset.training, segments)
+    if count > LOST * len(segments):
         raise ModelError(
-            f"{case.compiler.path}: the model diverges, first in episode {episode!r} "
-            f"at {time:.4g} s, in {count} of {len(pieces)} pieces; would fit: a "
-            "smaller timestep, another integrator, or commands and initial states "
+            f"{dataset.compiler.path}: the model diverges, first in episode "
+            f"{episode!r} at {time:.4g} s, in {count} of {len(segments)} pieces; would "
+            "fit: a smaller timestep, another integrator, or commands and initial states "
             "that it can stand"
         )
 
 
-def _check_joint_names(case: Dataset) -> None:
+def _check_joint_names(dataset: Dataset) -> None:
     """Refuse joints of which neither a finding nor a replay could speak."""
-    model = case.compiler.nominal
+    model = dataset.compiler.nominal
     slide, hinge = 2, 3  # mjtJoint
     unnamed = [
         int(model.jnt_bodyid[j])
@@ -52,14 +52,14 @@ def _check_joint_names(case: Dataset) -> None:
             f"a joint of body {model.body(b).name or b!r}" for b in unnamed
         )
         raise ModelError(
-            f"{case.compiler.path}: no name has {where}; would fit: a name for every "
-            "hinge and slide"
+            f"{dataset.compiler.path}: no name has {where}; would fit: a name for "
+            "every hinge and slide"
         )
 
 
-def _check_length(case: Dataset, pieces: Segments) -> None:
+def _check_length(dataset: Dataset, segments: Segments) -> None:
     seconds, least = (
-        float(pieces.lengths.sum()) * case.training.timestep,
+        float(segments.lengths.sum()) * dataset.training.timestep,
         SHORT * WINDOW,
     )
     if seconds < least:
@@ -69,43 +69,43 @@ def _check_length(case: Dataset, pieces: Segments) -> None:
         )
 
 
-def _check_motion(case: Dataset) -> None:
-    scored = [c for c in case.training.channels if c.is_scored]
+def _check_motion(dataset: Dataset) -> None:
+    scored = [c for c in dataset.training.channels if c.is_scored]
     if not scored:
         raise RecordingError(
             f"no signal of kind {', '.join(POSITION_LIKE)} has a reading; would fit: "
             "at least one of them"
         )
-    read = np.concatenate([log.readings for log in case.training.episodes])
+    read = np.concatenate([episode.readings for episode in dataset.training.episodes])
     if not any(np.nanstd(read[:, c.columns], axis=0).any() for c in scored):
         raise RecordingError(
             f"no position-like signal moves ({', '.join(c.name for c in scored)}); "
             "would fit: a recording in which the robot moves"
         )
-    columns = [c.columns for c in case.held_out.channels if c.is_scored]
+    columns = [c.columns for c in dataset.held_out.channels if c.is_scored]
     judged = (
-        np.isfinite(log.readings[:, k])
-        for log in case.held_out.episodes
+        np.isfinite(episode.readings[:, k])
+        for episode in dataset.held_out.episodes
         for k in columns
     )
     if not any(known.any() for known in judged):
         raise RecordingError(
-            f"what is held out ({', '.join(case.held_out_names)}) has no reading of a "
-            "position-like signal to be judged on; would fit: other episodes"
+            f"what is held out ({', '.join(dataset.held_out_names)}) has no reading of "
+            "a position-like signal to be judged on; would fit: other episodes"
         )
 
 
 def find_divergence(
-    world: Simulator,
-    pieces: Segments,
+    simulator: Simulator,
+    segments: Segments,
     terms: Sequence[Term] = (),
     values: Floats = AS_GIVEN,
 ) -> tuple[int, str, float]:
     """In how many windows a simulation is lost; where and when it is first.
 
     Args:
-        world: that is simulated.
-        pieces: the windows.
+        simulator: that is simulated.
+        segments: the windows.
         terms: what is true beyond the given model.
         values: (P) of their parameters.
 
@@ -113,36 +113,36 @@ def find_divergence(
         Count, id of the episode, time in it [s] to within two steps; 0, "", NaN where
         none is lost.
     """
-    lost = _find_diverged(world, pieces, terms, values)
+    lost = _find_diverged(simulator, segments, terms, values)
     if not len(lost):
         return 0, "", np.nan
     w = int(lost[0])
-    log = world.episodes[int(pieces.episode[w])]
-    low, high = 0, int(pieces.lengths[w])  # alive, lost
+    episode = simulator.episodes[int(segments.episode[w])]
+    low, high = 0, int(segments.lengths[w])  # alive, lost
     while high - low > 1:
         middle = (low + high) // 2
         cut = Segments(
-            pieces.episode[[w]],
-            pieces.first_step[[w]],
+            segments.episode[[w]],
+            segments.first_step[[w]],
             np.array([middle]),
             np.array([0]),
             np.array([float(middle)]),
-            np.zeros((1, log.readings.shape[1])),
+            np.zeros((1, episode.readings.shape[1])),
         )
-        if len(_find_diverged(world, cut, terms, values)):
+        if len(_find_diverged(simulator, cut, terms, values)):
             high = middle
         else:
             low = middle
     return (
         len(lost),
-        log.id,
-        log.start + (int(pieces.first_step[w]) + high) * world.timestep,
+        episode.id,
+        episode.start + (int(segments.first_step[w]) + high) * simulator.timestep,
     )
 
 
 def _find_diverged(
-    world: Simulator, pieces: Segments, terms, values: Floats
+    simulator: Simulator, segments: Segments, terms, values: Floats
 ) -> np.ndarray:
     """Numbers of the windows that are lost."""
-    told = world.simulate(terms, values[None], pieces)[0]
-    return np.unique(pieces.segment_of_sample[~np.isfinite(told).all(axis=1)])
+    predicted = simulator.simulate(terms, values[None], segments)[0]
+    return np.unique(segments.segment_of_sample[~np.isfinite(predicted).all(axis=1)])

@@ -47,12 +47,12 @@ class Dataset:
     robot: RobotSummary
     held_out_names: tuple[str, ...]
 
-    def with_noise_of(self, world: Simulator) -> "Dataset":
+    def with_noise_of(self, simulator: Simulator) -> "Dataset":
         """The same, with what another world of it knows of its readings' noise."""
-        told = {c.name: c for c in world.channels}
+        predicted = {c.name: c for c in simulator.channels}
         own = [
-            tuple(replace(c, noise=told[c.name].noise, ar1=told[c.name].ar1)
-                  if c.name in told else c for c in w.channels)
+            tuple(replace(c, noise=predicted[c.name].noise, ar1=predicted[c.name].ar1)
+                  if c.name in predicted else c for c in w.channels)
             for w in (self.training, self.held_out)
         ]  # fmt: skip
         return replace(
@@ -69,20 +69,20 @@ def prepare_dataset(
     memory: str | os.PathLike[str] | None = None,
 ) -> Dataset:
     """A model and its recordings, parted; arguments and errors as of `diagnose`."""
-    workshop = ModelCompiler(os.fspath(model))
+    compiler = ModelCompiler(os.fspath(model))
     for recording in recordings:  # what does not fit the model is the plainer fault
-        check_against_model(recording, names_of(workshop.nominal))
+        check_against_model(recording, names_of(compiler.nominal))
     collect_signal_meanings(
         recordings
     )  # one in all, whichever part of them they come to lie in
     pairs = _split_recordings(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
-    world = build_simulator(workshop, fitted, recordings)
-    world = replace(
-        world, checkpoint=Checkpoint(memory, digest_inputs(workshop, fitted))
+    simulator = build_simulator(compiler, fitted, recordings)
+    simulator = replace(
+        simulator, checkpoint=Checkpoint(memory, digest_inputs(compiler, fitted))
     )
-    held = build_simulator(workshop, [h for _, h in pairs if h.episodes], recordings)
-    if not world.channels:
+    held = build_simulator(compiler, [h for _, h in pairs if h.episodes], recordings)
+    if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
     files = short_names([r.file for r in recordings])
     names = tuple(
@@ -90,9 +90,11 @@ def prepare_dataset(
         for file, (_, h) in zip(files, pairs, strict=True)
         for name in h.episodes
     )
-    scene = summarize_robot(world)
-    world, held = (replace(w, has_contact=scene.has_contact) for w in (world, held))
-    return Dataset(workshop, world, held, scene, names)
+    robot = summarize_robot(simulator)
+    simulator, held = (
+        replace(w, has_contact=robot.has_contact) for w in (simulator, held)
+    )
+    return Dataset(compiler, simulator, held, robot, names)
 
 
 def _split_recordings(
@@ -139,27 +141,32 @@ def _find_recording(recordings: Sequence[Recording], entry: str) -> int:
     raise UnknownNameError("held-out episode", entry, valid)
 
 
-def cut_readable_segments(world: Simulator, seconds: float) -> Segments:
+def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
     """Pieces that begin where the state can be read; whole episodes elsewhere."""
-    steps = max(2, round(seconds / world.timestep))
+    steps = max(2, round(seconds / simulator.timestep))
     parts = []
-    for i, log in enumerate(world.episodes):
+    for i, episode in enumerate(simulator.episodes):
         cut = (
             _is_state_known(
-                world, i, np.linspace(0, log.sample_steps[-1], 9)[1:-1]
+                simulator, i, np.linspace(0, episode.sample_steps[-1], 9)[1:-1]
             ).mean()
             > 0.5
         )
-        own = cut_segments(world.episodes, steps if cut else None, only=i)
+        own = cut_segments(simulator.episodes, steps if cut else None, only=i)
         if cut:
-            own = own.select(np.flatnonzero(_is_state_known(world, i, own.first_step)))
+            own = own.select(
+                np.flatnonzero(_is_state_known(simulator, i, own.first_step))
+            )
         parts.append(own)
     return Segments.concatenate(parts)
 
 
-def _list_unmeasured_joints(world: Simulator) -> list[str]:
+def _list_unmeasured_joints(simulator: Simulator) -> list[str]:
     """Joints whose position no signal tells for most of the time."""
-    model, known = world.compiler.nominal, StateReconstruction(world).is_measured
+    model, known = (
+        simulator.compiler.nominal,
+        StateReconstruction(simulator).is_measured,
+    )
     return [
         f"joint {model.joint(j).name!r}"
         for j in range(model.njnt)
@@ -167,9 +174,11 @@ def _list_unmeasured_joints(world: Simulator) -> list[str]:
     ]
 
 
-def _is_state_known(world: Simulator, log: int, at: np.ndarray) -> np.ndarray:
+def _is_state_known(simulator: Simulator, episode: int, at: np.ndarray) -> np.ndarray:
     """(W) whether every joint's position is told at times [steps] of an episode."""
-    own, model = world.episodes[log], world.compiler.nominal
-    qpos, _, _ = estimate_state(model, world.channels, own, at, world.timestep, {})
+    own, model = simulator.episodes[episode], simulator.compiler.nominal
+    qpos, _, _ = estimate_state(
+        model, simulator.channels, own, at, simulator.timestep, {}
+    )
     given = (at == 0) & (own.qpos0 is not None)
     return np.isfinite(qpos).all(axis=1) | given

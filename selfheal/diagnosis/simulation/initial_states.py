@@ -19,18 +19,20 @@ class InitialStates:
     """Initial states of a batch."""
 
     def __init__(
-        self, world, plant: ModelVariant, terms, values, windows, reads
+        self, simulator, variant: ModelVariant, terms, values, segments, reads
     ) -> None:
         """`reads`: of a signal, by hypothesis: bias (n, width), gain, delay (n)."""
-        self.world, self.plant, self.windows = world, plant, windows
+        self.world, self.plant, self.windows = simulator, variant, segments
         self.terms, self.values, self.reads = terms, values, reads
 
-    def compute(self, models, kick: Floats | None):
+    def compute(self, models, initial_state_offset: Floats | None):
         """Position (N, nq), velocity (N, nv), activation (N, na), sums by actuator."""
         n, w = len(self.values), len(self.windows)
         qpos, qvel = self._nominal_states(n)
-        if kick is not None:
-            qpos, qvel = _add_offset(self.world.compiler.nominal, qpos, qvel, kick)
+        if initial_state_offset is not None:
+            qpos, qvel = _add_offset(
+                self.world.compiler.nominal, qpos, qvel, initial_state_offset
+            )
         model = self.plant.model
         q, v = np.zeros((n, w, model.nq)), np.zeros((n, w, model.nv))
         q[:] = model.qpos0
@@ -50,16 +52,16 @@ class InitialStates:
 
     def _nominal_states(self, n: int) -> tuple[Floats, Floats]:
         """State (n, W, ...) in the given model's coordinates."""
-        world, windows = self.world, self.windows
-        given = world.compiler.nominal
-        kept = world.cache.setdefault(windows, {})
+        simulator, segments = self.world, self.windows
+        given = simulator.compiler.nominal
+        kept = simulator.cache.setdefault(segments, {})
         if self.reads:
             qpos, qvel = self._estimate_states(n)
         else:
             if "start" not in kept:
                 kept["start"] = self._estimate_states(1)
             qpos, qvel = kept["start"]
-        shape = (n, len(windows))
+        shape = (n, len(segments))
         return (
             np.broadcast_to(qpos, (*shape, given.nq)).copy(),
             np.broadcast_to(qvel, (*shape, given.nv)).copy(),
@@ -67,23 +69,23 @@ class InitialStates:
 
     def _estimate_states(self, n: int) -> tuple[Floats, Floats]:
         """State (n, W, ...) as each hypothesis reads it."""
-        world, windows = self.world, self.windows
-        given = world.compiler.nominal
+        simulator, segments = self.world, self.windows
+        given = simulator.compiler.nominal
         states: list[dict[str, Mapping[str, Any]]] = [{} for _ in range(n)]
         for name, said in self.reads.items():
             for i, one in enumerate(states):
                 one[name] = {k: v[i].tolist() for k, v in said.items() if k != "step"}
-        qpos = np.empty((n, len(windows), given.nq))
-        qvel = np.empty((n, len(windows), given.nv))
+        qpos = np.empty((n, len(segments), given.nq))
+        qvel = np.empty((n, len(segments), given.nv))
         same: dict[str, int] = {}  # most hypotheses read alike
         for i, one in enumerate(states):
             if (known := same.setdefault(repr(one), i)) != i:
                 qpos[i], qvel[i] = qpos[known], qvel[known]
                 continue
-            for log in np.unique(windows.episode):
-                rows = np.flatnonzero(windows.episode == log)
+            for episode in np.unique(segments.episode):
+                rows = np.flatnonzero(segments.episode == episode)
                 q, v, _ = estimate_initial_state(
-                    world, int(log), windows.first_step[rows], one
+                    simulator, int(episode), segments.first_step[rows], one
                 )
                 qpos[i, rows], qvel[i, rows] = q, v
         return qpos, qvel
@@ -92,8 +94,8 @@ class InitialStates:
         """Let a gap or a spring yield to the load that it bears at the start."""
         import mujoco
 
-        log, start = self.windows.episode, self.windows.first_step
-        given = [self.world.episodes[i].qpos0 is not None for i in log]
+        episode, start = self.windows.episode, self.windows.first_step
+        given = [self.world.episodes[i].qpos0 is not None for i in episode]
         free = np.flatnonzero(~np.array(given) | (start > 0))  # else it starts at 0
         for i, model in enumerate(models):
             data = mujoco.MjData(model)
@@ -112,17 +114,17 @@ class InitialStates:
         An integrator begins at 0 with an episode whose initial state is given, as in
         MuJoCo; else where its actuator then is.
         """
-        model, world, windows = self.plant.model, self.world, self.windows
+        model, simulator, segments = self.plant.model, self.world, self.windows
         if not model.na:
             return None
-        out = np.zeros((len(windows), model.na))
-        for i in np.unique(windows.episode):
-            rows, log = np.flatnonzero(windows.episode == i), world.episodes[i]
+        out = np.zeros((len(segments), model.na))
+        for i in np.unique(segments.episode):
+            rows, episode = np.flatnonzero(segments.episode == i), simulator.episodes[i]
             begin = np.zeros(model.nu)
-            if log.qpos0 is None and (model.actuator_dyntype == INTEGRATOR).any():
-                begin = _actuator_lengths(world, int(i))
-            past = filter_commands(model, log.ctrl, world.timestep, begin)
-            out[rows] = past[np.minimum(windows.first_step[rows], len(past) - 1)]
+            if episode.qpos0 is None and (model.actuator_dyntype == INTEGRATOR).any():
+                begin = _actuator_lengths(simulator, int(i))
+            past = filter_commands(model, episode.ctrl, simulator.timestep, begin)
+            out[rows] = past[np.minimum(segments.first_step[rows], len(past) - 1)]
         return np.tile(out, (n, 1))
 
     def _fill_history(self, n: int) -> Floats | None:
@@ -132,17 +134,17 @@ class InitialStates:
         """
         import mujoco
 
-        model, world, windows = self.plant.model, self.world, self.windows
+        model, simulator, segments = self.plant.model, self.world, self.windows
         if not model.nhistory:
             return None
-        out = np.empty((len(windows), model.nhistory))
-        for w in range(len(windows)):
+        out = np.empty((len(segments), model.nhistory))
+        for w in range(len(segments)):
             data = mujoco.MjData(model)
-            ctrl = world.episodes[int(windows.episode[w])].ctrl
+            ctrl = simulator.episodes[int(segments.episode[w])].ctrl
             for a in range(model.nu):
                 size = int(model.actuator_history[a, 0])
                 if size:
-                    past = int(windows.first_step[w]) + np.arange(-size, 0)
+                    past = int(segments.first_step[w]) + np.arange(-size, 0)
                     values = ctrl[np.clip(past, 0, len(ctrl) - 1), a]
                     mujoco.mj_initCtrlHistory(model, data, a, None, values[:, None])
             out[w] = data.history
@@ -168,50 +170,54 @@ class InitialStates:
         With an episode it begins at 0 or, where it had settled before, with what the
         robot's motion in the first moments asks for beside the servo.
         """
-        world, windows = self.world, self.windows
-        kept = world.cache.setdefault(windows, {})
+        simulator, segments = self.world, self.windows
+        kept = simulator.cache.setdefault(segments, {})
         errors = kept.setdefault(("errors", place["actuator"]), {})
-        total = np.zeros(len(windows))
+        total = np.zeros(len(segments))
         settled = place.get("begins") == "settled" and gain > 0
-        for log in np.unique(windows.episode[(windows.first_step > 0) | settled]):
-            rows = np.flatnonzero(windows.episode == log)
-            if log not in errors:
-                errors[log] = _servo_errors(world, world.episodes[log], place).tolist()
+        for episode in np.unique(segments.episode[(segments.first_step > 0) | settled]):
+            rows = np.flatnonzero(segments.episode == episode)
+            if episode not in errors:
+                errors[episode] = _servo_errors(
+                    simulator, simulator.episodes[episode], place
+                ).tolist()
             begin = 0.0
             if settled:
-                at = _first_steps(world, log)
+                at = _first_steps(simulator, episode)
                 asked = self._required_torque(
-                    model, log, at, self.plant.map_place(place)["dof"]
+                    model, episode, at, self.plant.map_place(place)["dof"]
                 )
-                begin = asked / gain - np.cumsum(errors[log][: 1 + at[-1]]).mean()
+                begin = asked / gain - np.cumsum(errors[episode][: 1 + at[-1]]).mean()
                 begin = min(max(begin, -most), most)
-            past = _accumulate_clipped(errors[log], begin, -most, most)
-            total[rows] = past[np.minimum(windows.first_step[rows], len(past) - 1)]
+            past = _accumulate_clipped(errors[episode], begin, -most, most)
+            total[rows] = past[np.minimum(segments.first_step[rows], len(past) - 1)]
         return total
 
-    def _required_torque(self, model, log: int, at: np.ndarray, dof: int) -> float:
+    def _required_torque(self, model, episode: int, at: np.ndarray, dof: int) -> float:
         """Mean torque [N m] that an episode's steps `at` ask beside the servos."""
         import mujoco
 
-        world, plant = self.world, self.plant
-        kept = world.cache.setdefault(self.windows, {})
-        if ("first", log) not in kept:
-            qpos, qvel, _ = estimate_initial_state(world, log, at, {})
+        simulator, variant = self.world, self.plant
+        kept = simulator.cache.setdefault(self.windows, {})
+        if ("first", episode) not in kept:
+            qpos, qvel, _ = estimate_initial_state(simulator, episode, at, {})
             rest = len(at) == 1
-            qacc = 0 * qvel if rest else np.gradient(qvel, at * world.timestep, axis=0)
-            kept["first", log] = qpos, qvel, qacc
+            qacc = (
+                0 * qvel if rest else np.gradient(qvel, at * simulator.timestep, axis=0)
+            )
+            kept["first", episode] = qpos, qvel, qacc
         data, asked = mujoco.MjData(model), []
-        for k, qpos, qvel, qacc in zip(at, *kept["first", log], strict=True):
-            data.qpos[plant.qpos], data.qvel[plant.dof] = qpos, qvel
-            data.qacc[plant.dof] = qacc
-            data.ctrl[:] = world.episodes[log].ctrl[k]
+        for k, qpos, qvel, qacc in zip(at, *kept["first", episode], strict=True):
+            data.qpos[variant.qpos], data.qvel[variant.dof] = qpos, qvel
+            data.qacc[variant.dof] = qacc
+            data.ctrl[:] = simulator.episodes[episode].ctrl[k]
             mujoco.mj_inverse(model, data)
             mujoco.mj_fwdActuation(model, data)
             asked.append(data.qfrc_inverse[dof] - data.qfrc_actuator[dof])
         return float(np.mean(asked))
 
 
-def _add_offset(model, qpos: Floats, qvel: Floats, kick: Floats):
+def _add_offset(model, qpos: Floats, qvel: Floats, initial_state_offset: Floats):
     """States (n, W, ...) moved by (n, W, 2 nv)."""
     import mujoco
 
@@ -222,20 +228,22 @@ def _add_offset(model, qpos: Floats, qvel: Floats, kick: Floats):
             a = int(model.jnt_qposadr[j]) + (3 if model.jnt_type[j] == 0 else 0)
             plain[a : a + 4] = False
     if plain.all():
-        qpos += kick[..., : model.nv]
+        qpos += initial_state_offset[..., : model.nv]
     else:
-        for i, w in np.argwhere(kick[..., : model.nv].any(axis=-1)):
-            mujoco.mj_integratePos(model, qpos[i, w], kick[i, w, : model.nv], 1.0)
-    return qpos, qvel + kick[..., model.nv :]
+        for i, w in np.argwhere(initial_state_offset[..., : model.nv].any(axis=-1)):
+            mujoco.mj_integratePos(
+                model, qpos[i, w], initial_state_offset[i, w, : model.nv], 1.0
+            )
+    return qpos, qvel + initial_state_offset[..., model.nv :]
 
 
-def _actuator_lengths(world, log: int) -> Floats:
+def _actuator_lengths(simulator, episode: int) -> Floats:
     """Lengths (nu) of the actuators where an episode begins."""
     import mujoco
 
-    model = world.compiler.nominal
+    model = simulator.compiler.nominal
     data = mujoco.MjData(model)
-    data.qpos[:] = estimate_initial_state(world, log, np.zeros(1), {})[0][0]
+    data.qpos[:] = estimate_initial_state(simulator, episode, np.zeros(1), {})[0][0]
     mujoco.mj_fwdPosition(model, data)
     return np.array(data.actuator_length)
 
@@ -273,22 +281,22 @@ def _accumulate_clipped(
     return np.fromiter(sums, float)
 
 
-def _first_steps(world, log: int) -> np.ndarray:
+def _first_steps(simulator, episode: int) -> np.ndarray:
     """Steps of the grid in an episode's first moments; the first, if it is given."""
-    own = world.episodes[log]
-    end = min(FIRST / world.timestep, len(own.ctrl) - 1) * (own.qpos0 is None)
+    own = simulator.episodes[episode]
+    end = min(FIRST / simulator.timestep, len(own.ctrl) - 1) * (own.qpos0 is None)
     return np.unique(np.linspace(0, end, 25).astype(int))
 
 
-def _servo_errors(world, log, place) -> Floats:
+def _servo_errors(simulator, episode, place) -> Floats:
     """What each step (G) of the grid adds to a servo's sum, as sent and read."""
-    grid = np.arange(len(log.ctrl), dtype=float)
-    model = world.compiler.nominal
+    grid = np.arange(len(episode.ctrl), dtype=float)
+    model = simulator.compiler.nominal
     joint = next(j for j in range(model.njnt) if model.jnt_qposadr[j] == place["qpos"])
     name = model.joint(joint).name
     c = next(
-        c for c in world.channels if (c.kind, c.target) == ("joint_position", name)
+        c for c in simulator.channels if (c.kind, c.target) == ("joint_position", name)
     )
-    value, _ = log.interpolate(grid, world.timestep)
-    error = log.ctrl[:, place["actuator"]] - value[:, c.first_column]
-    return np.where(np.isfinite(error), error, 0.0) * world.timestep
+    value, _ = episode.interpolate(grid, simulator.timestep)
+    error = episode.ctrl[:, place["actuator"]] - value[:, c.first_column]
+    return np.where(np.isfinite(error), error, 0.0) * simulator.timestep

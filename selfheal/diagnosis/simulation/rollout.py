@@ -63,8 +63,8 @@ def center_damping(model, step: float) -> None:
 
 
 def simulate_batch(
-    those: Hypotheses,
-    windows: Segments,
+    hypotheses: Hypotheses,
+    segments: Segments,
     start,
     commands: Floats,
     sensors: SensorReader,
@@ -75,54 +75,56 @@ def simulate_batch(
     """True signals (N, K, C) of n hypotheses in W windows, N = n W.
 
     Args:
-        those: what is true.
-        windows: where each simulation begins.
+        hypotheses: what is true.
+        segments: where each simulation begins.
         start: as `States.begin` gives it.
         commands: (N, K, nu), as they reach the actuators.
         sensors: what is read.
         looked_at: steps at which it is.
         step: of the simulation [s].
     """
-    if any(implements(t.effect, "apply_forces") for t in those.terms):
-        return _run_stepwise(those, windows, start, commands, sensors, looked_at, step)
-    return _run_rollout(those, start, commands, sensors, looked_at)
+    if any(implements(t.effect, "apply_forces") for t in hypotheses.terms):
+        return _run_stepwise(
+            hypotheses, segments, start, commands, sensors, looked_at, step
+        )
+    return _run_rollout(hypotheses, start, commands, sensors, looked_at)
 
 
 def _run_rollout(
-    those: Hypotheses,
+    hypotheses: Hypotheses,
     start,
     commands: Floats,
     sensors: SensorReader,
     looked_at: np.ndarray,
 ) -> Floats:
     """True signals (N, K, C), where MuJoCo alone does all the work."""
-    plant = those.variant
+    variant = hypotheses.variant
     steps = commands.shape[1]
     rows = np.arange(len(commands))
     threads = min(len(rows), len(os.sched_getaffinity(0)))
-    batch = _make_batch(those, rows, start, threads, alone=True)
+    batch = _make_batch(hypotheses, rows, start, threads, alone=True)
     fields = sorted({"qpos", "qvel", *sensors.needs})
     first_velocity = start[1]
-    if those.centered:
-        batch.rollout(1, commands[:, :1] if plant.model.nu else None, record=["qvel"])
-        first_velocity = _shift_velocity_back(batch, plant, rows, start)
-    seen = batch.rollout(steps, commands if plant.model.nu else None, record=fields)
+    if hypotheses.centered:
+        batch.rollout(1, commands[:, :1] if variant.model.nu else None, record=["qvel"])
+        first_velocity = _shift_velocity_back(batch, variant, rows, start)
+    seen = batch.rollout(steps, commands if variant.model.nu else None, record=fields)
     # a step leaves position and velocity new, and all else as before it
     for name, first in (("qpos", start[0]), ("qvel", first_velocity)):
         seen[name] = np.concatenate([first[:, None], seen[name][:, :-1]], axis=1)
-    if those.centered:
+    if hypotheses.centered:
         by_step = {name: values.swapaxes(0, 1) for name, values in seen.items()}
         _restore_whole_steps(
             batch, by_step, commands.swapaxes(0, 1), sensors, looked_at
         )
-    told = sensors.read_all(seen)
-    told[_find_diverged(batch)] = np.nan
-    return told
+    predicted = sensors.read_all(seen)
+    predicted[_find_diverged(batch)] = np.nan
+    return predicted
 
 
 def _run_stepwise(
-    those: Hypotheses,
-    windows: Segments,
+    hypotheses: Hypotheses,
+    segments: Segments,
     start,
     commands: Floats,
     sensors: SensorReader,
@@ -130,14 +132,14 @@ def _run_stepwise(
     step: float,
 ) -> Floats:
     """True signals (N, K, C), where effects act at every step."""
-    plant, n, w = those.variant, len(those.models), len(windows)
+    variant, n, w = hypotheses.variant, len(hypotheses.models), len(segments)
     acts = [
-        (t.effect, plant.map_place(place), np.repeat(part, w, axis=0))
-        for t, part in zip(those.terms, those.term_values, strict=True)
+        (t.effect, variant.map_place(place), np.repeat(part, w, axis=0))
+        for t, part in zip(hypotheses.terms, hypotheses.term_values, strict=True)
         if implements(t.effect, "apply_forces")
         for place in t.places
     ]
-    begin = np.tile(windows.first_step * step, n)
+    begin = np.tile(segments.first_step * step, n)
     # a thread a group: threads that wait for each other at every step are slow, and
     # those of small groups wait for Python
     threads = int(np.clip(n * w // GROUP, 1, len(os.sched_getaffinity(0))))
@@ -145,11 +147,11 @@ def _run_stepwise(
 
     def told(rows: np.ndarray) -> Floats:
         return _run_group(
-            _make_batch(those, rows, start, 1, alone=False), plant,
+            _make_batch(hypotheses, rows, start, 1, alone=False), variant,
             [(e, p, v[rows]) for e, p, v in acts],
             {a: s[rows] for a, s in start[3].items()}, commands[rows],
             begin[rows], sensors, looked_at, step,
-            (rows, start) if those.centered else None,
+            (rows, start) if hypotheses.centered else None,
         )  # fmt: skip
 
     if len(groups) == 1:
@@ -158,7 +160,7 @@ def _run_stepwise(
         return np.concatenate(list(pool.map(told, groups)))
 
 
-def _make_batch(those: Hypotheses, rows, start, threads: int, *, alone: bool):
+def _make_batch(hypotheses: Hypotheses, rows, start, threads: int, *, alone: bool):
     """Simulations `rows` of the N of n models by W windows, at their start.
 
     Where MuJoCo works alone each has its model; else, for effects to write into, the
@@ -166,34 +168,34 @@ def _make_batch(those: Hypotheses, rows, start, threads: int, *, alone: bool):
     """
     from mujoco.batch import Batch
 
-    plant, of = those.variant, rows // (len(start[0]) // len(those.models))
-    batch = Batch(plant.model, len(rows), nthread=threads)
+    variant, of = hypotheses.variant, rows // (len(start[0]) // len(hypotheses.models))
+    batch = Batch(variant.model, len(rows), nthread=threads)
     if alone:
-        batch.set_models([those.models[i] for i in of])
+        batch.set_models([hypotheses.models[i] for i in of])
     else:
-        for name, usual in plant.nominal_fields.items():
-            values = [read_model_field(m, name) for m in those.models]
+        for name, usual in variant.nominal_fields.items():
+            values = [read_model_field(m, name) for m in hypotheses.models]
             if any(v.tobytes() != usual for v in values):
                 batch.expand(name)[:] = np.stack(values)[of]
-    _set_states(batch, plant, rows, start)
+    _set_states(batch, variant, rows, start)
     return batch
 
 
-def _set_states(batch, plant: ModelVariant, rows, start) -> None:
+def _set_states(batch, variant: ModelVariant, rows, start) -> None:
     """Let simulations be at their start."""
     batch.bind("qpos")[:], batch.bind("qvel")[:] = start[0][rows], start[1][rows]
     batch.bind("time")[:] = 0
-    if plant.model.na:
+    if variant.model.na:
         batch.bind("act")[:] = start[2][rows]
-    if plant.model.nhistory:
+    if variant.model.nhistory:
         batch.bind("history")[:] = start[4][rows]
 
 
-def _shift_velocity_back(batch, plant: ModelVariant, rows, start) -> Floats:
+def _shift_velocity_back(batch, variant: ModelVariant, rows, start) -> Floats:
     """Let simulations that made one step start again, by velocities of before."""
     velocity = start[1][rows]
     velocity = velocity - (batch.bind("qvel") - velocity) / 2
-    _set_states(batch, plant, rows, start)
+    _set_states(batch, variant, rows, start)
     batch.bind("qvel")[:] = velocity
     return velocity
 
@@ -252,13 +254,21 @@ def _find_diverged(batch) -> np.ndarray:
 
 
 def _run_group(
-    batch, plant: ModelVariant, acts, sums, commands: Floats, begin, sensors, looked_at,
-    dt: float, again,
-) -> Floats:  # fmt: skip
+    batch,
+    variant: ModelVariant,
+    acts,
+    sums,
+    commands: Floats,
+    begin,
+    sensors,
+    looked_at,
+    dt: float,
+    again,
+) -> Floats:
     """True signals (N, K, C) of simulations in which effects act at every step."""
     fields = sorted({"qpos", "qvel", *sensors.needs})
     bound = {name: batch.bind(name) for name in fields}
-    ctrl = batch.bind("ctrl") if plant.model.nu else None
+    ctrl = batch.bind("ctrl") if variant.model.nu else None
     commands = commands.swapaxes(0, 1).copy()
     forces = _EffectForces(batch, acts, sums, dt)
     if again:
@@ -266,7 +276,7 @@ def _run_group(
             ctrl[:] = commands[0]
         forces.apply(bound["qpos"], bound["qvel"], ctrl, begin)
         batch.step()
-        _shift_velocity_back(batch, plant, *again)
+        _shift_velocity_back(batch, variant, *again)
         forces.sums = {a: s.copy() for a, s in sums.items()}
     seen = {k: np.empty((len(commands), *v.shape), v.dtype) for k, v in bound.items()}
     of_now = [(seen[k], bound[k]) for k in ("qpos", "qvel")]
@@ -282,9 +292,9 @@ def _run_group(
             all_of_it[k] = now
     if again:
         _restore_whole_steps(batch, seen, commands, sensors, looked_at)
-    told = sensors.read_all(seen)
-    told[:, _find_diverged(batch)] = np.nan
-    return told.swapaxes(0, 1)
+    predicted = sensors.read_all(seen)
+    predicted[:, _find_diverged(batch)] = np.nan
+    return predicted.swapaxes(0, 1)
 
 
 class _EffectForces:
@@ -312,9 +322,9 @@ class _EffectForces:
         self.loss[:] = self.usual_loss
         if self.limits is not None:
             self.limits[:] = self.usual_limits
-        moment = StepState(
+        state = StepState(
             time, qpos, qvel, ctrl, self.torque, self.bias, self.applied,
             self.loss, self.limits, self.sums, self.dt,
         )  # fmt: skip
         for effect, place, values in self.acts:
-            effect.apply_forces(moment, place, values)
+            effect.apply_forces(state, place, values)

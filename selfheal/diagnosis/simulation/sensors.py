@@ -24,20 +24,20 @@ class SensorReader:
     """
 
     def __init__(
-        self, plant: ModelVariant, signals: Sequence[Channel], terms=()
+        self, variant: ModelVariant, signals: Sequence[Channel], terms=()
     ) -> None:
         """`terms` may say that an encoder sits behind a gap or a spring."""
         self.width = sum(c.width for c in signals)
         self.needs: set[str] = set()
         self._readers: list[tuple[slice, Callable[[Bound], Floats]]] = []
-        behind = _find_link_joints(plant, terms)
-        own = [plant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
+        behind = _find_link_joints(variant, terms)
+        own = [variant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
         self.rates, self.accelerations = (
-            _find_sensor_rows(plant.model, own, stage)
+            _find_sensor_rows(variant.model, own, stage)
             for stage in (2, 3)  # mjtStage
         )
         for c in signals:
-            needs, read = _make_reader(plant, c, behind)
+            needs, read = _make_reader(variant, c, behind)
             self.needs |= needs
             self._readers.append((c.columns, read))
 
@@ -64,11 +64,11 @@ def _find_sensor_rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
     return np.concatenate([np.zeros(0, int), *each])
 
 
-def make_second_joint_channels(plant: ModelVariant, places) -> list[Channel]:
+def make_second_joint_channels(variant: ModelVariant, places) -> list[Channel]:
     """Position and velocity of the second joint of each place, as signals."""
     found: list[Channel] = []
     for place in places:
-        name = plant.model.joint(place["extra_jnt"]).name
+        name = variant.model.joint(place["extra_jnt"]).name
         for kind in ("joint_position", "joint_velocity"):
             found.append(
                 Channel(name, kind, name, "", 1, len(found), 1.0, 1.0, 0.0, *NO_NOISE)
@@ -76,18 +76,20 @@ def make_second_joint_channels(plant: ModelVariant, places) -> list[Channel]:
     return found
 
 
-def _find_link_joints(plant: ModelVariant, terms: Sequence[Term]) -> dict[str, int]:
+def _find_link_joints(variant: ModelVariant, terms: Sequence[Term]) -> dict[str, int]:
     """Second joint of each joint whose position is read behind it."""
-    places = [plant.map_place(p) for t in terms for p in t.places if "suffix" in p]
+    places = [variant.map_place(p) for t in terms for p in t.places if "suffix" in p]
     return {
-        plant.model.joint(p["joint"]).name: p["extra_jnt"]
+        variant.model.joint(p["joint"]).name: p["extra_jnt"]
         for p in places
         if p["side"] == "link"
     }
 
 
-def _make_reader(plant: ModelVariant, c: Channel, behind) -> tuple[set[str], Callable]:
-    model = plant.model
+def _make_reader(
+    variant: ModelVariant, c: Channel, behind
+) -> tuple[set[str], Callable]:
+    model = variant.model
     if c.kind in ("joint_position", "joint_velocity"):
         return set(), _make_joint_reader(model, c, behind)
     if c.kind == "joint_torque":

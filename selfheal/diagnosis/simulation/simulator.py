@@ -55,9 +55,9 @@ class Simulator:
         self,
         terms: Sequence[Term],
         values: Floats,
-        windows: Segments,
+        segments: Segments,
         *,
-        kick: Floats | None = None,
+        initial_state_offset: Floats | None = None,
         centered: bool = False,
     ) -> Floats:
         """What the sensors would say.
@@ -73,9 +73,9 @@ class Simulator:
         Args:
             terms: what is true beyond the given model.
             values: (n, P) of all terms' parameters, of n hypotheses.
-            windows: W pieces with M samples.
-            kick: (n, W, 2 nv) added to the initial state, positions and then
-                velocities in the given model's degrees of freedom.
+            segments: W pieces with M samples.
+            initial_state_offset: (n, W, 2 nv) added to the initial state, positions and
+                then velocities in the given model's degrees of freedom.
             centered: whether commands, initial and sensed velocities are placed in time
                 as a leapfrog has them, rather than as MuJoCo's user would.
 
@@ -84,73 +84,87 @@ class Simulator:
         """
         values = np.atleast_2d(values)
         if not any(t.onset for t in terms):
-            return self._simulate_in_batches(terms, values, windows, kick, centered)
-        there = self._find_active_terms(terms, windows)
+            return self._simulate_in_batches(
+                terms, values, segments, initial_state_offset, centered
+            )
+        there = self._find_active_terms(terms, segments)
         of_each = np.repeat(np.arange(len(terms)), [len(t.parameters) for t in terms])
-        told = np.empty((len(values), *windows.readings.shape))
+        predicted = np.empty((len(values), *segments.readings.shape))
         for kind in np.unique(there, axis=0):
             chosen = np.flatnonzero((there == kind).all(axis=1))
-            told[:, windows.find_sample_rows(chosen)] = self._simulate_in_batches(
+            predicted[:, segments.find_sample_rows(chosen)] = self._simulate_in_batches(
                 [t for t, is_there in zip(terms, kind, strict=True) if is_there],
-                values[:, kind[of_each]], self.select_segments(windows, chosen),
-                None if kick is None else kick[:, chosen], centered,
-            )  # fmt: skip
-        return told
+                values[:, kind[of_each]],
+                self.select_segments(segments, chosen),
+                None
+                if initial_state_offset is None
+                else initial_state_offset[:, chosen],
+                centered,
+            )
+        return predicted
 
     def _find_active_terms(
-        self, terms: Sequence[Term], windows: Segments
+        self, terms: Sequence[Term], segments: Segments
     ) -> np.ndarray:
         """(W, T) whether each term holds in most of each window."""
-        there = np.ones((len(windows), len(terms)), bool)
-        for i, log in enumerate(self.episodes):
-            rows = np.flatnonzero(windows.episode == i)
-            middle = windows.first_step[rows] + windows.lengths[rows] / 2
-            times = log.start + middle * self.timestep
+        there = np.ones((len(segments), len(terms)), bool)
+        for i, episode in enumerate(self.episodes):
+            rows = np.flatnonzero(segments.episode == i)
+            middle = segments.first_step[rows] + segments.lengths[rows] / 2
+            times = episode.start + middle * self.timestep
             for k, term in enumerate(terms):
-                if term.onset and log.number == term.onset.number:
+                if term.onset and episode.number == term.onset.number:
                     there[rows, k] = times > term.onset.time
                 elif term.onset:
-                    there[rows, k] = log.number > term.onset.number
+                    there[rows, k] = episode.number > term.onset.number
         return there
 
-    def select_segments(self, windows: Segments, chosen: np.ndarray) -> Segments:
+    def select_segments(self, segments: Segments, chosen: np.ndarray) -> Segments:
         """Some windows, the same ones each time: what is held of them is found."""
-        kept = self.cache.setdefault(windows, {})
+        kept = self.cache.setdefault(segments, {})
         key = np.asarray(chosen).tobytes()
         if key not in kept:
-            kept[key] = windows.select(chosen)
+            kept[key] = segments.select(chosen)
         return kept[key]
 
     def _simulate_in_batches(
-        self, terms, values: Floats, windows, kick, centered
+        self, terms, values: Floats, segments, initial_state_offset, centered
     ) -> Floats:
         """The same of terms that hold all the time, as many at once as there is room.
 
         Values (n, P).
         """
-        size = len(windows) * (int(windows.lengths.max()) + 2) * self._numbers_per_step
+        size = (
+            len(segments) * (int(segments.lengths.max()) + 2) * self._numbers_per_step
+        )
         count = max(1, int(ROOM / size))
         pieces = [
             self._simulate(
-                terms, values[i : i + count], windows,
-                None if kick is None else kick[i : i + count],
+                terms,
+                values[i : i + count],
+                segments,
+                None
+                if initial_state_offset is None
+                else initial_state_offset[i : i + count],
                 centered,
             )
             for i in range(0, len(values), count)
-        ]  # fmt: skip
+        ]
         return np.concatenate(pieces)
 
     @cached_property
     def with_half_step(self) -> "Simulator":
         """The same, simulated in steps of half the size."""
-        logs = tuple(log.with_half_step for log in self.episodes)
+        logs = tuple(episode.with_half_step for episode in self.episodes)
         return self._with_changes(timestep=self.timestep / 2, episodes=logs)
 
     @cached_property
     def with_late_commands(self) -> "Simulator":
         """The same, where all commands act `LATE` of a step later."""
         return self._with_changes(
-            episodes=tuple(log.with_late_commands(LATE) for log in self.episodes)
+            episodes=tuple(
+                episode.with_late_commands(LATE) for episode in self.episodes
+            )
         )
 
     def with_channels(self, signals: tuple[Channel, ...]) -> "Simulator":
@@ -174,90 +188,101 @@ class Simulator:
         kept = {"qpos", "qvel", *sensors.needs}
         return sensors.width + 2 * sum(np.size(getattr(data, f)) for f in kept)
 
-    def _simulate(self, terms, values, windows, kick, centered) -> Floats:
-        plant = self.compiler.compile_variant(terms, leaping=centered)
-        self.simulated_count[0] += len(values) * len(windows)
+    def _simulate(
+        self, terms, values, segments, initial_state_offset, centered
+    ) -> Floats:
+        variant = self.compiler.compile_variant(terms, leaping=centered)
+        self.simulated_count[0] += len(values) * len(segments)
         shares = split_values(terms, values)
-        models = plant.build_models(terms, values)
+        models = variant.build_models(terms, values)
         for model in models:
             model.opt.timestep = self.timestep
-        mean, centered = centered, centered and plant.is_single_stage
+        mean, centered = centered, centered and variant.is_single_stage
         if centered:
             for model in models:
                 center_damping(model, self.timestep)
         reads = self.collect_reading_changes(terms, shares, len(values))
-        those = Hypotheses(plant, models, terms, values, shares, reads, centered)
-        start = self._make_initial_states(those, windows).compute(models, kick)
+        hypotheses = Hypotheses(variant, models, terms, values, shares, reads, centered)
+        start = self._make_initial_states(hypotheses, segments).compute(
+            models, initial_state_offset
+        )
         if any("suffix" in place for t in terms for place in t.places):
-            self._warm_up(those, windows, start)
-        sensors = SensorReader(plant, self.channels, terms)
-        commands = self._compute_commands(those, windows, centered, mean)
-        told = simulate_batch(
-            those,
-            windows,
+            self._warm_up(hypotheses, segments, start)
+        sensors = SensorReader(variant, self.channels, terms)
+        commands = self._compute_commands(hypotheses, segments, centered, mean)
+        predicted = simulate_batch(
+            hypotheses,
+            segments,
             start,
             commands,
             sensors,
-            self._find_sampled_steps(windows, reads),
+            self._find_sampled_steps(segments, reads),
             step=self.timestep,
         )
-        told = told.reshape(len(values), len(windows), *told.shape[1:])
+        predicted = predicted.reshape(len(values), len(segments), *predicted.shape[1:])
         return self._sample_signals(
-            told, those, windows, commands.reshape(*told.shape[:3], -1)
+            predicted, hypotheses, segments, commands.reshape(*predicted.shape[:3], -1)
         )
 
     def _make_initial_states(
-        self, those: Hypotheses, windows: Segments
+        self, hypotheses: Hypotheses, segments: Segments
     ) -> InitialStates:
         return InitialStates(
             self,
-            those.variant,
-            those.terms,
-            those.values,
-            windows,
-            those.reading_changes,
+            hypotheses.variant,
+            hypotheses.terms,
+            hypotheses.values,
+            segments,
+            hypotheses.reading_changes,
         )
 
-    def _warm_up(self, those: Hypotheses, windows: Segments, start) -> None:
+    def _warm_up(self, hypotheses: Hypotheses, segments: Segments, start) -> None:
         """Let what no sensor reads, inside a gear, come from the time just before."""
         steps = max(1, round(WARM / self.timestep))
-        rows = np.flatnonzero(windows.first_step >= steps)
+        rows = np.flatnonzero(segments.first_step >= steps)
         if not len(rows):
             return
-        plant, n = those.variant, len(those.models)
+        variant, n = hypotheses.variant, len(hypotheses.models)
         before = Segments(
-            windows.episode[rows],
-            windows.first_step[rows] - steps,
+            segments.episode[rows],
+            segments.first_step[rows] - steps,
             np.full(len(rows), steps),
             np.zeros(0, int),
             np.zeros(0),
             np.zeros((0, 0)),
         )
         places = [
-            plant.map_place(p) for t in those.terms for p in t.places if "suffix" in p
+            variant.map_place(p)
+            for t in hypotheses.terms
+            for p in t.places
+            if "suffix" in p
         ]
-        told = simulate_batch(
-            those,
+        predicted = simulate_batch(
+            hypotheses,
             before,
-            self._make_initial_states(those, before).compute(those.models, None),
-            self._compute_commands(those, before, those.centered, those.centered),
-            SensorReader(plant, make_second_joint_channels(plant, places)),
+            self._make_initial_states(hypotheses, before).compute(
+                hypotheses.models, None
+            ),
+            self._compute_commands(
+                hypotheses, before, hypotheses.centered, hypotheses.centered
+            ),
+            SensorReader(variant, make_second_joint_channels(variant, places)),
             np.zeros(0, int),
             step=self.timestep,
         )[:, steps].reshape(n, len(rows), len(places), 2)
-        q, v = (x.reshape(n, len(windows), -1)[:, rows] for x in start[:2])
+        q, v = (x.reshape(n, len(segments), -1)[:, rows] for x in start[:2])
         for i, place in enumerate(places):
-            known = np.isfinite(told[:, :, i]).all(axis=-1)
+            known = np.isfinite(predicted[:, :, i]).all(axis=-1)
             for x, now, extra, own in (
-                (q, told[:, :, i, 0], "extra_qpos", "qpos"),
-                (v, told[:, :, i, 1], "extra_dof", "dof"),
+                (q, predicted[:, :, i, 0], "extra_qpos", "qpos"),
+                (v, predicted[:, :, i, 1], "extra_dof", "dof"),
             ):
                 moved = np.where(known, now - x[..., place[extra]], 0.0)
                 x[..., place[extra]] += moved
                 if place["side"] == "link":
                     x[..., place[own]] -= moved
         for x, new in ((start[0], q), (start[1], v)):
-            x.reshape(n, len(windows), -1)[:, rows] = new
+            x.reshape(n, len(segments), -1)[:, rows] = new
 
     def collect_reading_changes(
         self, terms, shares, n: int
@@ -271,61 +296,61 @@ class Simulator:
                     reads.setdefault(place["signal"], {}).update(said)
         return reads
 
-    def _find_sampled_steps(self, windows: Segments, reads) -> np.ndarray:
+    def _find_sampled_steps(self, segments: Segments, reads) -> np.ndarray:
         """Steps of windows beside which a sample lies, of any hypothesis."""
         delays = [said["delay"] for said in reads.values() if "delay" in said]
         late = np.unique(np.concatenate([np.zeros(1), *delays])) / self.timestep
-        low = np.floor(np.unique(windows.sample_steps) - late[:, None] + ALIKE).astype(
+        low = np.floor(np.unique(segments.sample_steps) - late[:, None] + ALIKE).astype(
             int
         )
-        last = int(windows.lengths.max()) + 1
+        last = int(segments.lengths.max()) + 1
         return np.unique(np.clip([low, low + 1], 0, last))
 
     def _compute_commands(
-        self, those: Hypotheses, windows: Segments, centered: bool, mean: bool
+        self, hypotheses: Hypotheses, segments: Segments, centered: bool, mean: bool
     ) -> Floats:
         """Commands (n W, K, nu) of each step, as they reach the actuators."""
-        terms = those.terms
+        terms = hypotheses.terms
         if not any(implements(t.effect, "transform_command") for t in terms):
-            kept = self.cache.setdefault(windows, {})
+            kept = self.cache.setdefault(segments, {})
             if centered not in kept:
                 kept[centered] = self._transform_segments(
-                    (), (), windows, centered, mean
+                    (), (), segments, centered, mean
                 )[0]
-            return np.tile(kept[centered], (len(those.models), 1, 1))
+            return np.tile(kept[centered], (len(hypotheses.models), 1, 1))
         out = self._transform_segments(
-            terms, those.term_values, windows, centered, mean
+            terms, hypotheses.term_values, segments, centered, mean
         )
         return out.reshape(-1, *out.shape[2:])
 
     def _transform_segments(
-        self, terms, shares, windows: Segments, centered, mean
+        self, terms, shares, segments: Segments, centered, mean
     ) -> Floats:
         """Commands (1 or n, W, K, nu)."""
         n = len(shares[0]) if terms else 1
-        steps = np.arange(int(windows.lengths.max()) + 2)
-        out = np.empty((n, len(windows), len(steps), self.compiler.nominal.nu))
-        for i in np.unique(windows.episode):
-            rows = np.flatnonzero(windows.episode == i)
-            log = self.episodes[i].truncate(
-                int(windows.first_step[rows].max()) + len(steps) + 1
+        steps = np.arange(int(segments.lengths.max()) + 2)
+        out = np.empty((n, len(segments), len(steps), self.compiler.nominal.nu))
+        for i in np.unique(segments.episode):
+            rows = np.flatnonzero(segments.episode == i)
+            episode = self.episodes[i].truncate(
+                int(segments.first_step[rows].max()) + len(steps) + 1
             )
-            grid = self.transform_commands(terms, shares, log, centered, mean)
+            grid = self.transform_commands(terms, shares, episode, centered, mean)
             at = np.minimum(
-                windows.first_step[rows][:, None] + steps, grid.shape[1] - 1
+                segments.first_step[rows][:, None] + steps, grid.shape[1] - 1
             )
             out[:, rows] = grid[:, at]
         return out
 
     def transform_commands(
-        self, terms, shares, log: SampledEpisode, centered: bool, mean: bool
+        self, terms, shares, episode: SampledEpisode, centered: bool, mean: bool
     ) -> Floats:
         """Commands (1 or n, G, nu) of an episode, as they reach the actuators.
 
         Centered in time as a leapfrog has them, or not; and, of what changes within a
         step, its mean or, as MuJoCo has it, what it was when the step began.
         """
-        ctrl = (log.ctrl_centered if centered else log.ctrl)[None]
+        ctrl = (episode.ctrl_centered if centered else episode.ctrl)[None]
         for term, part in zip(terms, shares, strict=True):
             if implements(term.effect, "transform_command"):
                 for place in term.places:
@@ -341,22 +366,24 @@ class Simulator:
         return ctrl
 
     def _sample_signals(
-        self, told, those: Hypotheses, windows: Segments, used
+        self, predicted, hypotheses: Hypotheses, segments: Segments, used
     ) -> Floats:
         """Signals (n, M, C) at the samples' times, as the sensors would say them.
 
         Of true ones (n, W, K, C) and the commands `used` (n, W, K, nu).
         """
-        out = np.empty((len(told), len(windows.sample_steps), told.shape[-1]))
+        out = np.empty(
+            (len(predicted), len(segments.sample_steps), predicted.shape[-1])
+        )
         for c in self.channels:
-            said = those.reading_changes.get(c.name, {})
+            said = hypotheses.reading_changes.get(c.name, {})
             delay = said.get("delay", np.zeros(1))[:, None] / self.timestep
-            at = windows.sample_steps[None] - delay
-            value = _interpolate(told[..., c.columns], windows, at)
+            at = segments.sample_steps[None] - delay
+            value = _interpolate(predicted[..., c.columns], segments, at)
             if c.kind == "body_orientation" and "delay" in said:
                 value /= np.linalg.norm(value, axis=-1, keepdims=True)
             if c.kind == "joint_torque":
-                self._correct_torques(value[..., 0], c, those, windows, at, used)
+                self._correct_torques(value[..., 0], c, hypotheses, segments, at, used)
             gain = said.get("gain", np.ones(1))[:, None, None]
             bias = said.get("bias", np.zeros((1, 1)))[:, None]
             value = gain * value + bias
@@ -367,53 +394,55 @@ class Simulator:
         return out
 
     def _correct_torques(
-        self, told: Floats, c: Channel, those, windows, at, used
+        self, predicted: Floats, c: Channel, hypotheses, segments, at, used
     ) -> None:
         """Let torques (n, M) be of the commands that hold when they are read.
 
         A step has the mean of what is sent in it, or half a step earlier.
         """
-        model = those.models[0]
+        model = hypotheses.models[0]
         a = model.actuator(c.target).id
         if model.actuator_dyntype[a] or model.actuator_delay[a]:
             return
-        changed = [t for t in those.terms if implements(t.effect, "transform_command")]
+        changed = [
+            t for t in hypotheses.terms if implements(t.effect, "transform_command")
+        ]
         if any(place["actuator"] == a for t in changed for place in t.places):
-            now = self._compute_commands(those, windows, False, False).reshape(
+            now = self._compute_commands(hypotheses, segments, False, False).reshape(
                 used.shape
             )
-            sent = _interpolate(now[..., [a]], windows, at)[..., 0]
+            sent = _interpolate(now[..., [a]], segments, at)[..., 0]
         else:
-            sent = self._find_sent_command(windows, at, a)
-        apart = sent - _interpolate(used[..., [a]], windows, at)[..., 0]
-        for i, own in enumerate(those.models):
+            sent = self._find_sent_command(segments, at, a)
+        apart = sent - _interpolate(used[..., [a]], segments, at)[..., 0]
+        for i, own in enumerate(hypotheses.models):
             gear = float(own.actuator_gear[a, 0])
-            told[i] += gear * own.actuator_gainprm[a, 0] * apart[i]
+            predicted[i] += gear * own.actuator_gainprm[a, 0] * apart[i]
             if own.actuator_forcelimited[a]:
                 low, high = np.sort(gear * own.actuator_forcerange[a])
-                told[i] = np.clip(told[i], low, high)
+                predicted[i] = np.clip(predicted[i], low, high)
 
-    def _find_sent_command(self, windows: Segments, at: Floats, a: int) -> Floats:
+    def _find_sent_command(self, segments: Segments, at: Floats, a: int) -> Floats:
         """Command (1 or n, M) of an actuator that holds at times `at`."""
         out = np.empty(at.shape)
-        for i, log in enumerate(self.episodes):
-            rows = np.flatnonzero(windows.episode[windows.segment_of_sample] == i)
+        for i, episode in enumerate(self.episodes):
+            rows = np.flatnonzero(segments.episode[segments.segment_of_sample] == i)
             when = (
-                windows.first_step[windows.segment_of_sample[rows]]
+                segments.first_step[segments.segment_of_sample[rows]]
                 + at[:, rows]
                 + ALIKE
             )
-            k = np.searchsorted(log.sample_steps, when, side="right") - 1
-            out[:, rows] = log.sent_ctrl[np.maximum(k, 0), a]
+            k = np.searchsorted(episode.sample_steps, when, side="right") - 1
+            out[:, rows] = episode.sent_ctrl[np.maximum(k, 0), a]
         return out
 
 
-def _interpolate(grid: Floats, windows: Segments, at: Floats) -> Floats:
+def _interpolate(grid: Floats, segments: Segments, at: Floats) -> Floats:
     """Values (n, M, c) at times `at` (n, M) of what (n, W, K, c) has at each step."""
     low = np.clip(np.floor(at).astype(int), 0, grid.shape[2] - 2)
     share = (at - low)[..., None]
     rows = np.arange(len(grid))[:, None]
     before, after = (
-        grid[rows, windows.segment_of_sample[None], low + i] for i in (0, 1)
+        grid[rows, segments.segment_of_sample[None], low + i] for i in (0, 1)
     )
     return before + share * (after - before)
