@@ -33,8 +33,8 @@ def check_dataset(dataset: Dataset) -> None:
         raise ModelError(
             f"{dataset.compiler.path}: the model diverges, first in episode "
             f"{episode!r} at {time:.4g} s, in {count} of {len(segments)} pieces; would "
-            "fit: a smaller timestep, another integrator, or commands and initial states "
-            "that it can stand"
+            "fit: a smaller timestep, another integrator, or commands and initial "
+            "states that it can stand"
         )
 
 
