@@ -55,6 +55,7 @@ from selfheal.diagnosis.estimation.problem import (
     assign_blocks,
     build_initial_state_offsets,
 )
+from selfheal.diagnosis.estimation.regime import CONTACT, SMOOTH
 from selfheal.diagnosis.estimation.reweighting import (
     reestimate_initial_states,
     reestimate_misleading_states,
@@ -508,7 +509,7 @@ def _rough(count: int, outlier: float = 0.0):
         compute_residuals=residuals,
         segment_of_residual=np.arange(count),
         sum_by_segment=lambda r: r,
-        segments=SimpleNamespace(is_single_readings=False),
+        regime=SMOOTH,
     )
 
 
@@ -1056,7 +1057,7 @@ def test_slopes_of_starts_are_without_the_roughness_of_what_they_leave():
         return rng.normal(size=(len(kick), size))
 
     jumps = SimpleNamespace(
-        is_nonsmooth=True,
+        regime=CONTACT,
         compute_residuals=residuals,
         segment_of_residual=np.zeros(size, int),
     )

@@ -11,9 +11,6 @@ from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
 from .problem import Problem
 
-# of a parameter's scale, for differences; chosen: above solver noise; of a motion that
-# touches, readings jump at whatever change, and a slope over a small one tells of that
-NUDGE, COARSE = 0.02, 0.3
 STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
 # a step stays in the neighborhood that gains less than this share of the cost, or after
 # which the Jacobian was wrong by less than this share of what is left; chosen
@@ -125,7 +122,7 @@ def compute_jacobian(
     own = values[first:]
     if not len(own):
         return np.zeros((len(at), 0))
-    moves = (moved or (COARSE if problem.is_nonsmooth else NUDGE)) * scale
+    moves = (moved or problem.regime.difference_step) * scale
     moves = np.where(own + moves > high, -moves, moves)
     points = np.tile(values, (len(own), 1))
     points[:, first:] += np.diag(moves)
@@ -188,7 +185,7 @@ def _run_gauss_newton(
         wrong = change - jac @ move
         if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
             jac = update_broyden(jac, move, change, scale)
-        elif problem.is_nonsmooth:  # and that is most of what it was wrong by
+        elif problem.regime.is_nonsmooth:  # and that is most of what it was wrong by
             jac = update_broyden(jac, move, change, scale)[:, :nominal_terms]
             jac = known = np.hstack(
                 [jac, compute_jacobian(problem, terms, x, r, nominal_terms)]
@@ -268,7 +265,7 @@ def refine_jacobian(problem: Problem, found: Fit) -> Fit:
     which large slopes cancel, what is left of them would look like knowledge. Where
     something touches, fine slopes tell of the roughness alone.
     """
-    if problem.is_nonsmooth or found.has_fine_jacobian:
+    if problem.regime.is_nonsmooth or found.has_fine_jacobian:
         return found
     x, r = found.values, found.residuals
     jac = compute_jacobian(problem, found.terms, x, r, moved=FINE)

@@ -129,7 +129,7 @@ def _search_initial_states(
         own = _respond_to_offsets(part, terms, values, start, unit)
         for w, one in zip(active, own, strict=True):
             predicted[w] = one
-        if last == SOUGHT or problem.segments.is_single_readings:
+        if last == SOUGHT or problem.regime.has_single_readings:
             break
         best = [
             _solve_initial_state(*one, o) for one, o in zip(own, start, strict=True)
@@ -196,13 +196,13 @@ def _respond_to_offsets(
     """What `_sought` returns first, of starts as they are; arguments as there."""
     count, width = off.shape
     each = unit_offsets(width)
-    if problem.is_nonsmooth:  # else the residuals' own roughness would be in all slopes
+    if problem.regime.is_nonsmooth:  # else roughness at one point is in all slopes
         hair = np.full((1, 1, width), HAIR)
         each = np.concatenate([each, hair, -hair])
     rows = np.tile(values, (len(each), 1))
     predicted = problem.compute_residuals(terms, rows, (off + each) * std)
     edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
-    middle = slice(1 + width, None) if problem.is_nonsmooth else slice(1)
+    middle = slice(1 + width, None) if problem.regime.is_nonsmooth else slice(1)
     return [
         (part[0], (part[1 : 1 + width] - part[middle].mean(axis=0)).T)
         for part in np.split(predicted, edges, axis=1)

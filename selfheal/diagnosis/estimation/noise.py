@@ -30,7 +30,7 @@ def update_noise_model(problem: Problem, residuals: Floats) -> Simulator:
     The same one where that is what it knew before.
     """
     simulator = problem.simulator
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return simulator
     variance, memory = _fit_variograms(problem, residuals)
     scatter = np.concatenate([c.scatter for c in simulator.channels])
@@ -135,7 +135,7 @@ def worst_channel_ratio(problem: Problem, found: Fit) -> float:
     where something touches, for each may be wrong by impacts. Of poses nothing tells
     the noise: 0.
     """
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return 0.0
     of_step = problem.timestep_error(found.terms, found.values, found.residuals)
     scored = repeat_by_column(problem.simulator.channels, "is_scored") & (
@@ -151,7 +151,7 @@ def worst_channel_ratio(problem: Problem, found: Fit) -> float:
     ratios = [0.0]
     for left, ours in zip(squares.T, usual.T, strict=True):
         left, ours = (np.bincount(window, x, size) for x in (left, ours))
-        if problem.simulator.has_contact:
+        if problem.regime.has_rough_cost:
             read = ours > 0
             ratios.append(np.median(left[read] / ours[read]) if read.any() else 0.0)
             continue

@@ -31,7 +31,7 @@ def search_multiples(problem: Problem, terms: Sequence[Term], values: Floats) ->
     counts by the logarithm of its cost, as if each had a noise of its own. Single
     readings are too few for that.
     """
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return values
     for i in np.flatnonzero(prior_precision(terms) == 0):
         points = _scale_one_value(terms, values, i, ABOUT)

@@ -21,6 +21,7 @@ from ..simulation.dataset import (
     cut_readable_segments,
 )
 from ..simulation.simulator import Simulator
+from .regime import Regime, find_regime
 
 FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
 # of an error, a move of a start that changes nothing but which roughness is met; chosen
@@ -58,9 +59,9 @@ class Problem:
         )
 
     @property
-    def is_nonsmooth(self) -> bool:
-        """Whether something touches as the robot moves, so that readings jump."""
-        return self.simulator.has_contact and not self.segments.is_single_readings
+    def regime(self) -> Regime:
+        """What its data allow a fit to ask."""
+        return find_regime(self.simulator.has_contact, self.segments.is_single_readings)
 
     def compute_residuals(
         self,

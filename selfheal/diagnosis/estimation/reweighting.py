@@ -44,7 +44,7 @@ def reweight_residuals(problem: Problem, found: Fit) -> Problem:
     problem = _weight_by_residuals(
         problem, found, residuals, update_noise_model(problem, residuals)
     )
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return problem
     residuals = problem.residuals_at(found.terms, found.values)
     simulator = update_noise_model(problem, residuals)
@@ -76,8 +76,8 @@ def reestimate_initial_states(
     """
     if (
         problem.initial_state_shift is None
-        or problem.is_nonsmooth
-        or problem.segments.is_single_readings
+        or problem.regime.is_nonsmooth
+        or problem.regime.has_single_readings
     ):
         return problem
     return marginalize_initial_states(problem, terms, values)
@@ -90,7 +90,7 @@ def reestimate_misleading_states(problem: Problem, found: Fit) -> tuple[Problem,
     other values; those then stay where that window alone would have them. So starts are
     sought with the values that all others ask for.
     """
-    for _ in range(0 if problem.segments.is_single_readings else SEATS):
+    for _ in range(0 if problem.regime.has_single_readings else SEATS):
         base, segments = (
             LinearizedFit.from_fit(problem, found),
             range(len(problem.segments)),

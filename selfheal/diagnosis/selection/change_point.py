@@ -12,7 +12,7 @@ from ..effects.base import Onset, Term
 from ..estimation.covariance import effective_sample_size
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.noise import ABOVE, LEFT, expected_noise_by_segment
+from ..estimation.noise import expected_noise_by_segment
 from ..estimation.problem import Problem
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit, fit_and_score
@@ -36,7 +36,7 @@ def detect_change_point(problem: Problem, found: Fit) -> Onset | None:
         problem: windows.
         found: what is stated, fitted to all of them.
     """
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return None
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
     cuts = _list_cuts(problem.segments.episode[order])
@@ -87,8 +87,8 @@ def _fit_if_explained(problem: Problem, chosen: np.ndarray, found: Fit) -> Fit |
     of_step = part.timestep_error(best.terms, best.values, best.residuals)
     usual = expected_noise_by_segment(part) + part.sum_by_segment(of_step**2)
     left = part.sum_by_segment(best.residuals**2)
-    most = ABOVE if problem.simulator.has_contact else LEFT
-    return best if np.median(left / np.maximum(usual, 1e-12)) <= most**2 else None
+    ratio = np.median(left / np.maximum(usual, 1e-12))
+    return best if ratio <= problem.regime.explained_ratio**2 else None
 
 
 def _build_onset(

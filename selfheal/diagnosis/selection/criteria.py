@@ -31,9 +31,8 @@ from .screening import Progress
 
 FITTED = 5  # of the last ones, with every other value fitted anew; chosen
 SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
-# least share of the held-out squared error that a name removes; and where impacts make
-# the cost rough; chosen
-WORTH, ROUGH = 0.02, 0.1
+# least share of the held-out squared error without which a name may go; chosen
+WORTH = 0.02
 STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
 DRASTIC = 2  # at most, of what leaves nothing to fit, that are fitted; chosen
 MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
@@ -99,7 +98,7 @@ def fit_parameterless(
     """
     whole = [t for t in candidates if not t.parameters]
     problem, found = base.problem, base.fit
-    if not whole or problem.segments.is_single_readings:
+    if not whole or problem.regime.has_single_readings:
         return []
     raw = replace(problem.unmarginalized, initial_state_shift=None)
     values = np.append(np.ones(nominal_terms), found.values[nominal_terms:])
@@ -128,13 +127,12 @@ def choose_winner(
 ) -> tuple[ScoredFit, Claim] | None:
     """The candidate that earns a name, and its claim to it."""
     p_value = {s: improvement_p_value(problem, now, s, tried) for s in finals}
-    least = ROUGH if problem.is_nonsmooth else WORTH
     good = [
         s
         for s in finals
         if p_value[s] < SURE
         and not s.candidate.is_negligible(s.values)
-        and s.error < (1 - least) * now.error
+        and s.error < (1 - problem.regime.min_gain) * now.error
         and is_plausible(problem, now, s)
         and generalizes_across_episodes(problem, now.fit, s.fit, s.reestimated)
     ]
@@ -171,7 +169,7 @@ def find_relieving(
     # where something touches, the cost is too rough to follow a valley
     end = (
         partial(refine_undamped, problem)
-        if not problem.simulator.has_contact
+        if not problem.regime.has_rough_cost
         else lambda f: f
     )
     before = end(now.fit)
@@ -229,7 +227,7 @@ def _choose_likeliest(
             and s.error < MOSTLY * now.error
         ):
             return s
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         good = sorted(good, key=partial(bic, problem), reverse=True)
         near = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
         # a pose that is read once tells nothing of when a command arrives
@@ -262,7 +260,7 @@ def significant_prior_penalty(problem: Problem, found: Fit) -> float:
     Impacts make the cost rough, which drives every stated value some way.
     """
     values = np.count_nonzero(prior_precision(found.terms))
-    return STRAINED + (values if problem.simulator.has_contact else 0)
+    return STRAINED + problem.regime.prior_penalty_of_value * values
 
 
 def is_plausible(problem: Problem, now: ScoredFit, new: ScoredFit) -> bool:

@@ -74,7 +74,7 @@ def predict_held_out(
         _, move = base.drop_residuals(rows)
         own = np.unique(problem.segment_of_residual[rows])
         whole = np.isin(problem.segment_of_residual, own).sum() == rows.sum()
-        if whole and not problem.segments.is_single_readings:
+        if whole and not problem.regime.has_single_readings:
             out[rows] = problem.select(own).residuals_at(found.terms, x + move) ** 2
         else:
             out[rows] = (r[rows] + jac[rows] @ move) ** 2
@@ -105,7 +105,7 @@ def generalizes_across_episodes(
     of = problem.segments.episode
     before = np.bincount(of, predict_held_out(problem, old, episode))
     after = np.bincount(of, predict_held_out(reestimated or problem, new, episode))
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return bool(after.sum() < before.sum())
     there = before > 0
     return bool(np.log(after[there] / before[there]).sum() < 0)

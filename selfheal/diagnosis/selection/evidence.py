@@ -46,7 +46,7 @@ def improvement_p_value(
     """
     from scipy.stats import chi2
 
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         tries = 1
         nats = min(_log_likelihoods(problem, new) - _log_likelihoods(problem, old))
         nats = nats if old.error > new.error else 0.0
@@ -113,7 +113,7 @@ def is_as_good(
     Where little but noise is left, likelihoods tell, if not by one window alone; a
     model that is wrong for both has to be so by more than it varies.
     """
-    if problem.segments.is_single_readings:
+    if problem.regime.has_single_readings:
         return bic(problem, lead) - bic(problem, other) < errors
     if _is_clearly_likelier(problem, lead, other):
         return False

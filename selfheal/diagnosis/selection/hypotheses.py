@@ -117,7 +117,7 @@ def name_effects(
     start, candidates = replace(search), search.candidates
     search.run_forward()
     # poses do not show what most robots have
-    if search.is_done or problem.segments.is_single_readings:
+    if search.is_done or problem.regime.has_single_readings:
         return [_finish(search, problem)]
     # what the first search set aside for a name, the second one tries in its place
     likely = [t for t in candidates if t in search.candidates or t.effect.is_usual(t)]

@@ -64,14 +64,14 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     if hypothesis.named:
         start = search_multiples(problem, found.terms, found.values)
         final = fit_parameters(problem, found.terms, start, rounds=6)
-        if problem.is_nonsmooth:  # the cost has many minima
+        if problem.regime.is_nonsmooth:  # the cost has many minima
             final = replace(final, values=search_along_valleys(problem, final))
             problem, final = fit_smoothed(problem, final)
-        elif not problem.simulator.has_contact:
+        elif not problem.regime.has_rough_cost:
             problem, final = reestimate_misleading_states(problem, final)
     # where something touches, or is left, the cost is too rough for it
     if (
-        not problem.simulator.has_contact
+        not problem.regime.has_rough_cost
         and noise_ratio(problem, final.residuals) <= ABOVE
     ):
         final = refine_undamped(problem, final)

@@ -79,8 +79,8 @@ def find_overlooked_segments(
     """
     others = np.setdiff1d(np.arange(len(problem.segments)), some)
     if (
-        problem.simulator.has_contact
-        or problem.segments.is_single_readings
+        problem.regime.has_rough_cost
+        or problem.regime.has_single_readings
         or not len(others)
     ):
         return others[:0]
@@ -136,7 +136,7 @@ def screen_candidates(
 
 def _drop_unpromising(base: LinearizedFit, fits: list[Fit]) -> list[Fit]:
     """The best of candidates' fits, and those that gain more than without any."""
-    if base.problem.segments.is_single_readings:  # too few readings to tell
+    if base.problem.regime.has_single_readings:  # too few readings to tell
         return fits
     least = (1 - SLIGHT) * base.minimize(base.fit.residuals)[0]
     return [f for i, f in enumerate(fits) if not i or f.cost + f.prior_penalty < least]

@@ -121,14 +121,14 @@ class StepwiseSearch:
     def is_mostly_explained(self) -> bool:
         """Whether the names left little, of a robot whose cost is rough anyway."""
         nats = sum(self.claims[t.key].evidence.gain for t in self.named)
-        return self.problem.simulator.has_contact and np.exp(-2 * nats) < LITTLE
+        return self.problem.regime.has_rough_cost and np.exp(-2 * nats) < LITTLE
 
     @property
     def is_prior_violated(self) -> bool:
         """Whether stated values alone are so far off that a name might mend it."""
         if self.named:
             return False
-        if self.problem.simulator.has_contact:  # roughness drives all of them some way
+        if self.problem.regime.has_rough_cost:  # roughness drives all of them some way
             return bool(self.restating_candidates)
         return self.best.fit.prior_penalty > STRAINED
 
@@ -137,7 +137,7 @@ class StepwiseSearch:
         """What says a stated value anew; where something touches, one at its bound."""
         found = self.best.fit
         nominal_terms = list(found.terms[: self.nominal_count])
-        if self.problem.simulator.has_contact:
+        if self.problem.regime.has_rough_cost:
             low, high, _ = stack_bounds(found.terms)
             room = np.minimum(found.values - low, high - found.values) / (high - low)
             nominal_terms = [
@@ -154,7 +154,7 @@ class StepwiseSearch:
     def is_done(self) -> bool:
         """Whether nothing is left that another hypothesis could explain."""
         odd = any(t.effect.rarity for t in self.named) or len(self.named) > 1
-        strict = odd and not self.problem.simulator.has_contact
+        strict = odd and not self.problem.regime.has_rough_cost
         near = self.noise_ratio <= (LEFT if strict else ABOVE)
         quiet = (
             self.is_white
@@ -201,7 +201,7 @@ class StepwiseSearch:
         bases = [select_hard_segments(all_of_it, steps, self.rng) for steps in STEPS]
         fits, independent, again = screen_candidates(bases, open_to, self.progress)
         part = bases[-1]
-        if len(open_to) > MANY and not part.problem.segments.is_single_readings:
+        if len(open_to) > MANY and not part.problem.regime.has_single_readings:
             kept = [t for t in self.candidates if t not in open_to]
             self.candidates = [*again, *kept]
         if not self.first_round:
@@ -209,7 +209,7 @@ class StepwiseSearch:
                 (f.terms[-1], f.cost / part.fit.cost) for f in fits
             )
         finals = fit_finalists(part.problem, fits, self.progress)
-        if part.problem.segments.is_single_readings:
+        if part.problem.regime.has_single_readings:
             finals = refit_without_folds(part, finals, open_to)
         whole = fit_parameterless(part, self.nominal_count, open_to, self.progress)
         said = {s.candidate.key for s in whole}
@@ -230,7 +230,7 @@ class StepwiseSearch:
         same = len(best.fit.residuals) == len(self.best.fit.residuals)
         near = best.fit.jacobian if same else None
         problem, at = self.problem, (best.fit.terms, best.fit.values)
-        if best.reestimated and problem.is_nonsmooth:  # begun from what was read
+        if best.reestimated and problem.regime.is_nonsmooth:  # begun from what was read
             problem = marginalize_initial_states(
                 replace(problem.unmarginalized, initial_state_shift=None), *at
             )
@@ -263,7 +263,7 @@ class StepwiseSearch:
                 break
             term, self.best = min(tries, key=lambda x: x[1].error)
             gone.append(term)
-        for term in () if self.problem.segments.is_single_readings else self.named[:-1]:
+        for term in () if self.problem.regime.has_single_readings else self.named[:-1]:
             self.best = exchange_term(
                 self.problem, self.best, term, self._find_alternatives(term)
             )

@@ -116,7 +116,7 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
         else left
     )
     noise = expected_cost(problem, base.fit)
-    if hypothesis.named and problem.segments.is_single_readings:
+    if hypothesis.named and problem.regime.has_single_readings:
         noise = max(noise, robust_noise(problem, base.fit.residuals))
     return RemainingStructure(
         p, share, float(np.sqrt(left / max(noise, 1e-12))),
