@@ -63,7 +63,6 @@ from selfheal.diagnosis.estimation.reweighting import (
 from selfheal.diagnosis.selection import verdict
 from selfheal.diagnosis.selection.backward import compute_removal_costs, exchange_term
 from selfheal.diagnosis.selection.criteria import (
-    STRAINED,
     Claim,
     _choose_likeliest,
     choose_winner,
@@ -92,6 +91,7 @@ from selfheal.diagnosis.selection.screening import (
     find_overlooked_segments,
     screen_candidates,
 )
+from selfheal.diagnosis.selection.settings import SELECTION
 from selfheal.diagnosis.selection.stepwise import StepwiseSearch
 from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
@@ -569,8 +569,9 @@ def test_where_something_touches_slopes_of_stated_values_are_kept(
 def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
     problem, terms = _problem(arm), _stated(arm)
     none = fit_parameters(problem, terms, np.ones(len(terms)), rounds=0)
-    assert significant_prior_penalty(problem, none) == STRAINED
-    assert significant_prior_penalty(_touching(problem), none) == STRAINED + len(terms)
+    least = SELECTION.significant_prior_penalty
+    assert significant_prior_penalty(problem, none) == least
+    assert significant_prior_penalty(_touching(problem), none) == least + len(terms)
 
 
 @pytest.mark.parametrize(("left", "rough", "smooth"), [(0.8, 1, 1), (0.92, 0, 1)])

@@ -8,11 +8,10 @@ from ..effects.base import Term, is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import Problem
-from .criteria import WORTH, is_plausible, is_rare_or_restating
+from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
 from .evidence import is_as_good
-
-BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
+from .settings import SELECTION
 
 
 def compute_removal_costs(base: LinearizedFit, nominal_terms: int) -> dict[Term, float]:
@@ -40,7 +39,7 @@ def eliminate_backward(problem: Problem, found: Fit, nominal_terms: int) -> Fit:
             LinearizedFit.from_fit(problem, found), nominal_terms
         )
         order = sorted(prices, key=lambda t: prices[t])[: max(1, len(prices) // 2)]
-        gone = [t for t in order if prices[t] < 1 + WORTH]
+        gone = [t for t in order if prices[t] < 1 + SELECTION.removal_tolerance]
         if not gone:
             break
         found = fit_parameters(
@@ -67,10 +66,10 @@ def exchange_term(
     base = LinearizedFit.from_fit(problem, fit_without(problem, now.fit, term))
     tried = [fit_candidate(base, other) for other in others]
     tried.sort(key=lambda f: predict_held_out(problem, f).sum())
-    for found in tried[:2]:
+    for found in tried[: SELECTION.max_exchange_trials]:
         near = found.jacobian
         full = fit_and_score(problem, found.terms, found.values, rounds=6, known=near)
-        if full.error < BETTER * now.error:
+        if full.error < SELECTION.exchange_error_ratio * now.error:
             if is_rare_or_restating(term) or is_plausible(problem, now, full):
                 return full
         elif is_simpler(full.candidate, term) and is_as_good(problem, full, now):

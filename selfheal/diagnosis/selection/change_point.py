@@ -17,13 +17,7 @@ from ..estimation.problem import Problem
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import is_as_good
-
-# least number of episodes, or share of a lone one, that what is stated explains; into
-# how many parts those are cut at most that may come before; chosen
-WHOLE, PART, CUTS = 2, 0.25, 8
-# how much more error most later pieces have than nearly all earlier ones; chosen
-MORE, NEARLY = 2.5, 0.9
-INSIDE = 1.35  # nats within which an onset is as likely: 90 % of chi-square, halved
+from .settings import SELECTION
 
 
 def detect_change_point(problem: Problem, found: Fit) -> Onset | None:
@@ -40,13 +34,13 @@ def detect_change_point(problem: Problem, found: Fit) -> Onset | None:
         return None
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
     cuts = _list_cuts(problem.segments.episode[order])
-    best, most = None, MORE
+    best, most = None, SELECTION.change_point_error_ratio
     for cut, after in itertools.pairwise([*cuts, len(order)]):
         early = _fit_if_explained(problem, np.sort(order[:cut]), found)
         if early is None:
             break
         ratio = _noise_ratios(problem, early)[order]
-        usual = np.quantile(ratio[:cut], NEARLY)
+        usual = np.quantile(ratio[:cut], SELECTION.change_point_quantile)
         later = ratio[after:] if after < len(order) else ratio[(cut + after) // 2 :]
         if np.median(later) > most * usual:
             most = np.median(later) / usual
@@ -71,10 +65,21 @@ def _noise_ratios(problem: Problem, found: Fit) -> Floats:
 def _list_cuts(episode: np.ndarray) -> list[int]:
     """Numbers of windows, in order of time, after which something may have set in."""
     ends = np.flatnonzero(np.diff(episode)) + 1
-    cuts = ends[WHOLE - 1 :]
+    cuts = ends[SELECTION.min_explained_episodes - 1 :]
     if not len(cuts):
-        cuts = np.unique((np.arange(PART, 1, 1 / CUTS) * len(episode)).astype(int))
-    return [int(cut) for cut in cuts[:: -(-len(cuts) // CUTS)]]
+        cuts = np.unique(
+            (
+                np.arange(
+                    SELECTION.min_explained_share,
+                    1,
+                    1 / SELECTION.max_change_point_cuts,
+                )
+                * len(episode)
+            ).astype(int)
+        )
+    return [
+        int(cut) for cut in cuts[:: -(-len(cuts) // SELECTION.max_change_point_cuts)]
+    ]
 
 
 def _fit_if_explained(problem: Problem, chosen: np.ndarray, found: Fit) -> Fit | None:
@@ -153,7 +158,7 @@ def _find_likeliest_onset(problem: Problem, found: Fit) -> Onset:
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
     nats = scale / 2 * np.append(np.cumsum(gain[order][::-1])[::-1], 0)
     at = int(nats[:-1].argmax())
-    likely = np.flatnonzero(nats[:-1] > nats[at] - INSIDE)
+    likely = np.flatnonzero(nats[:-1] > nats[at] - SELECTION.change_point_interval_nats)
     return _build_onset(problem, order, at, int(likely[0]), int(likely[-1]))
 
 

@@ -28,14 +28,7 @@ from .evidence import (
     is_as_good,
 )
 from .screening import Progress
-
-FITTED = 5  # of the last ones, with every other value fitted anew; chosen
-SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
-# least share of the held-out squared error without which a name may go; chosen
-WORTH = 0.02
-STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
-DRASTIC = 2  # at most, of what leaves nothing to fit, that are fitted; chosen
-MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
+from .settings import SELECTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +52,9 @@ def fit_finalists(
     """The candidates' predictions, the best ones' with everything else fitted anew."""
     found = [ScoredFit.from_fit(problem, f) for f in fits]
     found.sort(key=lambda s: s.error)
-    for i in range(min(FITTED, len(found))):
+    for i in range(min(SELECTION.max_finalists, len(found))):
         old = found[i]
-        progress(f"fitting {old.candidate.label}", i / FITTED)
+        progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
         at, near = old.fit.values, old.fit.jacobian
         new = fit_and_score(problem, old.fit.terms, at, rounds=3, known=near)
         if new.error < old.error:
@@ -107,9 +100,9 @@ def fit_parameterless(
     for term in whole:
         after = raw.residuals_at((*found.terms, term), values)
         costs[term] = float(after @ after) / float(before @ before)
-    order = sorted(whole, key=lambda t: costs[t])[:DRASTIC]
+    order = sorted(whole, key=lambda t: costs[t])[: SELECTION.max_parameterless]
     scores = []
-    for term in [t for t in order if costs[t] < MOSTLY]:
+    for term in [t for t in order if costs[t] < SELECTION.large_gain_error_ratio]:
         progress(f"fitting {term.label}", 0.0)
         terms = (*found.terms, term)
         reestimated = marginalize_initial_states(raw, terms, values)
@@ -130,7 +123,7 @@ def choose_winner(
     good = [
         s
         for s in finals
-        if p_value[s] < SURE
+        if p_value[s] < SELECTION.max_p_value
         and not s.candidate.is_negligible(s.values)
         and s.error < (1 - problem.regime.min_gain) * now.error
         and is_plausible(problem, now, s)
@@ -140,7 +133,9 @@ def choose_winner(
         return None
     best = _choose_likeliest(problem, now, sorted(good, key=lambda s: s.error))
     others = [s for s in good if s is not best]
-    also = [s for s in others if is_as_good(problem, s, best, 2.0)]
+    also = [
+        s for s in others if is_as_good(problem, s, best, SELECTION.equivalence_margin)
+    ]
     evidence = Evidence(
         float(0.5 * np.log(now.error / max(best.error, 1e-300))),
         p_value[best],
@@ -148,7 +143,7 @@ def choose_winner(
     )
     return best, Claim(
         evidence,
-        tuple(s.candidate for s in also[:3]),
+        tuple(s.candidate for s in also[: SELECTION.max_rivals]),
         tuple(s.candidate for s in others),
     )
 
@@ -178,7 +173,9 @@ def find_relieving(
         progress(f"trying {term.label}", i / len(candidates))
         fits.append(_fit_freed(problem, before, term))
     fits.sort(key=lambda f: f.cost + f.prior_penalty)
-    found = [ScoredFit.from_fit(problem, end(f)) for f in fits[:FITTED]]
+    found = [
+        ScoredFit.from_fit(problem, end(f)) for f in fits[: SELECTION.max_finalists]
+    ]
     relief = {
         s: before.prior_penalty
         - s.fit.prior_penalty
@@ -191,10 +188,14 @@ def find_relieving(
         if not s.candidate.is_negligible(s.values)
     }
     best = min(p_value, key=lambda s: p_value[s], default=None)
-    if best is None or p_value[best] >= SURE:
+    if best is None or p_value[best] >= SELECTION.max_p_value:
         return None
     gain = float(0.5 * np.log(now.error / max(best.error, 1e-300)))
-    rivals = tuple(s.candidate for s in p_value if p_value[s] < SURE and s is not best)
+    rivals = tuple(
+        s.candidate
+        for s in p_value
+        if p_value[s] < SELECTION.max_p_value and s is not best
+    )
     sure = Evidence(
         gain, p_value[best], bootstrap_stability(problem, [now, *found], [best])
     )
@@ -224,19 +225,29 @@ def _choose_likeliest(
     for s in good:
         if (
             s.candidate.effect.is_directly_observed(s.candidate)
-            and s.error < MOSTLY * now.error
+            and s.error < SELECTION.large_gain_error_ratio * now.error
         ):
             return s
     if problem.regime.has_single_readings:
         good = sorted(good, key=partial(bic, problem), reverse=True)
-        near = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
+        near = [
+            s
+            for s in good
+            if is_as_good(problem, s, good[0], SELECTION.equivalence_margin)
+        ]
         # a pose that is read once tells nothing of when a command arrives
         return min(
             near, key=lambda s: implements(s.candidate.effect, "transform_command")
         )
-    close = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
+    close = [
+        s for s in good if is_as_good(problem, s, good[0], SELECTION.equivalence_margin)
+    ]
     usual = [s for s in close if not _rank_rarity(s)[0]] or close
-    near = [s for s in usual if is_as_good(problem, s, usual[0], 2.0)]
+    near = [
+        s
+        for s in usual
+        if is_as_good(problem, s, usual[0], SELECTION.equivalence_margin)
+    ]
     most = min(s.fit.prior_penalty for s in near) + significant_prior_penalty(
         problem, near[0].fit
     )
@@ -260,7 +271,10 @@ def significant_prior_penalty(problem: Problem, found: Fit) -> float:
     Impacts make the cost rough, which drives every stated value some way.
     """
     values = np.count_nonzero(prior_precision(found.terms))
-    return STRAINED + problem.regime.prior_penalty_of_value * values
+    return (
+        SELECTION.significant_prior_penalty
+        + problem.regime.prior_penalty_of_value * values
+    )
 
 
 def is_plausible(problem: Problem, now: ScoredFit, new: ScoredFit) -> bool:
@@ -270,7 +284,7 @@ def is_plausible(problem: Problem, now: ScoredFit, new: ScoredFit) -> bool:
     are far off, is more likely to stand for something else.
     """
     usual = not is_rare_or_restating(new.candidate)
-    mostly = new.error < MOSTLY * now.error
+    mostly = new.error < SELECTION.large_gain_error_ratio * now.error
     return usual or mostly or noise_ratio(problem, new.fit.residuals) < LEFT
 
 

@@ -10,10 +10,7 @@ from ..effects.base import Term
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import BLOCKS, Problem, assign_blocks
-
-EPISODES = 3  # at least, each to be predicted from the others; chosen
-FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
-EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
+from .settings import SELECTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +97,7 @@ def generalizes_across_episodes(
     are too few to ask.
     """
     episode = problem.segments.episode[problem.segment_of_residual]
-    if len(np.unique(episode)) < EPISODES:
+    if len(np.unique(episode)) < SELECTION.min_episodes:
         return True
     of = problem.segments.episode
     before = np.bincount(of, predict_held_out(problem, old, episode))
@@ -127,13 +124,15 @@ def refit_without_folds(
     """
     problem, begin = base.problem, {t.key: t for t in terms}
     count = len(problem.segments)
-    fold = np.arange(count) % min(FOLDS, count)
+    fold = np.arange(count) % min(SELECTION.single_reading_folds, count)
     worst = np.argsort(
         -np.bincount(fold, problem.sum_by_segment(base.fit.residuals**2))
     )
     tried: list[ScoredFit] = []
     for s in sorted(found, key=lambda s: (len(s.candidate.parameters), s.error)):
-        best = EQUAL * min((t.error for t in tried), default=np.inf)
+        best = SELECTION.max_equivalent_error_ratio * min(
+            (t.error for t in tried), default=np.inf
+        )
         held = np.zeros(count)
         if s.error >= best:
             continue

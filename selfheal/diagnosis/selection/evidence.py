@@ -10,12 +10,8 @@ from ..estimation.covariance import effective_sample_size
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.reweighting import TAILS
-from .cross_validation import EQUAL, ScoredFit
-
-STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
-# nats of likelihood, and of a squared error, by which another fit is surely not as good
-CERTAIN, SLIGHTLY = 5.0, 0.02
-FAINT = 0.1  # of the residuals' size, what is smaller is no smaller; chosen
+from .cross_validation import ScoredFit
+from .settings import SELECTION
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +62,11 @@ def _steady_gain(
     """Nats by which `new` predicts some windows (W) better; 0 if that is not steady."""
     _, block = np.unique(assign_blocks(problem)[of], return_inverse=True)
     gains = np.bincount(block, (old.held_out_errors - new.held_out_errors)[of])
-    if len(gains) < 2 or gains.sum() <= STEADY * gains.std(ddof=1) * len(gains) ** 0.5:
+    if (
+        len(gains) < 2
+        or gains.sum()
+        <= SELECTION.min_gain_standard_errors * gains.std(ddof=1) * len(gains) ** 0.5
+    ):
         return 0.0
     ratio = old.held_out_errors[of].sum() / max(new.held_out_errors[of].sum(), 1e-300)
     # the larger residuals are the old ones, and the more alike their neighbors
@@ -90,9 +90,12 @@ def _log_likelihoods(problem: Problem, fit: ScoredFit) -> Floats:
             * c.free_columns
         )
     square = mean = max(held.sum() / count.sum(), 1e-300)
-    for _ in range(100):
+    for _ in range(SELECTION.student_iterations):
         weight = (TAILS + count) / (TAILS + held / square)
-        square = max(float((weight * held).sum() / count.sum()), FAINT**2 * mean)
+        square = max(
+            float((weight * held).sum() / count.sum()),
+            SELECTION.student_min_scale**2 * mean,
+        )
     apart = (TAILS + count) / 2 * np.log1p(held / square / TAILS)
     normal = -count.sum() / 2 * np.log(mean)
     return np.array([normal, -count.sum() / 2 * np.log(square) - apart.sum()])
@@ -106,7 +109,10 @@ def bic(problem: Problem, fit: ScoredFit) -> float:
 
 
 def is_as_good(
-    problem: Problem, other: ScoredFit, lead: ScoredFit, errors: float = 1.0
+    problem: Problem,
+    other: ScoredFit,
+    lead: ScoredFit,
+    errors: float = SELECTION.exchange_margin,
 ) -> bool:
     """Whether the windows do not tell that `other` predicts worse than `lead`.
 
@@ -127,7 +133,9 @@ def is_as_good(
         * effective_sample_size(problem, lead.fit.residuals)
         * np.log(max(ratio, 1e-300))
     )
-    return bool(apart.sum() <= errors * noise and ratio < EQUAL) or bool(nats < errors)
+    return bool(
+        apart.sum() <= errors * noise and ratio < SELECTION.max_equivalent_error_ratio
+    ) or bool(nats < errors)
 
 
 def _is_clearly_likelier(problem: Problem, lead: ScoredFit, other: ScoredFit) -> bool:
@@ -144,7 +152,10 @@ def _is_clearly_likelier(problem: Problem, lead: ScoredFit, other: ScoredFit) ->
         * effective_sample_size(problem, lead.fit.residuals)
         * np.log(max(ratio, 1e-300))
     )
-    return bool(nats > CERTAIN and ratio > max(left, 1 + SLIGHTLY))
+    return bool(
+        nats > SELECTION.certain_nats
+        and ratio > max(left, 1 + SELECTION.certain_error_excess)
+    )
 
 
 def bootstrap_stability(
@@ -154,7 +165,9 @@ def bootstrap_stability(
     rng = np.random.default_rng(0)
     block = assign_blocks(problem)
     sums = np.array([np.bincount(block, s.held_out_errors) for s in tried])
-    draws = rng.integers(sums.shape[1], size=(400, sums.shape[1]))
+    draws = rng.integers(
+        sums.shape[1], size=(SELECTION.bootstrap_resamples, sums.shape[1])
+    )
     first = sums[:, draws].sum(axis=-1).argmin(axis=0)
     keys = {s.candidate.key for s in winners}
     return float(np.mean([tried[i].candidate.key in keys for i in first]))

@@ -19,13 +19,7 @@ from .backward import fit_without
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis, NamedEffect
-
-CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; chosen
-# least share of the squared error in held-out episodes that a name removes, and of what
-# all of them together do; chosen
-HELPS, TRIFLE = 0.01, 0.003
-UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in those held
-# out, relative to the error there: less cannot refute it; chosen
+from .settings import SELECTION
 
 Tested = tuple[
     Hypothesis, tuple[str, ...]
@@ -43,7 +37,7 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Tested]) -> Tested:
     best = int(np.argmin(errors))
     new, old = _complexity(hypotheses[best][0]), _complexity(hypotheses[0][0])
     simpler = all(n <= o for n, o in zip(new, old, strict=True))
-    margin = 1.0 if simpler else CLEARLY
+    margin = 1.0 if simpler else SELECTION.complex_hypothesis_error_ratio
     return hypotheses[best if errors[best] < margin * errors[0] else 0]
 
 
@@ -89,7 +83,10 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
         predicted = held.residuals_at(found.terms, found.values)
         error = float(predicted @ predicted)
         before = squared_error_reestimated(held, alone)
-        least = max(HELPS * error, TRIFLE * (before - error))
+        least = max(
+            SELECTION.min_held_out_gain * error,
+            SELECTION.min_held_out_share * (before - error),
+        )
         weakest = None
         values = dict(
             zip(found.terms, split_values(found.terms, found.values), strict=True)
@@ -105,7 +102,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
             if relief > significant_prior_penalty(held, found) and gain > -least:
                 continue
             changed = float(((other - predicted) ** 2).sum()) / error
-            if changed < UNSEEN * (less.cost / found.cost - 1):
+            if changed < SELECTION.min_held_out_effect * (less.cost / found.cost - 1):
                 continue
             if gain < least and (weakest is None or gain < weakest[0]):
                 weakest = gain, name, less
@@ -127,7 +124,11 @@ def try_equivalents(
     problem: Problem, held: Problem, refuted: NamedEffect, less: Fit
 ) -> tuple[list[NamedEffect], Fit]:
     """Of what was equivalent to a name, what helps the most if anything does."""
-    instead, best, least = [], less, (1 - HELPS) * squared_error(held, less)
+    instead, best, least = (
+        [],
+        less,
+        (1 - SELECTION.min_held_out_gain) * squared_error(held, less),
+    )
     for term in refuted.equivalent:
         if not is_distinct(term, less.terms):
             continue

@@ -13,13 +13,12 @@ from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import Evidence
 from .screening import (
-    SEARCHED,
-    STEPS,
     Progress,
     draw_segments,
     find_overlooked_segments,
     subsample_problem,
 )
+from .settings import SELECTION
 from .stepwise import StepwiseSearch
 
 
@@ -92,7 +91,10 @@ def start_search(
 
 def _search_steps(nominal_terms: int) -> int:
     """Steps of simulation in a search, of a robot of which so many terms are stated."""
-    return min(STEPS[-1], int(SEARCHED / max(nominal_terms, 1)))
+    return min(
+        SELECTION.screening_steps[-1],
+        int(SELECTION.search_jacobian_steps / max(nominal_terms, 1)),
+    )
 
 
 def name_effects(

@@ -10,10 +10,7 @@ from ..effects.base import Effect, Term
 from ..estimation.noise import residual_rms
 from .evidence import Evidence
 from .hypotheses import Hypothesis, NamedEffect
-
-OFF = 0.05  # of a step, what readings may lie beside its multiples, as `Channel` has it
-# share of a reading's noise, and of what a fit leaves, that rounding has to be; chosen
-MOST, SOME = 0.5, 0.25
+from .settings import SELECTION
 
 
 def name_quantization(
@@ -34,10 +31,15 @@ def name_quantization(
         signal = by_name[term.places[0]["signal"]]
         noise, column = float(signal.scatter[0]), signal.first_column
         error = signal.quantum**2 / 12
-        if error < MOST * noise**2 or error < SOME * left[column]:
+        if (
+            error < SELECTION.min_quantization_noise_share * noise**2
+            or error < SELECTION.min_quantization_residual_share * left[column]
+        ):
             continue
         predicted = np.isfinite(problem.segments.readings[:, column]).sum()
-        nats = -np.log(2 * OFF)  # of each reading, that could lie anywhere
+        nats = -np.log(
+            2 * SELECTION.quantization_tolerance
+        )  # of each reading, that could lie anywhere
         evidence = Evidence(nats, float(np.exp(-nats * predicted)), 1.0)
         named = NamedEffect(_bound_step(term, signal), evidence, ())
         fit = final.fit
@@ -54,6 +56,10 @@ def name_quantization(
 def _bound_step(term: Term, signal: Channel) -> Term:
     """The term with the steps that the farthest reading is a multiple of."""
     (step,) = term.parameters
-    apart = OFF * signal.quantum**2 / max(signal.max_abs, signal.quantum)
+    apart = (
+        SELECTION.quantization_tolerance
+        * signal.quantum**2
+        / max(signal.max_abs, signal.quantum)
+    )
     near = replace(step, low=signal.quantum - apart, high=signal.quantum + apart)
     return replace(term, parameters=(near,))

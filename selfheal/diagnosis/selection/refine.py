@@ -21,11 +21,8 @@ from ..simulation.model_variants import split_values
 from .backward import exchange_term, is_simpler
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
-from .screening import STEPS, subsample_problem
-
-# steps of simulation in the last fit, about, and in all differences of it; chosen: a
-# minute at 1 ms, and no more for a robot of which much is stated
-POLISHED, SLOPES = 40000, 1e6
+from .screening import subsample_problem
+from .settings import SELECTION
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
@@ -33,7 +30,13 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     found = hypothesis.final.fit
     sigma = downweight_unscored(hypothesis.problem, found)
     rng = np.random.default_rng(2)
-    steps = int(np.clip(SLOPES / max(len(found.values), 1), STEPS[-1], POLISHED))
+    steps = int(
+        np.clip(
+            SELECTION.refit_jacobian_steps / max(len(found.values), 1),
+            SELECTION.screening_steps[-1],
+            SELECTION.refit_steps,
+        )
+    )
     short, long = (
         subsample_problem(
             Problem(

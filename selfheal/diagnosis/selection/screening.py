@@ -11,15 +11,7 @@ from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit
 from ..estimation.marginalization import ODD, marginalize_initial_states
 from ..estimation.problem import Problem
-
-# candidates are tried on more and more steps of simulation, for more and more rounds,
-# and ever fewer of them; chosen for a minute a joint
-STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
-# steps in all differences of a search's fit, about: who states much shows much at each
-# of them; chosen
-SEARCHED = 3e5
-SLIGHT = 0.005  # of the cost, a gain that is not worth more tries; chosen
-MANY = 100  # at most, tried again once something has a name; chosen
+from .settings import SELECTION
 
 Progress = Callable[[str, float], None]
 
@@ -36,9 +28,15 @@ def select_hard_segments(
     size = len(problem.segments)
     each = problem.segments.lengths.mean()
     # two seconds of the robot at least, and four windows beyond the first tries
-    least = 4 if steps > STEPS[0] or each * problem.simulator.timestep < 1 else 2
+    is_long = each * problem.simulator.timestep >= SELECTION.long_segment
+    is_first = steps <= SELECTION.screening_steps[0]
+    least = (
+        SELECTION.min_first_screening_segments
+        if is_first and is_long
+        else SELECTION.min_screening_segments
+    )
     count = int(np.clip(steps / each, min(least, size), size))
-    if count >= 0.8 * size:
+    if count >= SELECTION.nearly_all_segments * size:
         return base
     worst = np.argsort(-problem.sum_by_segment(found.residuals**2))
     others = rng.permutation(worst[(count + 1) // 2 :])
@@ -50,8 +48,12 @@ def select_hard_segments(
 def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
     """Numbers of windows, drawn at random, that simulate about so many steps."""
     size = len(problem.segments)
-    count = int(np.clip(steps / problem.segments.lengths.mean(), 24, size))
-    if count >= 0.8 * size:
+    count = int(
+        np.clip(
+            steps / problem.segments.lengths.mean(), SELECTION.min_search_segments, size
+        )
+    )
+    if count >= SELECTION.nearly_all_segments * size:
         return np.arange(size)
     return np.sort(rng.permutation(size)[:count])
 
@@ -113,7 +115,9 @@ def screen_candidates(
     fits: list[Fit] = []
     answers: list[Floats] = []
     again: list[Term] = []
-    for base, rounds, keep in zip(bases, ROUNDS, KEEP, strict=True):
+    for base, rounds, keep in zip(
+        bases, SELECTION.screening_iterations, SELECTION.screening_kept, strict=True
+    ):
         fits = []
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
@@ -125,7 +129,7 @@ def screen_candidates(
         # few readings do not hold a large term back: each number costs (BIC)
         price = readings ** (1 / readings) if readings else 1.0
         fits.sort(key=lambda f: f.cost * price ** len(f.terms[-1].parameters))
-        again = again or [f.terms[-1] for f in fits[:MANY]]
+        again = again or [f.terms[-1] for f in fits[: SELECTION.max_retried_candidates]]
         fits = fits[:keep] if rounds == 1 else _drop_unpromising(base, fits)[:keep]
         old = len(base.fit.values)
         candidates = [
@@ -138,7 +142,7 @@ def _drop_unpromising(base: LinearizedFit, fits: list[Fit]) -> list[Fit]:
     """The best of candidates' fits, and those that gain more than without any."""
     if base.problem.regime.has_single_readings:  # too few readings to tell
         return fits
-    least = (1 - SLIGHT) * base.minimize(base.fit.residuals)[0]
+    least = (1 - SELECTION.min_screening_gain) * base.minimize(base.fit.residuals)[0]
     return [f for i, f in enumerate(fits) if not i or f.cost + f.prior_penalty < least]
 
 

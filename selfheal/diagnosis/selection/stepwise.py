@@ -28,16 +28,12 @@ from ..estimation.reweighting import (
     reweight_residuals,
 )
 from .backward import (
-    BETTER,
     compute_removal_costs,
     eliminate_backward,
     exchange_term,
     fit_without,
 )
 from .criteria import (
-    STRAINED,
-    SURE,
-    WORTH,
     Claim,
     choose_winner,
     find_relieving,
@@ -46,14 +42,8 @@ from .criteria import (
 )
 from .cross_validation import ScoredFit, fit_and_score, refit_without_folds
 from .evidence import Evidence, improvement_p_value, is_as_good
-from .screening import MANY, STEPS, Progress, screen_candidates, select_hard_segments
-
-MOST = 6  # effects at once
-WHITE = 0.6  # of the residuals, as many independent ones as white noise has; chosen
-QUIET = 1.1  # times the noise, a residual beside names in which no other is looked for
-BOUND = 1e-3  # of the way between its bounds, where a stated value is at one; chosen
-LITTLE = 0.1  # of the held-out squared error, of a robot that touches; chosen
-CHEAPEST = 3  # of several names, that are tried without; chosen
+from .screening import Progress, screen_candidates, select_hard_segments
+from .settings import SELECTION
 
 
 @dataclass
@@ -103,7 +93,8 @@ class StepwiseSearch:
         """Whether what is left looks like noise that knows nothing of its past."""
         r = self.best.fit.residuals
         return bool(
-            effective_sample_size(self.problem, r) > WHITE * np.count_nonzero(r)
+            effective_sample_size(self.problem, r)
+            > SELECTION.white_share * np.count_nonzero(r)
         )
 
     @property
@@ -121,7 +112,10 @@ class StepwiseSearch:
     def is_mostly_explained(self) -> bool:
         """Whether the names left little, of a robot whose cost is rough anyway."""
         nats = sum(self.claims[t.key].evidence.gain for t in self.named)
-        return self.problem.regime.has_rough_cost and np.exp(-2 * nats) < LITTLE
+        return (
+            self.problem.regime.has_rough_cost
+            and np.exp(-2 * nats) < SELECTION.contact_remaining_share
+        )
 
     @property
     def is_prior_violated(self) -> bool:
@@ -130,7 +124,7 @@ class StepwiseSearch:
             return False
         if self.problem.regime.has_rough_cost:  # roughness drives all of them some way
             return bool(self.restating_candidates)
-        return self.best.fit.prior_penalty > STRAINED
+        return self.best.fit.prior_penalty > SELECTION.significant_prior_penalty
 
     @property
     def restating_candidates(self) -> list[Term]:
@@ -141,7 +135,9 @@ class StepwiseSearch:
             low, high, _ = stack_bounds(found.terms)
             room = np.minimum(found.values - low, high - found.values) / (high - low)
             nominal_terms = [
-                t for t, own in zip(nominal_terms, room, strict=False) if own < BOUND
+                t
+                for t, own in zip(nominal_terms, room, strict=False)
+                if own < SELECTION.bound_margin
             ]
         return [t for t in self.candidates if restates_nominal_value(t, nominal_terms)]
 
@@ -167,8 +163,10 @@ class StepwiseSearch:
     def run_forward(self) -> None:
         """Add what earns a name, until nothing does."""
         tabu: set[tuple] = set()
-        for _ in range(MOST):
-            quiet = self.is_white or (self.named and self.noise_ratio < QUIET)
+        for _ in range(SELECTION.max_effects):
+            quiet = self.is_white or (
+                self.named and self.noise_ratio < SELECTION.quiet_noise_ratio
+            )
             done = (quiet or self.is_explained_by_timestep) and not self.has_bad_channel
             if done and not self.is_prior_violated:
                 break
@@ -176,7 +174,7 @@ class StepwiseSearch:
             if won is None and tabu:
                 tabu = set()
                 continue
-            if won is None or len(self.named) > MOST:
+            if won is None or len(self.named) > SELECTION.max_effects:
                 break
             best, claim = won
             self.claims[best.candidate.key] = claim
@@ -198,10 +196,16 @@ class StepwiseSearch:
             if t.key not in taken and is_distinct(t, self.named)
         ]
         all_of_it = LinearizedFit.from_fit(self.problem, self.best.fit)
-        bases = [select_hard_segments(all_of_it, steps, self.rng) for steps in STEPS]
+        bases = [
+            select_hard_segments(all_of_it, steps, self.rng)
+            for steps in SELECTION.screening_steps
+        ]
         fits, independent, again = screen_candidates(bases, open_to, self.progress)
         part = bases[-1]
-        if len(open_to) > MANY and not part.problem.regime.has_single_readings:
+        if (
+            len(open_to) > SELECTION.max_retried_candidates
+            and not part.problem.regime.has_single_readings
+        ):
             kept = [t for t in self.candidates if t not in open_to]
             self.candidates = [*again, *kept]
         if not self.first_round:
@@ -252,12 +256,16 @@ class StepwiseSearch:
             prices = compute_removal_costs(
                 LinearizedFit.from_fit(self.problem, self.best.fit), self.nominal_count
             )
-            for term in sorted(self.named, key=lambda t: prices[t])[:CHEAPEST]:
+            for term in sorted(self.named, key=lambda t: prices[t])[
+                : SELECTION.max_removal_trials
+            ]:
                 own = fit_without(self.problem, self.best.fit, term)
                 less = ScoredFit.from_fit(self.problem, own)
-                if less.error < (1 + WORTH) * self.best.error:
+                if less.error < (1 + SELECTION.removal_tolerance) * self.best.error:
                     tries.append((term, less))
-                if tries and len(self.named) > MOST:  # most of them go anyway
+                if (
+                    tries and len(self.named) > SELECTION.max_effects
+                ):  # most of them go anyway
                     break
             if not tries:
                 break
@@ -310,14 +318,16 @@ class StepwiseSearch:
                 self.problem, fit_without(self.problem, self.best.fit, term)
             )
             p = improvement_p_value(self.problem, old, self.best, tried)
-            if p >= SURE:
+            if p >= SELECTION.max_p_value:
                 self.best = old
                 continue
             gain = np.bincount(
                 assign_blocks(self.problem),
                 old.held_out_errors - self.best.held_out_errors,
             )
-            draws = self.rng.integers(len(gain), size=(400, len(gain)))
+            draws = self.rng.integers(
+                len(gain), size=(SELECTION.bootstrap_resamples, len(gain))
+            )
             nats = 0.5 * np.log(old.error / max(self.best.error, 1e-300))
             stable = float((gain[draws].sum(axis=1) > 0).mean())
             self.claims[term.key] = Claim(Evidence(float(nats), p, stable))
@@ -333,7 +343,7 @@ class StepwiseSearch:
             fit_and_score(problem, s.best.fit.terms, s.best.fit.values, rounds=2)
             for s in (self, other)
         )
-        if mine.error < BETTER * theirs.error:
+        if mine.error < SELECTION.exchange_error_ratio * theirs.error:
             return True
         odd = [sum(t.effect.rarity for t in s.named) for s in (self, other)]
         return odd[0] < odd[1] and is_as_good(problem, mine, theirs)

@@ -27,16 +27,7 @@ from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
 from .refine import refit_native_timestep
 from .screening import draw_segments, subsample_problem
-
-STEPPED = 15000  # steps of simulation in a fit to the model's own time step; chosen
-EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
-LITTLE = 0.1  # of it in the held-out episodes: names that remove less are none; chosen
-ROOM = 0.05  # of an error, less than which cannot be explained (contract section 2)
-WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-# times the re-fitted model's held-out error: no name stands, or none that explains its
-# pieces; chosen
-WORSE, OTHER = 1.05, 3.0
-ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
+from .settings import SELECTION
 
 
 def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> float:
@@ -58,7 +49,7 @@ def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> floa
         ]
     )
     room = before - np.sqrt(expected_noise(held))
-    return float((before - after) / max(room, ROOM * before))
+    return float((before - after) / max(room, SELECTION.min_explainable_error * before))
 
 
 @dataclass(frozen=True)
@@ -82,7 +73,10 @@ class RemainingStructure:
     @property
     def is_significant(self) -> bool:
         """Whether something is left that is no noise."""
-        shown = self.p_value < 0.01 and self.share > 0.05
+        shown = (
+            self.p_value < SELECTION.remaining_p_value
+            and self.share > SELECTION.min_remaining_share
+        )
         return (shown and self.noise_ratio > 1) or max(
             self.noise_ratio, self.worst_channel_ratio
         ) > ABOVE
@@ -97,7 +91,9 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
         hypothesis.problem.sigma,
     )
     problem = marginalize_initial_states(
-        subsample_problem(segments, 15000, rng), now.terms, now.values
+        subsample_problem(segments, SELECTION.remaining_steps, rng),
+        now.terms,
+        now.values,
     )
     base = LinearizedFit.from_fit(
         problem, fit_parameters(problem, now.terms, now.values, rounds=0)
@@ -154,7 +150,9 @@ class HeldOutScores:
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Of the model as given, re-fitted, and with what was named."""
         simulator, none = dataset.held_out, ((), np.zeros(0))
-        some = draw_segments(hypothesis.problem, STEPPED, np.random.default_rng(3))
+        some = draw_segments(
+            hypothesis.problem, SELECTION.native_fit_steps, np.random.default_rng(3)
+        )
         fits = [
             hypothesis.nominal.fit,
             *([hypothesis.final.fit] if hypothesis.named else ()),
@@ -190,11 +188,14 @@ def decide_verdict(
     if (
         hypothesis.named
         and structure.is_significant
-        and structure.explained < EXPLAINED
+        and structure.explained < SELECTION.min_explained_error
     ):
         return drop_names(hypothesis), "unlisted"
     if hypothesis.named:
-        whole = structure.explained > WHOLE or not structure.is_significant
+        whole = (
+            structure.explained > SELECTION.fully_explained_error
+            or not structure.is_significant
+        )
         return hypothesis, "explained" if whole else "partly"
     return hypothesis, "unlisted" if structure.is_significant else "nothing"
 
@@ -227,7 +228,7 @@ def _noise_floor(dataset: Dataset, segments: Segments, found: Fit) -> float:
 def explainable_removed(numbers: dict[str, float]) -> float | None:
     """The contract's explainable_removed; None where too little could be."""
     room = numbers["refit"] - numbers["floor"]
-    if not room >= ROOM * numbers["refit"]:
+    if not room >= SELECTION.min_explainable_error * numbers["refit"]:
         return None
     return (numbers["refit"] - numbers["patched"]) / room
 
@@ -243,11 +244,12 @@ def makes_replay_worse(
     patched, refit = proof.numbers["patched"], proof.numbers["refit"]
     if not np.isfinite(patched):  # it diverges, whatever the re-fitted model does
         return True
-    if patched > OTHER * refit:
+    if patched > SELECTION.other_replay_ratio * refit:
         return True
     return (
-        patched > WORSE * refit
-        and _share_removed_in_segments(dataset, hypothesis) < WHOLE
+        patched > SELECTION.worse_replay_ratio * refit
+        and _share_removed_in_segments(dataset, hypothesis)
+        < SELECTION.fully_explained_error
     )
 
 
@@ -256,11 +258,16 @@ def removes_too_little(
 ) -> bool:
     """Whether names remove next to nothing of what can be explained where held out."""
     if proof.segments.is_single_readings:
-        return _share_removed_in_segments(dataset, hypothesis) < LITTLE
+        return (
+            _share_removed_in_segments(dataset, hypothesis)
+            < SELECTION.min_removed_error
+        )
     removed = explainable_removed(proof.numbers)
-    if removed is None or removed >= LITTLE:
+    if removed is None or removed >= SELECTION.min_removed_error:
         return False
-    return _share_removed_in_segments(dataset, hypothesis) < EXPLAINED
+    return (
+        _share_removed_in_segments(dataset, hypothesis) < SELECTION.min_explained_error
+    )
 
 
 def is_replay_off(
@@ -277,7 +284,7 @@ def is_replay_off(
     simulator, found, far = (
         dataset.held_out,
         hypothesis.final.fit,
-        ASTRAY * proof.numbers["floor"],
+        SELECTION.max_replay_floor_ratio * proof.numbers["floor"],
     )
     if _typical_score(simulator, proof.squares["patched"], proof.count) <= far:
         return False
