@@ -91,8 +91,8 @@ from selfheal.diagnosis.selection.screening import (
     find_overlooked_segments,
     screen_candidates,
 )
+from selfheal.diagnosis.selection.search_state import SearchState, start_state
 from selfheal.diagnosis.selection.settings import SELECTION
-from selfheal.diagnosis.selection.stepwise import StepwiseSearch
 from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
@@ -779,11 +779,11 @@ def test_a_name_without_rivals_may_give_way_to_its_other_forms(arm):
     at = [t for t in forms if t.targets == dry.targets]
     search = SimpleNamespace(claims={}, candidates=[dry, *forms])
     assert len(at) == 2
-    assert StepwiseSearch._find_alternatives(search, at[0]) == at[1:]
-    assert StepwiseSearch._find_alternatives(search, at[1]) == at[:1]
-    assert StepwiseSearch._find_alternatives(search, dry) == []
+    assert SearchState.find_alternatives(search, at[0]) == at[1:]
+    assert SearchState.find_alternatives(search, at[1]) == at[:1]
+    assert SearchState.find_alternatives(search, dry) == []
     search.claims = {at[0].key: Claim(Evidence(1.0, 1e-3, 1.0), (), (dry,))}
-    assert StepwiseSearch._find_alternatives(search, at[0]) == (dry,)
+    assert SearchState.find_alternatives(search, at[0]) == (dry,)
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.05])
@@ -1473,7 +1473,7 @@ def test_a_window_in_which_something_shows_is_not_overlooked(arm):
     odd = replace(problem, segments=replace(problem.segments, readings=readings))
     some, stated = np.arange(5), _stated(arm)
     for p, numbers in ((problem, []), (odd, [5])):
-        search = StepwiseSearch.from_segments(p, stated, (), None, None, some)
+        search = start_state(p, stated, (), some)
         found = find_overlooked_segments(p, some, search.problem, search.best.fit)
         assert found.tolist() == numbers
     every = np.arange(len(odd.segments))
