@@ -60,10 +60,10 @@ def diagnose(
     Args:
         model: MJCF or URDF.
         recordings: of the real robot.
-        held_out: episodes or pieces kept from the fit, as `recording.split` takes them.
+        held_out: episodes or parts kept from the fit, as `recording.split` takes them.
         seed: of the segments that candidates are first tried on.
         memory: folder of what was worked out, in which a killed run goes on.
-        progress: told what is being done and how far it is (0 to 1).
+        progress: called with a message and a share (0 to 1).
 
     Raises:
         ModelError: MuJoCo cannot load the model, or it diverges.
@@ -102,7 +102,11 @@ def _read(
 ) -> tuple[Dataset, Problem]:
     """Stage 1: the recordings, split and checked, and the segments to fit.
 
-    Arguments and errors are those of `diagnose`.
+    Args:
+        model: MJCF or URDF.
+        recordings: of the real robot.
+        held_out: episodes or parts of them kept from the fit.
+        memory: folder of what was worked out.
     """
     dataset = prepare_dataset(model, recordings, held_out, memory)
     check_dataset(dataset)
@@ -120,7 +124,7 @@ def _fit_nominal(
         dataset: with the robot.
         problem: all segments.
         rng: draws the segments of the search.
-        say: told what is being done.
+        say: called with a message and a share (0 to 1).
     """
     state = start_search(
         problem,
@@ -152,7 +156,7 @@ def _choose_effects(
         problem: all segments.
         state: of a search in which nothing has a name.
         rng: draws segments and resamples.
-        say: told what is being done.
+        say: called with a message and a share (0 to 1).
 
     Returns:
         The dataset, which knows the noise that the fits tell, and the hypotheses.
@@ -188,7 +192,13 @@ class _Tested:
 
 
 def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> _Tested:
-    """Stage 4: which names hold in the held-out episodes, and what they leave."""
+    """Stage 4: which names hold in the held-out episodes, and what they leave.
+
+    Args:
+        dataset: with the held-out episodes.
+        hypotheses: the likelier first.
+        say: called with a message and a share (0 to 1).
+    """
     say("testing what was found on the held-out episodes", 0.0)
     hypothesis, refuted = choose_hypothesis(
         dataset, [drop_refuted(dataset, hypothesis) for hypothesis in hypotheses]

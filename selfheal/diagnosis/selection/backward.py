@@ -23,7 +23,8 @@ def compute_removal_costs(base: LinearizedFit, nominal_count: int) -> dict[Term,
 
     The effect's values x_i move to their nominal ones while all others are re-fitted:
 
-        r' = r + J_i (nominal - x_i),  cost' = min over the others of |r' + J step|^2
+        r' = r + J_i (nominal - x_i)
+        cost' = min over steps of the others of |r' + J step|^2 + prior penalty
 
     A value that is nominal at infinity (a limit) moves to its bound.
 
@@ -112,7 +113,13 @@ def is_simpler(new: Term, old: Term) -> bool:
 
 
 def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
-    """Fit all terms but one, from a fit with all of them."""
+    """Fit all terms but one, from a fit with all of them.
+
+    Args:
+        problem: that was fitted.
+        fit: with all terms.
+        term: to leave out.
+    """
     return fit_parameters(
         problem,
         *fit.without_terms(term),

@@ -161,12 +161,12 @@ def locate_change_point(problem: Problem, whole: Problem, best: ScoredFit) -> Sc
 def _find_likeliest_onset(problem: Problem, fit: Fit) -> Onset:
     """The onset of maximum likelihood, and its 90 % profile-likelihood interval.
 
-    With the effects from segment k on, the log-likelihood [nats] is up to a constant
+    Up to a constant, the log-likelihood [nats] of an onset at segment k is
 
         n / (2 E) * sum over w >= k of (E_w without - E_w with)
 
-    where E_w is the squared error of a segment, E their sum and n the effective sample
-    size.
+    E_w is the squared error of a segment without and with the effects. E is their sum,
+    and n the effective sample size.
     """
     dated = [t for t in fit.terms if t.onset]
     with_effects = problem.residuals_at(set_onset(fit.terms, None), fit.values)

@@ -59,7 +59,7 @@ def fit_finalists(
     Args:
         problem: that all were fitted to.
         fits: with one candidate each, from the screening.
-        progress: told which one is fitted.
+        progress: called with a message and a share (0 to 1).
     """
     scored = [ScoredFit.from_fit(problem, fit) for fit in fits]
     scored.sort(key=lambda s: s.error)
@@ -101,7 +101,7 @@ def fit_parameterless(
         base: the fit without a candidate.
         nominal_count: number of nominal terms, which stand first.
         candidates: terms, of which those without a parameter are tried.
-        progress: told which one is fitted.
+        progress: called with a message and a share (0 to 1).
     """
     parameterless = [t for t in candidates if not t.parameters]
     problem, fit = base.problem, base.fit
@@ -169,17 +169,20 @@ def find_relieving(
 ) -> tuple[ScoredFit, Claim] | None:
     """The candidate that brings nominal values back to where the prior has them.
 
-    Several values at their bounds can stand for one that had to leave them. The fall of
-    the prior penalty, less the rise of the cost, is compared with chi-square of as many
-    degrees as the candidate has parameters (likelihood-ratio test of the penalized
-    cost), corrected for the number of candidates (Bonferroni). Only where the readings
-    fit: else it is what is missing that has pushed the values there.
+    Several values at their bounds can stand for one that had to leave them. A
+    likelihood-ratio test of the penalized cost, with p the candidate's parameters:
+
+        fall of the prior penalty - rise of the cost,  compared with chi-square of p
+        degrees
+
+    Its p-value is corrected for the number of candidates (Bonferroni). No one is chosen
+    where the readings do not fit: what is missing has pushed the values there.
 
     Args:
         base: the fit without a candidate.
         old: the same, scored.
         candidates: terms that restate a nominal value.
-        progress: told which one is tried.
+        progress: called with a message and a share (0 to 1).
     """
     from scipy.stats import chi2
 
@@ -225,6 +228,11 @@ def _fit_freed(problem: Problem, fit: Fit, term: Term) -> Fit:
     """One iteration from a fit; a term begins at the fitted value that it restates.
 
     The readings fit there; the prior tells how far the value has to go from there.
+
+    Args:
+        problem: that was fitted.
+        fit: without the term.
+        term: that restates a nominal value.
     """
     factors = {t.targets[0]: v for t, v in zip(fit.terms, fit.values, strict=True)}
     target = term.targets[0]

@@ -139,8 +139,8 @@ def refit_without_folds(
     """Score candidates of single readings by fits of their own without each fold.
 
     K-fold cross-validation. A robot that holds a pose may rest on other feet with other
-    values, so that one Gauss-Newton step from the fit to all poses knows too much of
-    the fold. A candidate that turns out clearly worse than another one is left out.
+    values. One Gauss-Newton step from the fit to all poses would know too much of the
+    fold. A candidate that turns out clearly worse than another one is left out.
 
     Args:
         base: the fit without a candidate.
@@ -175,8 +175,12 @@ def refit_without_folds(
 def fit_and_score(
     problem: Problem, terms: Sequence[Term], start: Floats, **options
 ) -> ScoredFit:
-    """Fit all values from a start (P), and predict every fold from the others.
+    """Fit all values, and predict every fold from the others.
 
-    `options` are those of `fit_parameters`.
+    Args:
+        problem: to fit.
+        terms: whose values are fitted.
+        start: (P) [units of the parameters] values to begin with.
+        **options: those of `fit_parameters`.
     """
     return ScoredFit.from_fit(problem, fit_parameters(problem, terms, start, **options))

@@ -41,17 +41,16 @@ def improvement_p_value(
 ) -> float:
     """p-value that a fit predicts better than another one with fewer parameters.
 
-    A likelihood-ratio test of held-out errors E: with n the effective sample size and k
-    the number of new parameters
+    A likelihood-ratio test of the held-out errors E, with n the effective sample size:
 
-        2 nats = n log(E_old / E_new),  compared with chi-square of k degrees
+        2 nats = n log(E_old / E_new),  compared with chi-square
 
-    The p-value is corrected for the number of candidates (Bonferroni). No single
-    segment makes a name, for the gain must exceed its standard error over the blocks.
-    Nor does one take a name away: the test is repeated without the block that speaks
-    most for the new fit and the one that does so most against it, and the better of the
-    two counts at twice its p-value. Of single readings the less of two likelihood
-    ratios counts.
+    The degrees of freedom are the new parameters. The p-value is corrected for the
+    number of candidates (Bonferroni). No single segment makes a name, for the gain must
+    exceed its standard error over the blocks. Nor does one take a name away. The test
+    is repeated without two blocks: the one that speaks most for the new fit and the one
+    that speaks most against it. The better test counts at twice its p-value. Of single
+    readings the less of two likelihood ratios counts.
 
     Args:
         problem: that both were fitted to.
@@ -184,6 +183,11 @@ def _is_clearly_likelier(problem: Problem, lead: ScoredFit, other: ScoredFit) ->
     """Whether a fit surely predicts better, by more than it leaves beside the noise.
 
     The segment that speaks most for it does not count.
+
+    Args:
+        problem: that both were fitted to.
+        lead: the fit that may be better.
+        other: the fit that may be worse.
     """
     losses = other.held_out_errors - lead.held_out_errors
     rest = np.arange(len(losses)) != np.argmax(losses)

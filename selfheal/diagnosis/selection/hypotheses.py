@@ -77,7 +77,7 @@ def start_search(
         nominal_terms: terms of the nominal model's values.
         effects: the catalogue.
         rng: draws the segments of the search.
-        progress: told what is being done and how far it is.
+        progress: called with a message and a share (0 to 1).
     """
     searched = [effect for effect in effects if not effect.rounds_readings]
     candidates = tuple(
@@ -121,7 +121,7 @@ def name_effects(
         problem: all segments that may be used.
         longer: longer segments, in which slow effects show.
         rng: draws segments and resamples.
-        progress: told what is being done and how far it is.
+        progress: called with a message and a share (0 to 1).
 
     Returns:
         One hypothesis, or what both searches found, the likelier first.

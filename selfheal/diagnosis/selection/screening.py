@@ -74,7 +74,13 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
 def subsample_problem(
     problem: Problem, steps: int, rng: np.random.Generator
 ) -> Problem:
-    """The problem in segments drawn by `draw_segments`, whose arguments these are."""
+    """The problem in segments drawn at random.
+
+    Args:
+        problem: all segments.
+        steps: [simulation steps] of the segments in sum, about.
+        rng: draws segments.
+    """
     return problem.select(draw_segments(problem, steps, rng))
 
 
@@ -127,7 +133,7 @@ def screen_candidates(
         bases: the same fit in more and more segments; fewer and fewer candidates are
             tried in them.
         candidates: terms to be tried.
-        progress: told which one is tried.
+        progress: called with a message and a share (0 to 1).
 
     Returns:
         Fits with one candidate each in the last of the bases, the best first. How many

@@ -48,7 +48,7 @@ def search_forward(
     Args:
         state: to begin with.
         rng: draws the segments on which candidates are tried first.
-        progress: told what is being done.
+        progress: called with a message and a share (0 to 1).
     """
     tabu: set[tuple] = set()
     for _ in range(SELECTION.max_effects):
@@ -85,7 +85,7 @@ def _select_next(
         state: of the search.
         tabu: keys of candidates that may not be tried.
         rng: draws segments.
-        progress: told what is being done.
+        progress: called with a message and a share (0 to 1).
 
     Returns:
         The state, in which only the best candidates stay open, and the winner.
@@ -194,7 +194,7 @@ def search_from_usual(
         longer: longer segments.
         first: keys of the names that another search found.
         rng: draws segments and resamples.
-        progress: told what is being done.
+        progress: called with a message and a share (0 to 1).
 
     Returns:
         The state at the end. None where this is no other search than one from nothing,
@@ -226,7 +226,11 @@ def _keep_significant(
 ) -> SearchState:
     """The state with those effects alone that a likelihood-ratio test each upholds.
 
-    `tried` effects were fitted; their p-values are corrected for that (Bonferroni).
+    Args:
+        state: of the search.
+        tried: number of effects that were fitted, by which p-values are corrected
+            (Bonferroni).
+        rng: draws resamples.
     """
     problem = state.problem
     for term in state.named:

@@ -214,6 +214,11 @@ def _noise_floor(dataset: Dataset, segments: Segments, fit: Fit) -> float:
     Noise is in what a prediction is compared with and, where the initial state was
     read, in what it starts from. The latter is propagated to first order: each state
     moves by its standard deviation, and the squared changes are summed.
+
+    Args:
+        dataset: with the held-out episodes.
+        segments: that were replayed.
+        fit: that was replayed.
     """
     simulator = dataset.held_out
     offsets = build_initial_state_offsets(simulator, segments)
