@@ -68,7 +68,7 @@ class SelectionSettings:
     # Screening: which candidates are fitted in full
 
     min_screening_gain: float = 0.005
-    """Share of the cost that a candidate must remove to stay after the first round.
+    """Share of the cost that a candidate must remove to pass a round after the first.
     Chosen: a quarter of what a name must remove in the end."""
 
     max_retried_candidates: int = 100
