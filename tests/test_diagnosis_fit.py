@@ -1101,10 +1101,10 @@ def test_where_every_start_diverges_nothing_more_is_simulated(pendulum):
     (boom,) = Explosion().propose_terms(pendulum.robot)
     problem = _problem(pendulum)
     base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
-    before = pendulum.simulator.simulated_count[0]
+    before = pendulum.simulator.counter.count
     with np.errstate(all="ignore"):
         fit_candidate(base, boom)
-    asked = pendulum.simulator.simulated_count[0] - before
+    asked = pendulum.simulator.counter.count - before
     assert asked == len(boom.initial_values) * len(problem.segments)
 
 

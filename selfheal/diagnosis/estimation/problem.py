@@ -1,6 +1,6 @@
 """Windows whose residuals are to be small: takes hypotheses, gives residuals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,6 @@ from ..data.robot_summary import repeat_by_column
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term, remove_rounding
-from ..simulation.checkpoint import Arrays
 from ..simulation.dataset import (
     QUIET,
     SHORT,
@@ -134,42 +133,6 @@ class Problem:
         rows, width = len(self.segment_of_residual), len(self.sigma)
         plain = flat.reshape(len(flat), rows // width, width) * self.sigma
         return other.marginalize((plain / other.sigma).reshape(flat.shape)).T
-
-    def load_or_compute(
-        self, question: Sequence, work_out: Callable[[], Arrays]
-    ) -> Arrays:
-        """What `work_out` gives of this problem, from memory if it is there.
-
-        Args:
-            question: what else the answer depends on.
-            work_out: gives arrays.
-        """
-
-        def counting() -> Arrays:
-            before = counted[0]
-            return *work_out(), np.array(counted[0] - before)
-
-        segments, counted = self.segments, self.simulator.simulated_count
-        noise = [(c.noise, c.ar1) for c in self.simulator.channels]
-        own = (
-            segments.episode,
-            segments.first_step,
-            segments.lengths,
-            segments.segment_of_sample,
-            segments.sample_steps,
-            noise,
-            self.sigma,
-            list(self.marginal_bases),
-            self.initial_state_shift,
-            self.shift_response,
-            self.centered,
-        )
-        before = counted[0]
-        *answer, simulated = self.simulator.checkpoint.load_or_compute(
-            (*own, *question), counting
-        )
-        counted[0] = before + int(simulated)
-        return tuple(answer)
 
     def timestep_error(
         self, terms: Sequence[Term], values: Floats, at: Floats

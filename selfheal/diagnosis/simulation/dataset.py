@@ -20,7 +20,7 @@ from ..data.robot_summary import RobotSummary
 from ..data.segments import Segments, cut_segments
 from ..data.state_estimate import estimate_state
 from .build import StateReconstruction, build_simulator, summarize_robot
-from .checkpoint import Checkpoint, digest_inputs
+from .checkpoint import Checkpoint
 from .model_variants import ModelCompiler
 from .simulator import Simulator
 
@@ -78,9 +78,7 @@ def prepare_dataset(
     pairs = _split_recordings(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
     simulator = build_simulator(compiler, fitted, recordings)
-    simulator = replace(
-        simulator, checkpoint=Checkpoint(memory, digest_inputs(compiler, fitted))
-    )
+    simulator = replace(simulator, checkpoint=Checkpoint(memory))
     held = build_simulator(compiler, [h for _, h in pairs if h.episodes], recordings)
     if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")

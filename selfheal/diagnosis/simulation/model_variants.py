@@ -127,25 +127,26 @@ def split_values(terms: Sequence[Term], values: Floats) -> list[Floats]:
     return np.split(values, ends, axis=-1)[:-1]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class ModelCompiler:
-    """Makes plants of one model; the same structure is compiled once.
+    """Compiles variants of one model; the same structure is compiled once.
 
     Attributes:
         path: of the MJCF or URDF.
+        nominal: the model as given, compiled.
+
+    Raises:
+        ModelError: MuJoCo cannot load the model.
     """
 
     path: str
-    compiled: dict[tuple, ModelVariant] = field(default_factory=dict)
+    nominal: "mujoco.MjModel" = field(init=False)
+    _compiled: dict[tuple, ModelVariant] = field(
+        init=False, default_factory=dict, compare=False
+    )
 
-    @cached_property
-    def nominal(self) -> "mujoco.MjModel":
-        """The model as it is.
-
-        Raises:
-            ModelError: MuJoCo cannot load it.
-        """
-        return load_model(self.path)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nominal", load_model(self.path))
 
     def compile_variant(
         self, terms: Sequence[Term], *, leaping: bool = False
@@ -161,11 +162,11 @@ class ModelCompiler:
         given = self.nominal
         leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
         key = (leaping, *((t.effect.name, t.targets) for t in adds))
-        if key not in self.compiled:
-            self.compiled[key] = self._compile(adds)
+        if key not in self._compiled:
+            self._compiled[key] = self._compile(adds)
             if leaping:
-                self.compiled[key].model.opt.integrator = _IMPLICITFAST
-        return self.compiled[key]
+                self._compiled[key].model.opt.integrator = _IMPLICITFAST
+        return self._compiled[key]
 
     def _compile(self, adds: Sequence[Term]) -> ModelVariant:
         import mujoco
