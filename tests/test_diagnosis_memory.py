@@ -67,6 +67,13 @@ def test_nothing_is_kept_without_a_folder():
     assert work.done == 2
 
 
+def test_what_other_code_computed_is_not_found(tmp_path):
+    work = Work()
+    for programs in (b"old", b"old", b"new", None, None):
+        Checkpoint(tmp_path, programs).load_or_compute(QUESTION, work)
+    assert work.done == 3
+
+
 @pytest.mark.parametrize("rest", [0, 1, 40])
 def test_an_answer_that_cannot_be_read_is_worked_out_again(tmp_path, rest):
     work = Work()
