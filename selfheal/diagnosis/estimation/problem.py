@@ -12,12 +12,12 @@ from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term, remove_rounding
 from ..simulation.dataset import (
-    QUIET,
-    SHORT,
-    WINDOW,
+    MIN_SEGMENTS,
+    MIN_SNR,
+    SHORT_SEGMENT,
     Dataset,
-    _list_unmeasured_joints,
     cut_readable_segments,
+    list_unmeasured_joints,
 )
 from ..simulation.simulator import Simulator
 from .regime import Regime, find_regime
@@ -245,21 +245,25 @@ def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
     Raises:
         RecordingError: too short, or nothing moved.
     """
-    if len(problem.segments) < SHORT and (lost := _list_unmeasured_joints(simulator)):
+    if len(problem.segments) < MIN_SEGMENTS and (
+        lost := list_unmeasured_joints(simulator)
+    ):
         raise RecordingError(
             f"no signal tells the position of {', '.join(lost)}, so that an episode is "
             f"one piece, and {len(simulator.episodes)} are too few to decide anything; "
             "would "
-            f"fit: record it, or at least {SHORT} episodes beside what is held out"
+            f"fit: record it, or at least {MIN_SEGMENTS} episodes beside what is held "
+            "out"
         )
-    if len(problem.segments) < SHORT:
+    if len(problem.segments) < MIN_SEGMENTS:
         raise RecordingError(
-            f"{len(problem.segments)} pieces of {WINDOW} s are too few to decide "
-            f"anything; would fit: at least {SHORT}, better 40, beside what is held out"
+            f"{len(problem.segments)} pieces of {SHORT_SEGMENT} s are too few to "
+            f"decide anything; would fit: at least {MIN_SEGMENTS}, better 40, beside "
+            "what is held out"
         )
     loud = [
         c.name for c in simulator.channels
-        if c.is_scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
+        if c.is_scored and not c.spread < MIN_SNR * np.sqrt(np.nansum(c.noise**2))
     ]  # fmt: skip
     if not loud:
         raise RecordingError(
