@@ -149,8 +149,8 @@ def ar1_error_factors(ar1: float, m: int) -> tuple[float, float, float]:
     rows = np.linalg.pinv(basis)
     cov = ar1 ** np.abs(t[:, None] - t)
     value, slope, _ = np.sqrt(np.diag(rows @ cov @ rows.T) / np.diag(rows @ rows.T))
-    left = (len(t) - np.trace(rows @ cov @ basis)) / (len(t) - 3)
-    return float(value), float(slope), float(left)
+    share = (len(t) - np.trace(rows @ cov @ basis)) / (len(t) - 3)
+    return float(value), float(slope), float(share)
 
 
 def fit_polynomials(time: Floats, readings: Floats) -> LocalPolynomials:

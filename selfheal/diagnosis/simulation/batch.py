@@ -61,9 +61,15 @@ class BatchState:
 def center_damping(model, step: float) -> None:
     """Make damping act on the mean of a step's two velocities, by a change of inertia.
 
-    With damping D, force f and step h, (M + D h) dv = h (f - D v) takes the velocity
-    after the step (MuJoCo's implicit damping), M dv = h (f - D v) that before it, and
-    (M + D h / 2) dv = h (f - D v) their mean.
+    With inertia M, damping D, force f and step h, the damping acts
+
+        by (M + D h) dv = h (f - D v)      on the velocity after the step,
+        by M dv = h (f - D v)              on the velocity before the step,
+        by (M + D h / 2) dv = h (f - D v)  on their mean.
+
+    MuJoCo does the first to joints under Euler, and to joints and servos under its
+    implicit integrators. It does the second to servos under Euler, and to joints where
+    the model disables their implicit damping (MuJoCo, numerical integration).
 
     Args:
         model: compiled; its armature is changed.
@@ -136,7 +142,15 @@ def _set_states(batch, rows: np.ndarray, initial: BatchState) -> None:
 def shift_velocity_back(batch, rows: np.ndarray, initial: BatchState) -> Floats:
     """Set a batch that made one step back, with velocities of half a step earlier.
 
-    By v[-1/2] = v[0] - (v[1] - v[0]) / 2. Gives these velocities (B, nv).
+    By v[-1/2] = v[0] - (v[1] - v[0]) / 2.
+
+    Args:
+        batch: of B simulations, after one step; changed.
+        rows: (B) numbers of the simulations, among N.
+        initial: states of the N simulations.
+
+    Returns:
+        (B, nv) these velocities [rad/s or m/s].
     """
     velocity = initial.qvel[rows]
     velocity = velocity - (batch.bind("qvel") - velocity) / 2

@@ -26,8 +26,8 @@ MEASURED_MOMENTS = 7  # of an episode, at which is asked what is measured; chose
 MEASURED_SHARE = 0.5  # of these, in which a state has to be measured; chosen: most
 MOTION_MOMENTS = 600  # of all episodes, over which motion is averaged; chosen
 COMMAND_MOMENTS = 300  # of an episode, over which commands are averaged; chosen
-# of the torque that turns a joint's own inertia at 1 rad/s^2, added to the torque of a
-# joint without load or gravity [1/s^2]; chosen: not zero
+# [rad/s^2 or m/s^2] of a joint's inertia, whose torque is added to the typical one;
+# chosen: not zero for a joint without load or gravity
 MIN_TYPICAL_ACCELERATION = 1e-3
 RANGE_QUANTILES = (
     0.005,
@@ -229,7 +229,14 @@ def summarize_actuators(
 def _summarize_actuator(
     simulator: Simulator, states: StateReconstruction, a: int, joint: Joint | None
 ) -> Actuator:
-    """Summarize the actuator of id `a`; its force is gain ctrl + bias (MuJoCo)."""
+    """Summarize an actuator, by MuJoCo's force = gain ctrl + b0 + b1 l + b2 dl/dt.
+
+    Args:
+        simulator: of the recordings.
+        states: of the robot in them.
+        a: id of the actuator.
+        joint: that it drives; None: no hinge or slide.
+    """
     model = simulator.compiler.nominal
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     servo = bool(

@@ -111,7 +111,7 @@ def find_divergence(
 ) -> tuple[int, str, float]:
     """Find in how many segments a simulation diverges, and the first time it does.
 
-    The time is found by bisection of the first such segment's length.
+    The time is found by bisection of the first diverging segment.
 
     Args:
         simulator: that is simulated.

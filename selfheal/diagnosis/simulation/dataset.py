@@ -103,7 +103,9 @@ def prepare_dataset(
     fitted = [fit for fit, _ in pairs if fit.episodes]
     simulator = build_simulator(compiler, fitted, recordings)
     simulator = replace(simulator, checkpoint=Checkpoint(memory))
-    held = build_simulator(compiler, [h for _, h in pairs if h.episodes], recordings)
+    held_out_simulator = build_simulator(
+        compiler, [h for _, h in pairs if h.episodes], recordings
+    )
     if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
     files = short_names([r.file for r in recordings])
@@ -113,10 +115,11 @@ def prepare_dataset(
         for name in h.episodes
     )
     robot = summarize_robot(simulator)
-    simulator, held = (
-        replace(w, has_contact=robot.has_contact) for w in (simulator, held)
+    simulator, held_out_simulator = (
+        replace(s, has_contact=robot.has_contact)
+        for s in (simulator, held_out_simulator)
     )
-    return Dataset(compiler, simulator, held, robot, names)
+    return Dataset(compiler, simulator, held_out_simulator, robot, names)
 
 
 def _split_recordings(

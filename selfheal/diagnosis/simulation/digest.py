@@ -22,10 +22,11 @@ VERSIONED = ("selfheal", "mujoco", "numpy", "scipy")  # packages that make the n
 class Digester:
     """Makes digests of values from everything that they hold.
 
-    Arrays count by shape, dtype and bytes, compiled models by MuJoCo's saved binary,
-    dataclasses by every field that takes part in comparison (`field(compare=False)`
-    leaves one out), and other objects by their attributes. Functions count by name,
-    defaults and closure; what is not of this package counts by its source file, too.
+    Arrays count by shape, dtype and bytes, compiled models by MuJoCo's saved binary.
+    Dataclasses count by every field that takes part in comparison, so that
+    `field(compare=False)` leaves a field out. Other objects count by their attributes,
+    functions by name, defaults and closure. What is not of this package counts by its
+    source file, too.
 
     A frozen dataclass that is compared by identity is read once, and its digest is kept
     while it lives: nobody may change the arrays that it holds.

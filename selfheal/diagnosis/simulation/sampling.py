@@ -124,11 +124,11 @@ def _correct_torques(
     else:
         sent = _find_sent_command(system, segments, at, a)
     change = sent - _interpolate(commands[..., [a]], segments, at)[..., 0]
-    for i, own in enumerate(hypotheses.models):
-        gear = float(own.actuator_gear[a, 0])
-        torque[i] += gear * own.actuator_gainprm[a, 0] * change[i]
-        if own.actuator_forcelimited[a]:
-            low, high = np.sort(gear * own.actuator_forcerange[a])
+    for i, hypothesis in enumerate(hypotheses.models):
+        gear = float(hypothesis.actuator_gear[a, 0])
+        torque[i] += gear * hypothesis.actuator_gainprm[a, 0] * change[i]
+        if hypothesis.actuator_forcelimited[a]:
+            low, high = np.sort(gear * hypothesis.actuator_forcerange[a])
             torque[i] = np.clip(torque[i], low, high)
 
 

@@ -102,9 +102,9 @@ def compute_score(simulator: Simulator, squares: Floats, count: Floats) -> float
     Returns:
         Root mean square of the position-like channels' normalized errors [1].
     """
-    each = normalize_errors(simulator, squares, count)
-    scored = np.array([c.is_scored for c in simulator.channels])
-    return float(np.sqrt(np.nanmean(each[scored] ** 2)))
+    errors = normalize_errors(simulator, squares, count)
+    is_scored = np.array([c.is_scored for c in simulator.channels])
+    return float(np.sqrt(np.nanmean(errors[is_scored] ** 2)))
 
 
 def bootstrap_interval(
@@ -124,9 +124,9 @@ def bootstrap_interval(
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     draws = rng.integers(len(squares), size=(BOOTSTRAP_DRAWS, len(squares)))
     value = normalize_errors(simulator, squares, count)[signal]
-    each = [normalize_errors(simulator, squares[d], count[d])[signal] for d in draws]
+    drawn = [normalize_errors(simulator, squares[d], count[d])[signal] for d in draws]
     low, high = (
-        np.nanquantile(each, BOOTSTRAP_QUANTILES)
+        np.nanquantile(drawn, BOOTSTRAP_QUANTILES)
         if np.isfinite(value)
         else (value,) * 2
     )

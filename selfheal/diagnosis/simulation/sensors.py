@@ -138,9 +138,8 @@ def _make_joint_reader(model, c: Channel, link_joints: Mapping[str, int]) -> Cal
 def _make_body_reader(model, c: Channel) -> tuple[set[str], Callable]:
     """Fields that a body's channel needs, and what reads it from them.
 
-    MuJoCo's cvel is the velocity (angular, linear) in the world's axes of the point of
-    the body that coincides with its tree's center of mass, so that a body's origin x
-    moves with v + omega x (x - x_com).
+    MuJoCo's cvel is (omega, v) in global axes, at the center of mass of the body's
+    kinematic tree. A body's origin x moves with v + omega x (x - x_com).
     """
     i = model.body(c.target).id
     root = int(model.body_rootid[i])

@@ -62,11 +62,11 @@ class Simulator(RecordedSystem):
 
             v[k+1] = v[k] + h a(q[k], v[k]),   q[k+1] = q[k] + h v[k+1],
 
-        so that from q and v of one time all motion comes half a step early. Read as a
-        leapfrog, with v[k] half a step before q[k] and the force between the two, the
-        same steps are exact to second order but for what velocities do to each other
-        (Hairer, Lubich, Wanner 2003, section 1.1). That is near enough to replace the
-        RK4 of a single joint, too, which takes four times as long.
+        so that from q and v of one time all motion comes half a step early. A leapfrog
+        takes the same steps, with v[k] half a step before q[k]. It is exact to second
+        order but for forces that depend on v (Hairer, Lubich, Wanner 2003, section
+        1.1). That is near enough to replace the RK4 of a single joint, too, which takes
+        four times as long.
 
         Args:
             terms: effects that the given model lacks.
