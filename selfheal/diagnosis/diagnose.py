@@ -31,12 +31,7 @@ from .selection.verdict import (
     removes_too_little,
 )
 from .simulation.checks import check_dataset
-from .simulation.dataset import (
-    LONG_SEGMENT,
-    SHORT_SEGMENT,
-    cut_readable_segments,
-    prepare_dataset,
-)
+from .simulation.dataset import LONG, WINDOW, cut_readable_segments, prepare_dataset
 
 Progress = Callable[[str, float], None]
 
@@ -68,7 +63,7 @@ def diagnose(
     say = progress or (lambda what, share: None)
     dataset = prepare_dataset(model, recordings, held_out, memory)
     check_dataset(dataset)
-    problem = build_problem(dataset, SHORT_SEGMENT)
+    problem = build_problem(dataset, WINDOW)
     check_enough_segments(dataset.training, problem)
     search = start_search(
         problem,
@@ -90,9 +85,7 @@ def diagnose(
             )  # fmt: skip
     search.candidates = set_onset(search.candidates, onset)
     longer = Problem(
-        dataset.training,
-        cut_readable_segments(dataset.training, LONG_SEGMENT),
-        problem.sigma,
+        dataset.training, cut_readable_segments(dataset.training, LONG), problem.sigma
     )
     hypotheses = name_effects(search, problem, longer)
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)

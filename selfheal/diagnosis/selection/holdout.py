@@ -13,7 +13,7 @@ from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
-from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
+from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
 from ..simulation.model_variants import split_values
 from .backward import fit_without
 from .criteria import significant_prior_penalty
@@ -65,7 +65,7 @@ def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list
     """Squared residuals in held-out episodes, weighed as the first one's score."""
     sigma = downweight_unscored(hypotheses[0].problem, hypotheses[0].final.fit)
     held = Problem(
-        dataset.held_out, cut_readable_segments(dataset.held_out, SHORT_SEGMENT), sigma
+        dataset.held_out, cut_readable_segments(dataset.held_out, WINDOW), sigma
     )
     return [squared_error(held, hypothesis.final.fit) for hypothesis in hypotheses]
 
@@ -80,7 +80,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     gone: list[str] = []
     start = Problem(
         dataset.held_out,
-        cut_readable_segments(dataset.held_out, SHORT_SEGMENT),
+        cut_readable_segments(dataset.held_out, WINDOW),
         hypothesis.problem.sigma,
     )
     while hypothesis.named:

@@ -19,7 +19,7 @@ from ..estimation.noise import (
 )
 from ..estimation.problem import Problem, build_initial_state_offsets
 from ..simulation import score
-from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
+from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit
 from .evidence import improvement_p_value
@@ -48,7 +48,7 @@ def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> floa
     """
     sigma, found = hypothesis.problem.sigma, hypothesis.final.fit
     held = Problem(
-        dataset.held_out, cut_readable_segments(dataset.held_out, SHORT_SEGMENT), sigma
+        dataset.held_out, cut_readable_segments(dataset.held_out, WINDOW), sigma
     )
     held = marginalize_initial_states(held, found.terms, found.values)
     before, after = np.sqrt(
@@ -93,7 +93,7 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     now, rng = hypothesis.final.fit, np.random.default_rng(1)
     segments = Problem(
         dataset.training,
-        cut_readable_segments(dataset.training, SHORT_SEGMENT),
+        cut_readable_segments(dataset.training, WINDOW),
         hypothesis.problem.sigma,
     )
     problem = marginalize_initial_states(
