@@ -9,8 +9,8 @@ import numpy as np
 
 from ..data.segments import Segments
 
-# numbers that a cache keeps: 200 MB; chosen: ten times what a recording of a minute
-# with eight actuators needs
+# numbers that a cache keeps, 200 MB; chosen: far more than the 1e5 that a diagnosis of
+# 50 s of readings needs (measured), and little beside a batch
 MAX_CACHED_NUMBERS = 25_000_000
 
 Value = TypeVar("Value")
