@@ -96,7 +96,7 @@ from selfheal.diagnosis.selection.settings import SELECTION
 from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
-from selfheal.diagnosis.simulation.simulator import LATE
+from selfheal.diagnosis.simulation.simulator import COMMAND_LATENESS
 from selfheal.recording import read
 
 NOISE = 1e-3
@@ -472,7 +472,7 @@ def test_intervals_consider_that_the_clock_is_not_known(arm, monkeypatch):
     late = standard_errors(problem, found)[0]
     monkeypatch.setattr(Problem, "clock_error", lambda *_: 0 * found.residuals)
     clock = np.sqrt(late**2 - standard_errors(problem, found)[0] ** 2)
-    assert 0.3 < clock / (LATE * arm.simulator.timestep) < 1.5
+    assert 0.3 < clock / (COMMAND_LATENESS * arm.simulator.timestep) < 1.5
 
 
 def test_errors_shrink_with_more_readings(arm):
@@ -1102,10 +1102,10 @@ def test_where_every_start_diverges_nothing_more_is_simulated(pendulum):
     (boom,) = Explosion().propose_terms(pendulum.robot)
     problem = _problem(pendulum)
     base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
-    before = pendulum.simulator.simulated_count[0]
+    before = pendulum.simulator.counter.count
     with np.errstate(all="ignore"):
         fit_candidate(base, boom)
-    asked = pendulum.simulator.simulated_count[0] - before
+    asked = pendulum.simulator.counter.count - before
     assert asked == len(boom.initial_values) * len(problem.segments)
 
 

@@ -79,7 +79,7 @@ def build_diagnosis(
         _list_candidates(hypothesis),
         remarks,
         time.monotonic() - begun,
-        int(dataset.training.simulated_count[0] + dataset.held_out.simulated_count[0]),
+        int(dataset.training.counter.count + dataset.held_out.counter.count),
         more_than_noise=structure.is_significant,
     )
 
