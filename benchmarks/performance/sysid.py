@@ -27,8 +27,8 @@ from selfheal.diagnosis.estimation.marginalization import marginalize_initial_st
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.simulation import score
 from selfheal.diagnosis.simulation.dataset import (
-    LONG,
-    WINDOW,
+    LONG_SEGMENT,
+    SHORT_SEGMENT,
     Dataset,
     cut_readable_segments,
     prepare_dataset,
@@ -244,8 +244,8 @@ def score_values(robot: HiddenArm, values: np.ndarray) -> float:
 THEIRS = "mujoco.sysid, defaults"
 METHODS: dict[str, Callable[[HiddenArm], np.ndarray]] = {
     "selfheal, whole episodes": partial(fit_with_selfheal, seconds=None),
-    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG),
-    "selfheal, pieces of 0.5 s": partial(fit_with_selfheal, seconds=WINDOW),
+    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG_SEGMENT),
+    "selfheal, pieces of 0.5 s": partial(fit_with_selfheal, seconds=SHORT_SEGMENT),
     THEIRS: fit_with_sysid,
 }
 

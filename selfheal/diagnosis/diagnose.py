@@ -36,8 +36,8 @@ from .selection.verdict import (
 )
 from .simulation.checks import check_dataset
 from .simulation.dataset import (
-    LONG,
-    WINDOW,
+    LONG_SEGMENT,
+    SHORT_SEGMENT,
     Dataset,
     cut_readable_segments,
     prepare_dataset,
@@ -110,7 +110,7 @@ def _read(
     """
     dataset = prepare_dataset(model, recordings, held_out, memory)
     check_dataset(dataset)
-    problem = build_problem(dataset, WINDOW)
+    problem = build_problem(dataset, SHORT_SEGMENT)
     check_enough_segments(dataset.training, problem)
     return dataset, problem
 
@@ -161,7 +161,7 @@ def _choose_effects(
     Returns:
         The dataset, which knows the noise that the fits tell, and the hypotheses.
     """
-    segments = cut_readable_segments(dataset.training, LONG)
+    segments = cut_readable_segments(dataset.training, LONG_SEGMENT)
     longer = Problem(dataset.training, segments, problem.sigma)
     hypotheses = name_effects(state, problem, longer, rng=rng, progress=say)
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)

@@ -17,7 +17,7 @@ from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
-from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
+from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.model_variants import split_values
 from .backward import fit_without
 from .criteria import significant_prior_penalty
@@ -67,7 +67,7 @@ def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list
 
 def _build_held_out(dataset: Dataset, sigma: Floats) -> Problem:
     """Held-out segments with residuals in units of sigma (C) [unit of each column]."""
-    segments = cut_readable_segments(dataset.held_out, WINDOW)
+    segments = cut_readable_segments(dataset.held_out, SHORT_SEGMENT)
     return Problem(dataset.held_out, segments, sigma)
 
 

@@ -16,7 +16,12 @@ from ..estimation.noise import ABOVE, noise_ratio
 from ..estimation.nonsmooth import fit_smoothed, search_along_valleys, search_multiples
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
-from ..simulation.dataset import LONG, WINDOW, Dataset, cut_readable_segments
+from ..simulation.dataset import (
+    LONG_SEGMENT,
+    SHORT_SEGMENT,
+    Dataset,
+    cut_readable_segments,
+)
 from ..simulation.model_variants import split_values
 from .backward import exchange_term, is_simpler
 from .cross_validation import ScoredFit
@@ -43,7 +48,7 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
             steps,
             rng,
         )
-        for seconds in (WINDOW, LONG)
+        for seconds in (SHORT_SEGMENT, LONG_SEGMENT)
     )
     is_long = is_horizon_informative(long, short, fit.terms, fit.values)
     problem = long if is_long else short

@@ -23,7 +23,7 @@ from ..estimation.noise import (
 )
 from ..estimation.problem import Problem, build_initial_state_offsets
 from ..simulation import score
-from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
+from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit
 from .evidence import improvement_p_value
@@ -42,7 +42,7 @@ def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> floa
     moves in a few poses. A replay of a chaotic robot tells where it was when it began.
     """
     sigma, fit = hypothesis.problem.sigma, hypothesis.final.fit
-    segments = cut_readable_segments(dataset.held_out, WINDOW)
+    segments = cut_readable_segments(dataset.held_out, SHORT_SEGMENT)
     held_out = Problem(dataset.held_out, segments, sigma)
     held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
     before, after = np.sqrt(
@@ -94,7 +94,7 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     residuals beside that of noise and time step.
     """
     fit, rng = hypothesis.final.fit, np.random.default_rng(1)
-    segments = cut_readable_segments(dataset.training, WINDOW)
+    segments = cut_readable_segments(dataset.training, SHORT_SEGMENT)
     whole = Problem(dataset.training, segments, hypothesis.problem.sigma)
     part = subsample_problem(whole, SELECTION.remaining_steps, rng)
     problem = marginalize_initial_states(part, fit.terms, fit.values)
