@@ -1,22 +1,31 @@
-"""The catalogue: one module a group; other packages add theirs by entry point."""
+"""The catalogue of effects, as entry points name them.
+
+One module holds a group of them; other packages add theirs by entry point.
+"""
 
 from functools import cache
 from importlib.metadata import entry_points
 
 from ...errors import UnknownNameError
 from .base import Effect
+from .declaration import check_declaration
+
+GROUPS = ("friction", "transmission", "actuator", "body", "world", "measurement")
 
 
 @cache
 def load_catalogue() -> dict[str, Effect]:
-    """Every effect that can be named, by name, in the order of the contract."""
-    found = [entry.load()() for entry in entry_points(group="selfheal.effects")]
+    """Every effect that can be named, by name, in the order of the contract.
+
+    Raises:
+        InputError: an effect's declaration contradicts itself.
+    """
+    effects = [entry.load()() for entry in entry_points(group="selfheal.effects")]
+    for effect in effects:
+        check_declaration(effect)
     order = {name: i for i, name in enumerate(GROUPS)}
-    found.sort(key=lambda e: (order.get(e.group, len(order)), e.name))
-    return {effect.name: effect for effect in found}
-
-
-GROUPS = ("friction", "transmission", "actuator", "body", "world", "measurement")
+    effects.sort(key=lambda e: (order.get(e.group, len(order)), e.name))
+    return {effect.name: effect for effect in effects}
 
 
 def find_effect(name: str) -> Effect:

@@ -135,14 +135,6 @@ def build_edits(
     return found
 
 
-def is_native(term: Term) -> bool:
-    """Whether plain MuJoCo can do all that an effect does."""
-    ways = ("transform_command", "apply_forces", "transform_reading")
-    return implements(term.effect, "edit_text") or not any(
-        implements(term.effect, w) for w in ways
-    )
-
-
 def _differs(a, b) -> bool:
     a, b = np.asarray(a, float), np.asarray(b, float)
     return bool((np.abs(a - b) > 1e-9 * (1e-6 + np.abs(a) + np.abs(b))).any())

@@ -17,7 +17,7 @@ from ..data.segments import cut_segments
 from ..effects import find_effect
 from ..effects.base import Parameter, Term
 from ..effects.nominal import build_nominal_terms
-from ..effects.world import GroundEffect, find_ground_geoms
+from ..effects.places import Place
 from ..simulation.build import (
     StateReconstruction,
     reorder_commands,
@@ -113,21 +113,20 @@ def restore_term(
     Raises:
         InputError: the model does not have what the finding is about.
     """
-    kind = find_effect(finding["effect"])
-    names = [p["name"] for p in finding["parameters"]]
-    place = restore_place(compiler.nominal, finding, names)
+    effect = find_effect(finding["effect"])
+    place = effect.find_place(compiler.nominal, finding)
     if patched:
-        place["there"] = True  # the joint that it adds is in the text already
+        place["there"] = True
         if "suffix" in place:
             _check_added_joint(compiler, place)
     parameters = tuple(
         Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
         for i in range(len(_read_values(finding)))
     )
-    return Term(kind, (finding["target"],), (place,), parameters, ())
+    return Term(effect, (finding["target"],), (place,), parameters, ())
 
 
-def _check_added_joint(compiler: ModelCompiler, place: Mapping[str, Any]) -> None:
+def _check_added_joint(compiler: ModelCompiler, place: Place) -> None:
     """Refuse a patched model without the joint that a finding says is in it."""
     joint, model = place["joint"], compiler.nominal
     name = f"{model.joint(joint).name}{place['suffix']}"
@@ -136,54 +135,6 @@ def _check_added_joint(compiler: ModelCompiler, place: Mapping[str, Any]) -> Non
             f"{compiler.path} has no joint {name!r}, which the diagnosis says is in "
             "it; would fit: the patched.xml that was written with it"
         )
-
-
-def restore_place(
-    model, finding: Mapping[str, Any], names: Sequence[str]
-) -> dict[str, Any]:
-    """What an effect needs to act where a finding says, in a given model."""
-    kind = find_effect(finding["effect"])
-    sort, _, name = finding["target"].partition(":")
-    side = finding.get("measured") or finding.get("side")
-    place: dict[str, Any] = {"side": side, "begins": finding.get("begins")}
-    try:
-        if sort == "joint":
-            place |= _joint_place(model, name)
-            if "other" in finding:
-                other = _joint_place(model, finding["other"].partition(":")[2])
-                place |= {"other_dof": other["dof"], "other_qpos": other["qpos"]}
-            if getattr(kind, "suffix", ""):
-                place["suffix"] = kind.suffix  # type: ignore[attr-defined]
-        elif sort == "actuator":
-            a = model.actuator(name).id
-            place |= {"actuator": a, "gear": float(model.actuator_gear[a, 0])}
-            if model.actuator_trntype[a] in (0, 1):
-                joint = model.joint(int(model.actuator_trnid[a, 0]))
-                place |= {"dof": int(joint.dofadr[0]), "qpos": int(joint.qposadr[0])}
-        elif sort == "body":
-            place["body"] = model.body(name).id
-        elif sort == "sensor":
-            place["signal"] = name
-        elif sort == "geom":
-            place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
-        elif sort == "world":
-            place |= {"field": (*names, "")[0], **(find_ground_geoms(model) or {})}
-            if isinstance(kind, GroundEffect) and "geoms" not in place:
-                raise InputError(
-                    f"the model has no ground, whose {kind.name} the diagnosis names; "
-                    "would fit: a geom of the world that something can touch"
-                )
-    except KeyError as error:
-        raise InputError(f"the model has no {sort} {name!r}, which the diagnosis names"
-                         ) from error  # fmt: skip
-    return place
-
-
-def _joint_place(model, name: str) -> dict[str, Any]:
-    joint = model.joint(name)
-    dof = int(joint.dofadr[0])
-    return {"joint": joint.id, "dof": dof, "qpos": int(joint.qposadr[0]),
-            "inertia": float(model.dof_M0[dof])}  # fmt: skip
 
 
 def summarize_unrecorded(compiler: ModelCompiler) -> RobotSummary:

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import StepState, Term, implements
+from ..effects.base import Term, implements
+from ..effects.step_state import StepState
 from .model_variants import ModelVariant, read_model_field
 from .sensors import SensorReader
 
