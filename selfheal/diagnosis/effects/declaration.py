@@ -1,13 +1,7 @@
 """What an effect states of itself, once: its parameters, and a finding's fields."""
 
-import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-from ...errors import InputError
-
-if TYPE_CHECKING:
-    from .base import Effect
+from typing import Any
 
 TARGET_KINDS = ("joint", "actuator", "body", "geom", "sensor", "world")
 # names that a phrase may use beside the parameters': the target, all parameters, and
@@ -74,27 +68,3 @@ def convert_unit(unit: str | None, element_unit: str) -> str:
     if unit == "kg m^2":
         return "kg"
     return unit.replace("N m", "N").replace("rad", "m")
-
-
-def check_declaration(effect: "Effect") -> None:
-    """Refuse an effect whose declaration contradicts itself.
-
-    Raises:
-        InputError: the first contradiction, and what would fit.
-    """
-    who = f"effect {effect.name or type(effect).__name__!r}"
-    for key in ("name", "group", "description", "equation", "source"):
-        if not getattr(effect, key):
-            raise InputError(f"{who} has no {key}; would fit: a text")
-    kinds = effect.target_kinds
-    if not kinds or not set(kinds) <= set(TARGET_KINDS):
-        fits = ", ".join(TARGET_KINDS)
-        raise InputError(f"{who}: target_kinds is {kinds!r}; would fit some of: {fits}")
-    names = [p.name for p in effect.parameters]
-    fits = ", ".join((*names, *PLACEHOLDERS))
-    for name in re.findall(r"{(\w+)}", effect.phrase):
-        if name not in (*names, *PLACEHOLDERS):
-            raise InputError(f"{who}: its phrase names {name!r}; would fit: {fits}")
-    for name in {n for names in effect.parameter_sets for n in names} - set(names):
-        fits = ", ".join(names)
-        raise InputError(f"{who}: parameter_sets has {name!r}; would fit: {fits}")
