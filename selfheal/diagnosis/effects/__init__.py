@@ -60,6 +60,6 @@ def check_declaration(effect: Effect) -> None:
     for name in re.findall(r"{(\w+)}", effect.phrase):
         if name not in (*names, *PLACEHOLDERS):
             raise InputError(f"{who}: its phrase names {name!r}; would fit: {fits}")
-    for name in {n for names in effect.parameter_sets for n in names} - set(names):
+    for name in sorted({n for each in effect.parameter_sets for n in each} - {*names}):
         fits = ", ".join(names)
         raise InputError(f"{who}: parameter_sets has {name!r}; would fit: {fits}")

@@ -26,7 +26,8 @@ from ..simulation.dataset import Dataset
 from ..simulation.simulator import Simulator
 from . import document as doc
 from . import localization
-from .mjcf_patch import ModelSource, build_edits, compile_patched
+from .mjcf_patch import build_edits
+from .model_source import ModelSource, compile_patched
 from .result import Candidate, Diagnosis, Localization, SignalFit, Trace
 
 FEW = 6  # names that a remark lists; chosen
