@@ -1,4 +1,8 @@
-"""A fit's changes as edits of the MJCF's text: takes terms and values, gives edits."""
+"""A fit's changes as edits of the MJCF's text: takes terms and values, gives edits.
+
+Effects edit a compiled model. What differs from the model as given becomes attributes
+of its text, and effects that numbers cannot say bring edits of their own.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,81 +16,108 @@ from .model_source import ModelSource, differs, name_or_id
 from .patch_actuators import edit_actuators
 from .patch_bodies import edit_bodies, edit_geoms, edit_sites
 
+FREE, SLIDE = 0, 2  # mjtJoint
+OPTIONS = ("gravity", "density", "viscosity", "wind")  # of mjOption, that effects set
+
 
 def build_edits(
     source: ModelSource, variant: ModelVariant, terms: Sequence[Term], values: Floats
 ) -> list[Edit]:
-    """What to change in the text so that the terms are true, as far as MuJoCo can."""
-    model = variant.build_model(terms, values)
-    found: list[Edit] = []
+    """Edits after which the text states what terms say, as far as MuJoCo can.
+
+    Args:
+        source: what the text states.
+        variant: the compiled model with the joints that the terms add.
+        terms: of the fit.
+        values: (P) of all their parameters.
+    """
+    old, new = variant.model, variant.build_model(terms, values)
+    edits: list[Edit] = []
     for term, part in zip(terms, split_values(terms, values), strict=True):
         if implements(term.effect, "edit_text"):
             for place in term.places:
-                found += (
-                    term.effect.edit_text(variant.model, variant.map_place(place), part)
-                    or []
+                edits += (
+                    term.effect.edit_text(old, variant.map_place(place), part) or []
                 )
-    found = [
-        *found,
-        *_edit_joints(source, variant.model, model),
-        *edit_actuators(source, variant.model, model, found),
-        *edit_bodies(source, variant.model, model),
-        *edit_geoms(source, variant.model, model),
-        *edit_sites(source, variant.model, model),
-        *_edit_option(variant.model, model),
+    return [
+        *edits,
+        *_edit_joints(source, old, new),
+        *edit_actuators(source, old, new, edits),
+        *edit_bodies(source, old, new),
+        *edit_geoms(source, old, new),
+        *edit_sites(source, old, new),
+        *_edit_option(old, new),
     ]
-    return found
 
 
 def _edit_joints(source: ModelSource, old, new) -> Iterator[Edit]:
+    """Edits of the joints that differ between two models.
+
+    Of a joint that an effect adds only its range may differ; the effect's own edit
+    states the rest.
+
+    Args:
+        source: what the text states.
+        old: compiled, as the text states it, with the joints that effects add.
+        new: compiled, as the text is to be.
+    """
     given = {j.name for j in source.spec.joints}
     for j in range(new.njnt):
-        name = old.joint(j).name
-        if not new.jnt_type[j]:  # what floats states nothing
+        if new.jnt_type[j] == FREE:  # it states nothing
             continue
-        v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
-        predicted: dict[str, str | None] = {}
-        damping = [
-            np.append(m.dof_damping[v], m.dof_dampingpoly[v]) for m in (old, new)
-        ]
-        if differs(*damping):
-            used = np.flatnonzero(damping[1])
-            predicted["damping"] = format_number(
-                damping[1][: (used[-1] if used.size else 0) + 1]
-            )
-        for field, attribute in (("dof_frictionloss", "frictionloss"),
-                                 ("dof_armature", "armature")):  # fmt: skip
-            if differs(getattr(old, field)[v], getattr(new, field)[v]):
-                predicted[attribute] = format_number(getattr(new, field)[v])
-        if differs(old.jnt_stiffness[j], new.jnt_stiffness[j]):
-            predicted["stiffness"] = format_number(new.jnt_stiffness[j])
-        turn = source.degree and new.jnt_type[j] != 2
-        if differs(old.qpos_spring[q], new.qpos_spring[q]):
-            predicted["springref"] = format_number(
-                _to_text_angle(new.qpos_spring[q], turn)
-            )
-        if differs(old.jnt_range[j], new.jnt_range[j]):
-            predicted["range"] = format_number(_to_text_angle(new.jnt_range[j], turn))
-            predicted["limited"] = "true"
-        if differs(old.jnt_solref[j], new.jnt_solref[j]):
-            predicted["solreflimit"] = format_number(new.jnt_solref[j])
-        if name not in given:  # its effect has said the rest
-            predicted = {
-                k: v for k, v in predicted.items() if k in ("range", "limited")
-            }
-        if predicted:
-            yield Set("joint", name_or_id(old.joint, j), predicted)
+        attributes = _joint_attributes(source, old, new, j)
+        if old.joint(j).name not in given:
+            own = ("range", "limited")
+            attributes = {k: v for k, v in attributes.items() if k in own}
+        if attributes:
+            yield Set("joint", name_or_id(old.joint, j), attributes)
 
 
-def _to_text_angle(value, degree: bool):
-    return np.rad2deg(value) if degree else value
+def _joint_attributes(source: ModelSource, old, new, j: int) -> dict[str, str | None]:
+    """Attributes of a joint whose values differ between two models.
+
+    Args:
+        source: what the text states.
+        old: compiled, as the text states it.
+        new: compiled, as the text is to be.
+        j: id of the joint.
+    """
+    v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
+    attributes: dict[str, str | None] = {}
+    damping = [np.append(m.dof_damping[v], m.dof_dampingpoly[v]) for m in (old, new)]
+    if differs(*damping):
+        used = np.flatnonzero(damping[1])
+        count = (used[-1] if used.size else 0) + 1
+        attributes["damping"] = format_number(damping[1][:count])
+    for attribute in ("frictionloss", "armature"):
+        field = f"dof_{attribute}"
+        if differs(getattr(old, field)[v], getattr(new, field)[v]):
+            attributes[attribute] = format_number(getattr(new, field)[v])
+    if differs(old.jnt_stiffness[j], new.jnt_stiffness[j]):
+        attributes["stiffness"] = format_number(new.jnt_stiffness[j])
+    in_degrees = source.degree and new.jnt_type[j] != SLIDE
+    if differs(old.qpos_spring[q], new.qpos_spring[q]):
+        angle = _to_text_angle(new.qpos_spring[q], in_degrees)
+        attributes["springref"] = format_number(angle)
+    if differs(old.jnt_range[j], new.jnt_range[j]):
+        ends = _to_text_angle(new.jnt_range[j], in_degrees)
+        attributes |= {"range": format_number(ends), "limited": "true"}
+    if differs(old.jnt_solref[j], new.jnt_solref[j]):
+        attributes["solreflimit"] = format_number(new.jnt_solref[j])
+    return attributes
+
+
+def _to_text_angle(value, in_degrees: bool):
+    """An angle or length [rad or m] as the text has it [deg, rad or m]."""
+    return np.rad2deg(value) if in_degrees else value
 
 
 def _edit_option(old, new) -> Iterator[Edit]:
-    predicted: dict[str, str | None] = {
+    """The edit of <option>, if any of the fields that effects set differs."""
+    attributes: dict[str, str | None] = {
         field: format_number(getattr(new.opt, field))
-        for field in ("gravity", "density", "viscosity", "wind")
+        for field in OPTIONS
         if differs(getattr(old.opt, field), getattr(new.opt, field))
     }
-    if predicted:
-        yield Set("option", "", predicted)
+    if attributes:
+        yield Set("option", "", attributes)

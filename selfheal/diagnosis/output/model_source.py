@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,19 @@ from ...errors import ModelError
 from ...mjcf.edit import Edit, apply_edits, list_tags
 from ...recording.data import Floats
 
+INERTIA_FROM_GEOM = 1  # mjtInertiaFromGeom: true
+QUATERNION = 0  # mjtOrientation
+# relative change, and size of a value, below which two values are one; chosen: the
+# last digits that a text has
+RELATIVE, SMALLEST = 1e-9, 1e-6
+
 
 class ModelSource:
-    """What the text of a model says and a compiled one does not.
+    """What the text of a model states and a compiled model does not.
 
     Attributes:
-        spec: as MuJoCo reads the text.
-        degree: whether hinges' angles are written in degrees.
+        spec: mujoco.MjSpec of the text.
+        degree: whether the text has angles of hinges in degrees.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -29,7 +35,7 @@ class ModelSource:
         self._inertials = {name for name, _ in list_tags(path, "inertial")}
 
     def actuator_tag(self, name: str, index: int) -> str:
-        """The tag of an actuator."""
+        """The tag of an actuator ("position"), by its name or else its id."""
         named = [tag for n, tag in self._actuators if name and n == name]
         unnamed = [tag for _, tag in self._actuators[index : index + 1]]
         return (named or unnamed or ["general"])[0]
@@ -40,22 +46,28 @@ class ModelSource:
 
     @property
     def overrides_masses(self) -> bool:
-        """Whether masses and inertias are not those that the bodies state."""
-        compiler, always = self.spec.compiler, 1  # mjINERTIAFROMGEOM_TRUE
-        return int(compiler.inertiafromgeom) == always or compiler.settotalmass > 0
+        """Whether the compiler replaces the masses that the bodies state."""
+        compiler = self.spec.compiler
+        always = int(compiler.inertiafromgeom) == INERTIA_FROM_GEOM
+        return always or compiler.settotalmass > 0
 
     def resolve_orientation(self, quat: Floats, alt: Any) -> Floats:
-        """How something is turned (4), whichever way the spec says so."""
-        if int(alt.type) == 0:  # mjORIENTATION_QUAT
+        """The quaternion (4) of an element, in whatever form the text states it.
+
+        Args:
+            quat: (4) its `quat`.
+            alt: its other form, as mujoco.MjSpec has it.
+        """
+        if int(alt.type) == QUATERNION:
             return np.array(quat) / np.linalg.norm(quat)
-        how = self.spec.compiler
+        compiler = self.spec.compiler
         turned = self.spec.resolve_orientation(
-            degree=how.degree, sequence=how.eulerseq, orientation=alt
+            degree=compiler.degree, sequence=compiler.eulerseq, orientation=alt
         )
         return np.array(turned)
 
     def resolve_frame(self, element: Any) -> tuple[Floats, Floats]:
-        """Place (3) and turn (4) of the <frame>s around an element of the spec."""
+        """Position (3) [m] and quaternion (4) of the <frame>s around an element."""
         import mujoco
 
         place, turn = np.zeros(3), np.array([1.0, 0, 0, 0])
@@ -69,7 +81,11 @@ class ModelSource:
 
 
 def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> Any:
-    """The edited text as MuJoCo's spec, whose bodies are numbered as in a model.
+    """mujoco.MjSpec of the edited text, compiled, so that its elements have ids.
+
+    Args:
+        path: of the MJCF or URDF.
+        changes: of its text.
 
     Raises:
         ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.
@@ -88,10 +104,13 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
     return spec
 
 
-def differs(a, b) -> bool:
-    a, b = np.asarray(a, float), np.asarray(b, float)
-    return bool((np.abs(a - b) > 1e-9 * (1e-6 + np.abs(a) + np.abs(b))).any())
+def differs(old: Any, new: Any) -> bool:
+    """Whether two values or arrays of the same shape differ by more than rounding."""
+    a, b = np.asarray(old, float), np.asarray(new, float)
+    limit = RELATIVE * (SMALLEST + np.abs(a) + np.abs(b))
+    return bool((np.abs(a - b) > limit).any())
 
 
-def name_or_id(thing, index: int):
-    return thing(index).name or int(index)
+def name_or_id(accessor: Callable, index: int) -> str | int:
+    """What an edit calls an element; `accessor` is a model's (`model.joint`)."""
+    return accessor(index).name or int(index)

@@ -1,4 +1,4 @@
-"""Changed bodies, geoms and sites as edits of text: takes two models, gives attributes."""
+"""Changed bodies, geoms and sites as edits of text: takes two models, gives edits."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -11,9 +11,19 @@ from .model_source import ModelSource, differs, name_or_id
 
 # MJCF's other ways to state an orientation, which `quat` takes the place of
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
+# share of the largest moment below which a product of inertia is rounding; chosen
+DIAGONAL = 1e-7
+SIZES = {2: 1, 3: 2, 5: 2}  # numbers of a size: mjtGeom sphere, capsule, cylinder
 
 
 def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
+    """Edits of the bodies whose position, mass or inertia differs between two models.
+
+    Args:
+        source: what the text states.
+        old: compiled, as the text states it.
+        new: compiled, as the text is to be.
+    """
     fields = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
     changed = [
         any(differs(getattr(old, f)[b], getattr(new, f)[b]) for f in fields)
@@ -24,70 +34,98 @@ def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
         yield Set("compiler", "", compiler)
         changed = [True] * new.nbody  # what they stated did not count so far
     for b in range(1, new.nbody):
-        name = name_or_id(old.body, b)
         if differs(old.body_pos[b], new.body_pos[b]):
-            moved = _moved_position(
-                source, source.spec.bodies[b], old.body_pos, new.body_pos, b
-            )
-            yield Set("body", name, {"pos": moved})
-        if not changed[b]:
-            continue
-        predicted: dict[str, str | None] = {
-            "pos": format_number(new.body_ipos[b]),
-            "quat": format_number(new.body_iquat[b]),
-            "mass": format_number(new.body_mass[b]),
-            "diaginertia": format_number(new.body_inertia[b]),
-        }
-        if source.states_inertia(str(name)):
-            moments = _stated_axes_inertia(source, source.spec.bodies[b], new, b)
-            if moments is None:
-                predicted |= {"fullinertia": None, **TURNED}
-            else:
-                predicted |= {"diaginertia": format_number(moments)}
-                del predicted["quat"]
-            yield Set("inertial", name, predicted)
-        else:
-            xml = " ".join(f'{k}="{v}"' for k, v in predicted.items())
-            yield Insert("body", name, f"<inertial {xml}/>", first=True)
+            element = source.spec.bodies[b]
+            pos = _moved_position(source, element, old.body_pos[b], new.body_pos[b])
+            yield Set("body", name_or_id(old.body, b), {"pos": pos})
+        if changed[b]:
+            yield _edit_inertial(source, name_or_id(old.body, b), new, b)
+
+
+def _edit_inertial(source: ModelSource, name: str | int, new, body: int) -> Edit:
+    """The edit that gives a body's text the mass and inertia of the new model.
+
+    Args:
+        source: what the text states.
+        name: of the body in the text.
+        new: compiled, as the text is to be.
+        body: its id.
+    """
+    attributes: dict[str, str | None] = {
+        "pos": format_number(new.body_ipos[body]),
+        "quat": format_number(new.body_iquat[body]),
+        "mass": format_number(new.body_mass[body]),
+        "diaginertia": format_number(new.body_inertia[body]),
+    }
+    if not source.states_inertia(str(name)):
+        xml = " ".join(f'{k}="{v}"' for k, v in attributes.items())
+        return Insert("body", name, f"<inertial {xml}/>", first=True)
+    moments = _stated_axes_inertia(source, source.spec.bodies[body], new, body)
+    if moments is None:
+        attributes |= {"fullinertia": None, **TURNED}
+    else:
+        attributes |= {"diaginertia": format_number(moments)}
+        del attributes["quat"]
+    return Set("inertial", name, attributes)
 
 
 def _stated_axes_inertia(
     source: ModelSource, element: Any, new, body: int
 ) -> Floats | None:
-    """Inertia (3) along the axes that the text states; None: it has others now."""
+    """Principal moments (3) [kg m^2] about the axes that the text states.
+
+    Args:
+        source: what the text states.
+        element: of the body in the spec.
+        new: compiled, as the text is to be.
+        body: its id.
+
+    Returns:
+        None where the principal axes are others now.
+    """
     import mujoco
 
     if np.isfinite(element.fullinertia[0]):
         return None
-    now, nominal_terms = np.empty(9), np.empty(9)
+    now, given = np.empty(9), np.empty(9)
     mujoco.mju_quat2Mat(now, new.body_iquat[body])
-    mujoco.mju_quat2Mat(
-        nominal_terms, source.resolve_orientation(element.iquat, element.ialt)
-    )
-    turn = nominal_terms.reshape(3, 3).T @ now.reshape(3, 3)
+    mujoco.mju_quat2Mat(given, source.resolve_orientation(element.iquat, element.ialt))
+    turn = given.reshape(3, 3).T @ now.reshape(3, 3)
     tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
     moments = np.diag(tensor)
     apart = np.abs(tensor - np.diag(moments)).max()
-    return moments if apart < 1e-7 * moments.max() else None
+    return moments if apart < DIAGONAL * moments.max() else None
 
 
-def _moved_position(
-    source: ModelSource, element: Any, old: Floats, new: Floats, index: int
-) -> str:
-    """The `pos` of an element after it has moved in its body."""
+def _moved_position(source: ModelSource, element: Any, old: Floats, new: Floats) -> str:
+    """The `pos` of an element that has moved in its body.
+
+    Args:
+        source: what the text states.
+        element: of the spec.
+        old: (3) its compiled position before [m].
+        new: (3) its compiled position after [m].
+    """
     import mujoco
 
     _, turn = source.resolve_frame(element)
     back, way = np.empty(4), np.empty(3)
     mujoco.mju_negQuat(back, turn)
-    mujoco.mju_rotVecQuat(way, new[index] - old[index], back)
+    mujoco.mju_rotVecQuat(way, new - old, back)
     return format_number(element.pos + way)
 
 
 def _placed_attributes(
     source: ModelSource, element: Any, pos: Floats, quat: Floats
-) -> dict:
-    """The `pos` and `quat` of an element that is so in its body, and no `fromto`."""
+) -> dict[str, str | None]:
+    """The `pos` and `quat` of an element, in the place of its `fromto`.
+
+    Args:
+        source: what the text states.
+        element: of the spec.
+        pos: (3) its position in its body [m].
+        quat: (4) its orientation in its body.
+    """
     import mujoco
 
     place, turn = source.resolve_frame(element)
@@ -104,53 +142,64 @@ def _placed_attributes(
 
 
 def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
+    """Edits of the geoms that differ between two models.
+
+    Args:
+        source: what the text states.
+        old: compiled, as the text states it.
+        new: compiled, as the text is to be.
+    """
     for g in range(new.ngeom):
-        predicted: dict[str, str | None] = {}
+        attributes: dict[str, str | None] = {}
         element = source.spec.geoms[g]
         moved = differs(old.geom_pos[g], new.geom_pos[g])
         grown = differs(old.geom_size[g], new.geom_size[g])
         if (moved or grown) and np.isfinite(element.fromto[0]):
-            predicted |= _placed_attributes(
+            attributes |= _placed_attributes(
                 source, element, new.geom_pos[g], new.geom_quat[g]
             )
-            predicted["size"] = _format_size(new, g)
+            attributes["size"] = _format_size(new, g)
         elif moved:
-            predicted["pos"] = _moved_position(
-                source, element, old.geom_pos, new.geom_pos, g
+            attributes["pos"] = _moved_position(
+                source, element, old.geom_pos[g], new.geom_pos[g]
             )
         if grown and new.geom_dataid[g] < 0:  # a mesh keeps its size
-            predicted["size"] = _format_size(new, g)
+            attributes["size"] = _format_size(new, g)
         for field, attribute in (
             ("geom_friction", "friction"), ("geom_solref", "solref"),
             ("geom_priority", "priority"), ("geom_contype", "contype"),
             ("geom_conaffinity", "conaffinity"),
         ):  # fmt: skip
             if differs(getattr(old, field)[g], getattr(new, field)[g]):
-                predicted[attribute] = format_number(getattr(new, field)[g])
-        if predicted:
-            yield Set("geom", name_or_id(old.geom, g), predicted)
+                attributes[attribute] = format_number(getattr(new, field)[g])
+        if attributes:
+            yield Set("geom", name_or_id(old.geom, g), attributes)
 
 
 def _format_size(model, geom: int) -> str:
-    """As many numbers as the geom's type has."""
-    used = {2: 1, 3: 2, 5: 2}  # mjtGeom: sphere, capsule, cylinder
-    return format_number(
-        model.geom_size[geom, : used.get(int(model.geom_type[geom]), 3)]
-    )
+    """The `size` of a geom, with as many numbers as its type has."""
+    count = SIZES.get(int(model.geom_type[geom]), 3)
+    return format_number(model.geom_size[geom, :count])
 
 
 def edit_sites(source: ModelSource, old, new) -> Iterator[Edit]:
+    """Edits of the sites that have moved between two models.
+
+    Args:
+        source: what the text states.
+        old: compiled, as the text states it.
+        new: compiled, as the text is to be.
+    """
     for s in range(new.nsite):
         if not differs(old.site_pos[s], new.site_pos[s]):
             continue
         element = source.spec.sites[s]
         if np.isfinite(element.fromto[0]):
-            predicted = _placed_attributes(
+            attributes = _placed_attributes(
                 source, element, new.site_pos[s], new.site_quat[s]
             )
-            predicted["size"] = format_number(new.site_size[s])
+            attributes["size"] = format_number(new.site_size[s])
         else:
-            predicted = {
-                "pos": _moved_position(source, element, old.site_pos, new.site_pos, s)
-            }
-        yield Set("site", name_or_id(old.site, s), predicted)
+            pos = _moved_position(source, element, old.site_pos[s], new.site_pos[s])
+            attributes = {"pos": pos}
+        yield Set("site", name_or_id(old.site, s), attributes)
