@@ -13,7 +13,7 @@ from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.effects.declaration import PLACEHOLDERS
-from selfheal.diagnosis.output.build_result import _improvement_p_value
+from selfheal.diagnosis.output.finding_location import improvement_p_value
 from selfheal.diagnosis.output.result import (
     Candidate,
     Diagnosis,
@@ -383,9 +383,9 @@ def test_the_page_asks_for_nothing_from_anywhere():
 def test_few_windows_tell_as_much_as_few_can():
     at = np.arange(6)
     pieces = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
-    assert _improvement_p_value(pieces, np.zeros(6)) == 1
+    assert improvement_p_value(pieces, np.zeros(6)) == 1
     for n in range(1, 7):
-        assert _improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
+        assert improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
 
 
 def test_missing_numbers_have_a_page():
