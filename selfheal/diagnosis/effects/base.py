@@ -183,24 +183,21 @@ class Effect:
         equation: of the effect, in ASCII.
         source: of the equation: a paper, or MuJoCo's element and attribute.
         separate_by: an experiment that tells it from effects with like motions.
-        phrase: clause of the report, with `{at}` for the target, parameters by name,
-            `{all}` for all of them, `{lacks}` and `{other}` for the difference to the
-            model; empty: "TARGET shows NAME that the model lacks".
-
+        phrase: clause of the report. `{at}` stands for the target, a parameter's name
+            for its value, `{all}` for all values, `{lacks}` and `{other}` for the
+            difference to the model. Empty: "TARGET shows NAME that the model lacks".
         target_kinds: of what a finding may name as its target; the first one is where
             the effect is proposed.
         parameters: that a finding states, in their order.
         parameter_sets: names that a finding states together, one tuple for each form;
             empty: all parameters, always.
         finding_fields: what a finding says beside its target and parameters.
-
         is_common: whether most robots have some of it at each single target.
         rarity: a rank of how seldom a model lacks it, 0 to 2; chosen: people measure
             lengths (2) better than loads (1), and those better than friction (0).
         restates_nominal: whether it says that a value or law of the model is wrong.
         overrides: names of nominal parameters at its target whose place it takes, so
             that they have no influence beside it.
-
         holds_previous_command: whether `transform_command` gives the command as it was
             when a step began.
         writes_forcerange: whether `apply_forces` writes `StepState.forcerange`.
@@ -326,7 +323,13 @@ class Effect:
     def edit_model(
         self, model: "mujoco.MjModel", place: Mapping[str, Any], values: Floats
     ) -> None:
-        """Change fields of a compiled model; values (p)."""
+        """Change fields of a compiled model.
+
+        Args:
+            model: compiled, to be changed.
+            place: where the effect acts, in that model.
+            values: (p) of the parameters.
+        """
 
     def edit_spec(self, spec: "mujoco.MjSpec", place: Mapping[str, Any]) -> None:
         """Add elements to a model before it is compiled."""
@@ -350,12 +353,18 @@ class Effect:
     def apply_forces(
         self, state: StepState, place: Mapping[str, Any], values: Floats
     ) -> None:
-        """Add forces, or change friction and limits, at one step; values (N, p)."""
+        """Add forces, or change friction and limits, at one step.
+
+        Args:
+            state: of N simulations, to be read and changed.
+            place: where the effect acts, in the simulated model.
+            values: (N, p) of the parameters.
+        """
 
     def transform_reading(
         self, place: Mapping[str, Any], values: Floats
     ) -> Mapping[str, Floats]:
-        """Changes of the signal place["signal"]; values (N, p).
+        """What a sensor makes of the true signal place["signal"], from values (N, p).
 
         Returns:
             Of the keys "bias" (N, width) [signal's unit], "gain" (N) [1], "delay" (N)
@@ -375,15 +384,12 @@ class Effect:
     def edit_text(
         self, model: "mujoco.MjModel", place: Mapping[str, Any], values: Floats
     ) -> "Sequence[Set | Insert | Rename] | None":
-        """Edits of the MJCF's text with the same effect, where numbers do not say it.
+        """Edits of the MJCF's text with the same effect; None: the text cannot say it.
 
         Args:
             model: compiled, as given or with the joints that effects add.
             place: where the effect acts, in that model.
             values: (p) of the parameters.
-
-        Returns:
-            None where the text cannot say it.
         """
         return None
 

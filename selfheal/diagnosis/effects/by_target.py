@@ -151,5 +151,11 @@ class WorldEffect(Effect):
         initial_values: tuple[tuple[float, ...], ...],
         place: Place | None = None,
     ) -> Term:
-        """The term at the world; `place` is what the effect needs to act there."""
+        """The term at the world.
+
+        Args:
+            parameters: with their bounds.
+            initial_values: that a fit may begin at, each (p).
+            place: what the effect needs to act there; None: nothing.
+        """
         return Term(self, ("world",), (place or {},), parameters, initial_values)

@@ -50,7 +50,13 @@ class FreeFormTorque(JointEffect):
         return ((0.0,) * len(BASIS),)
 
     def apply_forces(self, state, place, values):
-        """Add a weighted sum of the basis; weights (N, p) [N m or N]."""
+        """Add a weighted sum of the basis.
+
+        Args:
+            state: of N simulations.
+            place: of the joint.
+            values: (N, p) weights [N m or N].
+        """
         middle, range_ = place["range_center"], place["range"]
         x = np.clip(2 * (state.qpos[:, place["qpos"]] - middle) / range_, -2, 2)
         v = np.clip(state.qvel[:, place["dof"]] / place["speed"], -4, 4)

@@ -120,7 +120,14 @@ def stretch_body(model, body: int, axis: Floats, ratio: float) -> None:
 
 
 def _stretch_geom(model, geom: int, axis: int, ratio: float) -> None:
-    """Scale a geom along one of its own axes, where its type has a size along it."""
+    """Scale a geom along one of its own axes, where its type has a size along it.
+
+    Args:
+        model: compiled, to be changed.
+        geom: its id.
+        axis: index of the axis in the geom's frame.
+        ratio: new length over old one.
+    """
     import mujoco
 
     kind = mujoco.mjtGeom(model.geom_type[geom])

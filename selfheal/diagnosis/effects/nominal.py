@@ -71,7 +71,13 @@ class NominalParameter(Effect):
         return []
 
     def edit_model(self, model, place, values: Floats) -> None:
-        """Multiply the value by values[0]."""
+        """Multiply the value in a compiled model.
+
+        Args:
+            model: compiled, to be changed.
+            place: of the value.
+            values: (1) factor [1].
+        """
         self.scale(model, place, values[0])
 
 

@@ -44,8 +44,8 @@ class Place(TypedDict, total=False):
         signal: name of a signal of the recordings.
         kind: of that signal, as the contract names it.
         field: name of the field of mjOption that the effect sets.
-        side: of a hard stop -1 or 1, the lower or the upper end; of a joint with an
-            added one "motor" or "link", where its encoder sits; of a gear "both".
+        side: -1 or 1, at the lower or the upper end, of a hard stop. "motor" or "link",
+            where the encoder sits, of a joint with an added one. "both", of a gear.
         measured: as the finding states it, "motor" or "link".
         axis: (3) unit vector in the body's frame, along which it is stretched.
         principal_axis: index of a principal axis of inertia.

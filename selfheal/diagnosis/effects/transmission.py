@@ -80,23 +80,13 @@ class JointSpring(TransmissionEffect):
         reach = 5 * joint.range + 1
         now = float(robot.model.jnt_stiffness[joint.id])
         ref = float(robot.model.qpos_spring[joint.qpos])
+        first = min(ref, joint.range_center) - reach
+        last = max(ref, joint.range_center) + reach
+        most, known = high + 10 * now, REFERS * joint.range
+        make = self.make_parameter
         return (
-            self.make_parameter(
-                "stiffness",
-                joint,
-                nominal=now,
-                low=0.0,
-                high=high + 10 * now,
-                scale=scale,
-            ),
-            self.make_parameter(
-                "springref",
-                joint,
-                nominal=ref,
-                low=min(ref, joint.range_center) - reach,
-                high=max(ref, joint.range_center) + reach,
-                scale=REFERS * joint.range,
-            ),
+            make("stiffness", joint, nominal=now, low=0.0, high=most, scale=scale),
+            make("springref", joint, nominal=ref, low=first, high=last, scale=known),
         )
 
     def make_initial_values(self, robot, joint):
@@ -152,7 +142,13 @@ class HardStop(TransmissionEffect):
         model.jnt_range[joint], model.jnt_limited[joint] = inside, 1
 
     def _make_term(self, robot, joint, side: int) -> Term:
-        """The term of one end of a joint's range, -1 the lower or 1 the upper one."""
+        """The term of one end of a joint's range.
+
+        Args:
+            robot: with the joint.
+            joint: a hinge or slide.
+            side: -1 the lower or 1 the upper end.
+        """
         # the farthest position that was seen
         end = joint.range_center + side * joint.range / 2
         reach = 0.5 * joint.range
@@ -186,7 +182,16 @@ class HardStop(TransmissionEffect):
 
 
 def _limit_range(model, place, value) -> tuple[float, float]:
-    """The model's range [rad or m] of a joint, cut off at a stop's position."""
+    """The model's range of a joint, cut off at a stop's position.
+
+    Args:
+        model: compiled.
+        place: of the joint, with the stop's side.
+        value: position of the stop [rad or m].
+
+    Returns:
+        Low and high end [rad or m].
+    """
     joint = place["joint"]
     low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-FREE, FREE)
     if place["side"] < 0:
@@ -212,17 +217,13 @@ class Cogging(TransmissionEffect):
     def make_parameters(self, robot, joint):
         scale, high = 0.1 * joint.torque, 3 * torque_scale(robot, joint)
         least, apart = self._count_bounds(joint)
+        few, many, step = 2.5 * least, 50 * least, 0.5 * apart
+        make = self.make_parameter
         return (
-            self.make_parameter("amplitude", joint, low=0.0, high=high, scale=scale),
-            self.make_parameter(
-                "poles",
-                nominal=2.5 * least,
-                low=least,
-                high=50 * least,
-                scale=0.5 * apart,
-            ),
+            make("amplitude", joint, low=0.0, high=high, scale=scale),
+            make("poles", nominal=few, low=least, high=many, scale=step),
             # an angle of the wave, also at a slide
-            self.make_parameter("phase", low=-10.0, high=10.0, scale=0.5),
+            make("phase", low=-10.0, high=10.0, scale=0.5),
         )
 
     def make_initial_values(self, robot, joint):
@@ -276,7 +277,13 @@ class JointCoupling(TransmissionEffect):
         ]
 
     def _make_term(self, robot, a, b) -> Term:
-        """The term of a spring from joint a to joint b."""
+        """The term of a spring between two joints.
+
+        Args:
+            robot: with the joints.
+            a: the joint that the term is at.
+            b: the other joint.
+        """
         # what both bear: the weaker joint's, or a start is far from all that could be
         scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
         high = 10 * torque_scale(robot, a) / a.range

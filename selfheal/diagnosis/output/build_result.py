@@ -172,7 +172,16 @@ def _column_name(c: Channel, k: int) -> str:
 def _make_pose_trace(
     simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
 ) -> Trace:
-    """A column of all poses, over their number; arguments as of `_make_trace`."""
+    """A column of all poses, over their number.
+
+    Args:
+        simulator: with the poses.
+        segments: with M poses.
+        predicted: (3, M, C) by the model as given, re-fitted, and patched.
+        c: the signal.
+        k: the column, among those of all signals.
+        w: any pose; all are drawn.
+    """
     pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
     return Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
                  *(e[:, k] for e in predicted))  # fmt: skip

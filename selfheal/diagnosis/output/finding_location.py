@@ -136,7 +136,13 @@ def _find_densest_regime(masks: np.ndarray, gain: Floats) -> str:
 def _describe_segment(
     simulator: Simulator, segments: Segments, w: int
 ) -> dict[str, Any]:
-    """Episode, start and end [s] of the segment w."""
+    """Episode, start and end of a segment.
+
+    Args:
+        simulator: with the episodes.
+        segments: of which one is described.
+        w: its number.
+    """
     episode = simulator.episodes[int(segments.episode[w])]
     start = episode.start + segments.first_step[w] * simulator.timestep
     return {"episode": episode.id, "start": start,

@@ -55,7 +55,14 @@ def _check_finding(where: str, entry: Mapping[str, Any]) -> None:
 
 
 def _check_target(where: str, key: str, target: Any, kinds: Sequence[str]) -> None:
-    """Refuse what is no target ("joint:knee", "world") of one of the kinds."""
+    """Refuse what is no target ("joint:knee", "world").
+
+    Args:
+        where: file and entry, for the message.
+        key: of the entry.
+        target: its value there.
+        kinds: of what it may name.
+    """
     kind, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
     if kind not in kinds or (kind == "world") == bool(colon and name):
         fits = [k if k == "world" else f"{k}: and a name" for k in kinds]
@@ -63,7 +70,13 @@ def _check_target(where: str, key: str, target: Any, kinds: Sequence[str]) -> No
 
 
 def _check_field(where: str, value: Any, field: FindingField) -> None:
-    """Refuse a value that a finding's field cannot have."""
+    """Refuse a value that a finding's field cannot have.
+
+    Args:
+        where: file and entry, for the message.
+        value: of the field.
+        field: that the effect declares.
+    """
     if field.target_kind:
         _check_target(where, field.name, value, (field.target_kind,))
     elif value not in field.values:
@@ -72,7 +85,13 @@ def _check_field(where: str, value: Any, field: FindingField) -> None:
 
 
 def _check_parameters(where: str, entries: Any, effect: Effect) -> None:
-    """Refuse parameters whose names or values the effect does not declare."""
+    """Refuse parameters that the effect does not declare.
+
+    Args:
+        where: file and entry, for the message.
+        entries: "parameters" of a finding, as read.
+        effect: of the finding.
+    """
     is_list = isinstance(entries, list)
     if not is_list or not all(isinstance(p, dict) for p in entries):
         fits = "a list, each with name and value"
@@ -88,7 +107,13 @@ def _check_parameters(where: str, entries: Any, effect: Effect) -> None:
 
 
 def _check_value(where: str, value: Any, spec: ParameterSpec) -> None:
-    """Refuse a value of another size than declared, or of the wrong sign."""
+    """Refuse a value of another size than declared, or of the wrong sign.
+
+    Args:
+        where: file and entry, for the message.
+        value: of a parameter, as read.
+        spec: that the effect declares.
+    """
     what = f"value of {spec.name}"
     is_list = isinstance(value, list)
     if spec.size is None and is_list:
@@ -126,7 +151,14 @@ def _is_number(value: Any) -> bool:
 
 
 def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
-    """The error of a value that is wrong, with what would fit."""
+    """The error of a value that is wrong.
+
+    Args:
+        where: file and entry.
+        what: is wrong there.
+        value: that it has.
+        fits: what it might be.
+    """
     said = repr(value)
     said = said if len(said) <= MOST_SHOWN else f"{said[:MOST_SHOWN]}..."
     return InputError(f"{where}: {what} is {said}; would fit: {fits}")
