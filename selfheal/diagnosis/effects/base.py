@@ -13,7 +13,7 @@ import numpy as np
 from ...recording.data import Floats
 from .declaration import FindingField, ParameterSpec, convert_unit
 from .places import Place, add_keys, locate_target
-from .step_state import StepState
+from .step_state import StepState as StepState  # a simulation imports it from here
 
 if TYPE_CHECKING:
     import mujoco

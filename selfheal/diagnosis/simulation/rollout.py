@@ -10,8 +10,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Term, implements
-from ..effects.step_state import StepState
+from ..effects.base import StepState, Term, implements
 from .model_variants import ModelVariant, read_model_field
 from .sensors import SensorReader
 
