@@ -12,7 +12,8 @@ from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
 from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.output.build_result import _improvement_p_value
+from selfheal.diagnosis.effects.declaration import PLACEHOLDERS
+from selfheal.diagnosis.output.finding_location import improvement_p_value
 from selfheal.diagnosis.output.result import (
     Candidate,
     Diagnosis,
@@ -55,9 +56,22 @@ DELAY = {
     "where": {"signals": [], "regime": "always", "windows": [],
               "onset": {"episode": "002", "time": 3.4, "low": 3.3, "high": 3.5}},
     "evidence": {"heldout_nll_gain": 0.3, "p_value": 0.004, "stability": 0.9},
-    "measured": "link",
-    "begins": "settled",
     "native": False,
+}  # fmt: skip
+PLAY = {
+    "effect": "backlash",
+    "target": "joint:knee",
+    "measured": "link",
+    "parameters": [{"name": "gap", "value": 0.01, "unit": "rad"}],
+    "evidence": {},
+}
+SUM = {
+    "effect": "integral_action",
+    "target": "actuator:hip_motor",
+    "begins": "settled",
+    "parameters": [{"name": "ki", "value": 2.0, "unit": "N m/(rad s)"},
+                   {"name": "imax", "value": 1.0, "unit": "N m"}],
+    "evidence": {},
 }  # fmt: skip
 DIFF = """--- model.xml
 +++ patched.xml
@@ -267,11 +281,11 @@ def test_what_patched_xml_has_of_an_effect_is_said():
 
 
 def test_every_effect_has_its_own_words():
-    assert set(load_catalogue()) <= set(phrases.SAYS)
-    for effect, words in phrases.SAYS.items():
-        names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *phrases.COMMON}
+    assert set(PLACEHOLDERS) == {"at", "all", *phrases.COMMON}
+    for effect in load_catalogue().values():
+        names = set(re.findall(r"{(\w+)}", effect.phrase)) - set(PLACEHOLDERS)
         stated = [{"name": n, "value": 1.5, "unit": "1"} for n in names]
-        found = {"effect": effect, "target": "joint:a", "parameters": stated}
+        found = {"effect": effect.name, "target": "joint:a", "parameters": stated}
         said = sentence(_document(findings=(found,)))
         assert "{" not in said and "shows" not in said and said[0].isupper()
         assert all("1.5" in said for _ in names)
@@ -309,7 +323,7 @@ def test_experiments_are_offered_where_the_catalogue_was_not_enough(monkeypatch)
 
 
 def test_the_page_is_in_order_and_whole():
-    words = _told(made_up(findings=(FINDING, DELAY)))
+    words = _told(made_up(findings=(FINDING, DELAY, PLAY, SUM)))
     titles = [
         *("Diagnosis of leg.xml", "What is missing", "Before and after"),
         *("Measured against predicted", "Where the re-fitted", "Candidates"),
@@ -369,9 +383,9 @@ def test_the_page_asks_for_nothing_from_anywhere():
 def test_few_windows_tell_as_much_as_few_can():
     at = np.arange(6)
     pieces = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
-    assert _improvement_p_value(pieces, np.zeros(6)) == 1
+    assert improvement_p_value(pieces, np.zeros(6)) == 1
     for n in range(1, 7):
-        assert _improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
+        assert improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
 
 
 def test_missing_numbers_have_a_page():

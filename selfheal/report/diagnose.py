@@ -15,7 +15,7 @@ from . import figures, tables
 from .facts import percent
 from .page import Html, Section, bars, bullets, diff, join, mark, paragraph, table
 from .page import page as whole
-from .phrases import COMMON, MEANS, SAYS, UNTOLD
+from .phrases import COMMON, MEANS, UNTOLD
 from .picture import figure, style
 from .tables import given_number, quantity, short
 
@@ -114,13 +114,16 @@ def _clause(finding: Mapping[str, Any], place: str) -> str:
     parameters = {p["name"]: quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
     words = {**COMMON, **parameters, "at": place, "all": every}
-    effect, since = finding["effect"], tables.since(finding)
+    name, since = finding["effect"], tables.since(finding)
     since = f", {since}" if since else ""
-    try:
-        return SAYS[effect].format_map(words) + since
-    except KeyError:  # another package's effect, or its parameters
-        known = f" ({every})" if every else ""
-        return f"{place} shows {_plain(effect)}{known} that the model lacks{since}"
+    effect = load_catalogue().get(name)
+    if effect is not None and effect.phrase:
+        try:
+            return effect.phrase.format_map(words) + since
+        except KeyError:  # the finding has other parameters than the phrase speaks of
+            pass
+    known = f" ({every})" if every else ""
+    return f"{place} shows {_plain(name)}{known} that the model lacks{since}"
 
 
 def _places(targets: Sequence[str]) -> str:
@@ -206,12 +209,11 @@ def _notes(finding: Mapping[str, Any]) -> Iterable[Html]:
         moment = quantity({**onset, "value": onset.get("time"), "unit": "s"})
         yield join(mark(named, "right"), f" sets in at {moment} of episode "
                    f"{onset.get('episode')}.")  # fmt: skip
-    if measured := finding.get("measured"):
-        yield join(mark(named, "right"), f": the joint's position is read at the "
-                   f"{measured}'s side.")  # fmt: skip
-    if finding.get("begins") == "settled":
-        yield join(mark(named, "right"), ": its sum had settled before each recording "
-                   "began.")  # fmt: skip
+    effect = load_catalogue().get(finding["effect"])
+    for field in effect.finding_fields if effect is not None else ():
+        value = finding.get(field.name)
+        if field.note and value in field.values:
+            yield join(mark(named, "right"), field.note.format(value=value))
     if finding.get("native") is False:
         yield join(mark(named, "right"), _by_replay(finding["effect"]))
 
