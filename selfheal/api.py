@@ -4,12 +4,14 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .diagnosis.output.result import Diagnosis
 from .errors import InputError, check_seed
 from .files import check_file
 from .recording import Recording, opened, without_file
+
+if TYPE_CHECKING:
+    from .diagnosis.output.result import Diagnosis
 
 Given = Recording | str | os.PathLike[str]
 
@@ -22,7 +24,7 @@ def diagnose(
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> Diagnosis:
+) -> "Diagnosis":
     """Where a model and recordings differ, and which physics the model lacks.
 
     Args:
