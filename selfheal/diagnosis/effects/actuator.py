@@ -18,7 +18,7 @@ from .commands import (
 from .declaration import FindingField, ParameterSpec
 
 # share of its scale below which an integral gain is no more than a torque; chosen
-SLOW = 0.3
+INTEGRAL_GAIN_RESOLUTION = 0.3
 SETTLED = "settled"
 
 
@@ -387,7 +387,7 @@ class IntegralAction(ActuatorEffect):
 def _begin_settled(term: Term) -> Term:
     """The term with a sum that begins at what the servo bears; a slow one is faint."""
     ki, most = term.parameters
-    parameters = replace(ki, resolution=SLOW * ki.scale), most
+    parameters = replace(ki, resolution=INTEGRAL_GAIN_RESOLUTION * ki.scale), most
     begins = {"begins": SETTLED}
     return replace(
         extend_places(term, **begins), parameters=parameters, finding_fields=begins

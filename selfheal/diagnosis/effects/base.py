@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # share of a parameter's scale within which it counts as its nominal value; chosen:
 # below any change that a fit tells from rounding
-NIL = 1e-6
+ABSENT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,9 @@ class Term:
         each = zip(self.parameters, values, strict=True)
         apart = [(abs(v - p.nominal), p) for p, v in each]
         near = any(off < p.resolution for off, p in apart)
-        near |= bool(apart) and all(off <= NIL * p.scale for off, p in apart)
+        near |= bool(apart) and all(
+            off <= ABSENT_TOLERANCE * p.scale for off, p in apart
+        )
         # a wave at its lowest frequency is a bend within the range, of another effect
         bend = self.effect.is_periodic and values[1] < 1.01 * self.low[1]
         return bool(near or bend or not self.effect.is_consistent(values))

@@ -8,10 +8,12 @@ from .by_target import BodyEffect, JointEffect
 from .declaration import ParameterSpec
 from .inertia import add_mass, list_subtree, stretch_body
 
-HEAVY = 1000.0  # times a joint's inertia, the rotor of one that is stuck; chosen
+# times a joint's inertia, the rotor of one that is stuck; chosen
+JAMMED_ARMATURE_RATIO = 1000.0
 # times a reading's noise, the spread of readings that show no motion; chosen
-STILL = 1.5
-LEFT = 1e-3  # of a lost limb's mass and inertia; chosen: nothing, and it still steps
+MAX_REST_SPREAD = 1.5
+# of a lost limb's mass and inertia; chosen: nothing, and it still steps
+LOST_SHARE = 1e-3
 
 
 class Payload(BodyEffect):
@@ -200,14 +202,14 @@ class LimbLoss(BodyEffect):
 
     def edit_model(self, model, place, values):
         for body in list_subtree(model, place["body"]):
-            model.body_mass[body] *= LEFT
-            model.body_inertia[body] *= LEFT
+            model.body_mass[body] *= LOST_SHARE
+            model.body_inertia[body] *= LOST_SHARE
             for dof in np.flatnonzero(model.dof_bodyid == body):
                 least = min_stable_inertia(model, model.dof_jntid[dof])
                 model.dof_armature[dof] = max(model.dof_armature[dof], least)
             geoms = np.flatnonzero(model.geom_bodyid == body)
-            model.geom_size[geoms] *= LEFT
-            model.geom_pos[geoms] *= LEFT
+            model.geom_size[geoms] *= LOST_SHARE
+            model.geom_pos[geoms] *= LOST_SHARE
             model.geom_contype[geoms] = 0
             model.geom_conaffinity[geoms] = 0
 
@@ -253,7 +255,8 @@ class JointJam(JointEffect):
     def edit_model(self, model, place, values):
         # a spring of 20 ms period or so, critically damped, that a step can carry, and
         # so heavy a rotor that no torque of the robot bends it
-        rate, inertia = min(300.0, 1 / model.opt.timestep), HEAVY * place["inertia"]
+        rate = min(300.0, 1 / model.opt.timestep)
+        inertia = JAMMED_ARMATURE_RATIO * place["inertia"]
         model.dof_armature[place["dof"]] = inertia
         model.jnt_stiffness[place["joint"]] = inertia * rate**2
         model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[0]
@@ -264,4 +267,4 @@ def _is_still(robot: RobotSummary, joint: str) -> bool:
     """Whether a joint's readings are one position and noise."""
     kind = "joint_position"
     own = [c for c in robot.channels if (c.kind, c.target) == (kind, joint)]
-    return any(c.spread < STILL * c.noise[0] for c in own)
+    return any(c.spread < MAX_REST_SPREAD * c.noise[0] for c in own)

@@ -16,7 +16,7 @@ from .declaration import FindingField, ParameterSpec
 BOTH = "both"  # sides of a gear
 # share of a friction by which its two directions have to differ; chosen: less is
 # Coulomb friction
-ALIKE = 0.05
+MIN_ASYMMETRY = 0.05
 
 
 def torque_scale(robot: RobotSummary, joint) -> float:
@@ -252,7 +252,7 @@ class AsymmetricFriction(FrictionEffect):
         )
 
     def is_consistent(self, values):
-        return bool(np.ptp(values) > ALIKE * np.max(values))
+        return bool(np.ptp(values) > MIN_ASYMMETRY * np.max(values))
 
     def make_initial_values(self, robot, joint):
         now, t, _ = _dry_friction_bounds(robot, joint)

@@ -6,8 +6,8 @@ from .declaration import ParameterSpec
 
 # share of a time step below which a delay is how recordings are made: who records a
 # simulation, or a control loop, reads what was computed a moment ago; chosen
-STALE = 0.5
-TRUE_TO = 0.005  # of a gain, as well as sensors are calibrated; chosen
+STALE_STEPS = 0.5
+GAIN_RESOLUTION = 0.005  # of a gain, as well as sensors are calibrated; chosen
 
 
 def has_vector_offset(robot: RobotSummary, signal: Channel) -> bool:
@@ -77,7 +77,7 @@ class SensorGain(SensorEffect):
     def make_parameters(self, robot, signal):
         return (
             self.make_parameter(
-                "gain", low=0.3, high=3.0, scale=0.05, resolution=TRUE_TO
+                "gain", low=0.3, high=3.0, scale=0.05, resolution=GAIN_RESOLUTION
             ),
         )
 
@@ -96,7 +96,7 @@ class SensorDelay(SensorEffect):
     is_common = True
 
     def make_parameters(self, robot, signal):
-        least = max(robot.contact_timing_error, STALE * robot.timestep)
+        least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
         return (
             self.make_parameter(
                 "delay", low=0.0, high=0.3, scale=0.01, resolution=least

@@ -23,25 +23,27 @@ from .base import Effect, Parameter, Term
 from .inertia import stretch_body
 from .places import Place
 
-MASS, LENGTH, REST = 0.15, 0.03, 0.30  # the contract's bounds, section 2
+# the contract's bounds, section 2
+MASS_BOUND, LENGTH_BOUND, OTHER_BOUND = 0.15, 0.03, 0.30
 SIDES = ("size_x", "size_y", "size_z")
 MOMENTS = ("second_moment_x", "second_moment_y", "second_moment_z")
 # share of the largest second moment below which one changes no motion; chosen
-THIN = 1e-3
-LONG = 0.3  # of a body's extent, the distance to its end that makes it a link; chosen
+MIN_SECOND_MOMENT_SHARE = 1e-3
+# of a body's extent, the distance to its end that makes it a link; chosen
+MIN_LINK_SHARE = 0.3
 # share of the bounds from which on an interval leaves a value open; chosen
-LOOSE = 0.9
-BALL = 1  # mjtJoint; a free one is 0
-FILTERS = (2, 3)  # mjtDyn: filter, filterexact
+OPEN_INTERVAL_SHARE = 0.9
+BALL_JOINT = 1  # mjtJoint; a free one is 0
+DYN_FILTER_TYPES = (2, 3)  # mjtDyn: filter, filterexact
 DEFAULT_FRICTION = (1.0, 0.005, 0.0001)  # MuJoCo's geom/friction
 
 
 def relative_bound(parameter: str) -> float:
     """How far a nominal value ("joint:knee/damping") may move, relative to itself."""
     field = parameter.rpartition("/")[2]
-    lengths = dict.fromkeys(("length", *SIDES), LENGTH)
-    masses = dict.fromkeys(("mass", "inertia", *MOMENTS), MASS)
-    return {**masses, **lengths}.get(field, REST)
+    lengths = dict.fromkeys(("length", *SIDES), LENGTH_BOUND)
+    masses = dict.fromkeys(("mass", "inertia", *MOMENTS), MASS_BOUND)
+    return {**masses, **lengths}.get(field, OTHER_BOUND)
 
 
 def is_unidentified(entry: Mapping[str, Any]) -> bool:
@@ -53,7 +55,8 @@ def is_unidentified(entry: Mapping[str, Any]) -> bool:
     given, low, high = (entry[key] for key in ("given", "low", "high"))
     if None in (given, low, high):
         return True
-    return high - low > LOOSE * 2 * relative_bound(entry["parameter"]) * abs(given)
+    bound = relative_bound(entry["parameter"])
+    return high - low > OPEN_INTERVAL_SHARE * 2 * bound * abs(given)
 
 
 class NominalParameter(Effect):
@@ -198,13 +201,15 @@ def _body_terms(robot: RobotSummary) -> list[Term]:
     for body in robot.bodies:
         name, place = f"body:{body.name}", Place(body=body.id)
         found.append(
-            _make_term(_scale_mass, f"{name}/mass", MASS, body.mass, "kg", place)
+            _make_term(_scale_mass, f"{name}/mass", MASS_BOUND, body.mass, "kg", place)
         )
         found += _inertia_terms(robot.model, body)
         for word, axis, length in _list_lengths(robot, body):
             place = Place(body=body.id, axis=axis)
             target = f"{name}/{word}"
-            found.append(_make_term(_scale_length, target, LENGTH, length, "m", place))
+            found.append(
+                _make_term(_scale_length, target, LENGTH_BOUND, length, "m", place)
+            )
     return found
 
 
@@ -215,23 +220,25 @@ def _inertia_terms(model, body: MovingBody) -> list[Term]:
     of mass are physically possible for any second moments.
     """
     name, inertia = f"body:{body.name}", model.body_inertia[body.id]
-    tumbles = (model.jnt_type[model.jnt_bodyid == body.id] <= BALL).any()
+    tumbles = (model.jnt_type[model.jnt_bodyid == body.id] <= BALL_JOINT).any()
     if not tumbles:
         largest, place = float(inertia.max()), Place(body=body.id)
         target = f"{name}/inertia"
-        return [_make_term(_scale_inertia, target, MASS, largest, "kg m^2", place)]
+        return [
+            _make_term(_scale_inertia, target, MASS_BOUND, largest, "kg m^2", place)
+        ]
     moments = _second_moments(inertia)
     return [
         _make_term(
             _scale_second_moment,
             f"{name}/{word}",
-            MASS,
+            MASS_BOUND,
             float(value),
             "kg m^2",
             Place(body=body.id, principal_axis=axis),
         )
         for axis, (word, value) in enumerate(zip(MOMENTS, moments, strict=True))
-        if value > THIN * moments.max()
+        if value > MIN_SECOND_MOMENT_SHARE * moments.max()
     ]
 
 
@@ -243,7 +250,7 @@ def _list_lengths(
     A link has one. A box has three, that matter where something touches it or hangs on
     it.
     """
-    if body.length > LONG * body.size:
+    if body.length > MIN_LINK_SHARE * body.size:
         axis, length = find_link_axis(robot.model, body.id)
         yield "length", axis, length
     elif robot.has_contact or body.id in robot.model.body_parentid:
@@ -257,7 +264,7 @@ def _joint_terms(robot: RobotSummary) -> list[Term]:
     """Damping, armature, dry friction and stiffness of hinges, slides and balls."""
     model = robot.model
     found = [term for joint in robot.joints for term in _hinge_terms(model, joint)]
-    for j in np.flatnonzero(model.jnt_type == BALL):
+    for j in np.flatnonzero(model.jnt_type == BALL_JOINT):
         found += _ball_terms(model, int(j))
     return found
 
@@ -273,11 +280,13 @@ def _hinge_terms(model, joint: Joint) -> Iterator[Term]:
     ):
         if value := float(getattr(model, f"dof_{field}")[joint.dof]):
             scale, place = _scale_dof_field(f"dof_{field}"), Place(dof=joint.dof)
-            yield _make_term(scale, f"{target}/{field}", REST, value, unit, place)
+            yield _make_term(
+                scale, f"{target}/{field}", OTHER_BOUND, value, unit, place
+            )
     if value := float(model.jnt_stiffness[joint.id]):
         unit, place = f"{joint.force}/{joint.unit}", Place(joint=joint.id)
         target = f"{target}/stiffness"
-        yield _make_term(_scale_stiffness, target, REST, value, unit, place)
+        yield _make_term(_scale_stiffness, target, OTHER_BOUND, value, unit, place)
 
 
 def _ball_terms(model, joint: int) -> Iterator[Term]:
@@ -287,10 +296,12 @@ def _ball_terms(model, joint: int) -> Iterator[Term]:
     for field, unit in ("damping", "N m s/rad"), ("armature", "kg m^2"):
         if value := float(getattr(model, f"dof_{field}")[first]):
             scale, place = _scale_dof_field(f"dof_{field}", 3), Place(dof=first)
-            yield _make_term(scale, f"{target}/{field}", REST, value, unit, place)
+            yield _make_term(
+                scale, f"{target}/{field}", OTHER_BOUND, value, unit, place
+            )
     if value := float(model.jnt_stiffness[joint]):
         target, place = f"{target}/stiffness", Place(joint=joint)
-        yield _make_term(_scale_stiffness, target, REST, value, "N m/rad", place)
+        yield _make_term(_scale_stiffness, target, OTHER_BOUND, value, "N m/rad", place)
 
 
 def _actuator_terms(robot: RobotSummary) -> list[Term]:
@@ -308,21 +319,26 @@ def _affine_terms(model, a: Actuator) -> Iterator[Term]:
     if not speed and (gain not in (0.0, 1.0) or bias[1]):
         unit = f"{a.force}/{a.unit}" if a.servo else f"{a.force}/ctrl"
         word, scale = ("kp", _scale_kp) if a.servo else ("gain", _scale_gain)
-        yield _make_term(scale, f"{name}/{word}", REST, float(gain), unit, place)
+        yield _make_term(scale, f"{name}/{word}", OTHER_BOUND, float(gain), unit, place)
         if bias[1] and not a.servo:  # of another length than the joint's
             unit, value = f"{a.force}/{a.unit}", float(-bias[1])
-            yield _make_term(_scale_bias, f"{name}/bias", REST, value, unit, place)
+            yield _make_term(
+                _scale_bias, f"{name}/bias", OTHER_BOUND, value, unit, place
+            )
     gear = float(model.actuator_gear[a.id, 0])
     is_plain_motor = gain == 1.0 and not bias.any() and a.dof >= 0
     if is_plain_motor and abs(gear) not in (0.0, 1.0):
-        yield _make_term(_scale_gear, f"{name}/gear", REST, gear, "1", place)
+        yield _make_term(_scale_gear, f"{name}/gear", OTHER_BOUND, gear, "1", place)
     if bias[2]:
         unit = f"{a.force} s/{a.unit}"
         scale = _scale_speed_gain if speed else _scale_kv
-        yield _make_term(scale, f"{name}/kv", REST, float(-bias[2]), unit, place)
-    if model.actuator_dyntype[a.id] in FILTERS and model.actuator_dynprm[a.id, 0]:
+        yield _make_term(scale, f"{name}/kv", OTHER_BOUND, float(-bias[2]), unit, place)
+    if (
+        model.actuator_dyntype[a.id] in DYN_FILTER_TYPES
+        and model.actuator_dynprm[a.id, 0]
+    ):
         value, target = float(model.actuator_dynprm[a.id, 0]), f"{name}/timeconst"
-        yield _make_term(_scale_time_constant, target, REST, value, "s", place)
+        yield _make_term(_scale_time_constant, target, OTHER_BOUND, value, "s", place)
 
 
 def _geom_terms(robot: RobotSummary) -> list[Term]:
@@ -336,7 +352,7 @@ def _geom_terms(robot: RobotSummary) -> list[Term]:
         _make_term(
             _scale_friction,
             f"geom:{model.geom(g).name or g}/friction",
-            REST,
+            OTHER_BOUND,
             float(model.geom_friction[g, 0]),
             "1",
             Place(geom=int(g)),

@@ -10,15 +10,15 @@ from .places import Place, add_keys, locate_target
 from .second_joint import SecondJointEffect
 
 # end of the range of a joint without a stop [rad or m]; chosen: no joint gets there
-FREE = 1e6
+UNLIMITED_RANGE = 1e6
 # fewest periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are
 # those of gravity, or of a spring
-FEWEST, ALONG = 4.0, 1.5
-SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
+MIN_POLES, MIN_PERIODS_OF_SLIDE = 4.0, 1.5
+MIN_HALF_GAP = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
 # share of a joint's range to which a spring's reference is known; chosen
-REFERS = 0.3
+SPRINGREF_RESOLUTION = 0.3
 # times the stiffness that shows, at which another search begins; chosen
-STIFF = 5.0
+STIFFER_START = 5.0
 
 
 class TransmissionEffect(JointEffect):
@@ -82,7 +82,7 @@ class JointSpring(TransmissionEffect):
         ref = float(robot.model.qpos_spring[joint.qpos])
         first = min(ref, joint.range_center) - reach
         last = max(ref, joint.range_center) + reach
-        most, known = high + 10 * now, REFERS * joint.range
+        most, known = high + 10 * now, SPRINGREF_RESOLUTION * joint.range
         make = self.make_parameter
         return (
             make("stiffness", joint, nominal=now, low=0.0, high=most, scale=scale),
@@ -95,7 +95,7 @@ class JointSpring(TransmissionEffect):
         ends = (joint.range_center + joint.range, joint.range_center - joint.range)
         # a spring too stiff becomes softer in a few steps; one too soft puts its
         # reference so far off that it takes many to become stiffer
-        stiff = stiffness.nominal + STIFF * stiffness.scale
+        stiff = stiffness.nominal + STIFFER_START * stiffness.scale
         soft = tuple((k, q) for q in (ref.nominal, *ends))
         return (*soft, (stiff, ref.nominal), (stiff, joint.range_center))
 
@@ -103,7 +103,7 @@ class JointSpring(TransmissionEffect):
         """A reference far from where the joint was stands for a constant torque."""
         ref = term.parameters[1]
         off = abs(values[1] - (ref.low + ref.high) / 2)
-        return int(off > ref.scale / REFERS)
+        return int(off > ref.scale / SPRINGREF_RESOLUTION)
 
     def edit_model(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
@@ -193,7 +193,11 @@ def _limit_range(model, place, value) -> tuple[float, float]:
         Low and high end [rad or m].
     """
     joint = place["joint"]
-    low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-FREE, FREE)
+    low, high = (
+        model.jnt_range[joint]
+        if model.jnt_limited[joint]
+        else (-UNLIMITED_RANGE, UNLIMITED_RANGE)
+    )
     if place["side"] < 0:
         return max(low, value), high
     return low, min(high, value)
@@ -243,7 +247,8 @@ class Cogging(TransmissionEffect):
         Two waves of neighboring counts part by two radians within the joint's range.
         """
         apart = 2.0 / max(joint.range, 0.05)
-        return (FEWEST if joint.unit == "rad" else ALONG * np.pi * apart), apart
+        least = MIN_PERIODS_OF_SLIDE * np.pi * apart
+        return MIN_POLES if joint.unit == "rad" else least, apart
 
     def apply_forces(self, state, place, values):
         amplitude, poles, phase = values.T
@@ -341,7 +346,7 @@ class Backlash(SecondJointEffect):
         return tuple((share * joint.range,) for share in (0.003, 0.008, 0.02, 0.05))
 
     def joint_attributes(self, model, values):
-        half = max(float(values[0]) / 2, SHUT)
+        half = max(float(values[0]) / 2, MIN_HALF_GAP)
         # the shortest time constant that MuJoCo computes; the damping ratio was
         # compared between 0.7 and 2: this one changes least where the gap is shut
         hard = 2 * model.opt.timestep, 0.7

@@ -13,12 +13,13 @@ from .by_target import WorldEffect
 from .declaration import FindingField, ParameterSpec
 from .places import Place
 
-STEEPEST = 0.5  # [rad] of a slope that nobody saw; chosen
+MAX_TILT = 0.5  # [rad] of a slope that nobody saw; chosen
 # share of the largest torque of weight below which a direction has none; chosen:
 # rounding of mj_rne
-FLAT = 1e-6
-POSES = 16  # random ones, whose torques of weight are compared; chosen
-IN_LINE = 0.01  # [rad] by which a flat robot's slope may be off its plane; chosen
+MIN_WEIGHT_TORQUE_CHANGE = 1e-6
+RANDOM_POSES = 16  # random ones, whose torques of weight are compared; chosen
+# [rad] by which a flat robot's slope may be off its plane; chosen
+TILT_TOLERANCE = 0.01
 
 
 class Slope(WorldEffect):
@@ -38,7 +39,7 @@ class Slope(WorldEffect):
         """One term of any azimuth, or two of a robot whose parts move in one plane."""
         if not np.linalg.norm(robot.model.opt.gravity):
             return []
-        tilt = self.make_parameter("tilt", low=0.0, high=STEEPEST, scale=0.03)
+        tilt = self.make_parameter("tilt", low=0.0, high=MAX_TILT, scale=0.03)
         plane = _find_plane_azimuths(robot.model)
         if plane is None:
             azimuth = self.make_parameter("azimuth", low=-10.0, high=10.0, scale=0.5)
@@ -48,16 +49,16 @@ class Slope(WorldEffect):
         # across its plane a slope would only seem to weaken the gravity
         found = []
         for side, a in enumerate(plane):
-            low, high = a - IN_LINE, a + IN_LINE
+            low, high = a - TILT_TOLERANCE, a + TILT_TOLERANCE
             azimuth = self.make_parameter(
-                "azimuth", nominal=a, low=low, high=high, scale=IN_LINE
+                "azimuth", nominal=a, low=low, high=high, scale=TILT_TOLERANCE
             )
             term = self.make_term((tilt, azimuth), ((0.05, a),))
             found.append(replace(term, finding_fields={"side": 1 - 2 * side}))
         return found
 
     def is_consistent(self, values):
-        return bool(values[0] < 0.99 * STEEPEST)  # else it stands for another effect
+        return bool(values[0] < 0.99 * MAX_TILT)  # else it stands for another effect
 
     def edit_model(self, model, place, values):
         tilt, azimuth = values
@@ -81,8 +82,9 @@ def _find_plane_azimuths(model) -> tuple[float, ...] | None:
     other, data, rng = copy(model), mujoco.MjData(model), np.random.default_rng(0)
     if np.abs(model.opt.gravity[:2]).any():
         return None
-    weight = np.zeros((3, POSES, model.nv))  # torques, of gravity along each axis
-    for pose in range(POSES):
+    # torques, of gravity along each axis
+    weight = np.zeros((3, RANDOM_POSES, model.nv))
+    for pose in range(RANDOM_POSES):
         data.qpos[:] = model.qpos0 + rng.normal(size=model.nq)
         mujoco.mj_normalizeQuat(model, data.qpos)
         mujoco.mj_kinematics(model, data)
@@ -91,7 +93,7 @@ def _find_plane_azimuths(model) -> tuple[float, ...] | None:
             mujoco.mj_rne(other, data, 0, torque[pose])
     across = weight[:2].reshape(2, -1)
     turns, sizes, _ = np.linalg.svd(across, full_matrices=False)
-    flat = sizes < FLAT * np.linalg.norm(weight)
+    flat = sizes < MIN_WEIGHT_TORQUE_CHANGE * np.linalg.norm(weight)
     if not flat[1]:
         return None
     along = float(np.arctan2(turns[1, 0], turns[0, 0]))

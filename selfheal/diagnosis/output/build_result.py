@@ -28,16 +28,16 @@ from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched
 from .result import Candidate, Diagnosis, SignalFit, Trace
 
-FEW = 6  # names that a remark lists; chosen
-MOST_TRACES = 4  # stretches that a page may draw; chosen
+MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
+MAX_TRACES = 4  # stretches that a page may draw; chosen
 # share of what is left that a torque of free form has to explain for a remark; chosen
-WORTH_A_REMARK = 0.05
+MIN_FREE_FORM_SHARE = 0.05
 UNPATCHED = (
     "patched.xml is the model as given, for its text cannot say what was found; "
     "selfheal replay applies all of it. {}. Of a model without such elements, as "
     "mujoco.MjSpec.to_xml writes one, a patch could be made: diagnose that."
 )
-STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
+MIN_MOTION = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
 def build_diagnosis(
@@ -160,7 +160,7 @@ def _make_traces(
     make = _make_pose_trace if segments.is_single_readings else _make_trace
     return tuple(
         make(simulator, segments, predicted, c, k, w)
-        for _, c, k, w in worst[:MOST_TRACES]
+        for _, c, k, w in worst[:MAX_TRACES]
     )
 
 
@@ -262,10 +262,10 @@ def _write_remarks(
         refit: entries of diagnosis.json's "refit".
     """
     found = [
-        f"Joint {j.name} moved by less than {STILL} {j.unit}: what is wrong with it, "
-        "if anything is, these recordings cannot show."
+        f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
+        "it, if anything is, these recordings cannot show."
         for j in dataset.robot.joints
-        if j.measured and j.range < STILL
+        if j.measured and j.range < MIN_MOTION
     ]
     segments = hypothesis.problem.segments
     count, episode, time = find_divergence(dataset.training, segments)
@@ -279,14 +279,18 @@ def _write_remarks(
             f"What also fitted, {'; '.join(refuted)}, did not help in the "
             "held-out episodes, so it is not named."
         )
-    if structure.is_significant and structure.share > WORTH_A_REMARK:
+    if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
         found.append(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
             "what is left."
         )
     unknown = [e["parameter"] for e in refit if is_unidentified(e)]
     if unknown:
-        more = f" and {len(unknown) - FEW} more" if len(unknown) > FEW else ""
-        shown = ", ".join(unknown[:FEW])
+        more = (
+            f" and {len(unknown) - MAX_LISTED_NAMES} more"
+            if len(unknown) > MAX_LISTED_NAMES
+            else ""
+        )
+        shown = ", ".join(unknown[:MAX_LISTED_NAMES])
         found.append(f"Not pinned down by these data: {shown}{more}.")
     return tuple(found)

@@ -13,7 +13,7 @@ from ..estimation.least_squares import Fit
 from ..selection.hypotheses import Hypothesis, NamedEffect
 from ..simulation.model_variants import split_values
 
-MOST_EQUIVALENTS = 3  # that a finding lists; chosen
+MAX_EQUIVALENTS = 3  # that a finding lists; chosen
 
 
 def build_findings(
@@ -59,7 +59,7 @@ def _list_equivalents(named: NamedEffect) -> list[str]:
     names = [t.effect.name for t in named.equivalent]
     mine = named.term.effect.name
     return [n for i, n in enumerate(names) if n != mine and n not in names[:i]][
-        :MOST_EQUIVALENTS
+        :MAX_EQUIVALENTS
     ]
 
 

@@ -15,11 +15,11 @@ from ..simulation.simulator import Simulator
 from . import localization
 from .result import Localization
 
-MOST_SEGMENTS = 3  # that a finding lists; chosen
-SHARE_SHOWN = 0.02  # of the error, less of which a finding does not list; chosen
+MAX_LISTED_SEGMENTS = 3  # that a finding lists; chosen
+MIN_LISTED_SHARE = 0.02  # of the error, less of which a finding does not list; chosen
 # share of the gain that a regime has to hold, and how much denser than elsewhere the
 # gain has to be there, for a finding to name it; chosen
-SHARE_OF_REGIME, DENSER = 0.3, 1.5
+MIN_REGIME_GAIN, MIN_REGIME_DENSITY = 0.3, 1.5
 
 
 def localize_findings(
@@ -87,12 +87,12 @@ def _describe_location(
     signals = [
         {"name": simulator.channels[s].name, "share_of_error": by_signal[s],
          "p_value": improvement_p_value(segments, gain[:, s])}
-        for s in order if by_signal[s] > SHARE_SHOWN
+        for s in order if by_signal[s] > MIN_LISTED_SHARE
     ]  # fmt: skip
     by_segment = np.bincount(
         segments.segment_of_sample, gain.sum(axis=1), minlength=len(segments)
     )
-    most = np.argsort(-by_segment)[:MOST_SEGMENTS]
+    most = np.argsort(-by_segment)[:MAX_LISTED_SEGMENTS]
     return {
         "signals": signals,
         "regime": _find_densest_regime(masks, gain),
@@ -122,13 +122,13 @@ def _find_densest_regime(masks: np.ndarray, gain: Floats) -> str:
         gain: (M, S) by how much an effect lowers the squared error [variances].
     """
     total, size = gain.sum(), gain.size
-    best, density = "always", DENSER
+    best, density = "always", MIN_REGIME_DENSITY
     for r, name in enumerate(localization.REGIMES):
         inside = masks[r]
-        if inside.sum() < localization.FEW or total <= 0:
+        if inside.sum() < localization.MIN_REGIME_SAMPLES or total <= 0:
             continue
         share = gain[inside].sum() / total
-        if share > SHARE_OF_REGIME and share / (inside.sum() / size) > density:
+        if share > MIN_REGIME_GAIN and share / (inside.sum() / size) > density:
             best, density = name, share / (inside.sum() / size)
     return best
 

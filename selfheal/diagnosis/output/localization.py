@@ -15,18 +15,18 @@ from ..simulation.simulator import Simulator
 
 REGIMES = ("reversal", "slow", "fast", "high_load", "saturated", "contact",
            "near_limit", "after_step")  # fmt: skip
-AFTER = 0.25  # [s] that a reversal or a step counts for; chosen
-FEW = 20  # samples of a regime below which nothing is said of it; chosen
+EVENT_SECONDS = 0.25  # [s] that a reversal or a step counts for; chosen
+MIN_REGIME_SAMPLES = 20  # samples of a regime below which nothing is said of it; chosen
 # segments with a difference, below which there is no test; chosen: of 5 its least
 # p-value is 1/32
-FEWEST_SEGMENTS = 6
-FINEST = 400  # steps of an episode at which its motion is looked at; chosen
+MIN_TESTED_SEGMENTS = 6
+MAX_MOTION_STEPS = 400  # steps of an episode at which its motion is looked at; chosen
 # shares of the root mean square of a joint's speed: of rest, of slow and fast; chosen
-REST, SLOW, FAST = 0.02, 0.1, 1.3
-LOADED = 1.3  # times the root mean square of a load, a high one; chosen
-NEAR = 0.45  # of a joint's range off its center, near a limit; chosen
-SATURATED = 0.98  # of the largest force, a saturated one; chosen
-JUMP = 0.1  # of a command's range, a change of it that is a step; chosen
+REST_SPEED_SHARE, SLOW_SPEED_SHARE, FAST_SPEED_SHARE = 0.02, 0.1, 1.3
+HIGH_LOAD_RATIO = 1.3  # times the root mean square of a load, a high one; chosen
+NEAR_LIMIT_SHARE = 0.45  # of a joint's range off its center, near a limit; chosen
+SATURATED_SHARE = 0.98  # of the largest force, a saturated one; chosen
+COMMAND_STEP_SHARE = 0.1  # of a command's range, a change of it that is a step; chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def _compute_motion(simulator: Simulator, robot: RobotSummary, index: int) -> _M
     from ..data.state_estimate import estimate_initial_state
 
     model, episode = simulator.compiler.nominal, simulator.episodes[index]
-    every = max(1, len(episode.ctrl) // FINEST)
+    every = max(1, len(episode.ctrl) // MAX_MOTION_STEPS)
     at = np.arange(0, len(episode.ctrl), every)
     qpos, qvel, _ = estimate_initial_state(simulator, index, at, {})
     data = mujoco.MjData(model)
@@ -142,14 +142,14 @@ def _is_in_regime(
     out = np.zeros(len(motion.position), bool)
     if name == "contact":
         return motion.contact if robot.has_contact else out
-    steps = max(1, round(AFTER / robot.timestep))
+    steps = max(1, round(EVENT_SECONDS / robot.timestep))
     if name == "after_step":
         return _within_last_steps(_find_command_steps(motion.ctrl), steps)
     for j in joints:
         joint = robot.joints[j]
         q, v, load = motion.position[:, j], motion.velocity[:, j], motion.load[:, j]
         if name == "reversal":
-            is_moving = np.abs(v) > REST * joint.speed
+            is_moving = np.abs(v) > REST_SPEED_SHARE * joint.speed
             sign = np.sign(np.where(is_moving, v, 0))
             out |= _within_last_steps(_find_reversals(sign), steps)
         else:
@@ -174,19 +174,19 @@ def _is_joint_in_regime(
         (G) of bool.
     """
     if name == "slow":
-        return np.abs(v) < SLOW * joint.speed
+        return np.abs(v) < SLOW_SPEED_SHARE * joint.speed
     if name == "fast":
-        return np.abs(v) > FAST * joint.speed
+        return np.abs(v) > FAST_SPEED_SHARE * joint.speed
     if name == "high_load":
-        return load > LOADED * np.sqrt(np.mean(load**2)) + 1e-12
+        return load > HIGH_LOAD_RATIO * np.sqrt(np.mean(load**2)) + 1e-12
     if name == "near_limit":
-        return np.abs(q - joint.range_center) > NEAR * joint.range
+        return np.abs(q - joint.range_center) > NEAR_LIMIT_SHARE * joint.range
     limits = [
         robot.model.actuator_forcerange[a.id, 1]
         for a in robot.actuators
         if a.dof == joint.dof and robot.model.actuator_forcelimited[a.id]
     ]
-    return load >= SATURATED * limits[0] if limits else np.zeros(len(q), bool)
+    return load >= SATURATED_SHARE * limits[0] if limits else np.zeros(len(q), bool)
 
 
 def _find_command_steps(ctrl: Floats) -> np.ndarray:
@@ -194,7 +194,7 @@ def _find_command_steps(ctrl: Floats) -> np.ndarray:
     if not ctrl.size:
         return np.zeros(len(ctrl), bool)
     change = np.abs(np.diff(ctrl, axis=0, prepend=ctrl[:1]))
-    large = JUMP * (np.ptp(ctrl, axis=0) + 1e-12)
+    large = COMMAND_STEP_SHARE * (np.ptp(ctrl, axis=0) + 1e-12)
     return (change > large).any(axis=1)
 
 
@@ -239,7 +239,10 @@ def localize_error(
     for s in range(len(simulator.channels)):
         for r in range(len(REGIMES)):
             inside = where[r, :, s]
-            if inside.sum() < FEW or (~inside).sum() < FEW:
+            if (
+                inside.sum() < MIN_REGIME_SAMPLES
+                or (~inside).sum() < MIN_REGIME_SAMPLES
+            ):
                 continue
             share[s, r] = np.nansum(square[inside, s]) / max(total, 1e-300)
             p[s, r] = _larger_inside_p_value(segments, square[:, s], inside)
@@ -267,7 +270,7 @@ def _larger_inside_p_value(
         means.append(np.where(n > 0, total / np.maximum(n, 1), np.nan))
     apart = means[0] - means[1]
     apart = apart[np.isfinite(apart) & (apart != 0)]
-    if len(apart) < FEWEST_SEGMENTS:
+    if len(apart) < MIN_TESTED_SEGMENTS:
         return 1.0
     return float(wilcoxon(apart, alternative="greater").pvalue)
 

@@ -16,7 +16,7 @@ from .model_source import ModelSource, differs, name_or_id
 from .patch_actuators import edit_actuators
 from .patch_bodies import edit_bodies, edit_geoms, edit_sites
 
-FREE, SLIDE = 0, 2  # mjtJoint
+FREE_JOINT, SLIDE_JOINT = 0, 2  # mjtJoint
 OPTIONS = ("gravity", "density", "viscosity", "wind")  # of mjOption, that effects set
 
 
@@ -63,7 +63,7 @@ def _edit_joints(source: ModelSource, old, new) -> Iterator[Edit]:
     """
     given = {j.name for j in source.spec.joints}
     for j in range(new.njnt):
-        if new.jnt_type[j] == FREE:  # it states nothing
+        if new.jnt_type[j] == FREE_JOINT:  # it states nothing
             continue
         attributes = _joint_attributes(source, old, new, j)
         if old.joint(j).name not in given:
@@ -95,7 +95,7 @@ def _joint_attributes(source: ModelSource, old, new, j: int) -> dict[str, str | 
             attributes[attribute] = format_number(getattr(new, field)[v])
     if differs(old.jnt_stiffness[j], new.jnt_stiffness[j]):
         attributes["stiffness"] = format_number(new.jnt_stiffness[j])
-    in_degrees = source.degree and new.jnt_type[j] != SLIDE
+    in_degrees = source.degree and new.jnt_type[j] != SLIDE_JOINT
     if differs(old.qpos_spring[q], new.qpos_spring[q]):
         angle = _to_text_angle(new.qpos_spring[q], in_degrees)
         attributes["springref"] = format_number(angle)

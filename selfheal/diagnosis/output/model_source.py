@@ -16,7 +16,7 @@ INERTIA_FROM_GEOM = 1  # mjtInertiaFromGeom: true
 QUATERNION = 0  # mjtOrientation
 # relative change, and size of a value, below which two values are one; chosen: the
 # last digits that a text has
-RELATIVE, SMALLEST = 1e-9, 1e-6
+RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-9, 1e-6
 
 
 class ModelSource:
@@ -107,7 +107,7 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
 def differs(old: Any, new: Any) -> bool:
     """Whether two values or arrays of the same shape differ by more than rounding."""
     a, b = np.asarray(old, float), np.asarray(new, float)
-    limit = RELATIVE * (SMALLEST + np.abs(a) + np.abs(b))
+    limit = RELATIVE_TOLERANCE * (ABSOLUTE_TOLERANCE + np.abs(a) + np.abs(b))
     return bool((np.abs(a - b) > limit).any())
 
 

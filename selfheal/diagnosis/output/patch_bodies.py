@@ -12,7 +12,7 @@ from .model_source import ModelSource, differs, name_or_id
 # MJCF's other ways to state an orientation, which `quat` takes the place of
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # share of the largest moment below which a product of inertia is rounding; chosen
-DIAGONAL = 1e-7
+MIN_PRODUCT_SHARE = 1e-7
 SIZES = {2: 1, 3: 2, 5: 2}  # numbers of a size: mjtGeom sphere, capsule, cylinder
 
 
@@ -94,7 +94,7 @@ def _stated_axes_inertia(
     tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
     moments = np.diag(tensor)
     apart = np.abs(tensor - np.diag(moments)).max()
-    return moments if apart < DIAGONAL * moments.max() else None
+    return moments if apart < MIN_PRODUCT_SHARE * moments.max() else None
 
 
 def _moved_position(source: ModelSource, element: Any, old: Floats, new: Floats) -> str:

@@ -12,8 +12,8 @@ from ..effects import load_catalogue
 from ..effects.base import Effect
 from ..effects.declaration import FindingField, ParameterSpec
 
-IN_WORDS = {2: "two", 3: "three", 4: "four", 6: "six"}  # sizes of vectors
-MOST_SHOWN = 60  # characters of a misfit that a message repeats; chosen
+SIZE_WORDS = {2: "two", 3: "three", 4: "four", 6: "six"}  # sizes of vectors
+MAX_SHOWN_CHARACTERS = 60  # characters of a misfit that a message repeats; chosen
 
 
 def check_entries(path: object, document: Mapping[str, Any]) -> None:
@@ -122,7 +122,7 @@ def _check_value(where: str, value: Any, spec: ParameterSpec) -> None:
             raise _misfit_error(where, what, value, fits)
     elif spec.size not in (None, 1):
         if not is_list or len(value) != spec.size or not all(map(_is_number, value)):
-            fits = f"{IN_WORDS.get(spec.size, spec.size)} numbers"
+            fits = f"{SIZE_WORDS.get(spec.size, spec.size)} numbers"
             raise _misfit_error(where, what, value, fits)
     elif not _is_number(value):
         raise _misfit_error(where, what, value, "a number")
@@ -160,5 +160,9 @@ def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
         fits: what it might be.
     """
     said = repr(value)
-    said = said if len(said) <= MOST_SHOWN else f"{said[:MOST_SHOWN]}..."
+    said = (
+        said
+        if len(said) <= MAX_SHOWN_CHARACTERS
+        else f"{said[:MAX_SHOWN_CHARACTERS]}..."
+    )
     return InputError(f"{where}: {what} is {said}; would fit: {fits}")
