@@ -109,9 +109,8 @@ class Term:
         each = zip(self.parameters, values, strict=True)
         apart = [(abs(v - p.nominal), p) for p, v in each]
         near = any(off < p.resolution for off, p in apart)
-        near |= bool(apart) and all(
-            off <= ABSENT_TOLERANCE * p.scale for off, p in apart
-        )
+        tiny = [off <= ABSENT_TOLERANCE * p.scale for off, p in apart]
+        near |= bool(tiny) and all(tiny)
         # a wave at its lowest frequency is a bend within the range, of another effect
         bend = self.effect.is_periodic and values[1] < 1.01 * self.low[1]
         return bool(near or bend or not self.effect.is_consistent(values))

@@ -193,11 +193,9 @@ def _limit_range(model, place, value) -> tuple[float, float]:
         Low and high end [rad or m].
     """
     joint = place["joint"]
-    low, high = (
-        model.jnt_range[joint]
-        if model.jnt_limited[joint]
-        else (-UNLIMITED_RANGE, UNLIMITED_RANGE)
-    )
+    low, high = -UNLIMITED_RANGE, UNLIMITED_RANGE
+    if model.jnt_limited[joint]:
+        low, high = model.jnt_range[joint]
     if place["side"] < 0:
         return max(low, value), high
     return low, min(high, value)
