@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
 _HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
+_DAMAGE = typer.Option(
+    help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
+    "slope:DEG[:AZIMUTH], friction:VALUE, several with commas, or random:SEED."
+)
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
 _SEED = typer.Option(help="Of everything random.")
 _PHASES = {
@@ -78,14 +82,7 @@ def heal(
         Path | None,
         typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'."),
     ] = None,
-    damage: Annotated[
-        str | None,
-        typer.Option(
-            help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], "
-            "dead:SENSOR, slope:DEG[:AZIMUTH], friction:VALUE, several with commas, "
-            "or random:SEED."
-        ),
-    ] = None,
+    damage: Annotated[str | None, _DAMAGE] = None,
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
     seed: Annotated[int, _SEED] = 0,

@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from selfheal.selfmodel.run import Run, Settings
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
+_METHOD = typer.Option(
+    help="default, paper, disagreement, random-batch or random-alternate."
+)
+_SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
+_KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
+_RANDOM_ACTIONS = typer.Option(
+    "--random-actions", help="Do not choose actions, for comparison."
+)
 
 
 def identify(
@@ -27,22 +35,10 @@ def identify(
         Path | None,
         typer.Option(metavar="FILE.h5", help="Readings that the robot answers from."),
     ] = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="default, paper, disagreement, random-batch or random-alternate."
-        ),
-    ] = "default",
-    space: Annotated[
-        str, typer.Option(help="Where parts may attach: free, sides or full.")
-    ] = "free",
-    known_lengths: Annotated[
-        bool, typer.Option("--known-lengths", help="In 'full', lengths are known.")
-    ] = False,
-    random_actions: Annotated[
-        bool,
-        typer.Option("--random-actions", help="Do not choose actions, for comparison."),
-    ] = False,
+    method: Annotated[str, _METHOD] = "default",
+    space: Annotated[str, _SPACE] = "free",
+    known_lengths: Annotated[bool, _KNOWN_LENGTHS] = False,
+    random_actions: Annotated[bool, _RANDOM_ACTIONS] = False,
     engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
     cycles: Annotated[int, typer.Option(help="Actions to try.")] = 16,
     budget: Annotated[

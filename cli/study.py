@@ -19,6 +19,13 @@ if TYPE_CHECKING:
 _NAME, _PAGES = "study.h5", ("report.html", "report.md")
 _READINGS = Path("../shared/recordings/starfish_2006")
 _RUNS = {"table3": 30, "actions": 30, "schema": 30, "eea": 3, "sealed": 1}
+_RECORDINGS = typer.Option(
+    metavar="FOLDER",
+    help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
+)
+_CASES = typer.Option(
+    metavar="FOLDER", help="Of 'sealed': folders of model.xml, recording.h5."
+)
 _FILE = typer.Argument(metavar="STUDY.h5", help="A study's file.")
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 
@@ -33,19 +40,8 @@ def _study(
     context: typer.Context,
     runs: Annotated[int | None, typer.Option(help="Seeds of each row.")] = None,
     seed: Annotated[int, typer.Option(help="The first; then one by one.")] = 0,
-    recordings: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
-        ),
-    ] = None,
-    cases: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER", help="Of 'sealed': folders of model.xml, recording.h5."
-        ),
-    ] = None,
+    recordings: Annotated[Path | None, _RECORDINGS] = None,
+    cases: Annotated[Path | None, _CASES] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes, or jobs of a cluster; all cores.")
     ] = None,

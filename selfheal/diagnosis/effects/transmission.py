@@ -17,8 +17,7 @@ MIN_POLES, MIN_PERIODS_OF_SLIDE = 4.0, 1.5
 MIN_HALF_GAP = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
 # share of a joint's range to which a spring's reference is known; chosen
 SPRINGREF_RESOLUTION = 0.3
-# times the stiffness that shows, at which another search begins; chosen
-STIFFER_START = 5.0
+STIFFER_START = 5.0  # times the stiffness that shows, another start; chosen
 
 
 class TransmissionEffect(JointEffect):
