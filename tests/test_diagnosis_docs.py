@@ -27,7 +27,7 @@ from selfheal.diagnosis.output.schema import check_entries
 from selfheal.diagnosis.simulation import score
 from selfheal.errors import InputError
 from selfheal.recording import write
-from selfheal.report.diagnose import sentence
+from selfheal.report.phrases import state_verdict
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Effects
@@ -158,7 +158,7 @@ def test_a_finding_of_the_example_is_checked(preload, change, said):
 
 def test_the_example_has_its_own_words_and_its_place_on_a_page(preload):
     document = {"verdict": "explained", "findings": [FINDING], "fit": {}}
-    assert sentence(document).startswith(
+    assert state_verdict(document).startswith(
         "The joint pivot is pulled by a torque of 0.30 N m (0.20 to 0.40) that the "
         "model lacks; "
     )

@@ -16,9 +16,9 @@ from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.diagnosis.estimation.covariance import _correlation_time
 from selfheal.diagnosis.output.localization import _correct_holm
 from selfheal.diagnosis.simulation.checkpoint import Checkpoint
-from selfheal.engine.walk import into_frame
-from selfheal.gait.evolve import ask, begin, tell
-from selfheal.report.page import table
+from selfheal.engine.walk import rotate_into_frame
+from selfheal.gait.cma_es import ask, start_search, tell
+from selfheal.report.page import make_table
 
 REPEATS = 7  # of each call, of which the median counts
 DIMENSIONS, CHILDREN, SEEDS = 20, 14, 15  # of the searches; children as heal has them
@@ -131,7 +131,7 @@ def compare_table(rng: np.random.Generator) -> tuple[Call, Call, str]:
         "{% endfor %}</tr>{% endfor %}</tbody></table>"
     )
     return (
-        lambda: table(head, rows, "llll"),
+        lambda: make_table(head, rows, "llll"),
         lambda: template.render(head=head, rows=rows),
         "equal cells",
     )
@@ -145,7 +145,7 @@ def compare_rotation(rng: np.random.Generator) -> tuple[Call, Call, str]:
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
 
     def own() -> np.ndarray:
-        return into_frame(quat, vector)
+        return rotate_into_frame(quat, vector)
 
     def library() -> np.ndarray:
         return Rotation.from_quat(quat, scalar_first=True).apply(vector, inverse=True)
@@ -182,7 +182,7 @@ FUNCTIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 def search_with_own(function: Callable[[np.ndarray], np.ndarray], seed: int) -> int:
     """Evaluations until the own evolution strategy reaches `TARGET`, or `MOST`."""
     rng = np.random.default_rng(seed)
-    state = begin(rng.normal(size=DIMENSIONS), 0.4)
+    state = start_search(rng.normal(size=DIMENSIONS), 0.4)
     for count in range(CHILDREN, MOST, CHILDREN):
         points = ask(state, CHILDREN, rng)
         values = function(points)

@@ -37,7 +37,7 @@ def find_nearest_on_hull(flat, m, simplex):
         # nearest point over the segments far-s, and the triangle if there is one
         a = simplex[0]
         b = simplex[1] if size == 2 else -1
-        if size == 2 and _holds_origin(flat, a, b, far):
+        if size == 2 and _contains_origin(flat, a, b, far):
             return 3
         keep, kx, ky, kn, is_edge = a, 0.0, 0.0, 1e30, False
         for s in range(size):
@@ -63,7 +63,7 @@ def find_nearest_on_hull(flat, m, simplex):
 
 
 @numba.njit(inline="always", **JIT)
-def _holds_origin(flat, a, b, c):
+def _contains_origin(flat, a, b, c):
     """Whether the triangle a b c holds the origin."""
     d1 = flat[a, 0] * flat[b, 1] - flat[a, 1] * flat[b, 0]
     d2 = flat[b, 0] * flat[c, 1] - flat[b, 1] * flat[c, 0]

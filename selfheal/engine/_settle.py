@@ -18,7 +18,7 @@ _TURNS = 60  # at most this many tips a sub-step; chosen (2 on average)
 
 
 @numba.njit(inline="always", **JIT)
-def _rotate_about(axis, angle, out):
+def _write_rotation(axis, angle, out):
     """Rotation matrix about a unit axis (Rodrigues)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
@@ -35,7 +35,7 @@ def _rotate_about(axis, angle, out):
 
 
 @numba.njit(**JIT)
-def _pose(body, known, q, points, com, frames, spots):
+def _pose_body(body, known, q, points, com, frames, spots):
     """Points of contact and center of mass for joint angles q, torso frame."""
     parent, anchor, turn_in, axis, length, thickness, mass = body
     torso_half, torso_mass, block_half, block_center, block_mass = known
@@ -51,7 +51,7 @@ def _pose(body, known, q, points, com, frames, spots):
     for i in range(p):
         up = frames[parent[i]]
         ch, sh = turn_in[i, 0], turn_in[i, 1]
-        _rotate_about(axis[i], q[i], turn)
+        _write_rotation(axis[i], q[i], turn)
         own = frames[i + 1]
         for r in range(3):
             ax = up[r, 0] * ch + up[r, 1] * sh
@@ -224,7 +224,7 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
 
 
 @numba.njit(**JIT)
-def _contact_points(known, radius, thickness, points, radii):
+def _fill_contact_spheres(known, radius, thickness, points, radii):
     """Fill in the torso's corners and the radius of every contact sphere."""
     torso_half, block_mass = known[0], known[4]
     for corner in range(8):
@@ -242,7 +242,7 @@ def _contact_points(known, radius, thickness, points, radii):
 
 
 @numba.njit(**JIT)
-def _scratch(p):
+def _allocate_scratch(p):
     """Room for the contact radii, and the `work` of `settle`, of a body of p parts."""
     size = 8 + 10 * p
     points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
@@ -255,7 +255,7 @@ def _scratch(p):
 
 
 @numba.njit(**JIT)
-def settle(body, known, q, steps, radii, work):
+def settle_body(body, known, q, steps, radii, work):
     """Settle one body while its joints move from 0 to q in sub-steps.
 
     Leaves up in `work`; returns the torso's height above the floor [m].
@@ -266,7 +266,7 @@ def settle(body, known, q, steps, radii, work):
     for step in range(1, steps + 1):
         for i in range(q.shape[0]):
             angles[i] = q[i] * step / steps
-        m = _pose(body, known, angles, points, com, frames, spots)
+        m = _pose_body(body, known, angles, points, com, frames, spots)
         height = _tip_over(points, radii, com, m, n, heights, touching, flat, simplex)
     return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
@@ -288,15 +288,15 @@ def settle_batch(
             center (1) [m], height of each part's lowest tip point (P) [m].
     """
     p = q.shape[1]
-    radii, work = _scratch(p)
+    radii, work = _allocate_scratch(p)
     points, frames, spots, n = work[0], work[2], work[3], work[8]
     for row in range(q.shape[0]):
         body = (
             parent[row], anchor[row], turn[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
-        _contact_points(known, radius, thickness[row], points, radii)
-        height = settle(body, known, q[row], steps, radii, work)
+        _fill_contact_spheres(known, radius, thickness[row], points, radii)
+        height = settle_body(body, known, q[row], steps, radii, work)
         for r in range(3):
             out[row, r] = n[r]
         out[row, 3] = height
@@ -327,14 +327,14 @@ def race_batch(
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.
     """
-    radii, work = _scratch(targets.shape[1])
+    radii, work = _allocate_scratch(targets.shape[1])
     points, n, seen = work[0], work[8], np.empty(3)
     for row in range(bound.shape[0]):
         body = (
             parent[row], anchor[row], turn[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
-        _contact_points(known, radius, thickness[row], points, radii)
+        _fill_contact_spheres(known, radius, thickness[row], points, radii)
         total = 0.0
         for k in range(targets.shape[0]):
             each[row, k] = np.nan
@@ -342,7 +342,7 @@ def race_batch(
             if not total < bound[row, k]:
                 break
             action = order[row, k]
-            height = settle(body, known, targets[action], steps, radii, work)
+            height = settle_body(body, known, targets[action], steps, radii, work)
             seen[0] = -np.degrees(np.arcsin(min(1.0, max(-1.0, n[1]))))
             seen[1] = np.degrees(np.arcsin(min(1.0, max(-1.0, n[0]))))
             clear = height / n[2] - known[0][2] if n[2] > 1e-3 else far

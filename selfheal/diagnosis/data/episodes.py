@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...recording import Episode, Recording
-from ...recording.data import Floats, Place
+from ...recording.data import Floats, Location
 from .local_polynomial import (
     LocalPolynomials,
     find_nearest,
@@ -146,7 +146,7 @@ def collect_signal_meanings(
     meanings: dict[str, tuple[str, str, str, int]] = {}
     for recording in recordings:
         for key, episode in recording.episodes.items():
-            _check_magnitude(episode, Place(recording.file, key))
+            _check_magnitude(episode, Location(recording.file, key))
             for name, signal in episode.signals.items():
                 if signal.kind in NOT_PREDICTED:
                     continue
@@ -157,14 +157,14 @@ def collect_signal_meanings(
                     words = [
                         f"{k} of {t!r} in {u!r}" for k, t, u, _ in (meaning, known)
                     ]
-                    raise Place(recording.file, key, name).error(
+                    raise Location(recording.file, key, name).make_error(
                         f"{words[0]} here and {words[1]} in another episode; would "
                         "fit: a name for each"
                     )
     return meanings
 
 
-def _check_magnitude(episode: Episode, place: Place) -> None:
+def _check_magnitude(episode: Episode, place: Location) -> None:
     """Refuse an episode with a number beyond `MAX_MAGNITUDE`."""
     arrays = {"time": episode.time, "ctrl": episode.ctrl, "qpos0": episode.qpos0,
             "qvel0": episode.qvel0}  # fmt: skip
@@ -172,7 +172,7 @@ def _check_magnitude(episode: Episode, place: Place) -> None:
     for name, values in arrays.items():
         if values is not None and (np.abs(values) > MAX_MAGNITUDE).any():
             value = values[np.abs(values) > MAX_MAGNITUDE][0]
-            raise place.error(
+            raise place.make_error(
                 f"{name} holds {value:.4g}; would fit: SI units, and no number beyond "
                 f"{MAX_MAGNITUDE:g}"
             )

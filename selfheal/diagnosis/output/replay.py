@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, RecordingError
-from ...recording import Episode, ModelNames, Recording, check_against_model, names_of
+from ...recording import (
+    Episode,
+    ModelNames,
+    Recording,
+    check_against_model,
+    list_model_names,
+)
 from ...recording.data import Floats
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import RobotSummary, summarize_bodies, summarize_joints
@@ -236,7 +242,7 @@ def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
 
 def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
     """Names and sizes of a model that a recording may have, without added joints."""
-    names = names_of(compiler.nominal)
+    names = list_model_names(compiler.nominal)
     return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 

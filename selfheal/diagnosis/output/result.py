@@ -9,7 +9,7 @@ from typing import Any
 
 from ...errors import InputError
 from ...mjcf.edit import Edit, apply_edits
-from ...recording import Recording, opened
+from ...recording import Recording, open_recording
 from ...recording.data import Floats
 from .storage import check_folder, write_diagnosis
 
@@ -176,7 +176,7 @@ class Diagnosis:
         """
         from .replay import replay_recording
 
-        recording = opened(recording)
+        recording = open_recording(recording)
         with tempfile.TemporaryDirectory() as room:
             folder = Path(room) / "diagnosis"
             self.save(folder)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...recording import Recording, split, whole_of
+from ...recording import Recording, split, strip_window
 from ...recording.data import Floats
 from ..effects.base import Onset, Term
 from ..estimation.covariance import effective_sample_size
@@ -130,7 +130,7 @@ def _build_onset(
     is_first = at == 0 or segments.episode[order[at - 1]] != number
     time = episode.start if is_first else (middle(at - 1) + middle(at)) / 2
     interval = middle(low - 1), middle(high)
-    return Onset(episode.number, whole_of(episode.id), time, *interval)
+    return Onset(episode.number, strip_window(episode.id), time, *interval)
 
 
 def set_onset(terms: Sequence[Term], onset: Onset | None) -> tuple[Term, ...]:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from ...recording import Episode, Recording, whole_of
+from ...recording import Episode, Recording, strip_window
 from ...recording.data import Floats
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import (
@@ -66,7 +66,7 @@ def build_simulator(
                 channels,
                 step,
             )
-            part, of_whole = (r.file, name), (r.file, whole_of(name))
+            part, of_whole = (r.file, name), (r.file, strip_window(name))
             number = names.index(part if part in names else of_whole)
             episodes.append(replace(sampled, number=number))
     return Simulator(compiler, channels, tuple(episodes), step)

@@ -10,10 +10,10 @@ from ...errors import RecordingError, UnknownNameError
 from ...recording import (
     Recording,
     check_against_model,
-    names_of,
-    short_names,
+    list_model_names,
+    shorten_names,
     split,
-    without_file,
+    strip_file,
 )
 from ..data.episodes import collect_signal_meanings
 from ..data.robot_summary import Channel, RobotSummary
@@ -97,7 +97,7 @@ def prepare_dataset(
     """
     compiler = ModelCompiler(os.fspath(model))
     for recording in recordings:  # what does not fit the model is the plainer fault
-        check_against_model(recording, names_of(compiler.nominal))
+        check_against_model(recording, list_model_names(compiler.nominal))
     collect_signal_meanings(recordings)  # each has one, in training and held-out data
     pairs = _split_recordings(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
@@ -108,7 +108,7 @@ def prepare_dataset(
     )
     if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
-    files = short_names([r.file for r in recordings])
+    files = shorten_names([r.file for r in recordings])
     names = tuple(
         f"{file}:{name}"
         for file, (_, h) in zip(files, pairs, strict=True)
@@ -142,7 +142,7 @@ def _split_recordings(
         by_recording[_find_recording(recordings, entry)].append(entry)
     pairs = []
     for recording, entries in zip(recordings, by_recording, strict=True):
-        whole = {without_file(entry, recording.file) for entry in entries}
+        whole = {strip_file(entry, recording.file) for entry in entries}
         none = replace(recording, episodes={})
         if not entries:
             pairs.append((recording, none))
@@ -158,13 +158,13 @@ def _split_recordings(
 def _find_recording(recordings: Sequence[Recording], entry: str) -> int:
     """Number of the recording that a held-out name means; `UnknownNameError`: none."""
     has_path = [entry.startswith(f"{r.file}:") for r in recordings]
-    has_name = [without_file(entry, r.file) != entry for r in recordings]
+    has_name = [strip_file(entry, r.file) != entry for r in recordings]
     if any(matches := has_path if any(has_path) else has_name):
         return matches.index(True)
     for i, recording in enumerate(recordings):
         if any(entry == n or entry.startswith(f"{n}[") for n in recording.episodes):
             return i
-    files = short_names([r.file for r in recordings])
+    files = shorten_names([r.file for r in recordings])
     each = zip(files, recordings, strict=True)
     valid = [f"{file}:{name}" for file, r in each for name in r.episodes]
     raise UnknownNameError("held-out episode", entry, valid)
