@@ -7,6 +7,7 @@ import numpy as np
 
 from selfheal.body.genome import encode_tree
 from selfheal.gait import synthesis
+from selfheal.recovery import plausible_plants
 from selfheal.robot.actions import load_published_body
 from selfheal.robot.base import Walker, open_robot, require_walker
 from selfheal.selfmodel.loop import read_rest_channels

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from selfheal.cli import app
+from selfheal.recovery import phased_run
 
 
 def main(moment: str, words: list[str]) -> None:
