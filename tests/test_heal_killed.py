@@ -21,7 +21,7 @@ shorten(setattr)
 hypotheses._SCALES = (0.1, 0.5)
 hypotheses._JAMS, hypotheses._AZIMUTHS = np.zeros(1), np.zeros(1)
 hypotheses._STRENGTHS = hypotheses._FRICTIONS = (0.3,)
-page.film = lambda *args, **more: ""
+page.make_film = lambda *args, **more: ""
 """
 _selfheal = partial(selfheal, BEFORE)
 

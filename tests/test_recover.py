@@ -394,7 +394,7 @@ def test_the_belief_never_depends_on_what_is_said_to_be_true(short):
     class Other:
         legged = robot.legged
 
-        def trials(self, weights):
+        def run_trials(self, weights):
             return robot.run_trials(weights)
 
         def struck(self, damage):
