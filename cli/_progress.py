@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 
-class Live:
+class ProgressBar:
     """A bar and lines on standard error; the bar only where that is a terminal."""
 
     def __init__(self, what: str, *, quiet: bool) -> None:
@@ -27,7 +27,7 @@ class Live:
         )
         self._task = self._bar.add_task(what, total=1.0)
 
-    def __enter__(self) -> "Live":
+    def __enter__(self) -> "ProgressBar":
         """Draw the bar."""
         self._bar.start()
         return self

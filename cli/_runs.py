@@ -10,17 +10,17 @@ from selfheal.errors import InputError
 from selfheal.files import check_writable_folder
 
 
-def fresh_folder(name: str, force: bool) -> Path:
+def make_run_folder(name: str, force: bool) -> Path:
     """runs/NAME, or with a number behind if that is taken and not to be overwritten.
 
     Made here, so that no other process takes it too.
     """
     runs = check_writable_folder("runs")
     names = chain([name], (f"{name}.{number}" for number in count(2)))
-    return next(runs / n for n in names if _made(runs / n, force))
+    return next(runs / n for n in names if _make_folder(runs / n, force))
 
 
-def _made(folder: Path, force: bool) -> bool:
+def _make_folder(folder: Path, force: bool) -> bool:
     """Whether this process made the folder, or may use the one that is there."""
     try:
         folder.mkdir(exist_ok=force)
@@ -29,7 +29,7 @@ def _made(folder: Path, force: bool) -> bool:
     return True
 
 
-def clear(path: Path, force: bool, others: Sequence[str]) -> None:
+def clear_run(path: Path, force: bool, others: Sequence[str]) -> None:
     """Refuse to overwrite a run file and what belongs to it, or remove them if forced.
 
     Args:

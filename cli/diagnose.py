@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._progress import Live
+from ._progress import ProgressBar
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
@@ -68,12 +68,12 @@ def diagnose(
     memory = unfinished_folder(out)
     if not resume:
         shutil.rmtree(memory, ignore_errors=True)
-    with Live("reading", quiet=as_json) as live:
+    with ProgressBar("reading", quiet=as_json) as live:
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
         try:
             found = find(model, recordings, held_out=held_out or (), seed=seed,
-                         memory=memory, progress=_Stages(live))  # fmt: skip
+                         memory=memory, progress=_StageProgress(live))  # fmt: skip
         except KeyboardInterrupt:
             if memory.exists():
                 typer.echo("selfheal: --resume goes on where this was", err=True)
@@ -89,10 +89,10 @@ def diagnose(
         _print_diagnosis(found, out)
 
 
-class _Stages:
+class _StageProgress:
     """Progress of a diagnosis: a line for each stage."""
 
-    def __init__(self, live: Live) -> None:
+    def __init__(self, live: ProgressBar) -> None:
         self.live, self.stage = live, ""
 
     def __call__(self, what: str, share: float) -> None:
@@ -109,11 +109,11 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from selfheal.report.diagnose import sentence
+    from selfheal.report.phrases import state_verdict
 
     console = Console()
     # text, not markup: a name in a file may hold square brackets
-    console.print(Text(sentence(found.document), style="bold"), soft_wrap=True)
+    console.print(Text(state_verdict(found.document), style="bold"), soft_wrap=True)
     _print_findings(console, found.document["findings"])
     _print_fit(console, found.document["fit"])
     for remark in found.remarks:
@@ -128,14 +128,14 @@ def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None
         return
     from rich.text import Text
 
-    from selfheal.report.tables import quantity, since
+    from selfheal.report.tables import format_onset, format_quantity
 
     head = ("effect", "where", "value (90 % interval)", "cannot be told from")
     rows = [
         (
             found["effect"],
-            f"{found['target']}\n{since(found)}".rstrip(),
-            "\n".join(f"{p['name']} {quantity(p)}" for p in found["parameters"]),
+            f"{found['target']}\n{format_onset(found)}".rstrip(),
+            "\n".join(f"{p['name']} {format_quantity(p)}" for p in found["parameters"]),
             "\n".join(found.get("equivalent", ())),
         )
         for found in findings
@@ -151,10 +151,10 @@ def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
     """The error on held-out recordings."""
     from rich.text import Text
 
-    from selfheal.report.tables import short
+    from selfheal.report.tables import format_short
 
     keys = ("given", "refit", "patched", "floor")
-    row = ["held-out error", *(short(fit.get(key)) for key in keys)]
+    row = ["held-out error", *(format_short(fit.get(key)) for key in keys)]
     removed = fit.get("explainable_removed")
     row.append("\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %")
     _print_table(console, ("", *keys, "explainable removed"), [row])
@@ -231,7 +231,7 @@ def _check_replay(
 ) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.errors import InputError
-    from selfheal.files import check_file, check_writable, unreadable
+    from selfheal.files import check_file, check_writable, explain_unreadable
 
     if not os.path.isfile(folder / _FILES[0]):
         raise InputError(
@@ -245,7 +245,7 @@ def _check_replay(
     used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
     if out.resolve() in [path.resolve() for path in used]:
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
-    if out.exists() and (reason := unreadable(out)):
+    if out.exists() and (reason := explain_unreadable(out)):
         raise InputError(f"cannot write {out}: {reason}")
     if out.exists() and not force and not _is_prediction(out):
         raise InputError(

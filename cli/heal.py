@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._progress import Live
-from ._runs import clear, fresh_folder, refuse_settings
+from ._progress import ProgressBar
+from ._runs import clear_run, make_run_folder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.recovery.record import HealRun
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
 _HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
+_DAMAGE = typer.Option(
+    help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
+    "slope:DEG[:AZIMUTH], friction:VALUE, several with commas, or random:SEED."
+)
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
 _SEED = typer.Option(help="Of everything random.")
 _PHASES = {
@@ -41,19 +45,19 @@ def gait(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
-    from selfheal.recovery.stroll import stroll
+    from selfheal.recovery.walk_trial import walk_trial
 
-    _check(gait, heading, seed)
-    found, robot = _identified(run)
+    _check_arguments(gait, heading, seed)
+    found, robot = _load_identified(run)
     start = time.perf_counter()
-    with Live("reading", quiet=as_json) as live:
-        told = stroll(
+    with ProgressBar("reading", quiet=as_json) as live:
+        told = walk_trial(
             found,
             robot,
             name=gait,
             heading=math.radians(heading),
             seed=seed,
-            progress=partial(_tell, live, "gait"),
+            progress=partial(_show_progress, live, "gait"),
         )
     told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
@@ -78,14 +82,7 @@ def heal(
         Path | None,
         typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'."),
     ] = None,
-    damage: Annotated[
-        str | None,
-        typer.Option(
-            help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], "
-            "dead:SENSOR, slope:DEG[:AZIMUTH], friction:VALUE, several with commas, "
-            "or random:SEED."
-        ),
-    ] = None,
+    damage: Annotated[str | None, _DAMAGE] = None,
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
     seed: Annotated[int, _SEED] = 0,
@@ -106,35 +103,37 @@ def heal(
 
     from selfheal.errors import InputError
     from selfheal.files import check_writable_folder
-    from selfheal.recovery.phased import load, save
+    from selfheal.recovery.phased_run import load_phased_run, save_phased_run
     from selfheal.recovery.record import HealRun, HealSettings
-    from selfheal.robot.accidents import accident
-    from selfheal.selfmodel.run import held
+    from selfheal.robot.accidents import parse_accident
+    from selfheal.selfmodel.run import lock_run
 
     if (run is None) == (resume is None):
         raise InputError("give either RUN.h5 --damage WHAT or --resume HEAL.h5")
     if resume is not None:
         refuse_settings(context)
-        with held(resume):
-            begun = load(resume, HealRun)
-            _go(begun, _identified(Path(begun.settings.run)), resume, as_json)
+        with lock_run(resume):
+            begun = load_phased_run(resume, HealRun)
+            _finish_heal(
+                begun, _load_identified(Path(begun.settings.run)), resume, as_json
+            )
         return
     assert run is not None
     if damage is None:
         raise InputError("say what happens to the robot: --damage right_lower:0.1, say")
-    _check(gait, heading, seed)
-    known = _identified(run)
-    what = accident(damage, known[0].anatomy)
+    _check_arguments(gait, heading, seed)
+    known = _load_identified(run)
+    what = parse_accident(damage, known[0].anatomy)
     onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
     settings = HealSettings(str(run), what, onset, gait, math.radians(heading), seed)
     name = f"heal-{known[1].name.replace(':', '-')}-{seed}"
-    folder = fresh_folder(name, force) if out is None else check_writable_folder(out)
+    folder = make_run_folder(name, force) if out is None else check_writable_folder(out)
     path = folder / "heal.h5"
-    with held(path):
-        clear(path, force, ("report.html",))
+    with lock_run(path):
+        clear_run(path, force, ("report.html",))
         begun = HealRun(settings)
-        save(begun, path)
-        _go(begun, known, path, as_json)
+        save_phased_run(begun, path)
+        _finish_heal(begun, known, path, as_json)
 
 
 def watch(
@@ -160,13 +159,13 @@ def watch(
     from selfheal.files import check_file
     from selfheal.recording import read
     from selfheal.recovery.monitor import FALSE_ALARMS
-    from selfheal.recovery.watched import watched
+    from selfheal.recovery.watch_recording import watch_recording
 
     for value in (learn, cycle):
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"seconds must be positive; not {value:g}")
     check_file(body)
-    found = watched(load(body), read(recording), learn=learn, cycle=cycle)
+    found = watch_recording(load(body), read(recording), learn=learn, cycle=cycle)
     if as_json:
         from ._print import print_json
 
@@ -175,10 +174,10 @@ def watch(
                     "episodes": found})  # fmt: skip
         return
     for episode in found:
-        typer.echo(_watched(episode))
+        typer.echo(_format_watched(episode))
 
 
-def _watched(episode: dict[str, Any]) -> str:
+def _format_watched(episode: dict[str, Any]) -> str:
     """A line on one watched episode."""
     alarm, name = episode["alarm"], episode["id"]
     if alarm is None:
@@ -192,58 +191,58 @@ def _watched(episode: dict[str, Any]) -> str:
     )
 
 
-def _check(gait: str, heading: float, seed: int) -> None:
+def _check_arguments(gait: str, heading: float, seed: int) -> None:
     """Refuse a gait that is not known and numbers that make no sense."""
     from selfheal.errors import InputError, check_seed
-    from selfheal.gait.pattern import pattern
+    from selfheal.gait.pattern import find_pattern
 
-    pattern(gait)
+    find_pattern(gait)
     if not -360 <= heading <= 360:
         raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
     check_seed(seed)
 
 
-def _identified(path: Path) -> tuple["Run", "Walker"]:
+def _load_identified(path: Path) -> tuple["Run", "Walker"]:
     """A finished run of `identify`, and its robot, which can walk."""
     from selfheal.errors import InputError
-    from selfheal.robot.base import open_robot, walker
-    from selfheal.selfmodel.run import load
+    from selfheal.robot.base import open_robot, require_walker
+    from selfheal.selfmodel.run import load_run
 
-    run = load(path)
+    run = load_run(path)
     if not run.result:
         raise InputError(
             f"{path}: the run is not finished; 'selfheal identify --resume {path}'"
         )
     s = run.settings
     recordings = Path(s.recordings) if s.recordings else None
-    return run, walker(open_robot(s.robot, seed=s.seed, recordings=recordings))
+    return run, require_walker(open_robot(s.robot, seed=s.seed, recordings=recordings))
 
 
-def _go(
+def _finish_heal(
     run: "HealRun", known: tuple["Run", "Walker"], path: Path, as_json: bool
 ) -> None:
     """Phase by phase to the end, saved after each; then the page."""
-    from selfheal.gait.believed import believed
-    from selfheal.recovery.heal import heal as phases
-    from selfheal.recovery.phased import save
-    from selfheal.recovery.phases import robots_of
-    from selfheal.report.heal import heal_page
+    from selfheal.gait.rival_bodies import select_rival_bodies
+    from selfheal.recovery.heal import heal_robot as phases
+    from selfheal.recovery.phased_run import save_phased_run
+    from selfheal.recovery.phases import make_robot_states
+    from selfheal.report.heal import make_heal_page
     from selfheal.report.page import write_page
 
     found, robot = known
-    models, weights = believed(found)
-    robots = robots_of(robot, run.settings)
-    with Live("reading", quiet=as_json) as live:
+    models, weights = select_rival_bodies(found)
+    robots = make_robot_states(robot, run.settings)
+    with ProgressBar("reading", quiet=as_json) as live:
         steps = phases(robots, models, weights, run.settings, run=run,
-                       progress=partial(_tell, live))  # fmt: skip
+                       progress=partial(_show_progress, live))  # fmt: skip
         for step in steps:
             run = step
-            save(run, path)
+            save_phased_run(run, path)
             if not run.result:
                 name, phase = list(run.phases.items())[-1]
-                live.say(f"{live.seconds:6.1f} s  {_line(name, phase)}")
+                live.say(f"{live.seconds:6.1f} s  {_format_phase(name, phase)}")
     page = path.with_name("report.html")
-    write_page(heal_page(run, models), page)
+    write_page(make_heal_page(run, models), page)
     if as_json:
         from ._print import print_json
 
@@ -252,16 +251,16 @@ def _go(
         _print_result(run, [path, page])
 
 
-def _tell(live: Live, phase: str, what: str, share: float) -> None:
+def _show_progress(live: ProgressBar, phase: str, what: str, share: float) -> None:
     """Show what a phase does and how much of that is done."""
     live.show(f"{_PHASES.get(phase, phase)}: {what}", share)
 
 
-def _line(name: str, phase: Any) -> str:
+def _format_phase(name: str, phase: Any) -> str:
     """What came of a phase, in a line."""
     if name.startswith("ask"):
         first = phase["believed"][0]
-        return f"{phase['why']}: {_hypothesis(first)}"
+        return f"{phase['why']}: {_format_hypothesis(first)}"
     told = _PHASES[name]
     if name in ("gait", "healed"):
         return f"{told}: predicted {phase['gait']['predicted']:.2f} m in 10 s"
@@ -273,17 +272,17 @@ def _line(name: str, phase: Any) -> str:
             f"alarm after {a['time']:.1f} s by {a['sensor']}" if a else "no alarm"
         )
     if name == "verdict":
-        return f"{told}: {_hypothesis(phase['believed'][0])}"
+        return f"{told}: {_format_hypothesis(phase['believed'][0])}"
     if name == "walked":
         return f"{told}: {phase['damaged']:.2f} m and {phase['healed']:.2f} m"
     return told
 
 
-def _hypothesis(believed: dict[str, Any]) -> str:
+def _format_hypothesis(believed: dict[str, Any]) -> str:
     """A hypothesis and its probability in words."""
-    from selfheal.recovery.phases import damage_of
+    from selfheal.recovery.phases import read_damage
 
-    return f"{damage_of(believed)} ({100 * believed['probability']:.0f} %)"
+    return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
 
 
 def _print_result(run: "HealRun", files: list[Path]) -> None:
@@ -295,7 +294,7 @@ def _print_result(run: "HealRun", files: list[Path]) -> None:
     table = Table("happened", "sure")
     for k, believed in enumerate(run.phases["verdict"]["believed"]):
         if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
-            words = _hypothesis(believed).rpartition(" (")
+            words = _format_hypothesis(believed).rpartition(" (")
             table.add_row(words[0], words[2].rstrip(")"))
     console.print(table)
     names = {"intact": "whole", "damaged": "broken, old gait", "healed": "broken, new",

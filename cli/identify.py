@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._progress import Live
-from ._runs import clear, fresh_folder, refuse_settings
+from ._progress import ProgressBar
+from ._runs import clear_run, make_run_folder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.robot.base import Robot
     from selfheal.selfmodel.run import Run, Settings
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
+_METHOD = typer.Option(
+    help="default, paper, disagreement, random-batch or random-alternate."
+)
+_SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
+_KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
+_RANDOM_ACTIONS = typer.Option(
+    "--random-actions", help="Do not choose actions, for comparison."
+)
 
 
 def identify(
@@ -27,22 +35,10 @@ def identify(
         Path | None,
         typer.Option(metavar="FILE.h5", help="Readings that the robot answers from."),
     ] = None,
-    method: Annotated[
-        str,
-        typer.Option(
-            help="default, paper, disagreement, random-batch or random-alternate."
-        ),
-    ] = "default",
-    space: Annotated[
-        str, typer.Option(help="Where parts may attach: free, sides or full.")
-    ] = "free",
-    known_lengths: Annotated[
-        bool, typer.Option("--known-lengths", help="In 'full', lengths are known.")
-    ] = False,
-    random_actions: Annotated[
-        bool,
-        typer.Option("--random-actions", help="Do not choose actions, for comparison."),
-    ] = False,
+    method: Annotated[str, _METHOD] = "default",
+    space: Annotated[str, _SPACE] = "free",
+    known_lengths: Annotated[bool, _KNOWN_LENGTHS] = False,
+    random_actions: Annotated[bool, _RANDOM_ACTIONS] = False,
     engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
     cycles: Annotated[int, typer.Option(help="Actions to try.")] = 16,
     budget: Annotated[
@@ -63,15 +59,15 @@ def identify(
 ) -> None:
     """Find out what a robot's body is."""
     from selfheal.errors import InputError
-    from selfheal.selfmodel.run import Settings, held, load
+    from selfheal.selfmodel.run import Settings, load_run, lock_run
     from selfheal.selfmodel.strategy import BUDGETS
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
     if resume is not None:
         refuse_settings(context)
-        with held(resume):
-            _go(load(resume), resume, as_json)
+        with lock_run(resume):
+            _finish_run(load_run(resume), resume, as_json)
         return
     settings = Settings(
         robot=str(robot),
@@ -85,30 +81,30 @@ def identify(
         budget=BUDGETS.get(method, 1) if budget is None else budget,
         seed=seed,
     )
-    _start(settings, out, force=force, as_json=as_json)
+    _start_run(settings, out, force=force, as_json=as_json)
 
 
-def _start(
+def _start_run(
     settings: "Settings", out: Path | None, *, force: bool, as_json: bool
 ) -> None:
     """Check everything that can be wrong, then run."""
     from selfheal.files import check_writable_folder
-    from selfheal.selfmodel.loop import check
-    from selfheal.selfmodel.run import Run, held, save
+    from selfheal.selfmodel.loop import check_settings
+    from selfheal.selfmodel.run import Run, lock_run, save_run
 
-    robot = _robot(settings)
-    check(settings, robot)
+    robot = _open_robot(settings)
+    check_settings(settings, robot)
     name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
-    folder = fresh_folder(name, force) if out is None else check_writable_folder(out)
+    folder = make_run_folder(name, force) if out is None else check_writable_folder(out)
     path = folder / "run.h5"
-    with held(path):
-        clear(path, force, ("best.xml", "report.html"))
+    with lock_run(path):
+        clear_run(path, force, ("best.xml", "report.html"))
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
-        save(run, path)
-        _go(run, path, as_json)
+        save_run(run, path)
+        _finish_run(run, path, as_json)
 
 
-def _robot(settings: "Settings") -> "Robot":
+def _open_robot(settings: "Settings") -> "Robot":
     """The robot that settings ask for."""
     from selfheal.robot.base import open_robot
 
@@ -116,19 +112,19 @@ def _robot(settings: "Settings") -> "Robot":
     return open_robot(settings.robot, seed=settings.seed, recordings=recordings)
 
 
-def _go(run: "Run", path: Path, as_json: bool) -> None:
+def _finish_run(run: "Run", path: Path, as_json: bool) -> None:
     """Turn by turn to the end, saved after each; then the body and the page."""
     from dataclasses import replace
 
-    from selfheal.selfmodel.loop import check_same
-    from selfheal.selfmodel.loop import identify as turns
-    from selfheal.selfmodel.run import save
+    from selfheal.selfmodel.loop import check_same_robot
+    from selfheal.selfmodel.loop import identify_body as turns
+    from selfheal.selfmodel.run import save_run
 
     start, before = time.perf_counter(), run.cycles[-1].seconds if run.cycles else 0.0
-    robot, settings = _robot(run.settings), run.settings
-    check_same(run, robot)  # here too, before there is a progress bar
-    with Live("starting", quiet=as_json) as live:
-        show = _Turns(live, settings.budget)
+    robot, settings = _open_robot(run.settings), run.settings
+    check_same_robot(run, robot)  # here too, before there is a progress bar
+    with ProgressBar("starting", quiet=as_json) as live:
+        show = _CycleProgress(live, settings.budget)
         for step in turns(robot, settings, run=run, progress=show):
             run = step
             if "seconds" in run.result:  # it was finished before
@@ -138,8 +134,8 @@ def _go(run: "Run", path: Path, as_json: bool) -> None:
                 model = _write_model(run, path.with_name("best.xml"))
                 files = {"seconds": seconds, "run": str(path), "model": str(model)}
                 run = replace(run, result={**run.result, **files})
-            save(run, path)
-            show.turn(run)
+            save_run(run, path)
+            show.show_cycle(run)
     page = _write_page(run, path.with_name("report.html"))
     if as_json:
         from ._print import print_json
@@ -151,11 +147,11 @@ def _go(run: "Run", path: Path, as_json: bool) -> None:
 
 def _write_model(run: "Run", path: Path) -> Path:
     """The best body as MJCF."""
-    from selfheal.body.genome import build
-    from selfheal.body.mjcf import to_xml
+    from selfheal.body.genome import build_bodies
+    from selfheal.body.mjcf import format_mjcf
     from selfheal.files import atomic_path
 
-    text = to_xml(build(run.anatomy, run.cycles[-1].genomes[:1]))
+    text = format_mjcf(build_bodies(run.anatomy, run.cycles[-1].genomes[:1]))
     with atomic_path(path) as temporary:
         temporary.write_text(text)
     return path
@@ -163,17 +159,17 @@ def _write_model(run: "Run", path: Path) -> Path:
 
 def _write_page(run: "Run", path: Path) -> Path:
     """The report page."""
-    from selfheal.report.identify import identify_page
+    from selfheal.report.identify import make_identify_page
     from selfheal.report.page import write_page
 
-    write_page(identify_page(run), path)
+    write_page(make_identify_page(run), path)
     return path
 
 
-class _Turns:
+class _CycleProgress:
     """Progress of a run: its simulations, and a line for each cycle."""
 
-    def __init__(self, live: Live, budget: int) -> None:
+    def __init__(self, live: ProgressBar, budget: int) -> None:
         self.live, self.budget, self.cycles = live, budget, 0
         self.begun: tuple[int, float] | None = None  # simulations, seconds
 
@@ -189,16 +185,16 @@ class _Turns:
             count / self.budget,
         )
 
-    def turn(self, run: "Run") -> None:
+    def show_cycle(self, run: "Run") -> None:
         """A line for the last cycle."""
         from rich.text import Text
 
-        from selfheal.robot.actions import spoken
+        from selfheal.robot.actions import describe_action
 
         cycle, self.cycles = run.cycles[-1], len(run.cycles)
         if run.result:
             return
-        action = spoken(run.anatomy, run.actions[cycle.action])
+        action = describe_action(run.anatomy, run.actions[cycle.action])
         told = (
             f" {action}: {cycle.why}. Best error {cycle.tilt_error:.2f} deg, "
             f"disagreement {cycle.disagreement:.1f} deg"
@@ -228,34 +224,40 @@ def _print_result(run: "Run", files: list[Path]) -> None:
             row.append("right" if right else f"is {names[truth.parent[0, i]]}")
         table.add_row(*row)
     console.print(table)
-    for line in _summary(run):
+    for line in _summarize_run(run):
         console.print(line, highlight=False, soft_wrap=True)
     for file in files:
         console.print(os.fspath(file), highlight=False, soft_wrap=True)
 
 
-def _summary(run: "Run") -> Iterator[str]:
+def _summarize_run(run: "Run") -> Iterator[str]:
     """Errors, rivals and simulations, a line each."""
-    from selfheal.body.body import center_distance, edge_f1, tip_distance
-    from selfheal.body.genome import build
+    from selfheal.body.body import (
+        compute_edge_f1,
+        measure_center_distance,
+        measure_tip_distance,
+    )
+    from selfheal.body.genome import build_bodies
 
     result, cycle = run.result, run.cycles[-1]
     yield f"tilt error {result['tilt_error']:.2f} deg over {len(run.cycles)} actions"
     if run.truth is not None:
-        best = build(run.anatomy, cycle.genomes[:1])
+        best = build_bodies(run.anatomy, cycle.genomes[:1])
         yield (
-            f"against the truth: centers {center_distance(best, run.truth)[0]:.1f} cm, "
-            f"tips {tip_distance(best, run.truth)[0]:.1f} cm, "
-            f"attachments {100 * edge_f1(best, run.truth)[0]:.0f} % right"
+            f"against the truth: centers "
+            f"{measure_center_distance(best, run.truth)[0]:.1f} cm, "
+            f"tips {measure_tip_distance(best, run.truth)[0]:.1f} cm, "
+            f"attachments {100 * compute_edge_f1(best, run.truth)[0]:.0f} % right"
         )
     # one degree a reading is what even the right body misses; chosen
     close = int((cycle.losses[1:] < cycle.losses[0] + len(run.cycles) / 4).sum())
     if close:
         yield f"{close} other bodies explain the readings nearly as well; see the page"
-    if len(run.alike):
+    if len(run.indistinguishable):
         yield (
             "other bodies that explain the readings and that no action of this robot "
-            f"tells from it: {len(run.alike):,}; other trees: {run.alike_trees}"
+            f"tells from it: {len(run.indistinguishable):,}; other trees: "
+            f"{run.indistinguishable_trees}"
         )
     counts = ", ".join(f"{name} {count:,}" for name, count in run.counts.items())
     yield f"simulations: {counts}; {result['seconds']} s"
@@ -267,9 +269,9 @@ def show(
 ) -> None:
     """Show a finished or interrupted run."""
     from selfheal.errors import InputError
-    from selfheal.selfmodel.run import load
+    from selfheal.selfmodel.run import load_run
 
-    run = load(file)
+    run = load_run(file)
     if as_json:
         from ._print import print_json
 
@@ -293,7 +295,7 @@ def show(
 
 def robots(as_json: Annotated[bool, _JSON] = False) -> None:
     """List the robots that can be asked."""
-    from selfheal.robot.base import robots as listed
+    from selfheal.robot.base import list_robots as listed
 
     found: dict[str, Any] = listed()
     if as_json:

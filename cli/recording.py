@@ -36,7 +36,7 @@ def check(
     recording = read(file)
     if model is not None:
         check_against_model(recording, read_names(model))
-    summary = _summary(recording, model)
+    summary = _summarize_recording(recording, model)
     if as_json:
         from ._print import print_json
 
@@ -45,7 +45,7 @@ def check(
         _print_tables(summary)
 
 
-def _summary(recording: "Recording", model: Path | None) -> dict[str, Any]:
+def _summarize_recording(recording: "Recording", model: Path | None) -> dict[str, Any]:
     episodes = recording.episodes.items()
     return {
         "format": "selfheal-recording-check",
@@ -54,11 +54,11 @@ def _summary(recording: "Recording", model: Path | None) -> dict[str, Any]:
         "model": None if model is None else str(model),
         "robot": recording.robot,
         "source": recording.source,
-        "episodes": [_episode(name, episode) for name, episode in episodes],
+        "episodes": [_summarize_episode(name, episode) for name, episode in episodes],
     }
 
 
-def _episode(name: str, episode: "Episode") -> dict[str, Any]:
+def _summarize_episode(name: str, episode: "Episode") -> dict[str, Any]:
     import numpy as np
 
     return {
@@ -88,8 +88,11 @@ def _print_tables(summary: dict[str, Any]) -> None:
 
     console = Console()
     for header, rows in (
-        (("episode", "motion", "samples", "seconds", "missing"), _episode_rows),
-        (("signal", "kind", "unit", "target", "episodes", "missing"), _signal_rows),
+        (("episode", "motion", "samples", "seconds", "missing"), _list_episode_rows),
+        (
+            ("signal", "kind", "unit", "target", "episodes", "missing"),
+            _list_signal_rows,
+        ),
     ):
         table = Table()
         for title in header:
@@ -98,35 +101,35 @@ def _print_tables(summary: dict[str, Any]) -> None:
             # text, not markup: a name in a file may hold square brackets
             table.add_row(*(Text(cell) for cell in row))
         console.print(table)
-    console.print(Text(_verdict(summary)), soft_wrap=True)
+    console.print(Text(_format_verdict(summary)), soft_wrap=True)
 
 
-def _episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
+def _list_episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
     for episode in episodes:
         yield (
             episode["id"],
             episode["motion"] or "",
             str(episode["samples"]),
             f"{episode['seconds']:.3f}",
-            _share([signal["missing"] for signal in episode["signals"]]),
+            _format_share([signal["missing"] for signal in episode["signals"]]),
         )
 
 
-def _signal_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
+def _list_signal_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
     missing: dict[tuple[str, ...], list[float]] = {}
     for episode in episodes:
         for signal in episode["signals"]:
             what = tuple(signal[key] for key in ("name", "kind", "unit", "target"))
             missing.setdefault(what, []).append(signal["missing"])
     for what, shares in missing.items():
-        yield (*what, str(len(shares)), _share(shares))
+        yield (*what, str(len(shares)), _format_share(shares))
 
 
-def _share(shares: list[float]) -> str:
+def _format_share(shares: list[float]) -> str:
     return f"{sum(shares) / len(shares):.1%}" if shares else "no signal"
 
 
-def _verdict(summary: dict[str, Any]) -> str:
+def _format_verdict(summary: dict[str, Any]) -> str:
     count = len(summary["episodes"])
     seconds = sum(episode["seconds"] for episode in summary["episodes"])
     fits = f" and fits {summary['model']}" if summary["model"] else ""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._progress import Live
-from ._runs import clear, fresh_folder, refuse_settings
+from ._progress import ProgressBar
+from ._runs import clear_run, make_run_folder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
@@ -68,17 +68,17 @@ def recover(
         raise InputError("give either --robot quadruped|hexapod or --resume RECOVER.h5")
     if resume is not None:
         refuse_settings(context)
-        _go_on(_runs_in(resume), as_json)
+        _finish_runs(_find_runs(resume), as_json)
         return
     assert robot is not None
-    asked = [_settings(robot, n, method, reach, apart, gap, seed)
-             for n in _numbers(scenario)]  # fmt: skip
+    asked = [_make_settings(robot, n, method, reach, apart, gap, seed)
+             for n in _parse_scenarios(scenario)]  # fmt: skip
     name = f"recover-{robot}-{seed}"
-    folder = fresh_folder(name, force) if out is None else check_writable_folder(out)
-    _go_on(_begun(folder, asked, force), as_json)
+    folder = make_run_folder(name, force) if out is None else check_writable_folder(out)
+    _finish_runs(_begin_runs(folder, asked, force), as_json)
 
 
-def _numbers(scenario: str) -> Sequence[int]:
+def _parse_scenarios(scenario: str) -> Sequence[int]:
     """The scenarios that a user's word means; whether they exist is not its concern."""
     from selfheal.errors import InputError
     from selfheal.robot.scenarios import TABLE
@@ -90,7 +90,7 @@ def _numbers(scenario: str) -> Sequence[int]:
     return [int(scenario)]
 
 
-def _settings(
+def _make_settings(
     robot: str,
     number: int,
     method: str,
@@ -100,39 +100,41 @@ def _settings(
     seed: int,
 ) -> "RecoverSettings":
     """What a recovery is asked to do, checked."""
-    from selfheal.body.legged import legged
+    from selfheal.body.legged import load_legged_robot
     from selfheal.errors import InputError, UnknownNameError, check_seed
     from selfheal.recovery.recover_run import METHODS, RecoverSettings
-    from selfheal.robot.scenarios import scenario
+    from selfheal.robot.scenarios import draw_scenario
 
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     if not 0 <= gap <= 0.5:
         raise InputError(f"the gap must be 0 to 0.5; not {gap}")
     check_seed(seed)
-    damage = scenario(number, legged(robot, reach, apart), seed)
+    damage = draw_scenario(number, load_legged_robot(robot, reach, apart), seed)
     return RecoverSettings(robot, number, damage, method, seed, reach, apart, gap)
 
 
-def _begun(folder: Path, asked: list["RecoverSettings"], force: bool) -> list[Path]:
+def _begin_runs(
+    folder: Path, asked: list["RecoverSettings"], force: bool
+) -> list[Path]:
     """A run file for each, in folders of their own where there are several."""
-    from selfheal.recovery.phased import save
+    from selfheal.recovery.phased_run import save_phased_run
     from selfheal.recovery.recover_run import RecoverRun
-    from selfheal.selfmodel.run import held
+    from selfheal.selfmodel.run import lock_run
 
     paths = []
     for settings in asked:
         home = folder / f"scenario-{settings.scenario:02d}" if asked[1:] else folder
         home.mkdir(exist_ok=True)
         path = home / _NAME
-        with held(path):
-            clear(path, force, ("report.html",))
-            save(RecoverRun(settings), path)
+        with lock_run(path):
+            clear_run(path, force, ("report.html",))
+            save_phased_run(RecoverRun(settings), path)
         paths.append(path)
     return paths
 
 
-def _runs_in(place: Path) -> list[Path]:
+def _find_runs(place: Path) -> list[Path]:
     """The run files of a folder, or the one that was named."""
     from selfheal.errors import RunFileError
 
@@ -144,23 +146,23 @@ def _runs_in(place: Path) -> list[Path]:
     return found
 
 
-def _go_on(paths: list[Path], as_json: bool) -> None:
+def _finish_runs(paths: list[Path], as_json: bool) -> None:
     """Each run to its end, and what came of them; several processes may share them."""
     from selfheal.errors import RunFileError
-    from selfheal.selfmodel.run import held
+    from selfheal.selfmodel.run import lock_run
 
     done = []
-    with Live("reading", quiet=as_json) as live:
+    with ProgressBar("reading", quiet=as_json) as live:
         for path in paths:
             with ExitStack() as stack:
                 try:
-                    stack.enter_context(held(path))
+                    stack.enter_context(lock_run(path))
                 except RunFileError as error:
                     if not paths[1:]:
                         raise
                     live.say(f"left out: {error}")
                     continue
-                done.append((path, _finish(path, live)))
+                done.append((path, _finish_run(path, live)))
     if as_json:
         from ._print import print_json
 
@@ -174,19 +176,19 @@ def _go_on(paths: list[Path], as_json: bool) -> None:
         typer.echo(os.fspath(path.with_name("report.html")))
 
 
-def _finish(path: Path, live: Live) -> "RecoverRun":
+def _finish_run(path: Path, live: ProgressBar) -> "RecoverRun":
     """A run phase by phase to its end, saved after each; then its page."""
-    from selfheal.recovery.phased import load, save
-    from selfheal.recovery.recover import recover as phases
+    from selfheal.recovery.phased_run import load_phased_run, save_phased_run
+    from selfheal.recovery.recover import recover_robot as phases
     from selfheal.recovery.recover_run import RecoverRun
     from selfheal.report.page import write_page
-    from selfheal.report.recover import recover_page
+    from selfheal.report.recover import make_recover_page
     from selfheal.robot.scenarios import SCENARIOS
     from selfheal.robot.simulated_legs import SimulatedLegs
 
-    run = load(path, RecoverRun)
+    run = load_phased_run(path, RecoverRun)
     s = run.settings
-    robot = SimulatedLegs(s.legged, s.seed, s.gap)
+    robot = SimulatedLegs(s.legged_robot, s.seed, s.gap)
     if not run.result:
         live.say(f"{s.robot}, scenario {s.scenario}: {SCENARIOS[s.scenario]}")
 
@@ -197,23 +199,23 @@ def _finish(path: Path, live: Live) -> "RecoverRun":
     for step in phases(robot, s, run=run, progress=show):
         run = step
         if not finished:
-            save(run, path)
+            save_phased_run(run, path)
         if not run.result:
-            live.say(f"{live.seconds:6.1f} s  {_line(run)}")
+            live.say(f"{live.seconds:6.1f} s  {_format_phase(run)}")
     page = path.with_name("report.html")
     if not finished or not page.exists():
-        write_page(recover_page(run), page)
+        write_page(make_recover_page(run), page)
     return run
 
 
-def _line(run: "RecoverRun") -> str:
+def _format_phase(run: "RecoverRun") -> str:
     """What came of the last phase, in a line."""
-    from selfheal.recovery.recover_run import believed
+    from selfheal.recovery.recover_run import summarize_beliefs
 
     name, phase = list(run.phases.items())[-1]
     kind, _, turn = name.partition("-")
     if kind == "estimate":
-        said, chance = next(iter(believed(phase).items()))
+        said, chance = next(iter(summarize_beliefs(phase).items()))
         return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
@@ -228,7 +230,7 @@ def _print_results(runs: Sequence["RecoverRun"]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from selfheal.recovery.recover import named
+    from selfheal.recovery.recover_run import is_damage_named
 
     head = ("", "whole [m]", "broken", "recovered", "named", "trials")
     # a batch is of one robot and one method
@@ -237,13 +239,13 @@ def _print_results(runs: Sequence["RecoverRun"]) -> None:
     words = {True: "yes", False: "no", None: ""}
     for run in runs:
         d = run.result["distance"]
-        ways = [_number(d[key]) for key in ("intact", "damaged", "healed")]
+        ways = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
         spent = str(run.result["actions"])
         name = f"scenario {run.settings.scenario}"
-        table.add_row(name, *ways, words[named(run)], spent)
+        table.add_row(name, *ways, words[is_damage_named(run)], spent)
     Console().print(table)
 
 
-def _number(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     """A number of two decimals, or none."""
     return "" if value is None else f"{value:.2f}"

@@ -7,18 +7,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._progress import Live
-from ._runs import clear, fresh_folder, refuse_settings
+from ._progress import ProgressBar
+from ._runs import clear_run, make_run_folder, refuse_settings
 
 if TYPE_CHECKING:
-    from selfheal.study.plan import Asked, Table
+    from selfheal.study.plan import StudyRequest, Table
     from selfheal.study.run import Progress
     from selfheal.study.store import Results
-    from selfheal.study.workers import Place
+    from selfheal.study.workers import Workplace
 
 _NAME, _PAGES = "study.h5", ("report.html", "report.md")
 _READINGS = Path("../shared/recordings/starfish_2006")
 _RUNS = {"table3": 30, "actions": 30, "schema": 30, "eea": 3, "sealed": 1}
+_RECORDINGS = typer.Option(
+    metavar="FOLDER",
+    help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
+)
+_CASES = typer.Option(
+    metavar="FOLDER", help="Of 'sealed': folders of model.xml, recording.h5."
+)
 _FILE = typer.Argument(metavar="STUDY.h5", help="A study's file.")
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 
@@ -29,23 +36,12 @@ app = typer.Typer(
 )
 
 
-def _study(
+def _run_study(
     context: typer.Context,
     runs: Annotated[int | None, typer.Option(help="Seeds of each row.")] = None,
     seed: Annotated[int, typer.Option(help="The first; then one by one.")] = 0,
-    recordings: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
-        ),
-    ] = None,
-    cases: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER", help="Of 'sealed': folders of model.xml, recording.h5."
-        ),
-    ] = None,
+    recordings: Annotated[Path | None, _RECORDINGS] = None,
+    cases: Annotated[Path | None, _CASES] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes, or jobs of a cluster; all cores.")
     ] = None,
@@ -72,38 +68,42 @@ def _study(
 ) -> None:
     """One study; which one, the command's name says."""
     from selfheal.errors import InputError
-    from selfheal.study.plan import Asked
-    from selfheal.study.workers import Place, check
+    from selfheal.study.plan import StudyRequest
+    from selfheal.study.workers import Workplace, check_workplace
 
     name = str(context.info_name)
     if workers == 0:
         raise InputError("workers must be positive; not 0")
-    place = Place(workers or 0, scheduler, cluster)
-    check(place)
+    place = Workplace(workers or 0, scheduler, cluster)
+    check_workplace(place)
     if only not in ("", "failed") or (only and resume is None):
         raise InputError("--only failed goes with --resume STUDY.h5, and nothing else")
     if resume is not None:
         refuse_settings(context, heeded=("only", "workers", "scheduler", "cluster"))
         _check_name(resume, name)
-        _go(resume, place, only_failed=bool(only), as_json=as_json)
+        _finish_study(resume, place, only_failed=bool(only), as_json=as_json)
         return
     count = _RUNS[name] if runs is None else runs
-    asked = Asked(count, seed, recordings, cases)
-    _go(_begun(name, asked, out, force), place, only_failed=False, as_json=as_json)
+    asked = StudyRequest(count, seed, recordings, cases)
+    _finish_study(
+        _begin_study(name, asked, out, force), place, only_failed=False, as_json=as_json
+    )
 
 
-def _begun(name: str, asked: "Asked", out: Path | None, force: bool) -> Path:
+def _begin_study(
+    name: str, asked: "StudyRequest", out: Path | None, force: bool
+) -> Path:
     """A new study's file, once all that can be wrong was checked."""
     from dataclasses import replace
 
     from selfheal.errors import InputError
     from selfheal.files import check_writable_folder
-    from selfheal.selfmodel.run import held
-    from selfheal.study.plan import study_of
-    from selfheal.study.run import begin
-    from selfheal.study.store import journal_of
+    from selfheal.selfmodel.run import lock_run
+    from selfheal.study.plan import find_study
+    from selfheal.study.run import begin_study
+    from selfheal.study.store import find_journal
 
-    given = study_of(name).given
+    given = find_study(name).inputs
     for option in ("recordings", "cases"):
         folder = getattr(asked, option)
         if folder is not None and option not in given:
@@ -123,41 +123,46 @@ def _begun(name: str, asked: "Asked", out: Path | None, force: bool) -> Path:
                if (f := getattr(asked, k)) is not None}  # fmt: skip
     asked = replace(asked, **folders)
     home = f"study-{name}"
-    path = fresh_folder(home, force) if out is None else check_writable_folder(out)
+    path = make_run_folder(home, force) if out is None else check_writable_folder(out)
     path = path / _NAME
-    with held(path):
-        clear(path, force, (journal_of(path).name, *_PAGES))
-        begin(path, name, asked)
+    with lock_run(path):
+        clear_run(path, force, (find_journal(path).name, *_PAGES))
+        begin_study(path, name, asked)
     return path
 
 
 def _check_name(path: Path, name: str) -> None:
     """Refuse to go on with a study by another one's name."""
     from selfheal.errors import InputError
-    from selfheal.study.store import load
+    from selfheal.study.store import load_study
 
-    found = load(path).study
+    found = load_study(path).study
     if found != name:
         raise InputError(f"{path} is of study {found!r}; selfheal study {found} "
                          f"--resume {path}")  # fmt: skip
 
 
-def _go(path: Path, place: "Place", *, only_failed: bool, as_json: bool) -> None:
+def _finish_study(
+    path: Path, place: "Workplace", *, only_failed: bool, as_json: bool
+) -> None:
     """Do what is left, then show it."""
-    from selfheal.study.run import proceed
-    from selfheal.study.store import load
+    from selfheal.study.run import continue_study
+    from selfheal.study.store import load_study
 
     try:
-        with Live("starting", quiet=as_json) as live:
-            for progress in proceed(path, place, only_failed=only_failed):
-                live.show(_told(progress, live.seconds), progress.done / progress.total)
+        with ProgressBar("starting", quiet=as_json) as live:
+            for progress in continue_study(path, place, only_failed=only_failed):
+                live.show(
+                    _describe_progress(progress, live.seconds),
+                    progress.done / progress.total,
+                )
     except KeyboardInterrupt:
-        typer.echo(_left(load(path), path), err=True)
+        typer.echo(_describe_left(load_study(path), path), err=True)
         raise typer.Exit(130) from None  # as shells say of a program that was stopped
-    _show(path, as_json)
+    _show_study(path, as_json)
 
 
-def _left(results: "Results", path: Path) -> str:
+def _describe_left(results: "Results", path: Path) -> str:
     """What is to be done yet, and how."""
     return (
         f"{len(results.left):,} of {len(results.tasks):,} runs are left; go on with: "
@@ -165,7 +170,7 @@ def _left(results: "Results", path: Path) -> str:
     )
 
 
-def _told(progress: "Progress", seconds: float) -> str:
+def _describe_progress(progress: "Progress", seconds: float) -> str:
     """How far a study is, in words."""
     p = progress
     words = [f"{p.done:,} of {p.total:,} runs"]
@@ -182,34 +187,34 @@ def _told(progress: "Progress", seconds: float) -> str:
 
 def show(file: Annotated[Path, _FILE], as_json: Annotated[bool, _JSON] = False) -> None:
     """Show a finished or interrupted study."""
-    _show(file, as_json)
+    _show_study(file, as_json)
 
 
-def _show(path: Path, as_json: bool) -> None:
+def _show_study(path: Path, as_json: bool) -> None:
     """Tables, and the pages beside the file."""
     from selfheal.report.page import write_page
-    from selfheal.study.page import markdown, study_page
-    from selfheal.study.plan import study_of
-    from selfheal.study.store import load
+    from selfheal.study.page import format_markdown, make_study_page
+    from selfheal.study.plan import find_study
+    from selfheal.study.store import load_study
 
-    results = load(path)
-    tables = study_of(results.study).tables(results.finished)
+    results = load_study(path)
+    tables = find_study(results.study).make_tables(results.finished)
     pages = [path.with_name(name) for name in _PAGES]
-    for page, make in zip(pages, (study_page, markdown), strict=True):
+    for page, make in zip(pages, (make_study_page, format_markdown), strict=True):
         write_page(make(results, tables), page)
     if as_json:
         from ._print import print_json
 
-        print_json(_document(results, tables, path))
+        print_json(_serialize_study(results, tables, path))
         return
-    _print(results, tables)
+    _print_study(results, tables)
     if results.left:
-        typer.echo(_left(results, path))
+        typer.echo(_describe_left(results, path))
     for file in (path, *pages):
         typer.echo(os.fspath(file))
 
 
-def _document(results: "Results", tables: "Sequence[Table]", path: Path) -> dict:
+def _serialize_study(results: "Results", tables: "Sequence[Table]", path: Path) -> dict:
     """A study for scripts."""
     from dataclasses import asdict
 
@@ -219,7 +224,7 @@ def _document(results: "Results", tables: "Sequence[Table]", path: Path) -> dict
         "format": "selfheal-study",
         "version": 1,
         "study": results.study,
-        "asked": results.asked,
+        "asked": results.request,
         "runs": len(results.tasks),
         "done": len(results.records),
         "failed": failed,
@@ -228,12 +233,12 @@ def _document(results: "Results", tables: "Sequence[Table]", path: Path) -> dict
     }
 
 
-def _print(results: "Results", tables: "Sequence[Table]") -> None:
+def _print_study(results: "Results", tables: "Sequence[Table]") -> None:
     """Tables for a reader."""
     from rich.console import Console
     from rich.table import Table
 
-    from selfheal.study.page import standing
+    from selfheal.study.page import describe_progress
 
     console = Console()
     for table in tables:
@@ -244,20 +249,22 @@ def _print(results: "Results", tables: "Sequence[Table]") -> None:
             for row in table.rows:
                 drawn.add_row(*row)
             console.print(drawn)
-    console.print(standing(results), markup=False, highlight=False)
+    console.print(describe_progress(results), markup=False, highlight=False)
     for task in results.failed:
         last = results.records[task.key]["error"].splitlines()[-1]
         console.print(f"{task.key}: {last}", markup=False, highlight=False)
 
 
-def _command(name: str, about: str) -> Callable:
+def _add_command(name: str, about: str) -> Callable:
     """One study as a command."""
-    return app.command(name, help=about)(_study)
+    return app.command(name, help=about)(_run_study)
 
 
-_command("table3", "Actions, successes, errors of six methods, before, after damage.")
-_command("actions", "Chosen against random actions, by which score; 8 actions.")
-_command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
-_command("eea", "Two legged robots, ten scenarios: recoveries.")
-_command("sealed", "Diagnoses of a folder of cases.")
+_add_command(
+    "table3", "Actions, successes, errors of six methods, before, after damage."
+)
+_add_command("actions", "Chosen against random actions, by which score; 8 actions.")
+_add_command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
+_add_command("eea", "Two legged robots, ten scenarios: recoveries.")
+_add_command("sealed", "Diagnoses of a folder of cases.")
 app.command("show")(show)

@@ -4,12 +4,14 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .diagnosis.output.result import Diagnosis
 from .errors import InputError, check_seed
 from .files import check_file
-from .recording import Recording, opened, without_file
+from .recording import Recording, open_recording, strip_file
+
+if TYPE_CHECKING:
+    from .diagnosis.output.result import Diagnosis
 
 Given = Recording | str | os.PathLike[str]
 
@@ -22,7 +24,7 @@ def diagnose(
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> Diagnosis:
+) -> "Diagnosis":
     """Where a model and recordings differ, and which physics the model lacks.
 
     Args:
@@ -48,7 +50,7 @@ def diagnose(
             too short or too quiet to decide anything.
     """
     from .diagnosis.diagnose import diagnose as find
-    from .report.diagnose import page
+    from .report.diagnose import make_diagnosis_page
 
     check_seed(seed)
     check_file(model)
@@ -62,7 +64,9 @@ def diagnose(
     say = progress or (lambda what, share: None)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say)
     say("drawing the report", 0.0)
-    return replace(found, page=page(found, str(model), [r.file for r in read]))
+    return replace(
+        found, page=make_diagnosis_page(found, str(model), [r.file for r in read])
+    )
 
 
 def _several(given: Any) -> list[Any]:
@@ -87,7 +91,7 @@ def _opened(given: Sequence[Given], spare: int) -> list[Recording]:
         name = one.file if isinstance(one, Recording) else os.fspath(one)
         key = os.path.realpath(name)
         if key not in found:
-            found[key] = opened(one)
+            found[key] = open_recording(one)
         elif i < len(given) - spare:
             raise InputError(
                 f"{name} is given twice, first as {found[key].file}; would fit: each "
@@ -117,6 +121,6 @@ def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
 
 def _full(entry: str, recording: Recording) -> str:
     """The entry with the recording's file before it; empty where it is no episode."""
-    name = without_file(entry, recording.file)
+    name = strip_file(entry, recording.file)
     known = {name, re.sub(r"\[[^\[\]]*\]$", "", name)} & set(recording.episodes)
     return f"{recording.file}:{name}" if known else ""

@@ -21,11 +21,13 @@ def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # permission bits do not tell: root passes them, read-only mounts ignore them
-        probe = _temporary(folder / "probe")
+        probe = _make_temporary_path(folder / "probe")
         probe.touch(exist_ok=False)
         probe.unlink()
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {_reason(error)}") from error
+        raise InputError(
+            f"cannot write into {folder}: {_find_reason(error)}"
+        ) from error
     return folder
 
 
@@ -37,33 +39,35 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     """
     real = Path(os.path.realpath(path))
     try:
-        _look_up(real)  # a name that is too long, or a link to itself, says so here
+        _stat_path(real)  # a name that is too long, or a link to itself, says so here
         if real.name:
-            _look_up(_temporary(real))
+            _stat_path(_make_temporary_path(real))
         home = real.parent
         while not home.exists():
             home = home.parent
     except OSError as error:
-        raise InputError(f"cannot write {os.fspath(path)}: {_reason(error)}") from error
+        raise InputError(
+            f"cannot write {os.fspath(path)}: {_find_reason(error)}"
+        ) from error
     if not home.is_dir():
         raise InputError(f"cannot write {os.fspath(path)}: {home} is a file")
     check_writable_folder(home)
 
 
-def _look_up(path: Path) -> None:
+def _stat_path(path: Path) -> None:
     """Ask the system for a path that need not be there; OSError: it never can be."""
     with suppress(FileNotFoundError, NotADirectoryError):
         os.stat(path)
 
 
-def unreadable(path: str | os.PathLike[str]) -> str:
+def explain_unreadable(path: str | os.PathLike[str]) -> str:
     """Why there is no file to read at a path; empty where there is one."""
     try:
         mode = os.stat(path).st_mode
     except (FileNotFoundError, NotADirectoryError):
         return "there is no such file"
     except OSError as error:
-        return f"it cannot be read: {_reason(error)}"
+        return f"it cannot be read: {_find_reason(error)}"
     if stat.S_ISDIR(mode):
         return "it is a folder"
     return "" if stat.S_ISREG(mode) else "it is no regular file"
@@ -75,7 +79,7 @@ def check_file(path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: there is none, or something else.
     """
-    if reason := unreadable(path):
+    if reason := explain_unreadable(path):
         raise InputError(f"{os.fspath(path)}: {reason}")
 
 
@@ -91,13 +95,13 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         SelfhealError: writing failed later, on a full disk say.
     """
     target = Path(os.path.realpath(path))  # a link keeps pointing where it did
-    temporary = _temporary(target)
+    temporary = _make_temporary_path(target)
     try:
         if target.is_dir():
             raise IsADirectoryError(None, "it is a folder")
         temporary.touch(exist_ok=False)
     except OSError as error:
-        raise InputError(f"cannot write {path}: {_reason(error)}") from error
+        raise InputError(f"cannot write {path}: {_find_reason(error)}") from error
     try:
         yield temporary
         os.replace(temporary, target)
@@ -158,9 +162,9 @@ def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> No
         )
 
 
-def _temporary(path: Path) -> Path:
+def _make_temporary_path(path: Path) -> Path:
     return path.with_name(f".{path.name}.{uuid4().hex[:8]}.tmp")
 
 
-def _reason(error: OSError) -> str:
+def _find_reason(error: OSError) -> str:
     return error.strerror or str(error)

@@ -12,7 +12,7 @@ from test_report_diagnose import DELAY, FINDING, made_up
 from typer.testing import CliRunner
 
 from selfheal.cli import app
-from selfheal.recording import read, short_names, write
+from selfheal.recording import read, shorten_names, write
 
 
 def _run(*arguments):
@@ -172,7 +172,11 @@ def test_a_folder_tells_recordings_of_one_name_apart(
     result = _run("diagnose", files[0], "fa/r.h5", "fb/r.h5", *given)
     assert result.exit_code == 0, result.output
     assert doctor.asked[0]["held_out"] == ["fb/r.h5:zeta"]
-    assert short_names(["fa/r.h5", "fb/r.h5", "x.h5"]) == ["fa/r.h5", "fb/r.h5", "x.h5"]
+    assert shorten_names(["fa/r.h5", "fb/r.h5", "x.h5"]) == [
+        "fa/r.h5",
+        "fb/r.h5",
+        "x.h5",
+    ]
 
 
 def test_a_file_to_hold_out_may_end_in_hdf5(doctor, files, tmp_path):

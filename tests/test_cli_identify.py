@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from selfheal.cli import app
 from selfheal.recording import Recording, write
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.run import Run, Settings, load, save
+from selfheal.selfmodel.run import Run, Settings, load_run, save_run
 
 SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]
 SMALL += ["--budget", "600", "--seed", "5"]
@@ -100,7 +100,7 @@ def test_a_run_leaves_the_run_the_body_and_the_page(finished):
     folder, result = finished
     names = sorted(path.name for path in folder.iterdir())
     assert names == ["best.xml", "report.html", "run.h5"]
-    assert load(folder / "run.h5").result == json.loads(result.stdout)
+    assert load_run(folder / "run.h5").result == json.loads(result.stdout)
     model = mujoco.MjModel.from_xml_path(str(folder / "best.xml"))
     assert model.nu == 8
     page = (folder / "report.html").read_text()
@@ -210,7 +210,7 @@ def test_a_run_is_not_started_over_by_accident(copied):
     assert (copied / "run.h5").read_bytes() == before
     again = _identify(*SMALL, "--seed", "6", "--out", copied, "--force", "--json")
     assert json.loads(again.stdout)["seed"] == 6
-    assert load(copied / "run.h5").settings.seed == 6
+    assert load_run(copied / "run.h5").settings.seed == 6
 
 
 @pytest.mark.parametrize("name", ["best.xml", "report.html"])
@@ -242,9 +242,9 @@ def test_a_finished_run_resumed_says_the_same_again(copied, finished):
 
 
 def test_a_run_without_a_cycle_begins_when_resumed(copied, finished):
-    run = load(copied / "run.h5")
+    run = load_run(copied / "run.h5")
     empty = Run(run.settings, run.anatomy, run.actions, truth=run.truth)
-    save(empty, copied / "run.h5")
+    save_run(empty, copied / "run.h5")
     assert "no cycle yet" in _refused(_run("show", copied / "run.h5"))
     told = json.loads(_identify("--resume", copied / "run.h5", "--json").stdout)
     first = json.loads(finished[1].stdout)
@@ -265,13 +265,13 @@ def test_a_broken_run_is_refused(command, copied):
 
 def _started(recorded, tmp_path):
     """A run that answers from a recording, stopped after its first cycle."""
-    from selfheal.selfmodel.loop import identify
+    from selfheal.selfmodel.loop import identify_body
 
     settings = Settings(
         "starfish-2006", str(recorded), engine="statics", cycles=3, budget=300
     )
     robot = open_robot("starfish-2006", recordings=recorded)
-    save(next(identify(robot, settings)), tmp_path / "run.h5")
+    save_run(next(identify_body(robot, settings)), tmp_path / "run.h5")
     return tmp_path / "run.h5"
 
 
@@ -328,8 +328,8 @@ def test_show_tells_what_identify_told(copied, finished):
 
 
 def test_show_of_an_interrupted_run_says_how_to_go_on(copied):
-    run = load(copied / "run.h5")
-    save(replace(run, cycles=run.cycles[:1], result={}), copied / "run.h5")
+    run = load_run(copied / "run.h5")
+    save_run(replace(run, cycles=run.cycles[:1], result={}), copied / "run.h5")
     shown = _run("show", copied / "run.h5")
     assert shown.exit_code == 0 and "1 of 2 cycles" in shown.stdout
     assert f"--resume {copied / 'run.h5'}" in shown.stdout

@@ -63,7 +63,6 @@ from selfheal.diagnosis.estimation.reweighting import (
 from selfheal.diagnosis.selection import verdict
 from selfheal.diagnosis.selection.backward import compute_removal_costs, exchange_term
 from selfheal.diagnosis.selection.criteria import (
-    STRAINED,
     Claim,
     _choose_likeliest,
     choose_winner,
@@ -92,11 +91,12 @@ from selfheal.diagnosis.selection.screening import (
     find_overlooked_segments,
     screen_candidates,
 )
-from selfheal.diagnosis.selection.stepwise import StepwiseSearch
+from selfheal.diagnosis.selection.search_state import SearchState, start_state
+from selfheal.diagnosis.selection.settings import SELECTION
 from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
-from selfheal.diagnosis.simulation.simulator import LATE
+from selfheal.diagnosis.simulation.simulator import COMMAND_LATENESS
 from selfheal.recording import read
 
 NOISE = 1e-3
@@ -472,7 +472,7 @@ def test_intervals_consider_that_the_clock_is_not_known(arm, monkeypatch):
     late = standard_errors(problem, found)[0]
     monkeypatch.setattr(Problem, "clock_error", lambda *_: 0 * found.residuals)
     clock = np.sqrt(late**2 - standard_errors(problem, found)[0] ** 2)
-    assert 0.3 < clock / (LATE * arm.simulator.timestep) < 1.5
+    assert 0.3 < clock / (COMMAND_LATENESS * arm.simulator.timestep) < 1.5
 
 
 def test_errors_shrink_with_more_readings(arm):
@@ -569,8 +569,9 @@ def test_where_something_touches_slopes_of_stated_values_are_kept(
 def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
     problem, terms = _problem(arm), _stated(arm)
     none = fit_parameters(problem, terms, np.ones(len(terms)), rounds=0)
-    assert significant_prior_penalty(problem, none) == STRAINED
-    assert significant_prior_penalty(_touching(problem), none) == STRAINED + len(terms)
+    least = SELECTION.significant_prior_penalty
+    assert significant_prior_penalty(problem, none) == least
+    assert significant_prior_penalty(_touching(problem), none) == least + len(terms)
 
 
 @pytest.mark.parametrize(("left", "rough", "smooth"), [(0.8, 1, 1), (0.92, 0, 1)])
@@ -778,11 +779,11 @@ def test_a_name_without_rivals_may_give_way_to_its_other_forms(arm):
     at = [t for t in forms if t.targets == dry.targets]
     search = SimpleNamespace(claims={}, candidates=[dry, *forms])
     assert len(at) == 2
-    assert StepwiseSearch._find_alternatives(search, at[0]) == at[1:]
-    assert StepwiseSearch._find_alternatives(search, at[1]) == at[:1]
-    assert StepwiseSearch._find_alternatives(search, dry) == []
+    assert SearchState.find_alternatives(search, at[0]) == at[1:]
+    assert SearchState.find_alternatives(search, at[1]) == at[:1]
+    assert SearchState.find_alternatives(search, dry) == []
     search.claims = {at[0].key: Claim(Evidence(1.0, 1e-3, 1.0), (), (dry,))}
-    assert StepwiseSearch._find_alternatives(search, at[0]) == (dry,)
+    assert SearchState.find_alternatives(search, at[0]) == (dry,)
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.05])
@@ -1101,10 +1102,10 @@ def test_where_every_start_diverges_nothing_more_is_simulated(pendulum):
     (boom,) = Explosion().propose_terms(pendulum.robot)
     problem = _problem(pendulum)
     base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
-    before = pendulum.simulator.simulated_count[0]
+    before = pendulum.simulator.counter.count
     with np.errstate(all="ignore"):
         fit_candidate(base, boom)
-    asked = pendulum.simulator.simulated_count[0] - before
+    asked = pendulum.simulator.counter.count - before
     assert asked == len(boom.initial_values) * len(problem.segments)
 
 
@@ -1472,7 +1473,7 @@ def test_a_window_in_which_something_shows_is_not_overlooked(arm):
     odd = replace(problem, segments=replace(problem.segments, readings=readings))
     some, stated = np.arange(5), _stated(arm)
     for p, numbers in ((problem, []), (odd, [5])):
-        search = StepwiseSearch.from_segments(p, stated, (), None, None, some)
+        search = start_state(p, stated, (), some)
         found = find_overlooked_segments(p, some, search.problem, search.best.fit)
         assert found.tolist() == numbers
     every = np.arange(len(odd.segments))

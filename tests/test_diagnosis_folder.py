@@ -25,7 +25,7 @@ from selfheal.diagnosis.output.result import Diagnosis, Localization
 from selfheal.diagnosis.output.schema import check_entries
 from selfheal.errors import InputError, RecordingError, UnknownNameError
 from selfheal.mjcf.edit import apply_edits
-from selfheal.recording import Signal, load_model, names_of
+from selfheal.recording import Signal, list_model_names, load_model
 
 NAN = float("nan")
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
@@ -269,7 +269,9 @@ def test_a_model_may_have_any_name(end, arm, tmp_path):
     texts = [
         apply_edits(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")
     ]
-    assert texts[0] == texts[1] and names_of(load_model(tmp_path / f"other{end}"))
+    assert texts[0] == texts[1] and list_model_names(
+        load_model(tmp_path / f"other{end}")
+    )
 
 
 def test_supply_voltage_and_temperature_stay_unread(arm):

@@ -10,7 +10,10 @@ from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.output.document import format_document
-from selfheal.diagnosis.simulation.checkpoint import Checkpoint, digest_inputs
+from selfheal.diagnosis.simulation.build import build_simulator
+from selfheal.diagnosis.simulation.checkpoint import Checkpoint
+from selfheal.diagnosis.simulation.digest import Digester
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 
 ANSWER = (np.arange(4.0), np.array(7))
 QUESTION = ("fit", np.arange(3.0), (1, None), [b"of", 2.5])
@@ -64,6 +67,13 @@ def test_nothing_is_kept_without_a_folder():
     assert work.done == 2
 
 
+def test_what_other_code_computed_is_not_found(tmp_path):
+    work = Work()
+    for programs in (b"old", b"old", b"new", None, None):
+        Checkpoint(tmp_path, programs).load_or_compute(QUESTION, work)
+    assert work.done == 3
+
+
 @pytest.mark.parametrize("rest", [0, 1, 40])
 def test_an_answer_that_cannot_be_read_is_worked_out_again(tmp_path, rest):
     work = Work()
@@ -77,23 +87,25 @@ def test_an_answer_that_cannot_be_read_is_worked_out_again(tmp_path, rest):
 
 def test_what_answers_are_about_is_the_model_and_every_reading(tmp_path):
     pendulum = bench("pendulum", tmp_path, episodes=2, seconds=0.3)
-    workshop, recording = pendulum.simulator.compiler, pendulum.recording
+    compiler, recording = pendulum.simulator.compiler, pendulum.recording
     name, episode = next(iter(recording.episodes.items()))
     key, signal = next(iter(episode.signals.items()))
     values = signal.values.copy()
     values[5] += 1e-9
     signals = {**episode.signals, key: replace(signal, values=values)}
     episodes = {**recording.episodes, name: replace(episode, signals=signals)}
-    assert digest_inputs(workshop, [recording]) == digest_inputs(
-        workshop, [replace(recording)]
-    )
-    other = replace(recording, episodes=episodes)
-    assert digest_inputs(workshop, [other]) != digest_inputs(workshop, [recording])
     (tmp_path / "arm").mkdir()
     arm = bench("arm", tmp_path / "arm", episodes=1, seconds=0.3)
-    assert digest_inputs(arm.simulator.compiler, [recording]) != digest_inputs(
-        workshop, [recording]
-    )
+
+    def digest(compiler, recording) -> bytes:
+        return Digester().digest(build_simulator(compiler, [recording]))
+
+    original = digest(compiler, recording)
+    again = ModelCompiler(str(pendulum.path))
+    assert digest(again, replace(recording)) == original
+    assert digest(compiler, replace(recording, episodes=episodes)) != original
+    other = Digester().digest(arm.simulator.compiler)
+    assert other != Digester().digest(compiler)
 
 
 class Killed(BaseException):

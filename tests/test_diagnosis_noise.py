@@ -7,7 +7,7 @@ import pytest
 from toys_diagnosis import bench
 
 from selfheal.diagnosis.data.local_polynomial import (
-    MOST,
+    MAX_HALF_WIDTH,
     ar1_error_factors,
     choose_half_width,
 )
@@ -137,7 +137,7 @@ def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(arm):
 def test_a_parabola_looks_at_a_bounded_number_of_neighbors(gap):
     """Of a clock in days, and of samples that come in bursts."""
     even = np.arange(1000.0)
-    assert choose_half_width(gap * even) == (pytest.approx(gap), MOST)
+    assert choose_half_width(gap * even) == (pytest.approx(gap), MAX_HALF_WIDTH)
     bursts = 0.1 * (even // 10) + gap * (even % 10)
     assert choose_half_width(bursts)[1] < 5
     assert choose_half_width(0.005 * even) == (pytest.approx(0.005), 4)

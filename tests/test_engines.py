@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from selfheal.body.body import Bodies
-from selfheal.body.genome import build, random_genomes
+from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.engine import ENGINES, make_engine
 from selfheal.engine.mjx import Mjx
 from selfheal.engine.mujoco import MuJoCo
-from selfheal.engine.readings import MAX_CLEARANCE, Readings, from_rest
+from selfheal.engine.readings import MAX_CLEARANCE, Readings, compute_readings
 from selfheal.engine.statics import Statics
 from selfheal.errors import UnknownNameError
-from selfheal.robot.actions import actions_2006, published
-from selfheal.selfmodel.evaluate import CAPPED_LOSS, channels
+from selfheal.robot.actions import list_actions_2006, load_published_body
+from selfheal.selfmodel.evaluate import CAPPED_LOSS, stack_channels
 
 # mjx as in test_mjx.py: one program is compiled for all tests
 FAST = {"statics": Statics(10), "mjx": Mjx(batch=40)}
@@ -29,9 +29,9 @@ every = pytest.mark.parametrize("engine", ALL.values(), ids=ALL)
 def _trees() -> tuple[Bodies, np.ndarray]:
     """Random trees of the starfish's parts, and a target for each."""
     rng = np.random.default_rng(0)
-    known = published().anatomy
-    bodies = build(known, random_genomes(known, TREES, rng, False))
-    return bodies, actions_2006()[rng.integers(36, size=TREES)]
+    known = load_published_body().anatomy
+    bodies = build_bodies(known, draw_genomes(known, TREES, rng, False))
+    return bodies, list_actions_2006()[rng.integers(36, size=TREES)]
 
 
 @functools.cache
@@ -41,7 +41,7 @@ def _reference(what: str) -> Readings:
 
 
 def _star() -> tuple[Bodies, np.ndarray]:
-    return published()[np.zeros(36, int)], actions_2006()
+    return load_published_body()[np.zeros(36, int)], list_actions_2006()
 
 
 def _gap(one: Readings, other: Readings) -> np.ndarray:
@@ -119,7 +119,7 @@ def test_a_body_without_sense_fails_and_spoils_nobody_else(
     column[1, 2] = value
     mixed = engine.simulate(replace(bodies, **{field: column})[:4], targets[:4])
     assert mixed.failed.tolist() == [False, True, False, False]
-    assert np.isnan(channels(mixed)[1]).all()
+    assert np.isnan(stack_channels(mixed)[1]).all()
     others = np.array([0, 2, 3])
     _same(mixed[others], engine.simulate(bodies[others], targets[others]))
     assert not list(tmp_path.iterdir()), "e.g. a MUJOCO_LOG.TXT"
@@ -140,7 +140,10 @@ def _race(bound: np.ndarray, order: np.ndarray | None = None):
     bodies, _ = _trees()
     count = bound.shape[1]
     order = np.tile(np.arange(count), (TREES, 1)) if order is None else order
-    targets, felt = actions_2006()[:count], channels(_reference("star"))[:count]
+    targets, felt = (
+        list_actions_2006()[:count],
+        stack_channels(_reference("star"))[:count],
+    )
     each = FAST["statics"].race(
         bodies,
         targets,
@@ -152,7 +155,7 @@ def _race(bound: np.ndarray, order: np.ndarray | None = None):
     )
     row = np.repeat(np.arange(TREES), count)
     rest = FAST["statics"].simulate(bodies[row], np.tile(targets, (TREES, 1)))
-    full = CAPPED_LOSS(channels(rest), np.tile(felt, (TREES, 1)))
+    full = CAPPED_LOSS(stack_channels(rest), np.tile(felt, (TREES, 1)))
     return each, full.reshape(TREES, count)
 
 
@@ -186,7 +189,7 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
     length[1] = np.nan
     each = FAST["statics"].race(
         replace(bodies, length=length)[:3],
-        actions_2006()[:3],
+        list_actions_2006()[:3],
         np.zeros((3, 3)),
         weight=np.ones(3),
         cap=np.full(3, 8.0),
@@ -199,7 +202,7 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
 
 def test_readings_far_beyond_the_sensors_are_within_their_range():
     up = np.array([[0, 0, 1.0], [0, 0, -1], [0, 1, 0], [np.nan, 0, 1]])
-    seen = from_rest(up, np.ones(4), np.zeros((4, 1)), np.zeros((4, 2)), 0.1)
+    seen = compute_readings(up, np.ones(4), np.zeros((4, 1)), np.zeros((4, 2)), 0.1)
     assert seen.failed.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(seen.clearance[:3], MAX_CLEARANCE)
     np.testing.assert_allclose(seen.tilt[:3], [[0, 0], [0, 0], [-np.pi / 2, 0]])
@@ -207,7 +210,7 @@ def test_readings_far_beyond_the_sensors_are_within_their_range():
 
 @every
 def test_the_flat_star_lies_level_on_its_belly(engine):
-    seen = engine.simulate(published(), np.zeros((1, 8)))
+    seen = engine.simulate(load_published_body(), np.zeros((1, 8)))
     np.testing.assert_allclose(seen.tilt, 0, atol=1e-3)
     np.testing.assert_allclose(seen.clearance, 0, atol=1e-3)
     np.testing.assert_array_equal(seen.touch, 0)

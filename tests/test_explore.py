@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 from toys import PARTS, Toy, anatomy
 
-from selfheal.body.genome import Genomes, from_tree, random_genomes
+from selfheal.body.genome import Genomes, draw_genomes, encode_tree
 from selfheal.engine.statics import Statics
+from selfheal.selfmodel.attachment_probability import compute_sureness
 from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.explore import (
-    belief_left,
-    choose,
-    contrasts,
-    disagreement,
-    first_action,
-    never_told_apart,
-    plausibility,
-    random_action,
-    voters,
-    worth,
+    choose_action,
+    choose_first_action,
+    choose_random_action,
+    compute_plausibility,
+    count_contrasts,
+    draw_voters,
+    find_indistinguishable,
+    measure_disagreement,
+    predict_belief,
+    score_actions,
 )
-from selfheal.selfmodel.kin import Kin
-from selfheal.selfmodel.prior import cost, limbs
+from selfheal.selfmodel.neighborhood import Neighborhood
+from selfheal.selfmodel.prior import compute_prior_cost, count_limbs
 from selfheal.selfmodel.search import RivalSearch
-from selfheal.selfmodel.space import genome_key, space_of
-from selfheal.selfmodel.strategy import Rivals
-from selfheal.selfmodel.sureness import sureness
-from selfheal.selfmodel.symmetry import Twins
+from selfheal.selfmodel.space import find_space, make_genome_key
+from selfheal.selfmodel.strategy import RivalStrategy
+from selfheal.selfmodel.symmetry import SymmetryGroup
 
 ACTIONS = 10
 
@@ -42,7 +42,7 @@ def _even(count: int) -> np.ndarray:
 def test_no_action_is_chosen_twice():
     score, tried = np.random.default_rng(0).normal(size=ACTIONS), ()
     for _ in range(ACTIONS):
-        tried = (*tried, choose(score, tried))
+        tried = (*tried, choose_action(score, tried))
     assert sorted(tried) == list(range(ACTIONS))
     np.testing.assert_array_equal(tried, np.argsort(-score))
 
@@ -52,7 +52,7 @@ def test_no_action_is_drawn_twice_and_all_are_drawn():
     for _ in range(100):
         tried = ()
         for _ in range(4):
-            tried = (*tried, random_action(4, tried, rng))
+            tried = (*tried, choose_random_action(4, tried, rng))
         assert sorted(tried) == [0, 1, 2, 3]
         firsts.add(tried[0])
     assert firsts == {0, 1, 2, 3}
@@ -60,7 +60,7 @@ def test_no_action_is_drawn_twice_and_all_are_drawn():
 
 def belief_in_right(tables, parent, belief) -> np.ndarray:
     """(A) belief in the right tree that can be expected after each action."""
-    return belief_left(tables, parent, belief) @ belief
+    return predict_belief(tables, parent, belief) @ belief
 
 
 def _trees(count: int) -> np.ndarray:
@@ -119,60 +119,61 @@ def test_what_an_action_says_of_bodies_of_one_tree_counts_for_nothing():
 def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
     tilts, belief = np.zeros((4, 3, 3)), _even(4)
     tilts[:, 0, 0], tilts[:, 1, 0], tilts[:, 2, 0] = [0, 0, 0, 99], [0, 0, 99, 99], 0
-    left = belief_left(tilts, _trees(4), belief)
+    left = predict_belief(tilts, _trees(4), belief)
     np.testing.assert_allclose(left @ belief, [0.5, 0.5, 0.25])
-    score = worth(left, belief)
+    score = score_actions(left, belief)
     assert score[1] > score[0] > score[2]
 
 
 def test_contrasts_count_the_like_parts_that_an_action_sends_apart():
     toy = Toy()
-    twins = Twins.of(toy.anatomy, toy.actions)
+    twins = SymmetryGroup.from_actions(toy.anatomy, toy.actions)
     # parts 1 and 2 are alike, and 3 and 4: two pairs
     apart = toy.actions[:, [0, 2]] != toy.actions[:, [1, 3]]
-    found = contrasts(twins, toy.actions)
+    found = count_contrasts(twins, toy.actions)
     np.testing.assert_array_equal(found, apart.sum(axis=1))
     rng = np.random.default_rng(0)
-    first = {first_action(twins, toy.actions, rng) for _ in range(100)}
+    first = {choose_first_action(twins, toy.actions, rng) for _ in range(100)}
     assert first == set(np.flatnonzero(found == 2))
 
 
 def test_plausibility_is_a_distribution_that_falls_with_the_loss():
     losses = np.array([0.0, 1, 1, 30, 900])
-    belief = plausibility(losses)
+    belief = compute_plausibility(losses)
     assert belief.sum() == pytest.approx(1)
     assert belief[1] == belief[2] < belief[0] and (np.diff(belief) <= 0).all()
-    np.testing.assert_allclose(plausibility(losses + 100), belief)
+    np.testing.assert_allclose(compute_plausibility(losses + 100), belief)
 
 
 def _random(count: int) -> Genomes:
-    return random_genomes(anatomy(), count, np.random.default_rng(0), False)
+    return draw_genomes(anatomy(), count, np.random.default_rng(0), False)
 
 
 def test_the_prior_counts_limbs_and_not_labels():
     like = anatomy()
-    star = from_tree(like, np.array([[0, 0, 1, 2]]), np.full((1, PARTS), 0.125))
-    crossed = from_tree(like, np.array([[0, 0, 2, 1]]), np.full((1, PARTS), 0.125))
-    chain = from_tree(like, np.array([[0, 1, 2, 3]]), np.full((1, PARTS), 0.125))
-    assert [limbs(like, g)[0] for g in (star, crossed, chain)] == [2, 2, 4]
-    assert (cost(like, chain) > cost(like, star)).all()
-    twins = Twins.of(like, Toy().actions)
+    star = encode_tree(like, np.array([[0, 0, 1, 2]]), np.full((1, PARTS), 0.125))
+    crossed = encode_tree(like, np.array([[0, 0, 2, 1]]), np.full((1, PARTS), 0.125))
+    chain = encode_tree(like, np.array([[0, 1, 2, 3]]), np.full((1, PARTS), 0.125))
+    assert [count_limbs(like, g)[0] for g in (star, crossed, chain)] == [2, 2, 4]
+    assert (compute_prior_cost(like, chain) > compute_prior_cost(like, star)).all()
+    twins = SymmetryGroup.from_actions(like, Toy().actions)
     genomes = _random(20)
     for turn in range(len(twins.turns)):
         for trade in range(len(twins.trade)):
-            rows = np.array([twins.valid(p)[trade] for p in genomes.parent])
+            rows = np.array([twins.find_valid_trades(p)[trade] for p in genomes.parent])
             some = genomes[np.flatnonzero(rows)]
             same = np.full(len(some.parent), turn), np.full(len(some.parent), trade)
             np.testing.assert_array_equal(
-                cost(like, twins.genomes(some, *same)), cost(like, some)
+                compute_prior_cost(like, twins.map_genomes(some, *same)),
+                compute_prior_cost(like, some),
             )
 
 
 @pytest.mark.parametrize("survived", [0, 1, 15])
 def test_sureness_is_a_probability(survived):
     parent = _random(30).parent
-    belief = plausibility(np.linspace(0, 5, 30))
-    sure = sureness(parent, belief, parent[0], survived=survived)
+    belief = compute_plausibility(np.linspace(0, 5, 30))
+    sure = compute_sureness(parent, belief, parent[0], survived=survived)
     assert sure.shape == (PARTS,)
     assert ((sure >= 0) & (sure <= 1 + 1e-12)).all()
     assert sure[0] == 1  # the first part can only hang on the torso
@@ -182,7 +183,7 @@ def test_a_body_that_stands_longer_is_surer():
     parent = _random(30).parent
     belief = np.append(1, np.zeros(29))
     new, old = (
-        sureness(parent, belief, parent[0], survived=survived)
+        compute_sureness(parent, belief, parent[0], survived=survived)
         for survived in (0, 10_000)
     )
     assert (new[1:] < old[1:]).all()
@@ -191,7 +192,7 @@ def test_a_body_that_stands_longer_is_surer():
 
 def test_bodies_that_explain_equally_well_share_the_sureness():
     parent = np.array([[0, 0, 1, 1], [0, 0, 1, 2], [0, 0, 0, 1], [0, 1, 1, 0]])
-    sure = sureness(parent, _even(4), parent[0], survived=10_000)
+    sure = compute_sureness(parent, _even(4), parent[0], survived=10_000)
     np.testing.assert_allclose(sure, [1, 0.75, 0.75, 0.5], atol=1e-3)
 
 
@@ -200,11 +201,11 @@ def searched():
     """A search of the toy after two actions: evaluator, its search, evidence."""
     toy = Toy()
     evaluator = Evaluator(toy.anatomy, Statics(), actions=toy.actions)
-    rest = evaluator.simulate(toy.truth[np.zeros(2, int)], np.array([0, 5]))
+    rest = evaluator.simulate_actions(toy.truth[np.zeros(2, int)], np.array([0, 5]))
     evidence = Evidence((0, 5), rest)
-    twins = Twins.of(toy.anatomy, toy.actions)
-    search = RivalSearch(space_of("free"), evaluator, twins)
-    search.run(evidence, 3000, np.random.default_rng(0))
+    twins = SymmetryGroup.from_actions(toy.anatomy, toy.actions)
+    search = RivalSearch(find_space("free"), evaluator, twins)
+    search.search(evidence, 3000, np.random.default_rng(0))
     return evaluator, search, evidence
 
 
@@ -212,25 +213,25 @@ def searched():
 def found(searched):
     """What is believed possible after the search."""
     evaluator, search, evidence = searched
-    kin = Kin(search.space, evaluator, search.twins)
+    kin = Neighborhood(search.space, evaluator, search.twins)
     before = evaluator.spent, evaluator.chosen
-    kin.learn(search.crowd, evidence, np.random.default_rng(0))
+    kin.update(search.crowd, evidence, np.random.default_rng(0))
     assert evaluator.spent == before[0] and evaluator.chosen > before[1]
-    return kin, kin.hypotheses(evidence)
+    return kin, kin.list_hypotheses(evidence)
 
 
 def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched, found):
     evaluator, search, evidence = searched
     some = found[1][np.arange(min(50, len(found[1])))]
     genomes = some.genomes
-    assert len({genome_key(genomes, row) for row in range(len(some))}) == len(some)
+    assert len({make_genome_key(genomes, row) for row in range(len(some))}) == len(some)
     assert (np.diff(np.round(some.costs, 5)) >= 0).all()
     tried = list(evidence.tried)
     again = evaluator.loss(some.tables[:, tried], evidence.felt).sum(axis=1)
     np.testing.assert_allclose(again, some.losses, atol=1e-6)
     np.testing.assert_allclose(evaluator.table(genomes[:3]), some.tables[:3], atol=1e-6)
     np.testing.assert_allclose(
-        some.costs, some.losses + cost(evaluator.anatomy, genomes)
+        some.costs, some.losses + compute_prior_cost(evaluator.anatomy, genomes)
     )
     assert some.losses.min() <= search.crowd.losses[0] + 1e-6
 
@@ -251,64 +252,74 @@ def test_kin_know_each_other_by_no_twin_of_theirs(searched, found):
 def test_voters_stand_for_all_belief(found):
     _, every = found
     rng = np.random.default_rng(0)
-    some, belief = voters(every, rng)
+    some, belief = draw_voters(every, rng)
     assert belief.sum() == pytest.approx(1) and len(some) <= len(every)
-    likeliest = plausibility(every.costs)[0]
+    likeliest = compute_plausibility(every.costs)[0]
     assert abs(belief[0] - likeliest) < 0.01
 
 
 def test_the_method_chooses_untried_actions_and_says_why(searched):
     evaluator, _, evidence = searched
-    method = Rivals(evaluator, space="free", known_lengths=False, random_actions=False)
+    method = RivalStrategy(
+        evaluator, space="free", known_lengths=False, random_actions=False
+    )
     rng = np.random.default_rng(0)
-    first, why = method.choose(Evidence(), rng)
+    first, why = method.choose_action(Evidence(), rng)
     assert 0 <= first < len(evaluator.actions) and "random" in why
-    method.search(evidence, evaluator.spent + 500, rng)
-    action, why = method.choose(evidence, rng)
+    method.search_bodies(evidence, evaluator.spent + 500, rng)
+    action, why = method.choose_action(evidence, rng)
     assert action not in evidence.tried and "belief" in why
 
 
 def test_among_bodies_that_fit_as_well_the_one_of_fewer_limbs_is_believed(searched):
     evaluator, search, evidence = searched
-    method = Rivals(evaluator, space="free", known_lengths=False, random_actions=False)
+    method = RivalStrategy(
+        evaluator, space="free", known_lengths=False, random_actions=False
+    )
     method.finder = search
-    genomes, _, losses = method.rivals()
-    assert (np.diff(losses + method.prior(genomes)) >= -1e-12).all()
+    genomes, _, losses = method.list_rivals()
+    assert (np.diff(losses + method.compute_prior(genomes)) >= -1e-12).all()
 
 
 def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
     evaluator, search, evidence = searched
-    method = Rivals(evaluator, space="free", known_lengths=False, random_actions=False)
-    method.kin.learn(search.crowd, evidence, np.random.default_rng(0))
-    method.found = found = method.kin.hypotheses(evidence)
+    method = RivalStrategy(
+        evaluator, space="free", known_lengths=False, random_actions=False
+    )
+    method.neighborhood.update(search.crowd, evidence, np.random.default_rng(0))
+    method.found = found = method.neighborhood.list_hypotheses(evidence)
     table = found.tables[0]
     gap = np.nan_to_num(np.abs(found.tables - table)).max(axis=1)
     expected = found.genomes[(gap <= [1.0, 1.0, 2.0]).all(axis=1)]
     assert 0 < len(expected) < len(found)
-    np.testing.assert_array_equal(method.alike(table).parent, expected.parent)
+    np.testing.assert_array_equal(
+        method.list_indistinguishable(table).parent, expected.parent
+    )
     for channel, most in enumerate((1.0, 1.0, 2.0)):
         moved = table.copy()
         moved[3, channel] += 0.99 * most
         first = found[np.array([0])]
-        assert len(never_told_apart(first, moved)) == 1
+        assert len(find_indistinguishable(first, moved)) == 1
         moved[3, channel] += 0.02 * most
-        assert len(never_told_apart(first, moved)) == 0
+        assert len(find_indistinguishable(first, moved)) == 0
 
 
 def test_disagreement_is_the_spread_of_what_is_believed():
     rng = np.random.default_rng(0)
     tables, belief = rng.normal(size=(6, 5, 2)), rng.random(6)
-    spread = disagreement(tables, belief)
-    assert spread > 0 and np.isclose(disagreement(3 * tables + 7, belief), 3 * spread)
-    assert np.isclose(disagreement(tables, 9 * belief), spread)
-    assert disagreement(tables[[2, 2]], belief[:2]) < 1e-9
+    spread = measure_disagreement(tables, belief)
+    assert spread > 0 and np.isclose(
+        measure_disagreement(3 * tables + 7, belief), 3 * spread
+    )
+    assert np.isclose(measure_disagreement(tables, 9 * belief), spread)
+    assert measure_disagreement(tables[[2, 2]], belief[:2]) < 1e-9
     sure = np.eye(6)[3]
-    assert disagreement(tables, sure) < 1e-9
-    assert np.isclose(disagreement(np.array([[[1.0]], [[5.0]]]), np.ones(2)), 2)
+    assert measure_disagreement(tables, sure) < 1e-9
+    assert np.isclose(measure_disagreement(np.array([[[1.0]], [[5.0]]]), np.ones(2)), 2)
     # a failed simulation is as if the body were not there; no action left, no spread
     failed = tables.copy()
     failed[4] = np.nan
     rest = np.arange(6) != 4
-    expected = disagreement(tables[rest], belief[rest])
-    assert np.isclose(disagreement(failed, belief), expected)
-    assert disagreement(tables[:, :0], belief) == 0
+    expected = measure_disagreement(tables[rest], belief[rest])
+    assert np.isclose(measure_disagreement(failed, belief), expected)
+    assert measure_disagreement(tables[:, :0], belief) == 0

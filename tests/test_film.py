@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from selfheal.report import render
-from selfheal.report.film import film
+from selfheal.report.film import make_film
 from selfheal.report.motion import Lane
-from selfheal.robot.actions import published
+from selfheal.robot.actions import load_published_body
 
-BODY = published()
+BODY = load_published_body()
 ROWS = 13  # of 0.1 s: a picture of every other one
 
 
@@ -57,13 +57,13 @@ def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
         monkeypatch.setenv("MUJOCO_GL", "disable")
     else:  # as where the driver ends the process, or none can be started
         monkeypatch.setattr(render.sys, "executable", program)
-    kind, frames = _frames(film(_lanes(0.0), 0.0, "c & d", sample=0.1))
+    kind, frames = _frames(make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
     assert kind == "gif" and _moves(frames)
 
 
 def test_a_driver_that_does_not_answer_is_given_up(monkeypatch):
     monkeypatch.setattr(render, "_LONGEST", 0.01)
-    assert render.rendered(_lanes(0.0), 0.0, [0]) is None
+    assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
 
 
 def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
@@ -72,20 +72,20 @@ def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
         return subprocess.CompletedProcess(command, 0)
 
     monkeypatch.setattr(render.subprocess, "run", blank)
-    assert render.rendered(_lanes(0.0), 0.0, [0]) is None
+    assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
 
 
 @pytest.fixture(scope="module")
 def opengl():
     """What EGL or OSMesa renders here."""
-    shown = render.rendered(_lanes(0.0), 0.0, [0, ROWS - 1])
+    shown = render.render_lanes(_lanes(0.0), 0.0, [0, ROWS - 1])
     if shown is None:
         pytest.skip("no EGL and no OSMesa here (libegl1 and libgl1-mesa-dri have one)")
     return shown
 
 
 def test_with_opengl_the_walk_is_rendered(opengl):
-    page = film(_lanes(0.0), 0.0, "c & d", sample=0.1)
+    page = make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
     kind, frames = _frames(page)
     assert kind == "webp" and _moves(frames)
     assert "c &amp; d" in page and len(page) < 3_000_000
@@ -99,7 +99,7 @@ def _column(picture, color):
 
 @pytest.mark.parametrize("heading", [0.0, 2.0])
 def test_the_way_along_the_heading_goes_to_the_right(opengl, heading):
-    shown = render.rendered(_lanes(heading), heading, [0, ROWS - 1])
+    shown = render.render_lanes(_lanes(heading), heading, [0, ROWS - 1])
     (start, end), stays = shown[0], shown[1]
     blue = np.array([0, 114, 178])
     assert _column(end, blue) - _column(start, blue) > 0.2 * start.shape[1]

@@ -8,19 +8,24 @@ from toys import PARENT, anatomy, truth_genome
 
 from selfheal.body import body as bodies_of
 from selfheal.body import genome as genomes_of
-from selfheal.body.body import Bodies, part_points, planar_frames, scale_parts
+from selfheal.body.body import (
+    Bodies,
+    compute_part_points,
+    compute_planar_frames,
+    scale_parts,
+)
 from selfheal.body.genome import (
     HINGE_NAMES,
     LENGTH_RANGE,
     UP,
     Genomes,
-    at_sides,
-    build,
-    from_matrix,
-    from_tree,
-    from_unit,
-    random_genomes,
-    to_unit,
+    build_bodies,
+    center_on_sides,
+    decode_matrix,
+    decode_unit_genes,
+    draw_genomes,
+    encode_tree,
+    encode_unit_genes,
 )
 
 PARTS = 8
@@ -30,11 +35,11 @@ TRUE_GENES = [0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469]
 
 def _genomes(count: int, *, parts: int = PARTS, sides: bool = False) -> Genomes:
     rng = np.random.default_rng(parts)
-    return random_genomes(anatomy(parts), count, rng, sides)
+    return draw_genomes(anatomy(parts), count, rng, sides)
 
 
 def _bodies(count: int, **options) -> Bodies:
-    return build(anatomy(PARTS), _genomes(count, **options))
+    return build_bodies(anatomy(PARTS), _genomes(count, **options))
 
 
 def _turned(vectors, angle):
@@ -46,8 +51,8 @@ def _turned(vectors, angle):
 
 def test_unit_genes_and_genomes_are_two_ways_to_say_the_same():
     genes = np.random.default_rng(1).random((200, PARTS))
-    genomes = from_unit(anatomy(PARTS), genes)
-    np.testing.assert_allclose(to_unit(genomes), genes, atol=1e-12)
+    genomes = decode_unit_genes(anatomy(PARTS), genes)
+    np.testing.assert_allclose(encode_unit_genes(genomes), genes, atol=1e-12)
     assert (genomes.parent >= 0).all()
     assert (genomes.parent < np.arange(1, PARTS + 1)).all()
     assert ((genomes.placement >= 0) & (genomes.placement < 1)).all()
@@ -55,17 +60,17 @@ def test_unit_genes_and_genomes_are_two_ways_to_say_the_same():
 
 def test_the_extreme_genes_are_bodies_too():
     for value in (0.0, 1.0):
-        genomes = from_unit(anatomy(PARTS), np.full((1, PARTS), value))
+        genomes = decode_unit_genes(anatomy(PARTS), np.full((1, PARTS), value))
         expected = value * np.arange(PARTS)
         np.testing.assert_array_equal(genomes.parent[0], expected)
 
 
 def test_the_true_genome_of_2006_is_the_labelled_tree():
-    genomes = from_unit(anatomy(PARTS), np.array(TRUE_GENES))
+    genomes = decode_unit_genes(anatomy(PARTS), np.array(TRUE_GENES))
     np.testing.assert_array_equal(genomes.parent, [[0, 0, 0, 0, 1, 2, 3, 4]])
     # its four decimals are worth 0.0001 x 8
     np.testing.assert_allclose(
-        genomes.placement, at_sides(genomes).placement, atol=0.001
+        genomes.placement, center_on_sides(genomes).placement, atol=0.001
     )
     np.testing.assert_array_equal(genomes.side, [[0, 1, 2, 3, 1, 1, 1, 1]])
 
@@ -74,21 +79,21 @@ def test_sides_are_the_quarters_of_the_perimeter():
     placement = np.array([[0, 0.2499, 0.25, 0.4999, 0.5, 0.7499, 0.75, 0.9999]])
     genomes = replace(_genomes(1), placement=placement)
     np.testing.assert_array_equal(genomes.side, [[0, 0, 1, 1, 2, 2, 3, 3]])
-    np.testing.assert_array_equal(at_sides(genomes).side, genomes.side)
-    np.testing.assert_array_equal(at_sides(genomes).placement % 0.25, 0.125)
+    np.testing.assert_array_equal(center_on_sides(genomes).side, genomes.side)
+    np.testing.assert_array_equal(center_on_sides(genomes).placement % 0.25, 0.125)
 
 
 @pytest.mark.parametrize("fill", [0.0, 1.0, None])
 def test_matrices_decode_into_their_ranges(fill):
     matrix = np.random.default_rng(0).random((300, PARTS, 4))
     matrix = matrix if fill is None else np.full_like(matrix, fill)
-    genomes = from_matrix(anatomy(PARTS), matrix)
+    genomes = decode_matrix(anatomy(PARTS), matrix)
     assert (genomes.parent < np.arange(1, PARTS + 1)).all()
     assert (genomes.parent >= 0).all()
     assert set(np.unique(genomes.hinge)) <= set(range(len(HINGE_NAMES)))
     low, high = LENGTH_RANGE
     assert ((genomes.length >= low) & (genomes.length <= high)).all()
-    np.testing.assert_array_equal(at_sides(genomes).placement, genomes.placement)
+    np.testing.assert_array_equal(center_on_sides(genomes).placement, genomes.placement)
     if fill is None:
         assert set(np.unique(genomes.side)) == set(range(4))
         assert set(np.unique(genomes.hinge)) == set(range(len(HINGE_NAMES)))
@@ -96,15 +101,17 @@ def test_matrices_decode_into_their_ranges(fill):
 
 def test_every_link_is_as_long_as_its_part():
     bodies = _bodies(50)
-    reach = np.linalg.norm(part_points(bodies, 1) - part_points(bodies, 0), axis=2)
+    reach = np.linalg.norm(
+        compute_part_points(bodies, 1) - compute_part_points(bodies, 0), axis=2
+    )
     np.testing.assert_allclose(reach, bodies.length)
-    middle = (part_points(bodies, 0) + part_points(bodies, 1)) / 2
-    np.testing.assert_allclose(part_points(bodies, 0.5), middle, atol=1e-12)
+    middle = (compute_part_points(bodies, 0) + compute_part_points(bodies, 1)) / 2
+    np.testing.assert_allclose(compute_part_points(bodies, 0.5), middle, atol=1e-12)
 
 
 def test_directions_add_up_along_the_tree():
     genomes = _genomes(50)
-    _, heading = planar_frames(build(anatomy(PARTS), genomes))
+    _, heading = compute_planar_frames(build_bodies(anatomy(PARTS), genomes))
     for row, parents in enumerate(genomes.parent):
         for i, parent in enumerate(parents):
             turn = 0.75 * np.pi - 2 * np.pi * genomes.placement[row, i]
@@ -113,18 +120,18 @@ def test_directions_add_up_along_the_tree():
 
 def test_the_middle_of_a_side_means_straight_out_of_it():
     toy = anatomy(4)
-    genomes = from_tree(toy, np.zeros(4, int), np.array([0.125, 0.375, 0.625, 0.875]))
-    bodies = build(toy, genomes)
+    genomes = encode_tree(toy, np.zeros(4, int), np.array([0.125, 0.375, 0.625, 0.875]))
+    bodies = build_bodies(toy, genomes)
     out = np.array([[0, 1, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]])
     half = np.array([toy.rim[1], toy.rim[0], toy.rim[1], toy.rim[0]])
     tips = (half + toy.length)[:, None] * out
-    np.testing.assert_allclose(part_points(bodies, 0)[0], half[:, None] * out)
-    np.testing.assert_allclose(part_points(bodies, 1)[0], tips, atol=1e-12)
+    np.testing.assert_allclose(compute_part_points(bodies, 0)[0], half[:, None] * out)
+    np.testing.assert_allclose(compute_part_points(bodies, 1)[0], tips, atol=1e-12)
 
 
 def test_parts_hang_on_the_perimeter_of_their_parents():
     toy, genomes = anatomy(PARTS), _genomes(100)
-    bodies = build(toy, genomes)
+    bodies = build_bodies(toy, genomes)
     for row, parents in enumerate(genomes.parent):
         for i, parent in enumerate(parents):
             x, y, z = bodies.anchor[row, i]
@@ -139,7 +146,7 @@ def test_parts_hang_on_the_perimeter_of_their_parents():
 
 def test_hinges_of_paper_a_lift_the_part_across_the_line_of_centers():
     toy, genomes = anatomy(PARTS), _genomes(100)
-    bodies = build(toy, genomes)
+    bodies = build_bodies(toy, genomes)
     assert (genomes.hinge == UP).all()
     length = np.hstack([np.zeros((100, 1)), bodies.length])
     middle = np.take_along_axis(length, genomes.parent, axis=1) / 2
@@ -158,7 +165,7 @@ def test_hinges_of_paper_a_lift_the_part_across_the_line_of_centers():
 def test_hinges_of_paper_c_turn_as_they_are_called(name):
     genomes = _genomes(1)
     hinge = np.full_like(genomes.hinge, HINGE_NAMES.index(name))
-    bodies = build(anatomy(PARTS), replace(genomes, hinge=hinge))
+    bodies = build_bodies(anatomy(PARTS), replace(genomes, hinge=hinge))
     motion = np.cross(bodies.axis[0, 0], [1.0, 0, 0])  # of the tip, in the part's frame
     expected = {"left": [0, 1, 0], "right": [0, -1, 0], "down": [0, 0, -1]}
     expected |= {"roll_left": [0, 0, 0], "roll_right": [0, 0, 0]}
@@ -170,13 +177,15 @@ def test_hinges_of_paper_c_turn_as_they_are_called(name):
 
 def test_mass_is_in_proportion_to_length():
     genomes = _genomes(10)
-    longer = build(anatomy(PARTS), replace(genomes, length=2 * genomes.length))
-    np.testing.assert_allclose(longer.mass, 2 * build(anatomy(PARTS), genomes).mass)
+    longer = build_bodies(anatomy(PARTS), replace(genomes, length=2 * genomes.length))
+    np.testing.assert_allclose(
+        longer.mass, 2 * build_bodies(anatomy(PARTS), genomes).mass
+    )
 
 
 def test_planar_frames_are_those_of_a_walk_down_the_tree():
     bodies = _bodies(30)
-    origin, heading = planar_frames(bodies)
+    origin, heading = compute_planar_frames(bodies)
     assert not origin[:, 0].any() and not heading[:, 0].any()
     rows = np.arange(30)
     for i in range(PARTS):
@@ -190,12 +199,12 @@ def test_planar_frames_are_those_of_a_walk_down_the_tree():
 def test_a_part_that_points_home_has_its_center_in_the_torso():
     toy = anatomy(2)
     # the second part leaves the end of the first one and is folded back
-    tree = from_tree(toy, np.array([0, 1]), np.array([0.125, 0.375]))
-    bodies = build(toy, tree)
-    assert bodies_of.centers_in_torso(bodies).tolist() == [0]
+    tree = encode_tree(toy, np.array([0, 1]), np.array([0.125, 0.375]))
+    bodies = build_bodies(toy, tree)
+    assert bodies_of.count_centers_in_torso(bodies).tolist() == [0]
     folded = replace(bodies, heading=bodies.heading + np.array([0, np.pi]))
     folded = replace(folded, length=folded.length * np.array([1, 2.0]))
-    assert bodies_of.centers_in_torso(folded).tolist() == [1]
+    assert bodies_of.count_centers_in_torso(folded).tolist() == [1]
 
 
 @pytest.mark.parametrize("name", ["center_distance", "tip_distance", "length_error"])
@@ -214,15 +223,17 @@ def test_distances_of_one_longer_leaf():
     change = np.zeros(PARTS)
     change[-1] = 0.06  # the last part carries nothing
     longer = replace(truth, length=truth.length + change)
-    np.testing.assert_allclose(bodies_of.center_distance(longer, truth), 3 / PARTS)
-    np.testing.assert_allclose(bodies_of.tip_distance(longer, truth), 6 / PARTS)
-    np.testing.assert_allclose(bodies_of.length_error(longer, truth), 6 / PARTS)
-    np.testing.assert_array_equal(bodies_of.edge_f1(longer, truth), 1)
+    np.testing.assert_allclose(
+        bodies_of.measure_center_distance(longer, truth), 3 / PARTS
+    )
+    np.testing.assert_allclose(bodies_of.measure_tip_distance(longer, truth), 6 / PARTS)
+    np.testing.assert_allclose(bodies_of.measure_length_error(longer, truth), 6 / PARTS)
+    np.testing.assert_array_equal(bodies_of.compute_edge_f1(longer, truth), 1)
 
 
 def test_edge_f1_is_that_of_the_sets_of_edges():
     one, other = _bodies(30), _bodies(60)[30:]
-    for row, f1 in enumerate(bodies_of.edge_f1(one, other)):
+    for row, f1 in enumerate(bodies_of.compute_edge_f1(one, other)):
         first = set(zip(one.parent[row], range(PARTS), strict=True))
         second = set(zip(other.parent[row], range(PARTS), strict=True))
         assert f1 == pytest.approx(2 * len(first & second) / (2 * PARTS))

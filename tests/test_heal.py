@@ -8,21 +8,21 @@ import pytest
 from toys_heal import BODY, GENES, PLACEMENT, identified, robot, shorten
 from typer.testing import CliRunner
 
-from selfheal.body.damage import parse
-from selfheal.body.mjcf import to_xml
+from selfheal.body.damage import parse_damages
+from selfheal.body.mjcf import format_mjcf
 from selfheal.cli import app
 from selfheal.errors import InputError, RunFileError
-from selfheal.gait.believed import believed
+from selfheal.gait.rival_bodies import select_rival_bodies
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import read, write
 from selfheal.recovery import phases
-from selfheal.recovery.heal import heal
-from selfheal.recovery.phased import load, save
-from selfheal.recovery.phases import robots_of
+from selfheal.recovery.heal import heal_robot
+from selfheal.recovery.phased_run import load_phased_run, save_phased_run
+from selfheal.recovery.phases import make_robot_states
 from selfheal.recovery.record import HealRun, HealSettings
-from selfheal.recovery.watched import watched
-from selfheal.report.heal import heal_page
-from selfheal.robot.base import open_robot, walker
+from selfheal.recovery.watch_recording import watch_recording
+from selfheal.report.heal import make_heal_page
+from selfheal.robot.base import open_robot, require_walker
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -34,10 +34,10 @@ def short():
 
 
 def _heal(said, run=None):
-    damage = parse(said, BODY.anatomy)
+    damage = parse_damages(said, BODY.anatomy)
     settings = HealSettings("run.h5", damage, 12.0, seed=1)
-    robots = robots_of(robot(), settings)
-    return list(heal(robots, BODY, np.ones(1), settings, run=run))
+    robots = make_robot_states(robot(), settings)
+    return list(heal_robot(robots, BODY, np.ones(1), settings, run=run))
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +81,8 @@ def _told(run):
 
 
 def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
-    save(steps[3], tmp_path / "heal.h5")  # after the first action
-    kept = load(tmp_path / "heal.h5", HealRun)
+    save_phased_run(steps[3], tmp_path / "heal.h5")  # after the first action
+    kept = load_phased_run(tmp_path / "heal.h5", HealRun)
     assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01"]
     assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
 
@@ -95,23 +95,23 @@ def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
         Gait("waves", genes, 0.0, 9.0, 9.0, 9.0, 0, 0) for genes in (GENES, 0 * GENES)
     )
     new, old = (good, idle) if new_is_good else (idle, good)
-    monkeypatch.setattr(phases, "synthesize", lambda *a, **k: new)
-    settings = HealSettings("", parse("friction:0.8", BODY.anatomy), 12.0)
-    robots = robots_of(robot(), settings)
-    work = phases.Phases(robots, BODY, np.ones(1), settings, lambda *told: None)
-    assert work._better("healed", work.plants, [1.0], old).genes is good.genes
+    monkeypatch.setattr(phases, "synthesize_gait", lambda *a, **k: new)
+    settings = HealSettings("", parse_damages("friction:0.8", BODY.anatomy), 12.0)
+    robots = make_robot_states(robot(), settings)
+    work = phases.HealPhases(robots, BODY, np.ones(1), settings, lambda *told: None)
+    assert work._choose_gait("healed", work.plants, [1.0], old).genes is good.genes
 
 
 def test_a_finished_heal_is_not_done_again(steps, tmp_path):
-    save(steps[-1], tmp_path / "heal.h5")
-    kept = load(tmp_path / "heal.h5", HealRun)
+    save_phased_run(steps[-1], tmp_path / "heal.h5")
+    kept = load_phased_run(tmp_path / "heal.h5", HealRun)
     again = _heal("right_lower:0.1", kept)
     assert len(again) == 1 and again[0].result == steps[-1].result
 
 
 def test_the_page_tells_it_and_asks_for_nothing(steps, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")
-    page = heal_page(steps[-1], BODY)
+    page = make_heal_page(steps[-1], BODY)
     assert "right lower x" in page and "image/gif" in page
     assert "<script" not in page and "http" not in page.replace(
         "http-equiv", ""
@@ -121,7 +121,7 @@ def test_the_page_tells_it_and_asks_for_nothing(steps, monkeypatch):
 @pytest.fixture
 def still(monkeypatch):
     """Pages without their moving picture, which takes seconds."""
-    monkeypatch.setattr("selfheal.report.heal.film", lambda *a, **k: "")
+    monkeypatch.setattr("selfheal.report.heal.make_film", lambda *a, **k: "")
 
 
 def test_the_page_of_a_heal_that_nothing_called_for(steps, still):
@@ -131,19 +131,19 @@ def test_the_page_of_a_heal_that_nothing_called_for(steps, still):
     nothing = {"kind": "none", "target": "world", "value": 0.0, "azimuth": 0.0}
     kept["verdict"] = {"believed": [{**nothing, "probability": 1.0}]}
     quiet = replace(run, phases=kept, result={**run.result, "alarm": None})
-    assert "no alarm" in heal_page(quiet, BODY)
+    assert "no alarm" in make_heal_page(quiet, BODY)
 
 
 def test_a_file_that_is_no_heal_is_refused(tmp_path):
     (tmp_path / "x.h5").write_text("nothing")
     for name in ("x.h5", "y.h5"):
         with pytest.raises(RunFileError, match=name):
-            load(tmp_path / name, HealRun)
+            load_phased_run(tmp_path / name, HealRun)
 
 
 def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):
     askew = PLACEMENT + 0.02
-    bodies, weights = believed(identified(tmp_path, askew)[1])
+    bodies, weights = select_rival_bodies(identified(tmp_path, askew)[1])
     assert bodies.anchor[0] == pytest.approx(BODY.anchor[0], abs=1e-6)
     assert weights.sum() == pytest.approx(1)
 
@@ -203,7 +203,7 @@ def test_a_robot_that_only_answers_cannot_walk(shared_recordings):
         "starfish-2006", recordings=shared_recordings / "starfish_2006" / "intact.h5"
     )
     with pytest.raises(InputError, match="cannot walk"):
-        walker(replayed)
+        require_walker(replayed)
 
 
 @pytest.fixture(scope="module")
@@ -211,12 +211,12 @@ def walks():
     """Recordings of 40 s: whole, and breaking after 25 s."""
     gait = Gait("waves", GENES, 0.0, 0.0, 0.0, 0.0, 0, 0)
     hidden, commands = robot(), gait.commands(8, 40.0)
-    breaking = hidden.struck(parse("left_lower:0.4", BODY.anatomy), 25.0)
+    breaking = hidden.struck(parse_damages("left_lower:0.4", BODY.anatomy), 25.0)
     return hidden.move(commands), breaking.move(commands)
 
 
 def test_watch_says_when_a_recording_stopped_fitting(walks):
-    whole, broken = (watched(BODY, walk)[0] for walk in walks)
+    whole, broken = (watch_recording(BODY, walk)[0] for walk in walks)
     assert whole["alarm"] is None
     assert whole["cycle"] == pytest.approx(1.4, abs=0.02)
     assert broken["alarm"]["time"] == pytest.approx(26.5, abs=1.5)
@@ -230,12 +230,12 @@ def test_watch_bears_missing_samples_and_a_clock_that_starts_late(walks):
     gaps[3::7] = np.nan
     signals["vertical"] = replace(signals["vertical"], values=gaps)
     late = replace(episode, time=episode.time + 1000, signals=signals)
-    found = watched(BODY, replace(walks[1], episodes={"late": late}))[0]
+    found = watch_recording(BODY, replace(walks[1], episodes={"late": late}))[0]
     assert found["alarm"]["time"] == pytest.approx(1026.5, abs=1.5)
 
 
 def test_watch_on_the_command_line(walks, tmp_path):
-    (tmp_path / "body.xml").write_text(to_xml(BODY))
+    (tmp_path / "body.xml").write_text(format_mjcf(BODY))
     write(walks[1], tmp_path / "walk.h5")
     made = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--json")
     assert made.exit_code == 0, made.output
@@ -247,7 +247,8 @@ def test_watch_on_the_command_line(walks, tmp_path):
 def test_watch_tells_the_damaged_robot_of_2006_from_the_whole_one(shared_recordings):
     folder = shared_recordings / "starfish_2006"
     whole, broken = (
-        watched(BODY, read(folder / name))[0] for name in ("intact.h5", "damaged.h5")
+        watch_recording(BODY, read(folder / name))[0]
+        for name in ("intact.h5", "damaged.h5")
     )
     assert whole["alarm"] is None
     assert broken["episode"] == "down_1_3"

@@ -7,7 +7,7 @@ from functools import partial
 from toys_heal import identified
 from toys_killed import selfheal, told
 
-from selfheal.recovery.phased import load
+from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.record import HealRun
 
 # a small catalogue and no moving picture
@@ -41,7 +41,7 @@ def test_a_heal_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
     ):
         killed = _selfheal(moment, *words)
         assert killed.returncode == -signal.SIGKILL, killed.stderr
-        assert list(load(file, HealRun).phases) == kept
+        assert list(load_phased_run(file, HealRun).phases) == kept
         words = "heal", "--resume", file
     ended = _selfheal("never", *words, "--json")
     assert ended.returncode == 0, ended.stderr

@@ -1,6 +1,7 @@
 """Data flow one way: a room imports only from rooms above it."""
 
 import ast
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -104,3 +105,23 @@ def test_the_check_sees_relative_and_absolute_imports(tmp_path, monkeypatch):
         "from ..robot import simulated\ndef f():\n    import selfheal.cli\n"
     )
     assert _imports(path) == {"selfheal.robot.simulated", "selfheal.cli"}
+
+
+def test_no_threshold_of_diagnose_has_the_name_of_another():
+    names: Counter[str] = Counter()
+    for path in (ROOT / "selfheal" / "diagnosis").rglob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.Assign) and _is_numeric(node.value):
+                targets = [n for t in node.targets for n in ast.walk(t)]
+                names.update(n.id for n in targets if isinstance(n, ast.Name))
+    assert names
+    assert [name for name, times in names.items() if times > 1] == []
+
+
+def _is_numeric(node: ast.expr) -> bool:
+    """Whether an expression is a number, or numbers in a tuple."""
+    if isinstance(node, ast.Tuple):
+        return all(map(_is_numeric, node.elts))
+    if isinstance(node, ast.UnaryOp):
+        return _is_numeric(node.operand)
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float)

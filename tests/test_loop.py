@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from selfheal.cli import app
 from selfheal.errors import InputError, RecordingError, RunFileError, UnknownNameError
 from selfheal.recording import Recording
-from selfheal.selfmodel.loop import check, felt, identify
-from selfheal.selfmodel.prior import cost
-from selfheal.selfmodel.run import Run, Settings, held, load, save
+from selfheal.selfmodel.loop import check_settings, identify_body, read_rest_channels
+from selfheal.selfmodel.prior import compute_prior_cost
+from selfheal.selfmodel.run import Run, Settings, load_run, lock_run, save_run
 from selfheal.selfmodel.strategy import METHODS
 
 SMALL = Settings("toy", engine="statics", cycles=3, budget=1500)
@@ -44,7 +44,7 @@ def _same(one, other, where: str = "run") -> None:
 
 
 def _last(settings: Settings, run: Run | None = None) -> Run:
-    *_, last = identify(Toy(), settings, run=run)
+    *_, last = identify_body(Toy(), settings, run=run)
     return last
 
 
@@ -62,22 +62,22 @@ def test_another_seed_gives_another_run():
 @pytest.mark.parametrize("method", METHODS)
 def test_a_run_cut_after_any_cycle_goes_on_to_the_same_end(method, tmp_path):
     settings = replace(SMALL, method=method)
-    *parts, whole = identify(Toy(), settings)
+    *parts, whole = identify_body(Toy(), settings)
     assert [len(part.cycles) for part in parts] == [1, 2, 3]
     for part in (
         Run(settings, Toy().anatomy, Toy().actions, truth=Toy().truth),
         *parts,
     ):
-        save(part, tmp_path / "run.h5")
-        _same(_last(settings, load(tmp_path / "run.h5")), whole)
+        save_run(part, tmp_path / "run.h5")
+        _same(_last(settings, load_run(tmp_path / "run.h5")), whole)
 
 
 @pytest.mark.parametrize("space", ["sides", "full"])
 def test_a_cut_run_goes_on_in_every_space(space, tmp_path):
     settings = replace(SMALL, space=space, budget=600)
-    first, *_, whole = identify(Toy(), settings)
-    save(first, tmp_path / "run.h5")
-    _same(_last(settings, load(tmp_path / "run.h5")), whole)
+    first, *_, whole = identify_body(Toy(), settings)
+    save_run(first, tmp_path / "run.h5")
+    _same(_last(settings, load_run(tmp_path / "run.h5")), whole)
 
 
 def test_where_hinges_are_unknown_the_search_waits_for_the_last_readings():
@@ -96,21 +96,21 @@ def test_a_run_with_every_simulation_on_mjx():
 
 def test_a_cut_run_that_mjx_confirms_goes_on_to_the_same_end(tmp_path):
     settings = replace(SMALL, engine="auto", cycles=2, budget=300)
-    first, *_, whole = identify(Toy(), settings)
-    save(first, tmp_path / "run.h5")
+    first, *_, whole = identify_body(Toy(), settings)
+    save_run(first, tmp_path / "run.h5")
     assert whole.counts["mjx"] > first.counts["mjx"] > 0
-    _same(_last(settings, load(tmp_path / "run.h5")), whole)
+    _same(_last(settings, load_run(tmp_path / "run.h5")), whole)
 
 
 def test_a_finished_run_stays_as_it_is():
     whole, toy = _last(SMALL), Toy()
-    (again,) = identify(toy, SMALL, run=whole)
+    (again,) = identify_body(toy, SMALL, run=whole)
     assert again is whole and toy.acts == 0
 
 
 def test_what_a_run_says_is_what_it_did():
     toy, progress = Toy(), []
-    runs = list(identify(toy, SMALL, progress=progress.append))
+    runs = list(identify_body(toy, SMALL, progress=progress.append))
     cycles, result = runs[-1].cycles, runs[-1].result
     assert toy.acts == len(cycles) == SMALL.cycles
     tried = [cycle.action for cycle in cycles]
@@ -121,10 +121,12 @@ def test_what_a_run_says_is_what_it_did():
     assert cycles[-1].spent == runs[-1].counts["statics"] == progress[-1]
     assert runs[-1].counts["mujoco"] == len(toy.actions)
     for cycle in cycles:
-        costs = cycle.losses + cost(toy.anatomy, cycle.genomes)
+        costs = cycle.losses + compute_prior_cost(toy.anatomy, cycle.genomes)
         assert (np.diff(costs) >= -1e-12).all()
         assert ((cycle.sureness >= 0) & (cycle.sureness <= 1)).all()
-        np.testing.assert_allclose(cycle.felt, felt(toy.act(cycle.action)))
+        np.testing.assert_allclose(
+            cycle.felt, read_rest_channels(toy.act(cycle.action))
+        )
 
 
 def test_the_toy_is_identified():
@@ -154,9 +156,9 @@ def test_settings_without_sense_are_refused_before_any_work(change, kind, text):
     toy = Toy()
     settings = replace(SMALL, **change)
     with pytest.raises(kind, match=text):
-        check(settings, toy)
+        check_settings(settings, toy)
     with pytest.raises(kind, match=text):
-        next(identify(toy, settings))
+        next(identify_body(toy, settings))
     assert toy.acts == 0
 
 
@@ -172,16 +174,16 @@ def test_a_recording_without_tilts_is_refused():
             signals["vertical"] = replace(vertical, values=values)
         bad = Recording({"only": replace(episode, signals=signals)}, file="bad.h5")
         with pytest.raises(RecordingError, match=r"bad\.h5, episode 'only'.*vertical"):
-            felt(bad)
+            read_rest_channels(bad)
 
 
 def test_a_recording_without_clearance_says_nothing_of_it():
     recording = Toy().act(3)
     (episode,) = recording.episodes.values()
     signals = {"vertical": episode.signals["vertical"]}
-    bare = felt(Recording({"only": replace(episode, signals=signals)}))
+    bare = read_rest_channels(Recording({"only": replace(episode, signals=signals)}))
     assert np.isnan(bare[2])
-    np.testing.assert_array_equal(bare[:2], felt(recording)[:2])
+    np.testing.assert_array_equal(bare[:2], read_rest_channels(recording)[:2])
 
 
 class Changed(Toy):
@@ -193,9 +195,9 @@ class Changed(Toy):
 
 
 def test_a_run_does_not_go_on_with_another_robot():
-    first = next(identify(Toy(), SMALL))
+    first = next(identify_body(Toy(), SMALL))
     with pytest.raises(InputError, match="'toy' has other parts or actions"):
-        next(identify(Changed(), SMALL, run=first))
+        next(identify_body(Changed(), SMALL, run=first))
 
 
 class Moody(Toy):
@@ -209,30 +211,30 @@ class Moody(Toy):
 
 def test_a_run_does_not_go_on_with_other_readings():
     settings = replace(SMALL, recordings="toy.h5")
-    first = next(identify(Toy(), settings))
+    first = next(identify_body(Toy(), settings))
     with pytest.raises(InputError, match=r"toy\.h5 answers otherwise.*cycle 1"):
-        next(identify(Moody(), settings, run=first))
+        next(identify_body(Moody(), settings, run=first))
 
 
 @pytest.fixture
 def run_file(tmp_path):
     """A run of the toy after one cycle."""
-    save(next(identify(Toy(), SMALL)), tmp_path / "run.h5")
+    save_run(next(identify_body(Toy(), SMALL)), tmp_path / "run.h5")
     return tmp_path / "run.h5"
 
 
 def test_a_run_on_disk_is_the_run(run_file):
-    run = next(identify(Toy(), SMALL))
+    run = next(identify_body(Toy(), SMALL))
     run = replace(run, anatomy=replace(run.anatomy, name="[1, 2]"))
-    save(run, run_file)
-    back = load(run_file)
+    save_run(run, run_file)
+    back = load_run(run_file)
     _same(back, replace(run, truth=back.truth))
     _same(back.truth, replace(run.truth, anatomy=run.anatomy))
 
 
 def test_a_missing_run_file_is_named(tmp_path):
     with pytest.raises(RunFileError, match=r"nowhere\.h5: no such run file"):
-        load(tmp_path / "nowhere.h5")
+        load_run(tmp_path / "nowhere.h5")
 
 
 def test_what_is_no_run_is_refused(run_file, recording):
@@ -240,17 +242,17 @@ def test_what_is_no_run_is_refused(run_file, recording):
 
     run_file.write_text("no HDF5 at all")
     with pytest.raises(RunFileError, match="truncated, or not an HDF5 file"):
-        load(run_file)
+        load_run(run_file)
     write(recording, run_file)
     with pytest.raises(RunFileError, match="'selfheal-recording', not a run file"):
-        load(run_file)
+        load_run(run_file)
 
 
 def test_another_version_is_said(run_file):
     with h5py.File(run_file, "r+") as file:
         file.attrs["version"] = 99
     with pytest.raises(RunFileError, match="version 99; this program reads version 2"):
-        load(run_file)
+        load_run(run_file)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
@@ -258,7 +260,7 @@ def test_a_truncated_run_is_refused(run_file, share):
     whole = run_file.read_bytes()
     run_file.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(RunFileError, match="truncated"):
-        load(run_file)
+        load_run(run_file)
 
 
 @pytest.mark.parametrize("name", ["cycles/000/genomes", "actions", "anatomy/mass"])
@@ -266,7 +268,7 @@ def test_a_run_that_lacks_a_part_is_refused(run_file, name):
     with h5py.File(run_file, "r+") as file:
         del file[name]
     with pytest.raises(RunFileError, match="damaged"):
-        load(run_file)
+        load_run(run_file)
 
 
 HOLD = """
@@ -298,30 +300,30 @@ def elsewhere(run_file):
 def test_a_run_that_another_process_writes_is_refused(run_file, elsewhere):
     elsewhere("open")
     with pytest.raises(RunFileError, match="another process holds it open"):
-        load(run_file)
+        load_run(run_file)
 
 
 def test_two_processes_do_not_work_on_one_run(run_file, elsewhere):
     elsewhere("held")
     with (
         pytest.raises(RunFileError, match="another process is working"),
-        held(run_file),
+        lock_run(run_file),
     ):
         pass
-    assert load(run_file).cycles
+    assert load_run(run_file).cycles
 
 
 def test_a_lock_of_a_killed_process_is_no_lock(run_file):
     lock = run_file.with_name("run.h5.lock")
     lock.touch()
-    with held(run_file):
+    with lock_run(run_file):
         assert lock.exists()
     assert not lock.exists()
 
 
 def test_a_run_is_not_held_where_nothing_can_be_written(tmp_path):
     path = tmp_path / "nowhere" / "run.h5"
-    with pytest.raises(RunFileError, match="cannot write beside"), held(path):
+    with pytest.raises(RunFileError, match="cannot write beside"), lock_run(path):
         pass
 
 
@@ -359,7 +361,7 @@ def test_a_killed_process_is_resumed_to_the_same_result(tmp_path):
             if "Best error" in line or "disagreement" in line:
                 break
         process.send_signal(signal.SIGKILL)
-    stopped = load(tmp_path / "a" / "run.h5")
+    stopped = load_run(tmp_path / "a" / "run.h5")
     assert stopped.cycles and not stopped.result
     resumed = _identify("--resume", tmp_path / "a" / "run.h5")
     assert resumed == _identify(*OPTIONS, "--out", tmp_path / "b")

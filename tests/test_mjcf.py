@@ -9,8 +9,8 @@ import pytest
 from toys import anatomy
 
 from selfheal.body.body import Anatomy, Bodies
-from selfheal.body.genome import build, from_tree, random_genomes
-from selfheal.body.mjcf import Physics, load, to_xml
+from selfheal.body.genome import build_bodies, draw_genomes, encode_tree
+from selfheal.body.mjcf import Physics, format_mjcf, load
 from selfheal.errors import ModelError
 
 PRINTED = 1e-6  # an MJCF has six digits
@@ -18,13 +18,13 @@ STAR = ([0, 0, 0, 0, 1, 2, 3, 4], [0.125, 0.375, 0.625, 0.875] + [0.375] * 4)
 
 
 def _star() -> Bodies:
-    return build(anatomy(8), from_tree(anatomy(8), *map(np.array, STAR)))
+    return build_bodies(anatomy(8), encode_tree(anatomy(8), *map(np.array, STAR)))
 
 
 @pytest.fixture
 def text() -> str:
     """The MJCF of a toy."""
-    return to_xml(_star())
+    return format_mjcf(_star())
 
 
 def _loaded(folder, text: str) -> Bodies:
@@ -44,9 +44,9 @@ def _close(one, other, names) -> None:
 
 def test_random_trees_come_back_as_they_were(tmp_path):
     rng = np.random.default_rng(0)
-    bodies = build(anatomy(8), random_genomes(anatomy(8), 20, rng, False))
+    bodies = build_bodies(anatomy(8), draw_genomes(anatomy(8), 20, rng, False))
     for row in range(20):
-        back = _loaded(tmp_path, to_xml(bodies, row))
+        back = _loaded(tmp_path, format_mjcf(bodies, row))
         names = [f.name for f in fields(Bodies)[1:] if f.name != "heading"]
         _close(back, bodies[[row]], names)
         turned = back.heading - bodies.heading[[row]]
@@ -72,8 +72,8 @@ def test_the_model_moves_in_mujoco(text):
 
 def test_physics_reach_the_model():
     physics = Physics(timestep=0.001, friction=0.7, kp=90, kv=2, density=1.5)
-    heavy = mujoco.MjModel.from_xml_string(to_xml(_star(), 0, physics))
-    plain = mujoco.MjModel.from_xml_string(to_xml(_star()))
+    heavy = mujoco.MjModel.from_xml_string(format_mjcf(_star(), 0, physics))
+    plain = mujoco.MjModel.from_xml_string(format_mjcf(_star()))
     assert heavy.opt.timestep == 0.001
     assert (heavy.geom_friction[:, 0] == 0.7).all()
     assert (heavy.actuator_gainprm[:, 0] == 90).all()

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from selfheal.body.body import Anatomy
-from selfheal.body.genome import build, from_tree, random_genomes
-from selfheal.engine._mjx_body import owners
-from selfheal.engine.mjx import Mjx, _program
+from selfheal.body.genome import build_bodies, draw_genomes, encode_tree
+from selfheal.engine._mjx_body import list_sphere_owners
+from selfheal.engine.mjx import Mjx, _compile_program
 from selfheal.engine.statics import Statics
 
 STAR_PARENTS = np.array([0, 0, 0, 0, 1, 2, 3, 4])
@@ -41,7 +41,7 @@ def _star_anatomy() -> Anatomy:
 def _star(count: int):
     """`count` times the four-legged robot."""
     placement = np.array([0.125, 0.375, 0.625, 0.875] + [0.375] * 4)
-    star = build(ANATOMY, from_tree(ANATOMY, STAR_PARENTS, placement))
+    star = build_bodies(ANATOMY, encode_tree(ANATOMY, STAR_PARENTS, placement))
     return star[np.zeros(count, int)]
 
 
@@ -57,8 +57,8 @@ def _actions() -> np.ndarray:
 
 def _trees(count: int):
     """Random attachment trees."""
-    genomes = random_genomes(ANATOMY, count, np.random.default_rng(0), False)
-    return build(ANATOMY, genomes)
+    genomes = draw_genomes(ANATOMY, count, np.random.default_rng(0), False)
+    return build_bodies(ANATOMY, genomes)
 
 
 ANATOMY = _star_anatomy()
@@ -92,8 +92,8 @@ def test_most_random_trees_rest_as_in_statics():
 def test_one_program_serves_every_tree():
     ENGINE.simulate(_star(3), _actions()[:3])
     ENGINE.simulate(_trees(45), _actions()[np.arange(45) % 36])
-    shape = owners(ANATOMY), ANATOMY.feet
-    program = _program(*shape, ENGINE.ramp, ENGINE.hold, ENGINE.batch)
+    shape = list_sphere_owners(ANATOMY), ANATOMY.feet
+    program = _compile_program(*shape, ENGINE.ramp, ENGINE.hold, ENGINE.batch)
     assert program._cache_size() == 1
 
 

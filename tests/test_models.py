@@ -8,7 +8,7 @@ import pytest
 
 from selfheal.body import genome
 from selfheal.body.body import Anatomy, Bodies
-from selfheal.body.mjcf import Physics, load, to_spec
+from selfheal.body.mjcf import Physics, build_spec, load
 from selfheal.recording import read
 
 SIDES = ("left", "forward", "right", "back")
@@ -74,8 +74,10 @@ def test_a_model_has_the_sizes_of_its_readme(variant):
 def test_a_model_is_the_body_of_its_genome(variant):
     body = load(_path(variant))
     placement = np.array([0.125, 0.375, 0.625, 0.875] + [0.375] * 4)
-    tree = genome.from_tree(body.anatomy, np.array([0, 0, 0, 0, 1, 2, 3, 4]), placement)
-    expected = genome.build(body.anatomy, tree)
+    tree = genome.encode_tree(
+        body.anatomy, np.array([0, 0, 0, 0, 1, 2, 3, 4]), placement
+    )
+    expected = genome.build_bodies(body.anatomy, tree)
     for f in fields(Bodies)[1:]:
         np.testing.assert_allclose(
             getattr(body, f.name), getattr(expected, f.name), atol=1e-12, err_msg=f.name
@@ -88,7 +90,7 @@ def test_a_model_compiles_to_what_the_writer_writes(variant):
 
     body = load(_path(variant))
     ours = mujoco.MjModel.from_xml_path(str(_path(variant)))
-    written = to_spec(body, 0, Physics()).compile()
+    written = build_spec(body, 0, Physics()).compile()
     for name in ("body_mass", "body_inertia", "body_ipos", "geom_friction", "jnt_axis",
                  "dof_damping", "dof_armature", "actuator_gainprm",
                  "actuator_biasprm", "site_pos", "body_pos"):  # fmt: skip

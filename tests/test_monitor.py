@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
-from selfheal.engine.walk import SAMPLE, channels_of
-from selfheal.recovery.monitor import Readings, baseline, threshold, watch, watch_poses
-from selfheal.robot.actions import published
+from selfheal.engine.walk import SAMPLE, list_channels
+from selfheal.recovery.monitor import (
+    PoseReadings,
+    compute_threshold,
+    learn_baseline,
+    watch_poses,
+    watch_walk,
+)
+from selfheal.robot.actions import load_published_body
 
-CHANNELS = channels_of(published().anatomy)
+CHANNELS = list_channels(load_published_body().anatomy)
 CYCLE, COUNT = 1.2, len(CHANNELS.names)
 
 
@@ -24,11 +30,11 @@ def _walk(seconds, seed):
 
 
 MODEL = 0.9 * _walk(60, 0)  # a prediction that is a little off
-KNOWN = baseline(_walk(30, 1), MODEL[:600], CYCLE, CHANNELS)
+KNOWN = learn_baseline(_walk(30, 1), MODEL[:600], CYCLE, CHANNELS)
 
 
 def _watch(felt):
-    return watch(felt, MODEL[: len(felt)], KNOWN, CHANNELS)
+    return watch_walk(felt, MODEL[: len(felt)], KNOWN, CHANNELS)
 
 
 def test_no_alarm_in_walks_like_those_learned_from():
@@ -56,9 +62,9 @@ def test_a_dead_sensor_is_noticed():
     felt = _walk(60, 31)
     k = CHANNELS.names.index("clearance")
     felt[:, k] += 60
-    known = baseline(felt[:600], MODEL[:600], CYCLE, CHANNELS)
+    known = learn_baseline(felt[:600], MODEL[:600], CYCLE, CHANNELS)
     felt[800:, k] = 0.0
-    alarm = watch(felt, MODEL, known, CHANNELS).alarm
+    alarm = watch_walk(felt, MODEL, known, CHANNELS).alarm
     assert alarm is not None and alarm.sensor == "clearance"
 
 
@@ -78,20 +84,20 @@ def test_a_foot_that_by_chance_stays_down_for_some_cycles_raises_no_alarm():
     rng, alarms = np.random.default_rng(40), 0
     for rate in rng.random(40):  # 40 minutes in all: under one alarm is allowed
         learned = _missing_lifts(30, rate, rng)
-        known = baseline(learned, MODEL[:600], CYCLE, CHANNELS)
-        seen = watch(_missing_lifts(60, rate, rng), MODEL, known, CHANNELS)
+        known = learn_baseline(learned, MODEL[:600], CYCLE, CHANNELS)
+        seen = watch_walk(_missing_lifts(60, rate, rng), MODEL, known, CHANNELS)
         alarms += seen.alarm is not None
     assert alarms <= 2
 
 
 def test_the_threshold_is_higher_where_there_is_more_to_go_wrong():
-    assert threshold(0.6, CHANNELS) > threshold(1.2, CHANNELS)
+    assert compute_threshold(0.6, CHANNELS) > compute_threshold(1.2, CHANNELS)
 
 
 def test_poses_are_judged_each_by_itself():
     felt = np.random.default_rng(5).normal(size=(36, COUNT - 2))
     felt[:, 5] = np.nan
-    readings = Readings(felt, np.zeros_like(felt), np.ones(COUNT - 2))
+    readings = PoseReadings(felt, np.zeros_like(felt), np.ones(COUNT - 2))
     assert watch_poses(readings, CHANNELS) is None
     felt[20, 1] = 40.0
     alarm = watch_poses(readings, CHANNELS)

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from selfheal.body.mjcf import to_spec
-from selfheal.report.motion import Lane, animation, skeleton
-from selfheal.robot.actions import published
+from selfheal.body.mjcf import build_spec
+from selfheal.report.motion import Lane, draw_animation, pose_skeleton
+from selfheal.robot.actions import load_published_body
 
-BODY = published()
+BODY = load_published_body()
 
 
 def test_a_posed_body_is_where_mujoco_puts_it():
     import mujoco
 
     rng = np.random.default_rng(1)
-    model = to_spec(BODY).compile()
+    model = build_spec(BODY).compile()
     data = mujoco.MjData(model)
     turn = rng.normal(size=4)
     data.qpos[:7] = [0.1, 0.2, 0.3, *(turn / np.linalg.norm(turn))]
@@ -22,7 +22,7 @@ def test_a_posed_body_is_where_mujoco_puts_it():
     for joint, angle in zip(BODY.anatomy.joints, angles, strict=True):
         data.joint(joint).qpos = angle
     mujoco.mj_kinematics(model, data)
-    seen = skeleton(BODY, data.qpos[:3], data.qpos[3:7], angles)
+    seen = pose_skeleton(BODY, data.qpos[:3], data.qpos[3:7], angles)
     for i, part in enumerate(BODY.anatomy.parts):
         body = data.body(part)
         tip = body.xpos + body.xmat.reshape(3, 3)[:, 0] * BODY.length[0, i]
@@ -31,7 +31,7 @@ def test_a_posed_body_is_where_mujoco_puts_it():
 
 def test_an_animation_is_one_picture_in_the_page():
     still = np.zeros((8, 3)), np.tile([1.0, 0, 0, 0], (8, 1)), np.zeros((8, 8))
-    drawn = animation(
+    drawn = draw_animation(
         [Lane("a <b>", "#0072b2", BODY, *still)], 0.0, "c & d", sample=0.1
     )
     assert drawn.count("data:image/gif;base64,") == 1

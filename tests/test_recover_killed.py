@@ -6,7 +6,7 @@ from functools import partial
 
 from toys_killed import selfheal, told
 
-from selfheal.recovery.phased import load
+from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.recover_run import RecoverRun
 
 # two scenarios, two generations, one trial
@@ -39,8 +39,8 @@ def test_a_batch_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
     ):
         killed = _selfheal(moment, *words)
         assert killed.returncode == -signal.SIGKILL, killed.stderr
-        assert list(load(place / FIRST, RecoverRun).phases) == kept
-        assert not load(place / SECOND, RecoverRun).phases
+        assert list(load_phased_run(place / FIRST, RecoverRun).phases) == kept
+        assert not load_phased_run(place / SECOND, RecoverRun).phases
         words = "recover", "--resume", place
     ended = _selfheal("never", *words, "--json")
     assert ended.returncode == 0, ended.stderr

@@ -12,11 +12,18 @@ import numpy as np
 import pytest
 
 from selfheal.body.body import Anatomy
-from selfheal.body.genome import build, random_genomes
+from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.report import facts, picture
-from selfheal.report.draw import Camera, _cube, _normals, _prism, from_behind, window
-from selfheal.report.identify import identify_page
-from selfheal.report.page import Html, Section, page, table, write_page
+from selfheal.report.draw import (
+    Camera,
+    _build_cube,
+    _build_prism,
+    _compute_normals,
+    look_from_behind,
+    measure_window,
+)
+from selfheal.report.identify import make_identify_page
+from selfheal.report.page import Html, Section, make_page, make_table, write_page
 from selfheal.selfmodel.run import Cycle, Run, Settings
 
 HOSTILE = '<script>alert(1)</script>&"'
@@ -54,7 +61,7 @@ def _run(
     rng = np.random.default_rng(seed)
     anatomy, count = _anatomy(parts), max(cycles, 6)
     actions = np.where(rng.random((count, parts)) < 0.3, -0.5, 0.5)
-    hidden = build(anatomy, random_genomes(anatomy, 1, rng, False))
+    hidden = build_bodies(anatomy, draw_genomes(anatomy, 1, rng, False))
     run = Run(
         Settings("toy", cycles=max(cycles, 1)),
         anatomy,
@@ -69,7 +76,7 @@ def _run(
             action=k,
             why="made up",
             felt=tables[0, k] + rng.normal(0, 0.3, 3),
-            genomes=random_genomes(anatomy, rivals, rng, False),
+            genomes=draw_genomes(anatomy, rivals, rng, False),
             tables=tables,
             losses=np.sort(rng.uniform(0, 2, rivals)),
             sureness=rng.random(parts),
@@ -78,7 +85,7 @@ def _run(
             spent=250 * (k + 1),
             seconds=1.5 * (k + 1),
         )
-        run = run.after(cycle)
+        run = run.with_cycle(cycle)
     return run
 
 
@@ -107,11 +114,11 @@ def _words(markup: str) -> str:
 
 
 def test_everything_but_markup_is_escaped():
-    body = table([HOSTILE], [[HOSTILE]], "l")
-    made = page(HOSTILE, [Section(HOSTILE, (HOSTILE, body))], lead=HOSTILE)
+    body = make_table([HOSTILE], [[HOSTILE]], "l")
+    made = make_page(HOSTILE, [Section(HOSTILE, (HOSTILE, body))], lead=HOSTILE)
     assert "<script" not in made
     assert made.count(html.escape(HOSTILE)) == 7  # the title stands twice
-    assert "<b>x</b>" in page("", [Section("", (Html("<b>x</b>"),))], lead="")
+    assert "<b>x</b>" in make_page("", [Section("", (Html("<b>x</b>"),))], lead="")
 
 
 def test_a_page_is_written_whole(tmp_path):
@@ -121,7 +128,7 @@ def test_a_page_is_written_whole(tmp_path):
 
 
 def test_names_from_a_file_come_out_escaped():
-    made = identify_page(_hostile(_run()))
+    made = make_identify_page(_hostile(_run()))
     assert "<script" not in made and "alert(1)" in made
     assert f"<td>{html.escape(HOSTILE)}</td>" in made
     made.encode("utf-8")
@@ -129,7 +136,7 @@ def test_names_from_a_file_come_out_escaped():
 
 def test_a_picture_that_is_large_as_svg_is_a_png(monkeypatch):
     monkeypatch.setattr(picture, "_LARGEST_SVG", 1000)
-    made = identify_page(_run())
+    made = make_identify_page(_run())
     assert "<svg" not in made and made.count('src="data:image/png;base64,') == 5
 
 
@@ -138,18 +145,18 @@ def test_a_picture_that_is_large_as_svg_is_a_png(monkeypatch):
 
 def test_the_page_says_what_was_inferred_and_how_far_off_it_is():
     run = _run()
-    body = build(run.anatomy, run.cycles[-1].genomes[:1])
-    words = _words(identify_page(run))
+    body = build_bodies(run.anatomy, run.cycles[-1].genomes[:1])
+    words = _words(make_identify_page(run))
     correct = int((body.parent == run.truth.parent).sum())
     assert f"with {correct} of 3 attachments correct" in words
-    for name, value in facts.errors(run, body):
+    for name, value in facts.list_errors(run, body):
         assert f"{name} {value}" in words
     assert words.count(" wrong: ") == 3 - correct
     assert "not finished" not in words and "on statics 1,000" in words
 
 
 def test_a_run_without_truth_calls_nothing_wrong():
-    words = _words(identify_page(_run(truth=False)))
+    words = _words(make_identify_page(_run(truth=False)))
     assert "Nobody knows the true body" in words
     assert "wrong:" not in words and "attachments correct" not in words
 
@@ -157,31 +164,31 @@ def test_a_run_without_truth_calls_nothing_wrong():
 def test_an_unfinished_run_says_so():
     run = _run(cycles=4)
     run = replace(run, result={}, settings=replace(run.settings, cycles=16))
-    assert "not finished: 4 of 16 actions so far" in _words(identify_page(run))
+    assert "not finished: 4 of 16 actions so far" in _words(make_identify_page(run))
 
 
 def test_a_run_that_has_not_begun_has_a_page():
     run = replace(_run(cycles=0), result={})
-    words = _words(identify_page(run))
+    words = _words(make_identify_page(run))
     assert "No action has been tried yet" in words and "Settings" in words
 
 
 @pytest.mark.parametrize("parts", [1, 2, 12])
 def test_robots_of_other_sizes_have_a_page(parts):
-    assert identify_page(_run(parts=parts)).count("<svg") == 5
+    assert make_identify_page(_run(parts=parts)).count("<svg") == 5
 
 
 def test_one_cycle_with_one_rival_has_a_page():
-    words = _words(identify_page(_run(cycles=1, rivals=1)))
+    words = _words(make_identify_page(_run(cycles=1, rivals=1)))
     assert "Candidates kept: 1." in words and "After 1 action and" in words
 
 
 def test_the_first_sentence_has_the_tilt_error_of_the_result():
     run = _run()
     done = replace(run, result={"tilt_error": 43.21})
-    assert "measured tilts to 43.21 degrees" in _words(identify_page(done))
+    assert "measured tilts to 43.21 degrees" in _words(make_identify_page(done))
     unfinished = _last(replace(run, result={}), tilt_error=12.34)
-    assert "measured tilts to 12.34 degrees" in _words(identify_page(unfinished))
+    assert "measured tilts to 12.34 degrees" in _words(make_identify_page(unfinished))
 
 
 def test_missing_readings_and_diverged_rivals_have_a_page():
@@ -196,16 +203,16 @@ def test_missing_readings_and_diverged_rivals_have_a_page():
         tilt_error=np.nan,
         disagreement=np.nan,
     )
-    words = _words(identify_page(run))
+    words = _words(make_identify_page(run))
     assert "clearance" not in words and "nan" not in words
-    assert "clearance" in _words(identify_page(_run()))
+    assert "clearance" in _words(make_identify_page(_run()))
 
 
 def test_hinges_are_named_where_they_are_unknown():
     run = _run()
     full = replace(run, settings=replace(run.settings, space="full"))
-    assert "hinge" in _words(identify_page(full))
-    assert "hinge" not in _words(identify_page(run))
+    assert "hinge" in _words(make_identify_page(full))
+    assert "hinge" not in _words(make_identify_page(run))
 
 
 def test_rivals_are_those_that_the_data_do_not_rule_out():
@@ -215,7 +222,7 @@ def test_rivals_are_those_that_the_data_do_not_rule_out():
     genomes.placement[1, 2] = (best.placement[0, 2] + 0.5) % 1
     genomes.length[2, 2] += 0.01
     losses = 4 * np.array([1.0, 1.05, 1.4, 1.6])  # of four actions
-    found = facts.rivals(_last(run, genomes=genomes, losses=losses))
+    found = facts.list_rivals(_last(run, genomes=genomes, losses=losses))
     assert [r.rank for r in found] == [1, 2, 3]
     side = facts.SIDES[genomes.side[1, 2]]
     assert [r.differs for r in found] == [
@@ -228,9 +235,9 @@ def test_rivals_are_those_that_the_data_do_not_rule_out():
 
 def test_the_side_of_a_body_is_that_of_its_genome():
     anatomy = _anatomy(8)
-    genomes = random_genomes(anatomy, 200, np.random.default_rng(0), False)
+    genomes = draw_genomes(anatomy, 200, np.random.default_rng(0), False)
     np.testing.assert_array_equal(
-        facts.true_side(build(anatomy, genomes)), genomes.side
+        facts.find_true_side(build_bodies(anatomy, genomes)), genomes.side
     )
 
 
@@ -240,15 +247,17 @@ def test_the_side_of_a_body_is_that_of_its_genome():
      (999_500, "1M"), (1_250_000, "1.25M")],
 )  # fmt: skip
 def test_numbers_on_an_axis_are_short(count, said):
-    assert facts.thousands(count) == said
+    assert facts.format_thousands(count) == said
 
 
 # ---- drawings
 
 
-@pytest.mark.parametrize("solid, volume", [(_cube(), 8), (_prism(), 3 * 3**0.5 / 2)])
+@pytest.mark.parametrize(
+    "solid, volume", [(_build_cube(), 8), (_build_prism(), 3 * 3**0.5 / 2)]
+)
 def test_a_solid_is_closed_and_faces_outward(solid, volume):
-    normals = _normals(solid)
+    normals = _compute_normals(solid)
     np.testing.assert_allclose(normals.sum(axis=0), 0, atol=1e-12)
     # divergence theorem: the normals are twice the faces' areas
     assert (solid[:, 0] * normals).sum() / 6 == pytest.approx(volume)
@@ -264,21 +273,21 @@ def test_a_camera_from_behind_and_above_sees_forward_as_up_and_left_as_left():
 
 def test_a_window_grows_with_the_bodies():
     anatomy = _anatomy(5)
-    genomes = random_genomes(anatomy, 9, np.random.default_rng(3), False)
-    bodies = build(anatomy, genomes)
-    camera = from_behind(bodies)
-    whole = window(bodies, camera)
-    single = [window(bodies[k : k + 1], camera) for k in range(9)]
+    genomes = draw_genomes(anatomy, 9, np.random.default_rng(3), False)
+    bodies = build_bodies(anatomy, genomes)
+    camera = look_from_behind(bodies)
+    whole = measure_window(bodies, camera)
+    single = [measure_window(bodies[k : k + 1], camera) for k in range(9)]
     np.testing.assert_allclose(np.max(single, axis=0), whole)
-    assert from_behind(bodies).distance > 2 * whole.max()
+    assert look_from_behind(bodies).distance > 2 * whole.max()
 
 
 def test_up_to_eight_cycles_are_drawn_with_the_first_and_the_last():
-    from selfheal.report.figures import shown_cycles
+    from selfheal.report.figures import choose_cycles
 
-    assert shown_cycles(1) == [0] and shown_cycles(3) == [0, 1, 2]
+    assert choose_cycles(1) == [0] and choose_cycles(3) == [0, 1, 2]
     for count in (8, 9, 16, 36, 500):
-        shown = shown_cycles(count)
+        shown = choose_cycles(count)
         assert len(shown) == 8 and shown[0] == 0 and shown[-1] == count - 1
 
 
@@ -326,7 +335,7 @@ def _console(log: str) -> list[str]:
 def test_a_browser_finds_no_error_and_every_picture_drawn(run, browse, tmp_path):
     from matplotlib.image import imread
 
-    made = identify_page(run)
+    made = make_identify_page(run)
     path, shot = tmp_path / "report.html", tmp_path / "shot.png"
     write_page(made, path)
     _, log = browse(path, f"--screenshot={shot}")
@@ -351,13 +360,13 @@ def test_a_browser_finds_no_error_and_every_picture_drawn(run, browse, tmp_path)
 def test_the_check_in_a_browser_sees_errors_and_requests(browse, tmp_path):
     path = tmp_path / "report.html"
     picture = Html('<img src="https://example.com/x.png">')
-    write_page(page("", [Section("", (picture,))], lead=""), path)
+    write_page(make_page("", [Section("", (picture,))], lead=""), path)
     _, log = browse(path, f"--screenshot={tmp_path / 'shot.png'}")
     assert any("Content Security Policy" in line for line in _console(log))
 
 
 def test_the_page_asks_for_nothing_from_anywhere():
-    made = identify_page(_run())
+    made = make_identify_page(_run())
     addresses = re.findall(r'\b(?:src|href|action|data|poster)="([^"]*)"', made)
     addresses += re.findall(r"url\(([^)]*)\)", made)
     assert [a for a in addresses if not a.startswith(("#", "data:"))] == []
@@ -367,5 +376,5 @@ def test_the_page_asks_for_nothing_from_anywhere():
 
 
 def test_a_long_run_stays_below_five_megabytes():
-    made = identify_page(_run(parts=8, cycles=36, rivals=16))
+    made = make_identify_page(_run(parts=8, cycles=36, rivals=16))
     assert len(made.encode()) < 5_000_000

@@ -12,7 +12,8 @@ from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
 from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.output.build_result import _improvement_p_value
+from selfheal.diagnosis.effects.declaration import PLACEHOLDERS
+from selfheal.diagnosis.output.finding_location import improvement_p_value
 from selfheal.diagnosis.output.result import (
     Candidate,
     Diagnosis,
@@ -21,8 +22,9 @@ from selfheal.diagnosis.output.result import (
     Trace,
 )
 from selfheal.report import diagnose, figures, phrases, tables
-from selfheal.report.diagnose import page, sentence
-from selfheal.report.page import bars, write_page
+from selfheal.report.diagnose import make_diagnosis_page
+from selfheal.report.page import make_bars, write_page
+from selfheal.report.phrases import state_verdict
 
 assert browse  # a fixture
 NAN = float("nan")
@@ -55,9 +57,22 @@ DELAY = {
     "where": {"signals": [], "regime": "always", "windows": [],
               "onset": {"episode": "002", "time": 3.4, "low": 3.3, "high": 3.5}},
     "evidence": {"heldout_nll_gain": 0.3, "p_value": 0.004, "stability": 0.9},
-    "measured": "link",
-    "begins": "settled",
     "native": False,
+}  # fmt: skip
+PLAY = {
+    "effect": "backlash",
+    "target": "joint:knee",
+    "measured": "link",
+    "parameters": [{"name": "gap", "value": 0.01, "unit": "rad"}],
+    "evidence": {},
+}
+SUM = {
+    "effect": "integral_action",
+    "target": "actuator:hip_motor",
+    "begins": "settled",
+    "parameters": [{"name": "ki", "value": 2.0, "unit": "N m/(rad s)"},
+                   {"name": "imax", "value": 1.0, "unit": "N m"}],
+    "evidence": {},
 }  # fmt: skip
 DIFF = """--- model.xml
 +++ patched.xml
@@ -133,7 +148,7 @@ def made_up(
 
 
 def _page(diagnosis: Diagnosis) -> str:
-    return page(diagnosis, "models/leg.xml", ["a.h5", "b.h5"])
+    return make_diagnosis_page(diagnosis, "models/leg.xml", ["a.h5", "b.h5"])
 
 
 def _told(diagnosis: Diagnosis) -> str:
@@ -173,14 +188,14 @@ def _hostile() -> Diagnosis:
 
 
 def test_one_finding_is_told_in_plain_words():
-    assert sentence(_document()) == (
+    assert state_verdict(_document()) == (
         "The joint knee has dry friction of 0.14 N m (0.12 to 0.16) that the model "
         "lacks; it explains 95\N{NO-BREAK SPACE}% of the error that can be explained."
     )
 
 
 def test_several_findings_are_one_sentence():
-    said = sentence(_document(findings=(FINDING, DELAY)))
+    said = state_verdict(_document(findings=(FINDING, DELAY)))
     assert said.startswith("2 things differ from the model: the joint knee has dry ")
     assert "the actuator hip_motor acts on its commands 0.0123 s (0.0118 to" in said
     assert "late, since 3.40 s of episode 002; together they explain 95" in said
@@ -189,16 +204,18 @@ def test_several_findings_are_one_sentence():
 
 def test_the_same_in_several_places_is_one_thing():
     legs = [{**DELAY, "target": f"actuator:{k}"} for k in "abcdefgh"]
-    said = sentence(_document(findings=legs[:3]))
+    said = state_verdict(_document(findings=legs[:3]))
     assert said.startswith("Each of the actuators a, b and c acts on its commands ")
     assert "; it explains" in said
-    assert sentence(_document(findings=legs)).startswith("Each of 8 actuators acts ")
+    assert state_verdict(_document(findings=legs)).startswith(
+        "Each of 8 actuators acts "
+    )
 
 
 def test_many_findings_are_counted():
     many = [{**FINDING, "target": "joint:a"}, DELAY]
     many += [{**FINDING, "effect": f"effect_{k}"} for k in range(5)]
-    said = sentence(_document(findings=many))
+    said = state_verdict(_document(findings=many))
     assert said.startswith("7 things differ from the model, first of all: ")
     assert "effect 0 (frictionloss 0.14 N m" in said and "effect 1" not in said
     assert _told(made_up(findings=many)).count("joint:knee") >= 5
@@ -242,7 +259,7 @@ def test_every_verdict_has_a_sentence_and_what_it_means(verdict, says, means):
 def test_what_a_finding_is_worth_is_said(removed, says):
     document = _document()
     document["fit"]["explainable_removed"] = removed
-    assert says in sentence(document)
+    assert says in state_verdict(document)
 
 
 def test_what_is_said_of_the_rest_is_so():
@@ -267,23 +284,25 @@ def test_what_patched_xml_has_of_an_effect_is_said():
 
 
 def test_every_effect_has_its_own_words():
-    assert set(load_catalogue()) <= set(phrases.SAYS)
-    for effect, words in phrases.SAYS.items():
-        names = set(re.findall(r"{(\w+)}", words)) - {"at", "all", *phrases.COMMON}
+    assert set(PLACEHOLDERS) == {"at", "all", *phrases.COMMON}
+    for effect in load_catalogue().values():
+        names = set(re.findall(r"{(\w+)}", effect.phrase)) - set(PLACEHOLDERS)
         stated = [{"name": n, "value": 1.5, "unit": "1"} for n in names]
-        found = {"effect": effect, "target": "joint:a", "parameters": stated}
-        said = sentence(_document(findings=(found,)))
+        found = {"effect": effect.name, "target": "joint:a", "parameters": stated}
+        said = state_verdict(_document(findings=(found,)))
         assert "{" not in said and "shows" not in said and said[0].isupper()
         assert all("1.5" in said for _ in names)
 
 
 def test_a_plugins_effect_is_told_by_its_name():
     found = {"effect": "magnetic_drag", "target": "world", "parameters": []}
-    said = sentence(_document(findings=(found,)))
+    said = state_verdict(_document(findings=(found,)))
     assert said.startswith("The robot shows magnetic drag that the model lacks; ")
     # an effect of the catalogue with other parameters than its sentence speaks of
     found = {**FINDING, "effect": "cogging"}
-    assert "shows cogging (frictionloss 0.14" in sentence(_document(findings=(found,)))
+    assert "shows cogging (frictionloss 0.14" in state_verdict(
+        _document(findings=(found,))
+    )
 
 
 def test_what_the_data_leave_open_is_marked():
@@ -309,7 +328,7 @@ def test_experiments_are_offered_where_the_catalogue_was_not_enough(monkeypatch)
 
 
 def test_the_page_is_in_order_and_whole():
-    words = _told(made_up(findings=(FINDING, DELAY)))
+    words = _told(made_up(findings=(FINDING, DELAY, PLAY, SUM)))
     titles = [
         *("Diagnosis of leg.xml", "What is missing", "Before and after"),
         *("Measured against predicted", "Where the re-fitted", "Candidates"),
@@ -336,7 +355,7 @@ def test_the_page_is_in_order_and_whole():
 
 
 def test_candidates_carry_their_evidence_and_late_findings_are_added():
-    words = _words(tables.candidates(made_up().candidates, [FINDING, DELAY]))
+    words = _words(tables.format_candidates(made_up().candidates, [FINDING, DELAY]))
     assert "1 coulomb_friction joint:knee 11 % 1.8 0.001 97 % named" in words
     assert "2 stribeck_friction joint:knee 12 % – – – not told apart" in words
     assert "– command_delay actuator:hip_motor – 0.3 0.004 90 % named" in words
@@ -369,9 +388,9 @@ def test_the_page_asks_for_nothing_from_anywhere():
 def test_few_windows_tell_as_much_as_few_can():
     at = np.arange(6)
     pieces = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
-    assert _improvement_p_value(pieces, np.zeros(6)) == 1
+    assert improvement_p_value(pieces, np.zeros(6)) == 1
     for n in range(1, 7):
-        assert _improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
+        assert improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
 
 
 def test_missing_numbers_have_a_page():
@@ -432,11 +451,11 @@ def test_one_short_constant_trace_is_drawn():
 
 def test_episodes_read_once_are_drawn_as_dots_in_a_row():
     poses = Trace("", "tilt", "1", np.arange(1.0, 7), *np.ones((4, 6)))
-    top, below = figures.traces([poses]).axes
+    top, below = figures.draw_traces([poses]).axes
     assert "held-out episodes" in top.get_title(loc="left")
     assert below.get_xlabel() == "episode"
     assert {line.get_marker() for line in top.lines} == {"o"}
-    (curve, _) = figures.traces([_trace(0)]).axes
+    (curve, _) = figures.draw_traces([_trace(0)]).axes
     assert "o" not in {line.get_marker() for line in curve.lines}
 
 
@@ -462,7 +481,7 @@ def test_a_large_diagnosis_stays_below_five_megabytes():
 )
 def test_a_value_has_the_digits_of_its_interval(value, low, high, unit, said):
     stated = {"value": value, "low": low, "high": high, "unit": unit}
-    assert tables.quantity(stated) == said
+    assert tables.format_quantity(stated) == said
 
 
 @pytest.mark.parametrize(
@@ -473,13 +492,15 @@ def test_a_value_has_the_digits_of_its_interval(value, low, high, unit, said):
 )  # fmt: skip
 def test_a_value_at_its_bound_is_marked(name, value, stuck):
     entry = {"parameter": name, "given": 2.0, "value": 2 * value, "unit": "1"}
-    assert tables.at_bound(entry) == stuck
+    assert tables.is_at_bound(entry) == stuck
 
 
 def test_a_bar_that_is_far_too_long_does_not_hide_the_others():
-    made = bars([("a", "18", 18.0), ("b", "1", 1.0), ("c", "-", NAN), ("d", "2", 2.0)])
+    made = make_bars(
+        [("a", "18", 18.0), ("b", "1", 1.0), ("c", "-", NAN), ("d", "2", 2.0)]
+    )
     assert re.findall(r"width:([\d.]+)%", made) == ["100.0", "16.7", "0.0", "33.3"]
-    assert "width:0.0%" in bars([("a", "0", 0.0)]) and bars([])
+    assert "width:0.0%" in make_bars([("a", "0", 0.0)]) and make_bars([])
 
 
 # ---- in a browser

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from toys import Toy
 
-from selfheal.body.body import centers_in_torso
-from selfheal.body.damage import parse, sensors_of
-from selfheal.body.mjcf import to_xml
+from selfheal.body.body import count_centers_in_torso
+from selfheal.body.damage import list_sensors, parse_damages
+from selfheal.body.mjcf import format_mjcf
 from selfheal.errors import InputError, RecordingError, UnknownNameError
-from selfheal.gait.pattern import pattern
+from selfheal.gait.pattern import find_pattern
 from selfheal.recording import (
     Recording,
     check_against_model,
@@ -19,8 +19,12 @@ from selfheal.recording import (
     validate,
     write,
 )
-from selfheal.robot.actions import actions_2006, published, spoken
-from selfheal.robot.base import open_robot, robots, walker
+from selfheal.robot.actions import (
+    describe_action,
+    list_actions_2006,
+    load_published_body,
+)
+from selfheal.robot.base import list_robots, open_robot, require_walker
 from selfheal.robot.replay import replay
 
 
@@ -53,13 +57,13 @@ def _equal(one: Recording, other: Recording) -> bool:
 
 
 def test_the_actions_of_2006_lower_one_or_two_joints():
-    actions = actions_2006()
+    actions = list_actions_2006()
     assert actions.shape == (36, 8)
     np.testing.assert_allclose(np.abs(actions), np.radians(30))
     down = (actions < 0).sum(axis=1)
     assert ((down == 1) | (down == 2)).all() and (down == 1).sum() == 8
     assert len(np.unique(actions, axis=0)) == 36
-    assert spoken(Toy().anatomy, Toy().actions[0]) == "joint_0 down"
+    assert describe_action(Toy().anatomy, Toy().actions[0]) == "joint_0 down"
 
 
 def test_a_replay_offers_each_action_once_and_answers_with_its_episode():
@@ -129,7 +133,7 @@ def test_a_simulated_recording_keeps_the_contract_and_fits_the_body(name, tmp_pa
     validate(recording)
     write(recording, tmp_path / "a.h5")
     assert _equal(read(tmp_path / "a.h5"), recording)
-    (tmp_path / "body.xml").write_text(to_xml(robot.truth))
+    (tmp_path / "body.xml").write_text(format_mjcf(robot.truth))
     check_against_model(recording, read_names(tmp_path / "body.xml"))
     (episode,) = recording.episodes.values()
     np.testing.assert_array_equal(episode.ctrl[-1], robot.actions[7])
@@ -151,7 +155,7 @@ def test_a_simulated_recording_can_be_replayed():
 
 def test_trees_are_numbered_and_their_parts_stay_out_of_the_torso():
     bodies = [open_robot(f"tree:{k}").truth for k in range(6)]
-    assert not any(centers_in_torso(body)[0] for body in bodies)
+    assert not any(count_centers_in_torso(body)[0] for body in bodies)
     assert len({body.parent.tobytes() for body in bodies}) > 3
     again, default = open_robot("tree:4", seed=9), open_robot("tree", seed=4)
     for robot in (again, default):
@@ -179,7 +183,7 @@ def test_robots_that_cannot_be_are_refused(name, options, kind, text):
 
 
 def test_every_robot_says_what_it_is():
-    found = robots()
+    found = list_robots()
     assert {"starfish", "starfish-2006", "tree"} <= found.keys()
     assert all(text and "\n" not in text for text in found.values())
 
@@ -188,8 +192,8 @@ def test_the_robot_of_2006_offers_its_36_actions(shared_recordings):
     file = shared_recordings / "starfish_2006" / "intact.h5"
     robot = open_robot("starfish-2006", recordings=file)
     found = {row.tobytes() for row in np.round(robot.actions, 6)}
-    assert found == {row.tobytes() for row in np.round(actions_2006(), 6)}
-    assert robot.anatomy.joints == published().anatomy.joints
+    assert found == {row.tobytes() for row in np.round(list_actions_2006(), 6)}
+    assert robot.anatomy.joints == load_published_body().anatomy.joints
     for action in (0, 35):
         (episode,) = robot.act(action).episodes.values()
         assert episode.ctrl[-1] == pytest.approx(robot.actions[action])
@@ -197,12 +201,14 @@ def test_the_robot_of_2006_offers_its_36_actions(shared_recordings):
 
 def _moved(robot, seconds=2.0, **how):
     rng = np.random.default_rng(1)
-    commands = pattern("waves").commands(0.3 * rng.normal(size=(1, 25)), 8, seconds)[0]
+    commands = find_pattern("waves").compute_commands(
+        0.3 * rng.normal(size=(1, 25)), 8, seconds
+    )[0]
     return robot.move(commands, **how)
 
 
 def test_a_move_is_a_sound_recording_and_the_same_again():
-    robot = walker(open_robot("starfish", seed=3))
+    robot = require_walker(open_robot("starfish", seed=3))
     first, again, other = _moved(robot), _moved(robot), _moved(robot, trial=1)
     validate(first)
     signals = [r.episodes["move"].signals for r in (first, again, other)]
@@ -211,12 +217,12 @@ def test_a_move_is_a_sound_recording_and_the_same_again():
     assert not np.array_equal(
         signals[0]["vertical"].values, signals[2]["vertical"].values
     )
-    assert set(sensors_of(robot.anatomy)) < set(signals[0])
+    assert set(list_sensors(robot.anatomy)) < set(signals[0])
 
 
 def test_a_robot_breaks_in_the_middle_of_a_move():
-    robot = walker(open_robot("starfish", seed=3))
-    dead = robot.struck(parse("dead:clearance", robot.anatomy), 1.0)
+    robot = require_walker(open_robot("starfish", seed=3))
+    dead = robot.struck(parse_damages("dead:clearance", robot.anatomy), 1.0)
     whole, broken = (
         _moved(r).episodes["move"].signals["clearance"].values for r in (robot, dead)
     )
@@ -225,8 +231,8 @@ def test_a_robot_breaks_in_the_middle_of_a_move():
 
 
 def test_a_shorter_leg_moves_otherwise_only_after_it_broke():
-    robot = walker(open_robot("starfish", seed=3))
-    short = robot.struck(parse("left_lower:0.3", robot.anatomy), 1.0)
+    robot = require_walker(open_robot("starfish", seed=3))
+    short = robot.struck(parse_damages("left_lower:0.3", robot.anatomy), 1.0)
     whole, broken = (
         _moved(r).episodes["move"].signals["torso_orientation"].values
         for r in (robot, short)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from toys import PARTS, Toy, anatomy, truth_genome
 
-from selfheal.body.body import centers_in_torso, edge_f1
+from selfheal.body.body import compute_edge_f1, count_centers_in_torso
 from selfheal.body.genome import (
     HINGE_NAMES,
     Genomes,
-    build,
-    concatenate,
-    random_genomes,
+    build_bodies,
+    concatenate_genomes,
+    draw_genomes,
 )
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import (
@@ -23,26 +23,26 @@ from selfheal.selfmodel.evaluate import (
     Evidence,
     Loss,
 )
-from selfheal.selfmodel.paper import CLIMBERS, PaperSearch, Slips, mutated
-from selfheal.selfmodel.search import Crowd, RivalSearch, _Climber
+from selfheal.selfmodel.paper import CLIMBERS, PaperSearch, ReleasedQuirks, mutate_genes
+from selfheal.selfmodel.search import RivalSearch, RivalSet, _Climber
 from selfheal.selfmodel.space import (
     SPACES,
-    changes,
-    crossed,
-    genome_key,
-    kicked,
-    neighbors,
-    nudges,
-    others,
-    random_bodies,
-    same,
-    space_of,
-    valid,
+    cross_genomes,
+    draw_nudges,
+    draw_space_genomes,
+    find_space,
+    is_same,
+    is_valid,
+    keep_others,
+    list_changes,
+    list_neighbors,
+    make_genome_key,
+    perturb_genome,
 )
-from selfheal.selfmodel.symmetry import Twins
+from selfheal.selfmodel.symmetry import SymmetryGroup
 
 TOY = Toy()
-FREE = space_of("free")
+FREE = find_space("free")
 NO_LIMIT = np.inf
 
 
@@ -75,16 +75,18 @@ def _evaluator(engine=None, loss: Loss = CAPPED_LOSS) -> Evaluator:
 
 def _evidence(*tried: int) -> Evidence:
     """What the toy felt under some actions."""
-    felt = _evaluator().table(truth_genome())[0]
+    felt = _evaluator().compute_table(truth_genome())[0]
     return Evidence(tried, felt[list(tried)])
 
 
 def _genomes(count: int) -> Genomes:
-    return random_genomes(anatomy(), count, np.random.default_rng(2), False)
+    return draw_genomes(anatomy(), count, np.random.default_rng(2), False)
 
 
 def _search(evaluator: Evaluator, space=FREE) -> RivalSearch:
-    return RivalSearch(space, evaluator, Twins.of(TOY.anatomy, TOY.actions))
+    return RivalSearch(
+        space, evaluator, SymmetryGroup.from_actions(TOY.anatomy, TOY.actions)
+    )
 
 
 ENGINES = [Statics(), Slow(1), Slow(64)]
@@ -96,13 +98,15 @@ def test_giving_up_early_changes_nobody_below_the_bound(engine):
     genomes, evidence = _genomes(60), _evidence(0, 3, 5, 8)
     evaluator, order = _evaluator(engine), np.arange(4)
     never = np.full(60, NO_LIMIT)
-    full, every = evaluator.losses(genomes, evidence, bound=never, order=order)
+    full, every = evaluator.compute_losses(genomes, evidence, bound=never, order=order)
     whole = evaluator.spent
     limit = float(np.quantile(full[np.isfinite(full)], 0.2))
     for order in (np.arange(4), np.array([2, 0, 3, 1])):
         before = evaluator.spent
         bound = np.full(60, limit)
-        total, each = evaluator.losses(genomes, evidence, bound=bound, order=order)
+        total, each = evaluator.compute_losses(
+            genomes, evidence, bound=bound, order=order
+        )
         below = full < limit
         np.testing.assert_allclose(total[below], full[below])
         assert (total[~below] == np.inf).all()
@@ -119,9 +123,11 @@ def test_a_simulation_is_one_candidate_under_one_action(engine):
     evaluator.progress = seen.append
     genomes = _genomes(30)
     bound = np.full(30, NO_LIMIT)
-    _, each = evaluator.losses(genomes, evidence, bound=bound, order=np.arange(2))
+    _, each = evaluator.compute_losses(
+        genomes, evidence, bound=bound, order=np.arange(2)
+    )
     assert evaluator.spent == (~np.isnan(each)).sum() == seen[-1]
-    evaluator.table(genomes)
+    evaluator.compute_table(genomes)
     assert (
         evaluator.spent == seen[-1] == (~np.isnan(each)).sum() + 30 * len(TOY.actions)
     )
@@ -130,9 +136,9 @@ def test_a_simulation_is_one_candidate_under_one_action(engine):
 def test_bodies_with_parts_inside_the_torso_are_not_simulated():
     """Papers.md 1.1; they are worse than any other."""
     genomes, evaluator = _genomes(200), _evaluator()
-    inside = centers_in_torso(build(TOY.anatomy, genomes)) > 0
+    inside = count_centers_in_torso(build_bodies(TOY.anatomy, genomes)) > 0
     assert 0 < inside.sum() < 200
-    total, each = evaluator.losses(
+    total, each = evaluator.compute_losses(
         genomes, _evidence(0), bound=np.full(200, NO_LIMIT), order=np.arange(1)
     )
     np.testing.assert_array_equal(np.isinf(total), inside)
@@ -142,15 +148,15 @@ def test_bodies_with_parts_inside_the_torso_are_not_simulated():
 
 def test_hardest_first_tries_every_action_once():
     evaluator, evidence = _evaluator(), _evidence(2, 7, 4, 0)
-    assert sorted(evaluator.hardest_first(evidence)) == [0, 1, 2, 3]
+    assert sorted(evaluator.order_by_hardness(evidence)) == [0, 1, 2, 3]
     bound = np.full(40, NO_LIMIT)
-    evaluator.losses(_genomes(40), evidence, bound=bound, order=np.arange(4))
-    order = evaluator.hardest_first(evidence)
+    evaluator.compute_losses(_genomes(40), evidence, bound=bound, order=np.arange(4))
+    order = evaluator.order_by_hardness(evidence)
     assert sorted(order) == [0, 1, 2, 3]
     hardness = evaluator.hardness[list(np.array(evidence.tried)[order])]
     assert (np.diff(hardness) <= 0).all()
     fresh = evidence.add(9, np.zeros(3))
-    assert evaluator.hardest_first(fresh)[0] == 4  # what was never tried leads
+    assert evaluator.order_by_hardness(fresh)[0] == 4  # what was never tried leads
 
 
 def test_a_channel_that_was_not_felt_costs_nothing():
@@ -165,12 +171,12 @@ def test_a_failed_candidate_can_never_become_the_best(batch):
     assert _true_shape(TOY.truth).all()
     evaluator = _evaluator(Slow(batch, fails=True))
     search, evidence = _search(evaluator), _evidence(0, 3, 5)
-    search.run(evidence, 2000, np.random.default_rng(0))
-    assert evaluator.failed > 0 and len(search.crowd)
-    assert np.isfinite(search.crowd.losses).all()
-    assert not _true_shape(search.crowd.genomes).any()
+    search.search(evidence, 2000, np.random.default_rng(0))
+    assert evaluator.failed > 0 and len(search.rivals)
+    assert np.isfinite(search.rivals.losses).all()
+    assert not _true_shape(search.rivals.genomes).any()
     released = PaperSearch(_evaluator(Slow(batch, fails=True), PAPER_LOSS))
-    released.run(evidence, 5, np.random.default_rng(0))
+    released.climb(evidence, 5, np.random.default_rng(0))
     finite = np.isfinite(released.losses)
     assert finite[0] and (np.diff(released.losses[finite]) >= 0).all()
     assert not (finite & _true_shape(released.genomes)).any()
@@ -178,13 +184,13 @@ def test_a_failed_candidate_can_never_become_the_best(batch):
 
 @pytest.mark.parametrize("name", SPACES)
 def test_neighbors_are_other_bodies_of_the_space(name):
-    space, rng = space_of(name), np.random.default_rng(0)
+    space, rng = find_space(name), np.random.default_rng(0)
     for row in range(5):
-        genome = random_bodies(anatomy(), space, 5, rng)[[row]]
-        fine = others(nudges(space, genome, rng), genome)
-        for around in (neighbors(space, genome), fine):
-            assert valid(around).all()
-            assert not same(around, genome).any()
+        genome = draw_space_genomes(anatomy(), space, 5, rng)[[row]]
+        fine = keep_others(draw_nudges(space, genome, rng), genome)
+        for around in (list_neighbors(space, genome), fine):
+            assert is_valid(around).all()
+            assert not is_same(around, genome).any()
             assert ((around.placement >= 0) & (around.placement < 1)).all()
             if not space.hinges:
                 assert (around.hinge == genome.hinge).all()
@@ -192,16 +198,16 @@ def test_neighbors_are_other_bodies_of_the_space(name):
                 assert (around.length == genome.length).all()
             if space.sides:
                 np.testing.assert_allclose(around.placement % 0.25, 0.125)
-        coarse = neighbors(space, genome)
+        coarse = list_neighbors(space, genome)
         assert (coarse.length == genome.length).all()
         assert (coarse.parent != genome.parent).any(axis=1).any()
 
 
 def test_one_change_brings_a_part_to_any_place_with_any_hinge():
     """Two changes through a body that fits worse are not climbed."""
-    space, rng = space_of("full"), np.random.default_rng(0)
-    genome = random_bodies(anatomy(), space, 1, rng)
-    around = concatenate(genome, neighbors(space, genome))
+    space, rng = find_space("full"), np.random.default_rng(0)
+    genome = draw_space_genomes(anatomy(), space, 1, rng)
+    around = concatenate_genomes(genome, list_neighbors(space, genome))
     for part in range(genome.parent.shape[1]):
         spots = np.column_stack(
             [around.parent[:, part], around.side[:, part], around.hinge[:, part]]
@@ -215,8 +221,11 @@ def test_one_change_brings_a_part_to_any_place_with_any_hinge():
 
 
 def test_the_same_row_is_the_same_change_of_every_body():
-    space, rng = space_of("full"), np.random.default_rng(0)
-    pair = [changes(space, random_bodies(anatomy(), space, 1, rng)) for _ in range(2)]
+    space, rng = find_space("full"), np.random.default_rng(0)
+    pair = [
+        list_changes(space, draw_space_genomes(anatomy(), space, 1, rng))
+        for _ in range(2)
+    ]
     assert len(pair[0]) == len(pair[1])
     row = 0
     for part in range(PARTS):
@@ -228,34 +237,38 @@ def test_the_same_row_is_the_same_change_of_every_body():
 
 
 def test_a_climber_tries_every_change_once_and_after_a_gain_all_of_the_new_body():
-    space, rng = space_of("sides"), np.random.default_rng(0)
-    first, second = (random_bodies(anatomy(), space, 1, rng) for _ in range(2))
+    space, rng = find_space("sides"), np.random.default_rng(0)
+    first, second = (draw_space_genomes(anatomy(), space, 1, rng) for _ in range(2))
     climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
     _rest(climber, 1)
-    climber.move(second, 8.0, np.array([4.0, 4.0]))
-    assert not climber.stuck
-    seen = [genome_key(g, row) for g in _rest(climber, 1000) for row in range(len(g))]
-    around = neighbors(space, second)
-    assert sorted(seen) == sorted(genome_key(around, k) for k in range(len(around)))
+    climber.move_to(second, 8.0, np.array([4.0, 4.0]))
+    assert not climber.is_stuck
+    seen = [
+        make_genome_key(g, row) for g in _rest(climber, 1000) for row in range(len(g))
+    ]
+    around = list_neighbors(space, second)
+    assert sorted(seen) == sorted(
+        make_genome_key(around, k) for k in range(len(around))
+    )
 
 
 def _rest(climber: _Climber, calls: int) -> list[Genomes]:
     """What a climber tries in so many turns, or until it is stuck."""
-    space, rng, tried = space_of("sides"), np.random.default_rng(1), []
-    while not climber.stuck and len(tried) < calls:
-        tried.append(climber.changes(space, 5, rng))
+    space, rng, tried = find_space("sides"), np.random.default_rng(1), []
+    while not climber.is_stuck and len(tried) < calls:
+        tried.append(climber.propose_changes(space, 5, rng))
     return tried
 
 
 def test_after_a_gain_a_climber_goes_on_with_the_next_change():
     """What failed a moment ago is tried again last."""
-    space, rng = space_of("sides"), np.random.default_rng(0)
-    first, second = (random_bodies(anatomy(), space, 1, rng) for _ in range(2))
+    space, rng = find_space("sides"), np.random.default_rng(0)
+    first, second = (draw_space_genomes(anatomy(), space, 1, rng) for _ in range(2))
     climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
-    climber.changes(space, 7, rng)
-    climber.move(second, 8.0, np.array([4.0, 4.0]))
-    tried = climber.changes(space, 5, rng)
-    expected = others(changes(space, second)[climber.order[7:12]], second)
+    climber.propose_changes(space, 7, rng)
+    climber.move_to(second, 8.0, np.array([4.0, 4.0]))
+    tried = climber.propose_changes(space, 5, rng)
+    expected = keep_others(list_changes(space, second)[climber.order[7:12]], second)
     np.testing.assert_array_equal(tried.parent, expected.parent)
     np.testing.assert_array_equal(tried.placement, expected.placement)
 
@@ -263,7 +276,7 @@ def test_after_a_gain_a_climber_goes_on_with_the_next_change():
 def test_a_change_that_gains_nothing_where_there_is_room_is_given_up():
     """Of four actions two are well explained: they have nothing to give."""
     climber = _Climber(_genomes(1), 14.0, np.array([0.5, 8.0, 0.5, 5.0]))
-    order, bound = climber.route(4)
+    order, bound = climber.plan_race(4)
     assert order[:2].tolist() == [1, 3]
     mine = np.cumsum(climber.each[order])
     assert (bound[1:] < mine[1:]).all()  # as good as the climber is not enough
@@ -272,22 +285,23 @@ def test_a_change_that_gains_nothing_where_there_is_room_is_given_up():
 
 def test_a_neighbor_of_a_neighbor_can_be_the_body_itself():
     rng = np.random.default_rng(0)
-    genome = random_bodies(anatomy(), space_of("sides"), 1, rng)
-    around = neighbors(space_of("sides"), genome)
+    genome = draw_space_genomes(anatomy(), find_space("sides"), 1, rng)
+    around = list_neighbors(find_space("sides"), genome)
     assert any(
-        same(neighbors(space_of("sides"), around[[k]]), genome).any() for k in range(5)
+        is_same(list_neighbors(find_space("sides"), around[[k]]), genome).any()
+        for k in range(5)
     )
 
 
 @pytest.mark.parametrize("name", SPACES)
 def test_kicks_and_crosses_stay_in_the_space(name):
-    space, rng = space_of(name), np.random.default_rng(1)
-    parents = random_bodies(anatomy(), space, 40, rng)
+    space, rng = find_space(name), np.random.default_rng(1)
+    parents = draw_space_genomes(anatomy(), space, 40, rng)
     for row in range(0, 40, 2):
-        kick = kicked(space, parents[[row]], rng)
-        child = crossed(parents[[row]], parents[[row + 1]], rng)
+        kick = perturb_genome(space, parents[[row]], rng)
+        child = cross_genomes(parents[[row]], parents[[row + 1]], rng)
         for genome in (kick, child):
-            assert len(genome) == 1 and valid(genome).all()
+            assert len(genome) == 1 and is_valid(genome).all()
             if space.sides:
                 np.testing.assert_allclose(genome.placement % 0.25, 0.125)
         either = (child.parent == parents.parent[row]) | (
@@ -297,26 +311,26 @@ def test_kicks_and_crosses_stay_in_the_space(name):
 
 
 def test_equal_bodies_have_equal_keys():
-    genomes = concatenate(_genomes(20), _genomes(20))
-    keys = [genome_key(genomes, row) for row in range(40)]
+    genomes = concatenate_genomes(_genomes(20), _genomes(20))
+    keys = [make_genome_key(genomes, row) for row in range(40)]
     assert keys[:20] == keys[20:] and len(set(keys)) == 20
 
 
 def test_a_crowd_keeps_the_best_of_each_structure():
     genomes, rng = _genomes(30), np.random.default_rng(0)
-    genomes = concatenate(genomes, genomes, genomes)
+    genomes = concatenate_genomes(genomes, genomes, genomes)
     losses = rng.permutation(90).astype(float)
-    crowd = Crowd.empty(PARTS, len(TOY.actions))
+    crowd = RivalSet.empty(PARTS, len(TOY.actions))
     for row in range(90):
         table = np.full((len(TOY.actions), 3), losses[row])
-        crowd.add(genomes[[row]], table, losses[row])
-    crowd.cut(1000)
+        crowd.add_rival(genomes[[row]], table, losses[row])
+    crowd.keep_best(1000)
     parent, side = crowd.genomes.parent, crowd.genomes.side
     names = [*map(bytes, np.hstack([parent, side]).astype(np.uint8))]
     assert len(set(names)) == len(names) <= 30
     assert crowd.losses[0] == 0 and (np.diff(crowd.losses) > 0).all()
     np.testing.assert_array_equal(crowd.tables[:, 0, 0], crowd.losses)
-    crowd.cut(3)
+    crowd.keep_best(3)
     assert len(crowd) == len(crowd.genomes) == 3
 
 
@@ -324,7 +338,7 @@ def _runs(search: RivalSearch, rng: np.random.Generator) -> Iterator[Evidence]:
     """Evidence that grows, searched for a while each time."""
     for count in (1, 2, 4, 6):
         evidence = _evidence(*range(count))
-        search.run(evidence, search.evaluator.spent + 1500, rng)
+        search.search(evidence, search.evaluator.spent + 1500, rng)
         yield evidence
 
 
@@ -333,8 +347,8 @@ def test_the_hidden_body_is_found_among_the_rivals(seed):
     evaluator = _evaluator()
     search, rng = _search(evaluator), np.random.default_rng(seed)
     for evidence in _runs(search, rng):
-        crowd = search.crowd
-        again, _ = evaluator.losses(
+        crowd = search.rivals
+        again, _ = evaluator.compute_losses(
             crowd.genomes,
             evidence,
             bound=np.full(len(crowd), NO_LIMIT),
@@ -342,9 +356,12 @@ def test_the_hidden_body_is_found_among_the_rivals(seed):
         )
         np.testing.assert_allclose(crowd.losses, again, atol=1e-3)
         assert (np.diff(crowd.losses) >= 0).all() and len(crowd) <= search.size
-    right = edge_f1(build(TOY.anatomy, search.crowd.genomes), TOY.truth) == 1
+    right = (
+        compute_edge_f1(build_bodies(TOY.anatomy, search.rivals.genomes), TOY.truth)
+        == 1
+    )
     assert right.any()
-    assert search.crowd.losses[0] < 2
+    assert search.rivals.losses[0] < 2
 
 
 def test_the_same_seed_searches_the_same_way():
@@ -352,7 +369,7 @@ def test_the_same_seed_searches_the_same_way():
     for _ in range(2):
         search = _search(_evaluator())
         list(_runs(search, np.random.default_rng(4)))
-        crowds.append(search.crowd)
+        crowds.append(search.rivals)
     np.testing.assert_array_equal(crowds[0].losses, crowds[1].losses)
     np.testing.assert_array_equal(
         crowds[0].genomes.placement, crowds[1].genomes.placement
@@ -362,10 +379,10 @@ def test_the_same_seed_searches_the_same_way():
 def test_the_losses_of_the_2006_climbers_never_rise():
     search = PaperSearch(_evaluator(loss=PAPER_LOSS))
     rng, evidence = np.random.default_rng(0), _evidence(0, 4)
-    search.run(evidence, 1, rng)
+    search.climb(evidence, 1, rng)
     for _ in range(20):
         before = search.losses
-        search.run(evidence, 1, rng)
+        search.climb(evidence, 1, rng)
         assert (search.losses <= before + 1e-9).all()
         assert (np.diff(search.losses) >= 0).all()
     assert search.genes.shape == (CLIMBERS, PARTS)
@@ -374,16 +391,18 @@ def test_the_losses_of_the_2006_climbers_never_rise():
 def test_the_2006_climbers_spend_no_more_than_their_ceiling():
     evaluator = _evaluator(loss=PAPER_LOSS)
     search = PaperSearch(evaluator)
-    search.run(_evidence(0, 4, 6), 10, np.random.default_rng(0))
+    search.climb(_evidence(0, 4, 6), 10, np.random.default_rng(0))
     assert CLIMBERS < evaluator.spent <= CLIMBERS * 3 * (10 + 1)
 
 
-@pytest.mark.parametrize("slips", [Slips(), Slips(idle_copies=False, pair=False)])
+@pytest.mark.parametrize(
+    "slips", [ReleasedQuirks(), ReleasedQuirks(idle_copies=False, pair=False)]
+)
 def test_mutated_genes_stay_in_their_range(slips):
     rng = np.random.default_rng(0)
     genes = rng.random(PARTS)
     for _ in range(2000):
-        genes = mutated(genes, slips, rng)
+        genes = mutate_genes(genes, slips, rng)
         assert ((genes >= 0) & (genes <= 1)).all()
 
 
@@ -391,8 +410,10 @@ def test_half_of_the_released_mutations_change_nothing():
     genes, idle = np.full(PARTS, 0.4), {}
     for copies in (False, True):
         rng = np.random.default_rng(0)
-        slips = Slips(idle_copies=copies)
-        same = [np.array_equal(mutated(genes, slips, rng), genes) for _ in range(2000)]
+        slips = ReleasedQuirks(idle_copies=copies)
+        same = [
+            np.array_equal(mutate_genes(genes, slips, rng), genes) for _ in range(2000)
+        ]
         idle[copies] = sum(same) / 2000
     assert idle[False] == 0
     assert idle[True] == pytest.approx(0.5, abs=0.05)  # 4 standard deviations
@@ -404,7 +425,7 @@ def test_a_pair_move_keeps_a_sum(pair):
     genes, rng = np.array([0.45, 0.5, 0.53, 0.6]), np.random.default_rng(0)
     checked = 0
     for _ in range(500):
-        moved = mutated(genes, Slips(idle_copies=False, pair=pair), rng)
+        moved = mutate_genes(genes, ReleasedQuirks(idle_copies=False, pair=pair), rng)
         changed = np.flatnonzero(moved != genes)
         if len(changed) != 2 or np.abs(moved - genes)[changed].max() > 0.3:
             continue  # one gene, or one that went round or was cut off
@@ -418,10 +439,10 @@ def test_a_pair_move_keeps_a_sum(pair):
 def test_the_2006_score_prefers_actions_that_the_best_models_disagree_on():
     search = PaperSearch(_evaluator(loss=PAPER_LOSS))
     rng = np.random.default_rng(0)
-    search.run(_evidence(0), 5, rng)
-    score, tables = search.score(0.0, rng)
+    search.climb(_evidence(0), 5, rng)
+    score, tables = search.score_actions(0.0, rng)
     assert tables.shape == (5, len(TOY.actions), 3)
     spread = tables.std(axis=0) * np.array([1, 1, 0.01])
     np.testing.assert_allclose(score, spread.sum(axis=1))
-    cautious, _ = search.score(1.0, rng)
+    cautious, _ = search.score_actions(1.0, rng)
     assert (cautious <= 0).all()

@@ -14,7 +14,7 @@ from toys_study import HERE, selfheal
 from typer.testing import CliRunner
 
 from selfheal.cli import app
-from selfheal.study.store import journal_of, load
+from selfheal.study.store import find_journal, load_study
 
 # killed when so many records are kept: after a chunk, within one (half a line is
 # written), when the file is written and has no name yet, and when the journal is in it
@@ -68,7 +68,7 @@ store.Journal.add = interrupted
 def _values(folder):
     """What each run of a study gave, once all of it is in one file."""
     file = folder / "study.h5"
-    assert not journal_of(file).exists()
+    assert not find_journal(file).exists()
     with h5py.File(file) as kept:
         records = [json.loads(text) for text in kept["records"].asstr()[()]]
     return [(r["key"], r["outcome"], r["error"].split("\n")[-1]) for r in records]
@@ -116,7 +116,7 @@ def test_a_client_killed_again_and_again_changes_no_value(calm, tmp_path):
         ended = selfheal("study", *words, "--workers", 1, more=more)
         assert ended.returncode == -signal.SIGKILL, ended.stderr
         words = "toy", "--resume", tmp_path / "study.h5"
-    assert len(load(tmp_path / "study.h5").left) < 16
+    assert len(load_study(tmp_path / "study.h5").left) < 16
     ended = selfheal("study", *words, "--workers", 1)
     assert ended.returncode == 0, ended.stderr
     assert _values(tmp_path) == _values(calm)
@@ -126,7 +126,7 @@ def test_an_interrupted_study_says_how_to_go_on(calm, tmp_path):
     words = "study", "toy", "--runs", 16, "--workers", 1, "--out", tmp_path
     ended = selfheal(*words, more=INTERRUPT)
     assert (ended.returncode, "Traceback" in ended.stderr) == (130, False), ended.stderr
-    left = len(load(tmp_path / "study.h5").left)
+    left = len(load_study(tmp_path / "study.h5").left)
     how = f"selfheal study toy --resume {tmp_path}/study.h5"
     told = f"{left} of 16 runs are left; go on with: {how}"
     assert 0 < left < 16 and told in ended.stderr
@@ -137,10 +137,10 @@ def test_an_interrupted_study_says_how_to_go_on(calm, tmp_path):
 
 def test_only_failed_runs_are_done_again(calm, tmp_path):
     file = Path(shutil.copy(calm / "study.h5", tmp_path))
-    before = load(file).records
+    before = load_study(file).records
     words = "study", "toy", "--resume", file, "--only", "failed", "--workers", 1
     assert selfheal(*words, TOY_WELL="yes").returncode == 0
-    after = load(file)
+    after = load_study(file)
     assert not after.failed
     same = [key for key, record in before.items() if after.records[key] == record]
     assert len(same) == 13 and len(after.records) == 16
@@ -178,7 +178,7 @@ def test_bad_input_is_refused(calm, tmp_path):
     cut.write_bytes(file.read_bytes()[:2000])
     _refused(("study", "show", cut), "truncated")
     lines = Path(shutil.copy(file, tmp_path / "study.h5"))
-    journal_of(lines).write_text("not JSON\n")
+    find_journal(lines).write_text("not JSON\n")
     _refused(("study", "show", lines), "damaged journal")
 
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from toys import PARTS, Toy, anatomy, truth_genome
 
-from selfheal.body.genome import Genomes, from_matrix, random_genomes
-from selfheal.body.genome import concatenate as joined
+from selfheal.body.genome import Genomes, decode_matrix, draw_genomes
+from selfheal.body.genome import concatenate_genomes as joined
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import CAPPED_LOSS, Evaluator
-from selfheal.selfmodel.space import same, valid
-from selfheal.selfmodel.symmetry import Twins
+from selfheal.selfmodel.space import is_same, is_valid
+from selfheal.selfmodel.symmetry import SymmetryGroup
 
 TOY = Toy()
-TWINS = Twins.of(TOY.anatomy, TOY.actions)
+TWINS = SymmetryGroup.from_actions(TOY.anatomy, TOY.actions)
 MEMBERS = [(g, t) for g in range(len(TWINS.turns)) for t in range(len(TWINS.trade))]
 
 
@@ -26,8 +26,8 @@ def _evaluator() -> Evaluator:
 def _genomes(count: int, *, hinges: bool) -> Genomes:
     rng = np.random.default_rng(5)
     if hinges:
-        return from_matrix(anatomy(), rng.random((count, PARTS, 4)))
-    return random_genomes(anatomy(), count, rng, False)
+        return decode_matrix(anatomy(), rng.random((count, PARTS, 4)))
+    return draw_genomes(anatomy(), count, rng, False)
 
 
 @pytest.mark.parametrize("hinges", [False, True], ids=["lifting", "any hinge"])
@@ -35,16 +35,16 @@ def test_the_table_of_a_twin_is_the_simulation_of_its_genome(hinges):
     genomes, evaluator = _genomes(40, hinges=hinges), _evaluator()
     if hinges:  # lengths are genes too, and trade places with their parts
         assert np.ptp(genomes.length) > 0
-    tables, rng = evaluator.table(genomes), np.random.default_rng(0)
+    tables, rng = evaluator.compute_table(genomes), np.random.default_rng(0)
     derived, twins = [], []
     for row in range(len(genomes)):
         turn, trade = MEMBERS[rng.integers(len(MEMBERS))]
-        if TWINS.valid(genomes.parent[row])[trade]:
-            derived.append(TWINS.table(tables[row], turn, trade))
-            twins.append(TWINS.genome(genomes, row, turn, trade))
+        if TWINS.find_valid_trades(genomes.parent[row])[trade]:
+            derived.append(TWINS.map_table(tables[row], turn, trade))
+            twins.append(TWINS.map_genome(genomes, row, turn, trade))
     assert len(twins) > 20
-    assert valid(joined(*twins)).all()
-    simulated = evaluator.table(joined(*twins))
+    assert is_valid(joined(*twins)).all()
+    simulated = evaluator.compute_table(joined(*twins))
     known = ~np.isnan(np.array(derived)).any(axis=2)
     gap = np.abs(np.array(derived) - simulated)[known].max(axis=1)
     # a body that balances on an edge may fall to either side of it
@@ -53,10 +53,10 @@ def test_the_table_of_a_twin_is_the_simulation_of_its_genome(hinges):
 
 def test_the_identity_is_a_twin_of_every_body():
     genomes = _genomes(10, hinges=False)
-    table = _evaluator().table(genomes)
+    table = _evaluator().compute_table(genomes)
     for row in range(10):
-        assert same(TWINS.genome(genomes, row, 0, 0), genomes[[row]]).all()
-        np.testing.assert_allclose(TWINS.table(table[row], 0, 0), table[row])
+        assert is_same(TWINS.map_genome(genomes, row, 0, 0), genomes[[row]]).all()
+        np.testing.assert_allclose(TWINS.map_table(table[row], 0, 0), table[row])
 
 
 def test_only_parts_that_are_alike_trade_labels():
@@ -79,33 +79,37 @@ def test_a_trade_moves_the_joints_of_an_action_along():
 
 def test_an_oblong_torso_turns_only_by_halves():
     oblong = replace(anatomy(), rim=np.array([0.06, 0.07, 0]))
-    assert set(Twins.of(oblong, TOY.actions).turns[:, 0]) == {0, 2}
+    assert set(SymmetryGroup.from_actions(oblong, TOY.actions).turns[:, 0]) == {0, 2}
     assert set(TWINS.turns[:, 0]) == {0, 1, 2, 3}
 
 
 @pytest.mark.parametrize("turn, trade", MEMBERS[:: max(1, len(MEMBERS) // 8)])
 def test_losses_find_the_relabeling_that_is_the_truth(turn, trade):
     genome, evaluator = truth_genome(), _evaluator()
-    assert TWINS.valid(genome.parent[0])[trade]
-    disguised = TWINS.genome(genome, 0, turn, trade)
+    assert TWINS.find_valid_trades(genome.parent[0])[trade]
+    disguised = TWINS.map_genome(genome, 0, turn, trade)
     tried = np.arange(len(TOY.actions))
-    felt = evaluator.table(genome)[0]
-    losses = TWINS.losses(
-        disguised.parent[0], evaluator.table(disguised)[0], tried, felt, CAPPED_LOSS
+    felt = evaluator.compute_table(genome)[0]
+    losses = TWINS.compute_losses(
+        disguised.parent[0],
+        evaluator.compute_table(disguised)[0],
+        tried,
+        felt,
+        CAPPED_LOSS,
     )
     assert losses.min() < 0.01
     best = np.unravel_index(int(np.argmin(losses)), losses.shape)
-    found = evaluator.table(TWINS.genome(disguised, 0, *map(int, best)))[0]
+    found = evaluator.compute_table(TWINS.map_genome(disguised, 0, *map(int, best)))[0]
     np.testing.assert_allclose(found, felt, atol=0.01)
 
 
 def test_an_action_that_is_not_offered_leaves_a_gap():
     some = TOY.actions[:2]
-    twins = Twins.of(TOY.anatomy, some)
+    twins = SymmetryGroup.from_actions(TOY.anatomy, some)
     assert (twins.action[0] == [0, 1]).all()
     missing = twins.action < 0
     for trade in np.flatnonzero(missing.any(axis=1)):
-        table = twins.table(np.ones((2, 3)), 0, int(trade))
+        table = twins.map_table(np.ones((2, 3)), 0, int(trade))
         np.testing.assert_array_equal(np.isnan(table).all(axis=1), missing[trade])
 
 

@@ -9,7 +9,7 @@ import pytest
 from toys_diagnosis import ARM, ROBOTS, bench, record
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.body import spatial_inertia
+from selfheal.diagnosis.effects.inertia import spatial_inertia
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.output import build_result

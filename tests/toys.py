@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from selfheal.body.body import Anatomy, Bodies
-from selfheal.body.genome import Genomes, build, from_tree
+from selfheal.body.genome import Genomes, build_bodies, encode_tree
 from selfheal.engine.statics import Statics
 from selfheal.recording import Episode, Recording, Signal
-from selfheal.robot.actions import actions_2006
+from selfheal.robot.actions import list_actions_2006
 
 PARTS = 4
 # two legs of two parts, none at the same place of its side
@@ -38,7 +38,7 @@ def anatomy(parts: int = PARTS) -> Anatomy:
 
 def truth_genome() -> Genomes:
     """The genome (1) of the toy's hidden body."""
-    return from_tree(anatomy(), PARENT, PLACEMENT)
+    return encode_tree(anatomy(), PARENT, PLACEMENT)
 
 
 @dataclass
@@ -58,11 +58,11 @@ class Toy:
 
     @property
     def actions(self) -> np.ndarray:
-        return actions_2006(PARTS)
+        return list_actions_2006(PARTS)
 
     @property
     def truth(self) -> Bodies:
-        return build(anatomy(), truth_genome())
+        return build_bodies(anatomy(), truth_genome())
 
     def act(self, action: int) -> Recording:
         self.acts += 1

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from selfheal.body.mjcf import ignore_warnings
+from selfheal.body.mjcf import silence_mujoco
 from selfheal.recording import Episode, Recording, Signal
 
 if TYPE_CHECKING:
@@ -239,7 +239,7 @@ def record(
         noise: other than the robot's.
         finer: steps of the truth in one of the model's.
     """
-    ignore_warnings()
+    silence_mujoco()
     rng = np.random.default_rng(seed)
     model = mujoco.MjModel.from_xml_string(robot.xml)
     model.opt.timestep /= finer

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from selfheal.body.genome import from_tree
+from selfheal.body.genome import encode_tree
 from selfheal.gait import synthesis
-from selfheal.recovery import likely
-from selfheal.robot.actions import published
-from selfheal.robot.base import Walker, open_robot, walker
-from selfheal.selfmodel.loop import felt
-from selfheal.selfmodel.run import Cycle, Run, Settings, save
+from selfheal.recovery import plausible_plants
+from selfheal.robot.actions import load_published_body
+from selfheal.robot.base import Walker, open_robot, require_walker
+from selfheal.selfmodel.loop import read_rest_channels
+from selfheal.selfmodel.run import Cycle, Run, Settings, save_run
 
-BODY = published()
+BODY = load_published_body()
 SEED = 7
 # a gait that `selfheal gait` found
 GENES = np.array(
@@ -50,30 +50,41 @@ PLACEMENT = np.array([0.125, 0.375, 0.625, 0.875, *4 * [0.375]])
 
 def shorten(patch: Callable[[object, str, object], None]) -> None:
     """Make searches short, from a gait that walks, by `setattr` or one that undoes."""
-    real = synthesis._random
+    real = synthesis._draw_genes
     patch(synthesis, "_RUNGS", ((1, 2, 2.0),))
     patch(synthesis, "_RANDOM", 2)
-    patch(synthesis, "_random", lambda search: 0 * real(search) + GENES)
+    patch(synthesis, "_draw_genes", lambda search: 0 * real(search) + GENES)
     patch(synthesis, "_STEP", 0.02)
     patch(synthesis, "_AGAIN_STEP", 0.02)
-    patch(likely, "_KEPT", 1)
+    patch(plausible_plants, "_KEPT", 1)
 
 
 def robot() -> Walker:
     """The hidden robot."""
-    return walker(open_robot("starfish", seed=SEED))
+    return require_walker(open_robot("starfish", seed=SEED))
 
 
 def identified(folder: Path, placement: np.ndarray = PLACEMENT) -> tuple[Path, Run]:
     """The file of a run that ended with the right body, or one hung a bit askew."""
     hidden = robot()
-    genomes = from_tree(BODY.anatomy, BODY.parent, placement)
+    genomes = encode_tree(BODY.anatomy, BODY.parent, placement)
     cycles = tuple(
-        Cycle(a, "", felt(hidden.act(a)), genomes, np.zeros((1, 36, 3)), np.zeros(1),
-              np.ones(8), 0.0, 0.0, 0, 0.0)
+        Cycle(
+            a,
+            "",
+            read_rest_channels(hidden.act(a)),
+            genomes,
+            np.zeros((1, 36, 3)),
+            np.zeros(1),
+            np.ones(8),
+            0.0,
+            0.0,
+            0,
+            0.0,
+        )
         for a in (0, 9, 20, 30)
-    )  # fmt: skip
+    )
     settings, done = Settings("starfish", seed=SEED), {"format": "selfheal-identify"}
     run = Run(settings, BODY.anatomy, hidden.actions, cycles, BODY, result=done)
-    save(run, folder / "run.h5")
+    save_run(run, folder / "run.h5")
     return folder / "run.h5", run

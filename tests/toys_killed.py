@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from selfheal.cli import app
-from selfheal.recovery import phased
+from selfheal.recovery import phased_run
 
 
 def main(moment: str, words: list[str]) -> None:
@@ -22,7 +22,7 @@ def main(moment: str, words: list[str]) -> None:
         words: its arguments.
     """
     when, _, phase = moment.partition(" ")
-    save = phased.save
+    save = phased_run.save_phased_run
 
     def die(*args):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -35,7 +35,7 @@ def main(moment: str, words: list[str]) -> None:
         if reached:
             die()
 
-    phased.save = killed
+    phased_run.save_phased_run = killed
     app(words)
 
 
@@ -48,9 +48,9 @@ def selfheal(before: str, moment: str, *words: object) -> subprocess.CompletedPr
     return subprocess.run(command, capture_output=True, text=True, cwd=here)
 
 
-def told(path: Path, kind: type[phased.PhasedRun]) -> str:
+def told(path: Path, kind: type[phased_run.PhasedRun]) -> str:
     """All that a run's file says but how long it took."""
-    run = phased.load(path, kind)
+    run = phased_run.load_phased_run(path, kind)
     phases = [(name, {**what, "seconds": 0}) for name, what in run.phases.items()]
     result = {**run.result, "seconds": 0}
     return json.dumps([phases, result], default=np.ndarray.tolist)

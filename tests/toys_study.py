@@ -50,9 +50,9 @@ def _tables(records):
 
 STUDY = Study(
     about="A study that takes no time.",
-    tasks=lambda asked: [Task(f"run {k}", {"seed": k}) for k in asked.seeds],
-    play=play,
-    tables=_tables,
+    list_tasks=lambda asked: [Task(f"run {k}", {"seed": k}) for k in asked.seeds],
+    run_task=play,
+    make_tables=_tables,
 )
 
 

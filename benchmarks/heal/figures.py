@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from selfheal.study.statistics import share
+from selfheal.study.statistics import format_share
 
 Records = Mapping[str, Mapping[str, Any]]
 Row = tuple[str, str, str]
@@ -46,7 +46,7 @@ def format_named_share(
         most: actions within which they must be named.
     """
     rows = [r for r in real.values() if r["chosen"] is chosen]
-    return share(sum(is_named(r, names, most) for r in rows), len(rows))
+    return format_share(sum(is_named(r, names, most) for r in rows), len(rows))
 
 
 def list_walk_ratios(records: Records) -> list[float]:
@@ -121,7 +121,7 @@ def _tabulate_verdicts(known: Mapping[str, Records]) -> list[Row]:
         ("the same, the lower part, <= 10", "named",
          format_named_share(real, True, LOWER, 10)),
         ("hidden damage, part and kind right with <= 8 actions", ">= 85 %",
-         share(len(good), len(bodies))),
+         format_share(len(good), len(bodies))),
         ("length error, mean over parts, mean over damages", "<= 0.5 cm (2006: 2.17)",
          f"{np.mean(errors):.2f} cm, worst {np.max(errors):.2f}"),
         ("healed / gait made for the true damaged body, median", ">= 0.9",
@@ -150,7 +150,7 @@ def _tabulate_alarms(known: Mapping[str, Records]) -> list[Row]:
         ("delay of the alarm, median", "<= 2 cycles",
          f"{format_quantiles(delays, 0.5)} cycles of {len(delays)}"),
         ("environment told from body", ">= 85 %",
-         share(len(damaged) + len(whole), len(bodies) + len(worlds))),
+         format_share(len(damaged) + len(whole), len(bodies) + len(worlds))),
     ]  # fmt: skip
 
 

@@ -9,24 +9,32 @@ import numpy as np
 
 from benchmarks.suites import KeyedRuns
 from benchmarks.writer import INTACT
-from selfheal.body.body import length_error
-from selfheal.engine.plant import damaged, rated
-from selfheal.engine.walk import channels_of, into_frame, sensed
-from selfheal.gait.believed import believed
-from selfheal.gait.pattern import pattern
-from selfheal.gait.synthesis import Gait, forward, synthesize, walk
+from selfheal.body.body import measure_length_error
+from selfheal.engine.plant import apply_damages, build_rated_plant
+from selfheal.engine.walk import compute_channels, list_channels, rotate_into_frame
+from selfheal.gait.pattern import find_pattern
+from selfheal.gait.rival_bodies import select_rival_bodies
+from selfheal.gait.synthesis import Gait, project_on_heading, synthesize_gait, walk_gait
 from selfheal.recording import read
-from selfheal.recovery.heal import heal
-from selfheal.recovery.monitor import baseline, watch
-from selfheal.recovery.phases import LEARNED, WATCHED, damage_of, robots_of
-from selfheal.recovery.record import HealRun, HealSettings, gait_of
-from selfheal.recovery.replayed import Tables, name_damage, tables
-from selfheal.recovery.senses import felt_over_time, orientation, position
-from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw
-from selfheal.robot.actions import published
-from selfheal.robot.base import open_robot, walker
+from selfheal.recovery.heal import heal_robot
+from selfheal.recovery.monitor import learn_baseline, watch_walk
+from selfheal.recovery.phases import LEARNED, WATCHED, make_robot_states, read_damage
+from selfheal.recovery.predict_actions import (
+    ActionTables,
+    infer_damage,
+    predict_actions,
+)
+from selfheal.recovery.read_channels import (
+    read_channels,
+    read_orientation,
+    read_position,
+)
+from selfheal.recovery.record import HealRun, HealSettings, read_gait
+from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw_damage
+from selfheal.robot.actions import load_published_body
+from selfheal.robot.base import open_robot, require_walker
 from selfheal.robot.replay import replay
-from selfheal.selfmodel.loop import identify
+from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
 
 FIRST = 5000
@@ -42,9 +50,9 @@ def list_real_runs(count: int) -> KeyedRuns:
 
 def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
     known, rng = _read_tables(), np.random.default_rng(seed)
-    parts = published().anatomy.parts
+    parts = load_published_body().anatomy.parts
     steps = []
-    for _, belief in islice(name_damage(known, rng, chosen=chosen), 10):
+    for _, belief in islice(infer_damage(known, rng, chosen=chosen), 10):
         names = [d.name for d in known.damages]
         of = {
             p: sum(b for b, n in zip(belief, names, strict=True) if n == p)
@@ -55,12 +63,14 @@ def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
 
 
 @cache
-def _read_tables() -> Tables:
+def _read_tables() -> ActionTables:
     robots: list[Any] = [
-        replay("starfish-2006", read(INTACT.with_name(f"{name}.h5")), published())
+        replay(
+            "starfish-2006", read(INTACT.with_name(f"{name}.h5")), load_published_body()
+        )
         for name in ("intact", "damaged")
     ]
-    return tables(robots[0], robots[1], published())
+    return predict_actions(robots[0], robots[1], load_published_body())
 
 
 def list_gait_runs(count: int) -> KeyedRuns:
@@ -74,13 +84,18 @@ def list_gait_runs(count: int) -> KeyedRuns:
 def _walk_gait(seed: int, name: str) -> dict[str, Any]:
     heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
     start = time.perf_counter()
-    gait = synthesize([rated(published())], name=name, heading=heading, seed=seed)
+    gait = synthesize_gait(
+        [build_rated_plant(load_published_body())],
+        name=name,
+        heading=heading,
+        seed=seed,
+    )
     spent = time.perf_counter() - start
     walked = []
     for robot in range(3):
-        hidden = walker(open_robot("starfish", seed=10 * seed + robot))
-        path = position(hidden.move(gait.commands(8)))
-        walked.append([float(v) for v in forward(path[-1], heading)])
+        hidden = require_walker(open_robot("starfish", seed=10 * seed + robot))
+        path = read_position(hidden.move(gait.commands(8)))
+        walked.append([float(v) for v in project_on_heading(path[-1], heading)])
     return {"gait": name, "heading": heading, "predicted": gait.predicted,
             "walked": walked, "seconds": spent,
             "failed": gait.failed, "simulations": gait.simulations}  # fmt: skip
@@ -91,7 +106,7 @@ def _walk_random_gaits() -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name in ("poses", "waves"):
         rng, ends = np.random.default_rng(FIRST), []
-        size = pattern(name).size(8)
+        size = find_pattern(name).count_genes(8)
         for k in range(30):
             # paper A's poses are uniform in +-70 degrees
             genes = (
@@ -100,8 +115,8 @@ def _walk_random_gaits() -> dict[str, Any]:
                 else rng.normal(0, 0.4, size)
             )
             gait = Gait(name, genes, 0.0, 0.0, 0.0, 0.0, 0, 0)
-            robot = walker(open_robot("starfish", seed=FIRST + k))
-            ends.append(position(robot.move(gait.commands(8)))[-1, :2].tolist())
+            robot = require_walker(open_robot("starfish", seed=FIRST + k))
+            ends.append(read_position(robot.move(gait.commands(8)))[-1, :2].tolist())
         found[name] = ends
     return found
 
@@ -109,9 +124,9 @@ def _walk_random_gaits() -> dict[str, Any]:
 def _prepare_robot(robot: int) -> tuple[Any, Any, Any]:
     """A hidden robot, its self-models and their weights."""
     seed = FIRST + robot
-    hidden = walker(open_robot("starfish", seed=seed))
-    *_, run = identify(hidden, Settings("starfish", seed=seed))
-    models, weights = believed(run)
+    hidden = require_walker(open_robot("starfish", seed=seed))
+    *_, run = identify_body(hidden, Settings("starfish", seed=seed))
+    models, weights = select_rival_bodies(run)
     return hidden, models, weights
 
 
@@ -142,12 +157,12 @@ def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
         _PREPARED[robot] = [*_prepare_robot(robot), {}]
     hidden, models, weights, phases = _PREPARED[robot]
     rng = np.random.default_rng([seed, 7])
-    damage = draw(hidden.anatomy, rng, (kinds[k % len(kinds)],))
+    damage = draw_damage(hidden.anatomy, rng, (kinds[k % len(kinds)],))
     onset = float(rng.uniform(8, 20))
     settings = HealSettings("", (damage,), onset, seed=FIRST + robot)
     begun = HealRun(settings, dict(phases))
-    run, robots = begun, robots_of(hidden, settings)
-    for run in heal(robots, models, weights, settings, run=begun):
+    run, robots = begun, make_robot_states(hidden, settings)
+    for run in heal_robot(robots, models, weights, settings, run=begun):
         if len(run.phases) == 2:
             _PREPARED[robot][3] = dict(run.phases)
         if not whole and "verdict" in run.phases:
@@ -157,12 +172,12 @@ def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
 
 def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]:
     phases = run.phases
-    alarm, gait = phases["alarm"]["alarm"], gait_of(phases["gait"])
+    alarm, gait = phases["alarm"]["alarm"], read_gait(phases["gait"])
     guess = phases["verdict"]["believed"][0]
-    found = damage_of(guess)
-    old = position(robots.broken.move(gait.commands(8), trial=200))[-1]
-    said = damaged(rated(models[[0]]), found).body
-    real = damaged(rated(truth), damage).body
+    found = read_damage(guess)
+    old = read_position(robots.broken.move(gait.commands(8), trial=200))[-1]
+    said = apply_damages(build_rated_plant(models[[0]]), found).body
+    real = apply_damages(build_rated_plant(truth), damage).body
     same = (found.kind, found.target) == (damage.kind, damage.target)
     return {
         "damage": damage.document, "found": guess, "right": same,
@@ -174,7 +189,7 @@ def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]
         "healed": run.result["distance"]["healed"] if run.result else None,
         "best_known": run.result["distance"]["best_known"] if run.result else None,
         "predicted": run.result["predicted"] if run.result else None,
-        "length_error": float(length_error(said, real)[0]),
+        "length_error": float(measure_length_error(said, real)[0]),
         "part_error": float(100 * np.abs(said.length - real.length).max()),
         "seconds": run.seconds,
     }  # fmt: skip
@@ -188,29 +203,31 @@ def list_alarm_runs(count: int) -> KeyedRuns:
 
 def _watch_walks(k: int) -> dict[str, Any]:
     gait, rng = _synthesize_known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
-    hidden = walker(open_robot("starfish", seed=FIRST + 100 + k))
-    plant, anatomy = rated(published()), hidden.anatomy
-    predicted = sensed(walk([plant], gait, WATCHED), [plant])[0]
-    channels = channels_of(anatomy)
-    measured = felt_over_time(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
-    known = baseline(measured, predicted[: len(measured)], gait.cycle, channels)
+    hidden = require_walker(open_robot("starfish", seed=FIRST + 100 + k))
+    plant, anatomy = build_rated_plant(load_published_body()), hidden.anatomy
+    predicted = compute_channels(walk_gait([plant], gait, WATCHED), [plant])[0]
+    channels = list_channels(anatomy)
+    measured = read_channels(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
+    known = learn_baseline(measured, predicted[: len(measured)], gait.cycle, channels)
 
     def seen(robot: Any, trial: int) -> tuple[Any, bool]:
         """The alarm, and whether the robot ended on its back."""
         move = robot.move(gait.commands(8, WATCHED), trial=trial)
-        measured = felt_over_time(move, anatomy)[1]
-        fallen = bool(into_frame(orientation(move)[-1], np.array([0.0, 0, 1]))[2] < 0)
-        return watch(measured, predicted, known, channels).alarm, fallen
+        measured = read_channels(move, anatomy)[1]
+        fallen = bool(
+            rotate_into_frame(read_orientation(move)[-1], np.array([0.0, 0, 1]))[2] < 0
+        )
+        return watch_walk(measured, predicted, known, channels).alarm, fallen
 
     whole = [seen(hidden, trial) for trial in range(1, 9)]
     broken = []
     for trial, kinds in enumerate((BODY_KINDS, WORLD_KINDS), 20):
-        damage = draw(anatomy, rng, (kinds[k % len(kinds)],))
+        damage = draw_damage(anatomy, rng, (kinds[k % len(kinds)],))
         onset = float(rng.uniform(8, 20))
         alarm, _ = seen(hidden.struck((damage,), onset), trial)
         early = alarm is not None and alarm.time < onset
         late = None if early or alarm is None else (alarm.time - onset) / gait.cycle
-        ends = [position(robot.move(gait.commands(8), trial=30))[-1, 0]
+        ends = [read_position(robot.move(gait.commands(8), trial=30))[-1, 0]
                 for robot in (hidden, hidden.struck((damage,)))]  # fmt: skip
         broken.append({"damage": damage.document, "early": early, "delay": late,
                        "cost": float(1 - ends[1] / ends[0])})  # fmt: skip
@@ -224,7 +241,11 @@ def _synthesize_known_gaits() -> list[Gait]:
     """Gaits for `alarms`: short searches are enough for walks that are only watched."""
     if not _GAITS:
         for seed in range(3):
-            _GAITS.append(synthesize([rated(published())], seed=FIRST + 200 + seed))
+            _GAITS.append(
+                synthesize_gait(
+                    [build_rated_plant(load_published_body())], seed=FIRST + 200 + seed
+                )
+            )
     return _GAITS
 
 

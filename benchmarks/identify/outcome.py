@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from selfheal.body.body import Bodies, center_distance, edge_f1
-from selfheal.body.genome import build
+from selfheal.body.body import Bodies, compute_edge_f1, measure_center_distance
+from selfheal.body.genome import build_bodies
 from selfheal.engine.statics import Statics
 from selfheal.robot.base import Robot
-from selfheal.selfmodel.evaluate import CAPPED_LOSS, channels
+from selfheal.selfmodel.evaluate import CAPPED_LOSS, stack_channels
 from selfheal.selfmodel.explore import TOLD_APART
 from selfheal.selfmodel.run import Run
 
@@ -19,7 +19,7 @@ _SAME_AXIS = np.cos(np.radians(10.0))  # chosen
 def _predict_channels(body: Bodies, actions: np.ndarray) -> np.ndarray:
     """(A, 3) channels of one body under every action, by statics."""
     copies = body[np.zeros(len(actions), int)]
-    return channels(Statics(threads=1).simulate(copies, actions))
+    return stack_channels(Statics(threads=1).simulate(copies, actions))
 
 
 def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
@@ -32,7 +32,7 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     truth, last = robot.truth, run.cycles[-1]
     if truth is None:
         raise ValueError(f"robot {robot.name!r} does not say its true body")
-    best = build(run.anatomy, last.genomes[:1])
+    best = build_bodies(run.anatomy, last.genomes[:1])
     tables = [_predict_channels(body, run.actions) for body in (best, truth)]
     apart = np.abs(tables[0] - tables[1]).max(axis=0)
     tried = [cycle.action for cycle in run.cycles]
@@ -49,8 +49,8 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
         "axes": int(axes.sum()),
         "stated": last.sureness.round(4).tolist(),
         "right": right.tolist(),
-        "edge_f1": float(edge_f1(best, truth)[0]),
-        "distance": float(center_distance(best, truth)[0]),
+        "edge_f1": float(compute_edge_f1(best, truth)[0]),
+        "distance": float(measure_center_distance(best, truth)[0]),
         "tilt_apart": float(apart[:2].max()),
         "clearance_apart": float(apart[2]),
         "loss": loss,

@@ -9,7 +9,7 @@ from benchmarks.identify.outcome import NEAR, explain_inexact_run, explain_liken
 from benchmarks.identify.suites import SuiteRow
 from benchmarks.writer import Section
 from selfheal.selfmodel.explore import TOLD_APART
-from selfheal.study.statistics import fisher, share
+from selfheal.study.statistics import format_share, run_fisher_test
 
 Records = Sequence[dict[str, Any]]
 _PAPER_RUNS = 30  # runs of each regime in the paper
@@ -62,8 +62,8 @@ def _make_success_section(
                 s.method,
                 s.cycles,
                 found[0]["settings"]["engine"],
-                share(_count_exact(found), len(found)),
-                share(good, len(found)),
+                format_share(_count_exact(found), len(found)),
+                format_share(good, len(found)),
                 row.target,
                 f"{np.mean([r['edge_f1'] for r in found]):.2f}",
                 f"{np.mean([r['axes'] for r in found]):.1f}",
@@ -117,7 +117,7 @@ def _make_tests_section(
 
 def _compare_shares(name: str, own: tuple, other: str, its: tuple) -> list[str]:
     """A line of a test of two shares, each (successes, count)."""
-    p = fisher(own, its)
+    p = run_fisher_test(own, its)
     return [name, f"{own[0]}/{own[1]}", other, f"{its[0]}/{its[1]}", f"{p:.2g}"]
 
 
@@ -138,7 +138,7 @@ def make_calibration_section(records: Records, source: str) -> Section:
         verdict = "" if count < _ENOUGH else "yes" if abs(gap) <= _POINTS else "no"
         rows.append(
             [f"{low:.1f} to {high:.1f}", count, f"{100 * said:.1f} %",
-             share(int(right[inside].sum()), count), verdict]
+             format_share(int(right[inside].sum()), count), verdict]
         )  # fmt: skip
     text = (
         f"{source} One statement an attachment: the stated probability that it is "

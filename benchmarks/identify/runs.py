@@ -25,7 +25,7 @@ from benchmarks.identify.suites import REAL, SUITES, SuiteRow
 from benchmarks.suites import read_lines
 from benchmarks.writer import INTACT, ROOT, count_cores, make_parser, publish_results
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.loop import identify
+from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
 
 _ROOMS = ("body", "engine", "robot", "selfmodel", "models")  # what results depend on
@@ -57,7 +57,7 @@ def play_run(settings: Settings, recordings: str) -> dict[str, Any]:
     file = Path(recordings) if settings.robot == REAL else None
     robot = open_robot(settings.robot, seed=settings.seed, recordings=file)
     start = time.perf_counter()
-    *_, run = identify(robot, settings)
+    *_, run = identify_body(robot, settings)
     spent = time.perf_counter() - start
     return {
         "settings": asdict(settings),

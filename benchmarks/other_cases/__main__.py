@@ -17,7 +17,7 @@ from pathlib import Path
 from benchmarks.other_cases.cases import OTHER_CASES
 from benchmarks.other_cases.make import make_case
 from benchmarks.sealed.cases import save_case
-from selfheal.body.mjcf import ignore_warnings
+from selfheal.body.mjcf import silence_mujoco
 
 
 def main() -> int:
@@ -28,7 +28,7 @@ def main() -> int:
     line.add_argument("--keys", type=Path, required=True)
     line.add_argument("--only", nargs="+", choices=names, default=names, metavar="NAME")
     options = line.parse_args()
-    ignore_warnings()
+    silence_mujoco()
     for case in OTHER_CASES:
         known = (options.keys / case.name / "key.json").is_file()
         if known or case.name not in options.only:

@@ -10,16 +10,16 @@ import numpy as np
 from benchmarks.performance.servo_fit import score_held_out
 from benchmarks.writer import INTACT, Section, make_parser, publish_results
 from selfheal.body.body import Bodies
-from selfheal.body.genome import build, random_genomes
+from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.body.mjcf import Physics
 from selfheal.engine import make_engine
 from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.statics import Statics
-from selfheal.robot.actions import actions_2006, published
+from selfheal.robot.actions import list_actions_2006, load_published_body
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.evaluate import channels
-from selfheal.selfmodel.loop import felt
-from selfheal.study.statistics import share
+from selfheal.selfmodel.evaluate import stack_channels
+from selfheal.selfmodel.loop import read_rest_channels
+from selfheal.study.statistics import format_share
 
 SAME = 2.0  # [deg] poses this near, in the worse tilt, are the same (issue's figure)
 LEFT_OUT = 0.05  # largest share of poses that may be left out (issue's figure)
@@ -28,7 +28,7 @@ LEFT_OUT = 0.05  # largest share of poses that may be left out (issue's figure)
 def read_readings(path) -> tuple[np.ndarray, np.ndarray]:
     """Joint targets (A, P) [rad] and measured channels (A, 3) of a recording."""
     robot = open_robot("starfish-2006", recordings=path)
-    measured = [felt(robot.act(k)) for k in range(len(robot.actions))]
+    measured = [read_rest_channels(robot.act(k)) for k in range(len(robot.actions))]
     return robot.actions, np.array(measured)
 
 
@@ -42,8 +42,8 @@ def score_published_body(
         "mjx": make_engine("mjx"),
         "mujoco, ramp 0.5 s, hold 1 s": MuJoCo(ramp=0.5, hold=1.0),
     }
-    bodies = published()[np.zeros(len(actions), int)]
-    seen = {k: channels(e.simulate(bodies, actions)) for k, e in engines.items()}
+    bodies = load_published_body()[np.zeros(len(actions), int)]
+    seen = {k: stack_channels(e.simulate(bodies, actions)) for k, e in engines.items()}
     data = {
         name: _summarize_errors(x, seen["mujoco"], measured) for name, x in seen.items()
     }
@@ -71,10 +71,12 @@ def _summarize_errors(seen, reference, measured) -> dict[str, float]:
 
 def draw_random_trees(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
     """Random trees of the starfish (count), and an action (count, P) [rad] for each."""
-    anatomy, rng = published().anatomy, np.random.default_rng(seed)
-    genomes = random_genomes(anatomy, count, rng, sides=False)
-    actions = actions_2006(anatomy.size)
-    return build(anatomy, genomes), actions[rng.integers(len(actions), size=count)]
+    anatomy, rng = load_published_body().anatomy, np.random.default_rng(seed)
+    genomes = draw_genomes(anatomy, count, rng, sides=False)
+    actions = list_actions_2006(anatomy.size)
+    return build_bodies(anatomy, genomes), actions[
+        rng.integers(len(actions), size=count)
+    ]
 
 
 def measure_agreement(count: int, seed: int) -> tuple[Section, Any]:
@@ -106,12 +108,13 @@ def measure_agreement(count: int, seed: int) -> tuple[Section, Any]:
         near = _compute_tilt_gap(tilt(engine), reference) <= SAME
         every, some = int(near.sum()), int(near[kept].sum())
         data[name] = {"all": every, "kept": some}
-        rows.append([name, share(every, count), share(some, len(kept))])
+        rows.append([name, format_share(every, count), format_share(some, len(kept))])
     text = (
         f"{count} random trees x a random 2006 action, seed {seed}; the share whose "
         f"worse tilt is within {SAME:g} degrees of `mujoco`. `mujoco` itself rests "
         f"elsewhere at half the time step or at friction 0.5 in "
-        f"{share(data['unstable'], count)}; of these the {data['left_out']} that move "
+        f"{format_share(data['unstable'], count)}; of these the {data['left_out']} "
+        f"that move "
         f"most are left out in the last column (at most {100 * LEFT_OUT:g} % of all). "
         "Targets there: statics 95 %, mjx 96 %."
     )

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from benchmarks.writer import Section
 from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.statics import Statics
-from selfheal.robot.actions import published
+from selfheal.robot.actions import load_published_body
 
 FOLDS = 6
 # All fixed before the first fit. Servos of the 2006 robot miss by 1.2 degrees on
@@ -33,7 +33,7 @@ def predict_tilts(values: np.ndarray, targets: np.ndarray, engine) -> np.ndarray
         targets: (A, 8) commanded [rad].
         engine: predicts.
     """
-    body, tilts = published(), []
+    body, tilts = load_published_body(), []
     for row in values:
         half = body.anatomy.torso_half + np.append(row[8:], 0) / 1000
         anatomy = replace(body.anatomy, torso_half=half)

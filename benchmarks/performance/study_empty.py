@@ -13,7 +13,7 @@ def return_constant(settings: Mapping[str, Any]) -> Mapping[str, Any]:
 
 STUDY = Study(
     about="Of the benchmark.",
-    tasks=lambda asked: [Task(f"run {k}", {"seed": k}) for k in asked.seeds],
-    play=return_constant,
-    tables=lambda records: [],
+    list_tasks=lambda asked: [Task(f"run {k}", {"seed": k}) for k in asked.seeds],
+    run_task=return_constant,
+    make_tables=lambda records: [],
 )

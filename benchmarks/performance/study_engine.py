@@ -22,7 +22,13 @@ import psutil
 
 from benchmarks.writer import INTACT, ROOT, Section, make_parser, publish_results
 from selfheal.study.plan import Task
-from selfheal.study.store import create, journal_of, load, merge, writing
+from selfheal.study.store import (
+    create_study,
+    find_journal,
+    load_study,
+    merge_journal,
+    open_journal,
+)
 
 _RUNS, _KILLS, _EMPTY, _KEPT = 60, 20, 2000, 100_000
 
@@ -39,7 +45,7 @@ def _start_client(*words: Any) -> subprocess.Popen:
 def _count_records(file: Path) -> int:
     """Records kept so far."""
     try:
-        return len(load(file).records)
+        return len(load_study(file).records)
     except Exception:  # it is being made
         return 0
 
@@ -126,25 +132,25 @@ def measure_writer(folder: Path) -> dict[str, Any]:
     found: dict[str, Any] = {"bytes": len(json.dumps(records[0]))}
     for size in (1, 10, 100, 1000):
         file = folder / f"kept-{size}.h5"
-        create(file, "empty", {}, tasks[:10_000])
+        create_study(file, "empty", {}, tasks[:10_000])
         some = records[: min(10_000, 1000 * size)]
-        with writing(file) as journal:
+        with open_journal(file) as journal:
             start = time.perf_counter()
             for k in range(0, len(some), size):
                 journal.add(some[k : k + size])
             found[f"rate {size}"] = len(some) / (time.perf_counter() - start)
     file = folder / "all.h5"
-    create(file, "empty", {}, tasks)
-    with writing(file) as journal:
+    create_study(file, "empty", {}, tasks)
+    with open_journal(file) as journal:
         journal.add(records)
         start = time.perf_counter()
-        merge(file)
+        merge_journal(file)
         found["merge"] = time.perf_counter() - start
     start = time.perf_counter()
-    load(file)
+    load_study(file)
     found["load"] = time.perf_counter() - start
     found["megabytes"] = file.stat().st_size / 1e6
-    assert not journal_of(file).exists()
+    assert not find_journal(file).exists()
     return found
 
 

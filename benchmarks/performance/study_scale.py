@@ -21,18 +21,18 @@ import numpy as np
 from benchmarks.performance.study_empty import STUDY
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.body.body import Anatomy, Bodies
-from selfheal.body.genome import build, random_genomes
+from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.engine.statics import Statics
-from selfheal.robot.actions import actions_2006, published
+from selfheal.robot.actions import list_actions_2006, load_published_body
 from selfheal.robot.simulated import SimulatedRobot
-from selfheal.selfmodel.loop import identify
+from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
 from selfheal.selfmodel.schema import SENSOR_SETS
-from selfheal.selfmodel.symmetry import Twins
-from selfheal.study.execute import execute
-from selfheal.study.plan import Task, study_of
-from selfheal.study.store import create, writing
-from selfheal.study.workers import Place, connected
+from selfheal.selfmodel.symmetry import SymmetryGroup
+from selfheal.study.execute import execute_tasks
+from selfheal.study.plan import Task, find_study
+from selfheal.study.store import create_study, open_journal
+from selfheal.study.workers import Workplace, connect_workers
 
 _PARTS, _ACTIONS, _SEEDS = (4, 6, 8, 10, 12), (2, 4, 8, 16), 3
 _CYCLES, _BUDGET = 4, 8_000  # actions and simulations of a short run
@@ -45,7 +45,7 @@ Row = dict[str, float]
 
 def make_anatomy(parts: int) -> Anatomy:
     """The starfish's anatomy with another even number of parts, upper ones first."""
-    known, half = published().anatomy, parts // 2
+    known, half = load_published_body().anatomy, parts // 2
     rows = [k % 4 for k in range(half)] + [4 + k % 4 for k in range(half)]
     columns = ("length", "radius", "mass", "block_half", "block_center", "block_mass")
     return replace(
@@ -62,13 +62,13 @@ def measure_by_parts() -> list[Row]:
     rows = []
     for parts in _PARTS:
         anatomy, rng = make_anatomy(parts), np.random.default_rng([parts, 0])
-        bodies = build(anatomy, random_genomes(anatomy, _POSES, rng, False))
-        actions = actions_2006(parts)
+        bodies = build_bodies(anatomy, draw_genomes(anatomy, _POSES, rng, False))
+        actions = list_actions_2006(parts)
         targets = actions[rng.integers(len(actions), size=_POSES)]
         start = time.process_time()
         Statics().simulate(bodies, targets)
         pose = (time.process_time() - start) / _POSES
-        twins = Twins.of(anatomy, actions)
+        twins = SymmetryGroup.from_actions(anatomy, actions)
         runs = [_time_run(bodies[[k]], seed=k, cycles=_CYCLES) for k in range(_SEEDS)]
         rows.append(
             {
@@ -84,7 +84,7 @@ def measure_by_parts() -> list[Row]:
 
 def measure_by_actions() -> list[Row]:
     """CPU of runs by the number of actions, with as many simulations for each."""
-    body = published()
+    body = load_published_body()
     return [
         {
             "cycles": n,
@@ -96,7 +96,7 @@ def measure_by_actions() -> list[Row]:
 
 def measure_by_sensors() -> list[dict[str, Any]]:
     """CPU of runs of study `schema`, our way, by the set of sensors."""
-    play, rows = study_of("schema").play, []
+    play, rows = find_study("schema").run_task, []
     for names in SENSOR_SETS:
         asked = {"robot": "starfish", "what": "ours", "sensors": "+".join(names)}
         start = time.process_time()
@@ -113,7 +113,7 @@ def _time_run(body: Bodies, *, seed: int, cycles: int) -> Row:
     budget = _BUDGET * cycles // _CYCLES
     asked = Settings("starfish", engine="statics", cycles=cycles, budget=budget)
     start = time.process_time()
-    *_, run = identify(robot, replace(asked, seed=seed))
+    *_, run = identify_body(robot, replace(asked, seed=seed))
     spent = time.process_time() - start
     counts = run.counts
     return {"seconds": spent, "search": counts["statics"], "choice": counts["choice"]}
@@ -127,11 +127,14 @@ def measure_service(folder: Path) -> float:
     """CPU [s] that client, scheduler and writer, one process, spend on an empty run."""
     tasks = [Task(f"run {k}", {"seed": k}) for k in range(_EMPTY)]
     file = folder / "study.h5"
-    create(file, "empty", {}, tasks)
-    with connected(Place(workers=1), folder) as client, writing(file) as journal:
+    create_study(file, "empty", {}, tasks)
+    with (
+        connect_workers(Workplace(workers=1), folder) as client,
+        open_journal(file) as journal,
+    ):
         client.wait_for_workers(1)
         start = time.process_time()
-        for records, _ in execute(client, STUDY, tasks):
+        for records, _ in execute_tasks(client, STUDY, tasks):
             journal.add(records)
         return (time.process_time() - start) / _EMPTY
 
@@ -226,7 +229,7 @@ def main() -> None:
     """Measure what runs cost, simulate many workers, and publish."""
     options = make_parser(__doc__ or "").parse_args()
     os.environ["NPROC"] = "1"  # as in a worker
-    _time_run(published(), seed=0, cycles=2)  # compiles
+    _time_run(load_published_body(), seed=0, cycles=2)  # compiles
     found: dict[str, Any] = {
         "parts": measure_by_parts(),
         "actions": measure_by_actions(),

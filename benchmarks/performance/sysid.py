@@ -21,14 +21,18 @@ from mujoco import sysid
 
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.diagnosis.effects.base import Term
-from selfheal.diagnosis.effects.nominal import MASS, REST, build_nominal_terms
+from selfheal.diagnosis.effects.nominal import (
+    MASS_BOUND,
+    OTHER_BOUND,
+    build_nominal_terms,
+)
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.simulation import score
 from selfheal.diagnosis.simulation.dataset import (
-    LONG,
-    WINDOW,
+    LONG_SEGMENT,
+    SHORT_SEGMENT,
     Dataset,
     cut_readable_segments,
     prepare_dataset,
@@ -57,10 +61,10 @@ XML = """<mujoco model="arm">
 """
 JOINTS, BODIES = ("shoulder", "elbow"), ("upper", "lower")
 VALUES = {  # what is refitted, and how far a careful user lets it move
-    **{f"joint:{j}/damping": REST for j in JOINTS},
-    **{f"joint:{j}/armature": REST for j in JOINTS},
-    **{f"actuator:{j}_servo/kp": REST for j in JOINTS},
-    **{f"body:{b}/mass": MASS for b in BODIES},
+    **{f"joint:{j}/damping": OTHER_BOUND for j in JOINTS},
+    **{f"joint:{j}/armature": OTHER_BOUND for j in JOINTS},
+    **{f"actuator:{j}_servo/kp": OTHER_BOUND for j in JOINTS},
+    **{f"body:{b}/mass": MASS_BOUND for b in BODIES},
 }
 WRONG = 0.8  # of that reach: the largest error of a value; chosen
 EPISODES, HELD, SECONDS, NOISE = 6, 2, 5.0, 1e-3  # [s], [rad]; chosen
@@ -244,8 +248,8 @@ def score_values(robot: HiddenArm, values: np.ndarray) -> float:
 THEIRS = "mujoco.sysid, defaults"
 METHODS: dict[str, Callable[[HiddenArm], np.ndarray]] = {
     "selfheal, whole episodes": partial(fit_with_selfheal, seconds=None),
-    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG),
-    "selfheal, pieces of 0.5 s": partial(fit_with_selfheal, seconds=WINDOW),
+    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG_SEGMENT),
+    "selfheal, pieces of 0.5 s": partial(fit_with_selfheal, seconds=SHORT_SEGMENT),
     THEIRS: fit_with_sysid,
 }
 
@@ -319,7 +323,7 @@ def _collect_figures(rows: list[dict[str, Any]], method: str, key: str) -> np.nd
 def _describe_comparison(rows: list[dict[str, Any]]) -> str:
     """What was compared."""
     given, truth = (np.median([row[k] for row in rows]) for k in ("given", "truth"))
-    most = [f"{100 * WRONG * reach:.0f} %" for reach in (REST, MASS)]
+    most = [f"{100 * WRONG * reach:.0f} %" for reach in (OTHER_BOUND, MASS_BOUND)]
     return (
         f"{len(rows)} arms of two joints with position servos. Wrong by up to "
         f"{most[0]}: damping, armature and kp of both joints; by up to {most[1]}: both "

@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.writer import ROOT, Section, count_cores, make_parser, publish_results
 from selfheal.body.body import Bodies
-from selfheal.body.genome import build, random_genomes
-from selfheal.robot.actions import actions_2006, published
+from selfheal.body.genome import build_bodies, draw_genomes
+from selfheal.robot.actions import list_actions_2006, load_published_body
 
 STEPS, TIMESTEP = 100, 0.01  # of a reference simulation [1], [s]: the issue's
 THREADS = 2  # of the reference: the issue's
@@ -31,10 +31,12 @@ CPU_BATCHES, GPU_BATCHES = (64, 256, 1024), (1024, 4096, 16384, 65536)
 
 def draw_candidates(count: int, seed: int) -> tuple[Bodies, np.ndarray]:
     """Random trees (count), and a random action of 2006 (count, P) [rad] for each."""
-    anatomy, rng = published().anatomy, np.random.default_rng(seed)
-    genomes = random_genomes(anatomy, count, rng, sides=False)
-    actions = actions_2006(anatomy.size)
-    return build(anatomy, genomes), actions[rng.integers(len(actions), size=count)]
+    anatomy, rng = load_published_body().anatomy, np.random.default_rng(seed)
+    genomes = draw_genomes(anatomy, count, rng, sides=False)
+    actions = list_actions_2006(anatomy.size)
+    return build_bodies(anatomy, genomes), actions[
+        rng.integers(len(actions), size=count)
+    ]
 
 
 def time_call(work: Callable[[], Any]) -> float:
@@ -46,12 +48,12 @@ def time_call(work: Callable[[], Any]) -> float:
 
 def compile_models(bodies: Bodies) -> list:
     """A compiled MuJoCo model of each body, for the reference."""
-    from selfheal.body.mjcf import Physics, to_spec
+    from selfheal.body.mjcf import Physics, build_spec
 
     physics = Physics(timestep=TIMESTEP)
     with ThreadPoolExecutor(THREADS) as pool:
         rows = range(len(bodies))
-        return list(pool.map(lambda k: to_spec(bodies, k, physics).compile(), rows))
+        return list(pool.map(lambda k: build_spec(bodies, k, physics).compile(), rows))
 
 
 def roll_out(compiled: list, targets: np.ndarray) -> None:
@@ -59,9 +61,9 @@ def roll_out(compiled: list, targets: np.ndarray) -> None:
     import mujoco
     from mujoco import rollout
 
-    from selfheal.body.mjcf import ignore_warnings
+    from selfheal.body.mjcf import silence_mujoco
 
-    ignore_warnings()
+    silence_mujoco()
     ramp = np.minimum(np.arange(1, STEPS + 1) / (STEPS / 2), 1)[:, None]
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.writer import Section, publish_results
-from selfheal.study.statistics import share
+from selfheal.study.statistics import format_share
 
 Records = Mapping[str, Mapping[str, Any]]
 
@@ -78,7 +78,7 @@ def _format_quantiles(values: Sequence[float]) -> str:
 
 def _format_named_share(records: Iterable[Mapping[str, Any]]) -> str:
     known = [r["named"] for r in records if r["named"] is not None]
-    return share(sum(known), len(known))
+    return format_share(sum(known), len(known))
 
 
 def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:

@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 
 from selfheal.body.body import Floats
-from selfheal.body.legged import HIDDEN, Legged
+from selfheal.body.legged import HIDDEN, LeggedRobot
 
 
-def walk_plain(robot: Legged, weights: Floats, steps: int = 1000) -> float:
+def walk_plain(robot: LeggedRobot, weights: Floats, steps: int = 1000) -> float:
     """Forward displacement [m] of a whole robot under a controller, by plain MuJoCo.
 
     Args:
@@ -18,7 +18,7 @@ def walk_plain(robot: Legged, weights: Floats, steps: int = 1000) -> float:
     model = robot.model
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    feet, inputs = robot.feet, len(robot.sensors) + robot.bias
+    feet, inputs = robot.feet, len(robot.sensors) + robot.has_bias
     inner = weights[: inputs * HIDDEN].reshape(inputs, HIDDEN)
     outer = weights[inputs * HIDDEN :].reshape(HIDDEN, -1)
     sensed = np.ones(inputs)

@@ -10,19 +10,19 @@ import numpy as np
 from benchmarks.recover.reference import walk_plain
 from benchmarks.suites import KeyedRuns
 from benchmarks.writer import count_cores
-from selfheal.body.legged import LEGGED, legged
-from selfheal.engine.reflex import drive, whole
+from selfheal.body.legged import LEGGED, load_legged_robot
+from selfheal.engine.reflex import build_intact_plants, simulate_controllers
 from selfheal.gait.genetic import (
     GENERATIONS,
     KEPT,
     POPULATION,
-    begin,
-    draw,
-    evolve,
+    draw_values,
+    evolve_population,
+    start_population,
 )
-from selfheal.recovery.recover import named, recover
-from selfheal.recovery.recover_run import RecoverSettings
-from selfheal.robot.scenarios import SCENARIOS, TABLE, scenario
+from selfheal.recovery.recover import recover_robot
+from selfheal.recovery.recover_run import RecoverSettings, is_damage_named
+from selfheal.robot.scenarios import SCENARIOS, TABLE, draw_scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
 
 FIRST = 5000
@@ -72,13 +72,18 @@ def _list_runs(
 def _recover_robot(
     method: str, robot: str, number: int, seed: int, more: dict[str, Any]
 ) -> dict[str, Any]:
-    body = legged(robot)
-    damage = scenario(number, body, seed)
+    body = load_legged_robot(robot)
+    damage = draw_scenario(number, body, seed)
     settings = RecoverSettings(robot, number, damage, method, seed, **more)
     walker = SimulatedLegs(body, seed, settings.gap)
-    *_, run = recover(walker, settings)
-    kept: dict[str, Any] = {"robot": robot, "scenario": number, "seed": seed,
-                            "method": method, "named": named(run)}  # fmt: skip
+    *_, run = recover_robot(walker, settings)
+    kept: dict[str, Any] = {
+        "robot": robot,
+        "scenario": number,
+        "seed": seed,
+        "method": method,
+        "named": is_damage_named(run),
+    }
     result = run.result
     kept |= {k: result[k] for k in ("damage", "hypotheses", "actions", "distance")}
     kept["walked"] = [trial["walked"] for trial in result["trials"]]
@@ -97,8 +102,8 @@ def list_speed_runs(seeds: int) -> KeyedRuns:
 
 def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
     """CPU and wall seconds of an evaluation, each way."""
-    robot, rng = legged(name), np.random.default_rng(seed)
-    genomes = draw(100, robot.synapses, rng)
+    robot, rng = load_legged_robot(name), np.random.default_rng(seed)
+    genomes = draw_values(100, robot.synapses, rng)
     spent: dict[str, Any] = {"robot": name, "cores": count_cores()}
 
     def timed(what: str, count: int, play: Callable[[], Any]) -> None:
@@ -108,15 +113,21 @@ def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
                        "cpu": (time.process_time() - cpu) / count}  # fmt: skip
 
     timed("plain", 20, lambda: [walk_plain(robot, g) for g in genomes[:20]])
-    timed("batch", 100, lambda: drive(whole(robot, 100), genomes))
+    timed(
+        "batch",
+        100,
+        lambda: simulate_controllers(build_intact_plants(robot, 100), genomes),
+    )
 
     def search() -> None:
         def score(asked: np.ndarray) -> np.ndarray:
-            return drive(whole(robot, len(asked)), asked).way
+            return simulate_controllers(
+                build_intact_plants(robot, len(asked)), asked
+            ).displacement
 
-        pool = begin(robot.synapses, score, rng)
-        *_, pool = evolve(pool, score, rng, GENERATIONS - 1)
-        spent["asked"] = pool.asked
+        pool = start_population(robot.synapses, score, rng)
+        *_, pool = evolve_population(pool, score, rng, GENERATIONS - 1)
+        spent["asked"] = pool.evaluations
 
     new = POPULATION - KEPT
     timed("search", POPULATION + (GENERATIONS - 1) * new, search)

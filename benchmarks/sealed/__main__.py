@@ -21,7 +21,7 @@ from benchmarks.sealed.hidden_robot import UnfitDraw
 from benchmarks.sealed.page import make_sections
 from benchmarks.sealed.score import compute_figures, count_confusions, read_cases
 from benchmarks.writer import make_parser, publish_results
-from selfheal.body.mjcf import ignore_warnings
+from selfheal.body.mjcf import silence_mujoco
 from selfheal.errors import InputError
 
 
@@ -38,7 +38,7 @@ def _is_made(options, seed: int) -> bool:
 
 def make_cases(options) -> int:
     """Make the cases that are not there yet."""
-    ignore_warnings()
+    silence_mujoco()
     failed = 0
     for seed in range(options.first_seed, options.first_seed + options.cases):
         start = time.perf_counter()

@@ -12,7 +12,7 @@ from benchmarks.sealed.score import (
     select_kind,
 )
 from benchmarks.writer import Section
-from selfheal.study.statistics import share
+from selfheal.study.statistics import format_share
 
 TARGETS = {
     "exact name first": ">= 80 %",
@@ -31,7 +31,7 @@ def _format_figure(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, dict) and "hits" in value:
-        return share(value["hits"], value["n"])
+        return format_share(value["hits"], value["n"])
     if isinstance(value, dict):
         return ", ".join(f"{k} {_format_figure(v)}" for k, v in value.items())
     return f"{value:.3g}" if isinstance(value, float) else str(value)
@@ -108,7 +108,7 @@ def _make_parameters_section(cases: Sequence[Judged]) -> Section:
     rows = [
         (
             name,
-            share(sum(p["inside"] for p in some), len(some)),
+            format_share(sum(p["inside"] for p in some), len(some)),
             _format_figure(_compute_median_error(some)),
         )
         for name, some in sorted(groups.items())

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.diagnosis_runs import score_diagnosis
 from benchmarks.sealed.judge import read_case
-from selfheal.study.statistics import wilson
+from selfheal.study.statistics import compute_wilson_interval
 
 Judged = dict[str, Any]
 
@@ -20,7 +20,7 @@ def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
     count, hits = len(flags), sum(map(bool, flags))
     if not count:
         return {"hits": 0, "n": 0, "rate": None, "low": None, "high": None}
-    low, high = wilson(hits, count)
+    low, high = compute_wilson_interval(hits, count)
     return {"hits": hits, "n": count, "rate": hits / count, "low": low, "high": high}
 
 

@@ -89,7 +89,7 @@ class Bodies:
         return Bodies(self.anatomy, *columns)
 
 
-def concatenate(*batches: Bodies) -> Bodies:
+def concatenate_bodies(*batches: Bodies) -> Bodies:
     """All bodies of several batches of one anatomy, in order."""
     names = [f.name for f in fields(Bodies)[1:]]
     columns = (np.concatenate([getattr(b, n) for b in batches]) for n in names)
@@ -119,7 +119,7 @@ def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:
     )
 
 
-def planar_frames(bodies: Bodies) -> tuple[Floats, Floats]:
+def compute_planar_frames(bodies: Bodies) -> tuple[Floats, Floats]:
     """Where parts are at zero joint angles.
 
     Args:
@@ -144,14 +144,14 @@ def planar_frames(bodies: Bodies) -> tuple[Floats, Floats]:
     return origin, heading
 
 
-def part_points(bodies: Bodies, along: float) -> Floats:
+def compute_part_points(bodies: Bodies, along: float) -> Floats:
     """(N, P, 3) point on each part's axis, zero angles, torso frame [m].
 
     Args:
         bodies: N bodies.
         along: 0 = the joint, 0.5 = the part's center, 1 = its tip.
     """
-    origin, heading = planar_frames(bodies)
+    origin, heading = compute_planar_frames(bodies)
     reach = along * bodies.length
     flat = np.stack([np.cos(heading[:, 1:]), np.sin(heading[:, 1:])], axis=2)
     points = origin[:, 1:].copy()
@@ -159,37 +159,37 @@ def part_points(bodies: Bodies, along: float) -> Floats:
     return points
 
 
-def centers_in_torso(bodies: Bodies) -> Ints:
+def count_centers_in_torso(bodies: Bodies) -> Ints:
     """(N) how many parts have their center inside the torso's box at zero angles.
 
     Paper A does not simulate such bodies (papers.md 1.1).
     """
-    inside = np.abs(part_points(bodies, 0.5)) < bodies.anatomy.torso_half
+    inside = np.abs(compute_part_points(bodies, 0.5)) < bodies.anatomy.torso_half
     return inside.all(axis=2).sum(axis=1)
 
 
-def center_distance(bodies: Bodies, truth: Bodies) -> Floats:
+def measure_center_distance(bodies: Bodies, truth: Bodies) -> Floats:
     """(N) body distance [cm]: mean over parts of |center_i - true center_i| * 100.
 
     Centers at zero joint angles. Paper A's "model error" fits this formula
     (papers.md 1.6): 20.8 cm for random genomes.
     """
-    gap = part_points(bodies, 0.5) - part_points(truth, 0.5)
+    gap = compute_part_points(bodies, 0.5) - compute_part_points(truth, 0.5)
     return 100 * np.linalg.norm(gap, axis=2).mean(axis=1)
 
 
-def tip_distance(bodies: Bodies, truth: Bodies) -> Floats:
+def measure_tip_distance(bodies: Bodies, truth: Bodies) -> Floats:
     """(N) mean over parts of |tip_i - true tip_i| * 100 [cm], zero joint angles."""
-    gap = part_points(bodies, 1.0) - part_points(truth, 1.0)
+    gap = compute_part_points(bodies, 1.0) - compute_part_points(truth, 1.0)
     return 100 * np.linalg.norm(gap, axis=2).mean(axis=1)
 
 
-def length_error(bodies: Bodies, truth: Bodies) -> Floats:
+def measure_length_error(bodies: Bodies, truth: Bodies) -> Floats:
     """(N) mean over parts of |length_i - true length_i| * 100 [cm] (paper C)."""
     return 100 * np.abs(bodies.length - truth.length).mean(axis=1)
 
 
-def edge_f1(bodies: Bodies, truth: Bodies) -> Floats:
+def compute_edge_f1(bodies: Bodies, truth: Bodies) -> Floats:
     """(N) F1 of the labelled edges {(parent_i, i)}: 2 |E n T| / (|E| + |T|) [1].
 
     Every body has exactly P edges, so precision = recall = F1 = share of right parents.

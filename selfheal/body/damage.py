@@ -22,7 +22,7 @@ KINDS = {
     "wind": ("world", "speed of a steady wind [m/s]"),
 }
 # a user's word: the kind, and how many things may follow it
-_WORDS = {
+_KIND_WORDS = {
     "loss": ("limb_loss", 1),
     "jam": ("joint_jam", 2),
     "weak": ("weak_motor", 2),
@@ -85,19 +85,19 @@ class Damage:
 INTACT = Damage("none")
 
 
-def spoken(damages: Iterable[Damage]) -> str:
+def describe_damages(damages: Iterable[Damage]) -> str:
     """Damages in words."""
     return " and ".join(map(str, damages)) or "nothing broke"
 
 
-def sensors_of(anatomy: Anatomy) -> tuple[str, ...]:
+def list_sensors(anatomy: Anatomy) -> tuple[str, ...]:
     """Names of the signals that a walking robot gives and that can die."""
     angles = tuple(f"{joint}_position" for joint in anatomy.joints)
     touch = tuple(f"{anatomy.parts[f - 1]}_touch" for f in anatomy.feet)
     return ("vertical", "clearance", *angles, *touch)
 
 
-def parse(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
+def parse_damages(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     """The damages that a user's text names.
 
     Args:
@@ -111,7 +111,7 @@ def parse(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     words = [word.strip() for word in text.split(",") if word.strip()]
     if not words:
         raise InputError(f"no damage given; say {_USAGE}")
-    found = tuple(_one(word, anatomy) for word in words)
+    found = tuple(_parse_damage(word, anatomy) for word in words)
     for k, word in enumerate(words):
         same = [(d.kind, d.target) == (found[k].kind, found[k].target) for d in found]
         if sum(same) > 1:
@@ -119,36 +119,36 @@ def parse(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     return found
 
 
-def _one(word: str, anatomy: Anatomy) -> Damage:
+def _parse_damage(word: str, anatomy: Anatomy) -> Damage:
     """The damage of one word."""
     first, *rest = word.split(":")
-    kind, most = _WORDS.get(first, ("part_scale", 1))
+    kind, most = _KIND_WORDS.get(first, ("part_scale", 1))
     if len(rest) > most or (kind == "part_scale" and not rest):
         raise InputError(f"damage {word!r} is not understood; say {_USAGE}")
     rest = rest or [""]
     if kind == "part_scale":
-        target = _target("body", first, anatomy.parts)
-        return Damage(kind, target, _number(word, rest[0], 0.05, 2.0))
+        target = _parse_target("body", first, anatomy.parts)
+        return Damage(kind, target, _parse_number(word, rest[0], 0.05, 2.0))
     if kind == "limb_loss":
-        return Damage(kind, _target("body", rest[0], anatomy.parts))
+        return Damage(kind, _parse_target("body", rest[0], anatomy.parts))
     if kind == "sensor_dead":
-        return Damage(kind, _target("sensor", rest[0], sensors_of(anatomy)))
+        return Damage(kind, _parse_target("sensor", rest[0], list_sensors(anatomy)))
     if kind == "joint_jam":
-        angle = _number(word, rest[1] if len(rest) > 1 else "0", -90, 90)
-        target = _target("joint", rest[0], anatomy.joints)
+        angle = _parse_number(word, rest[1] if len(rest) > 1 else "0", -90, 90)
+        target = _parse_target("joint", rest[0], anatomy.joints)
         return Damage(kind, target, math.radians(angle))
     if kind == "weak_motor":
         servos = tuple(f"{joint}_servo" for joint in anatomy.joints)
-        target = _target("actuator", rest[0], servos)
-        return Damage(kind, target, _number(word, (*rest, "0.5")[1], 0.05, 1.0))
+        target = _parse_target("actuator", rest[0], servos)
+        return Damage(kind, target, _parse_number(word, (*rest, "0.5")[1], 0.05, 1.0))
     if kind == "slope":
-        azimuth = _number(word, (*rest, "0")[1], -360, 360)
-        tilt = _number(word, rest[0], 0, 40)
+        azimuth = _parse_number(word, (*rest, "0")[1], -360, 360)
+        tilt = _parse_number(word, rest[0], 0, 40)
         return Damage(kind, value=math.radians(tilt), azimuth=math.radians(azimuth))
-    return Damage(kind, value=_number(word, rest[0], 0.01, 5.0))
+    return Damage(kind, value=_parse_number(word, rest[0], 0.01, 5.0))
 
 
-def _target(what: str, name: str, valid: tuple[str, ...]) -> str:
+def _parse_target(what: str, name: str, valid: tuple[str, ...]) -> str:
     """A target's full name; an actuator may be named by its joint."""
     if what == "actuator" and f"{name}_servo" in valid:
         name = f"{name}_servo"
@@ -157,7 +157,7 @@ def _target(what: str, name: str, valid: tuple[str, ...]) -> str:
     return f"{what}:{name}"
 
 
-def _number(word: str, text: str, low: float, high: float) -> float:
+def _parse_number(word: str, text: str, low: float, high: float) -> float:
     """A number within bounds."""
     try:
         value = float(text)

@@ -53,13 +53,13 @@ class Genomes:
         return np.minimum(self.placement * 4, 3).astype(np.int64)
 
 
-def concatenate(*batches: Genomes) -> Genomes:
+def concatenate_genomes(*batches: Genomes) -> Genomes:
     """All genomes of several batches, in order."""
     names = [f.name for f in fields(Genomes)]
     return Genomes(*(np.concatenate([getattr(b, n) for b in batches]) for n in names))
 
 
-def from_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
+def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
     """Genomes of paper A's encoding: known lengths, hinges that lift the part."""
     parent = np.atleast_2d(np.asarray(parent, np.int64))
     length = np.broadcast_to(anatomy.length, parent.shape).copy()
@@ -67,7 +67,7 @@ def from_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
     return Genomes(parent, placement, np.full(parent.shape, UP), length)
 
 
-def from_unit(anatomy: Anatomy, genes: Floats) -> Genomes:
+def decode_unit_genes(anatomy: Anatomy, genes: Floats) -> Genomes:
     """Genomes from paper A's eight genes in [0, 1] (papers.md 1.3).
 
     Args:
@@ -77,16 +77,16 @@ def from_unit(anatomy: Anatomy, genes: Floats) -> Genomes:
     """
     t = np.atleast_2d(genes) * (np.arange(anatomy.size) + _PAPER_SPAN)
     parent = np.floor(t).astype(np.int64)
-    return from_tree(anatomy, parent, t - parent)
+    return encode_tree(anatomy, parent, t - parent)
 
 
-def to_unit(genomes: Genomes) -> Floats:
+def encode_unit_genes(genomes: Genomes) -> Floats:
     """(N, P) paper A's genes in [0, 1]; the inverse of `from_unit`."""
     t = genomes.parent + genomes.placement
     return t / (np.arange(genomes.parent.shape[1]) + _PAPER_SPAN)
 
 
-def from_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
+def decode_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
     """Genomes from paper C's 8 x 4 matrices.
 
     Args:
@@ -105,12 +105,12 @@ def from_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
     )
 
 
-def at_sides(genomes: Genomes) -> Genomes:
+def center_on_sides(genomes: Genomes) -> Genomes:
     """The same trees with every attachment moved to the middle of its side."""
     return replace(genomes, placement=(genomes.side + 0.5) / 4)
 
 
-def _anchors(half: Floats, placement: Floats) -> tuple[Floats, Floats]:
+def _find_perimeter_points(half: Floats, placement: Floats) -> tuple[Floats, Floats]:
     """Point on a rectangle's perimeter, (..., 2), for half sizes (..., 2)."""
     quarter = np.minimum(np.floor(placement * 4), 3)
     along = 2 * (placement * 4 - quarter) - 1
@@ -119,7 +119,7 @@ def _anchors(half: Floats, placement: Floats) -> tuple[Floats, Floats]:
     return x * half[..., 0], y * half[..., 1]
 
 
-def build(anatomy: Anatomy, genomes: Genomes) -> Bodies:
+def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     """The bodies that genomes stand for (papers.md 1.3 and 2, C).
 
     A part leaves its parent at the perimeter point `placement`, in the direction
@@ -140,7 +140,7 @@ def build(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     )
     on_torso = (genomes.parent == 0)[..., None]
     half = np.where(on_torso, anatomy.rim[:2], half)
-    x, y = _anchors(half, genomes.placement)
+    x, y = _find_perimeter_points(half, genomes.placement)
     center = np.where(on_torso[..., 0], 0.0, half[..., 0])
     height = np.where(on_torso[..., 0], anatomy.rim[2], 0.0)
     heading = 0.75 * np.pi - 2 * np.pi * genomes.placement
@@ -161,9 +161,9 @@ def build(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     )
 
 
-def random_genomes(
+def draw_genomes(
     anatomy: Anatomy, count: int, rng: np.random.Generator, sides: bool
 ) -> Genomes:
     """`count` random attachment trees: gene i uniform, so parent uniform in 0..i-1."""
-    genomes = from_unit(anatomy, rng.random((count, anatomy.size)))
-    return at_sides(genomes) if sides else genomes
+    genomes = decode_unit_genes(anatomy, rng.random((count, anatomy.size)))
+    return center_on_sides(genomes) if sides else genomes

@@ -17,7 +17,7 @@ HIDDEN = 4  # neurons of the hidden layer (issue: 68 and 120 synapses)
 
 
 @dataclass(frozen=True)
-class Place:
+class DamageSite:
     """Where a joint can break or jam.
 
     Attributes:
@@ -32,7 +32,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Legged:
+class LeggedRobot:
     """A robot of Bongard and Lipson 2004.
 
     Attributes:
@@ -63,14 +63,14 @@ class Legged:
         return sum(name.endswith("_touch") for name in self.sensors)
 
     @property
-    def bias(self) -> bool:
+    def has_bias(self) -> bool:
         """Whether the network has an input that is always 1: 68 synapses need one."""
         return self.name == "quadruped"
 
     @property
     def synapses(self) -> int:
         """(inputs) x HIDDEN + HIDDEN x (motors): 68 and 120."""
-        return HIDDEN * (len(self.sensors) + self.bias + len(self.motors))
+        return HIDDEN * (len(self.sensors) + self.has_bias + len(self.motors))
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
@@ -78,13 +78,13 @@ class Legged:
         return tuple(self.model.body(k).name for k in range(2, self.model.nbody))
 
     @cached_property
-    def places(self) -> tuple[Place, ...]:
+    def damage_sites(self) -> tuple[DamageSite, ...]:
         """Joints as damage counts them; hips of two degrees of freedom are one.
 
         That is how the overview's 12 joints (4.3) and 18 degrees of freedom (4.2.1) of
         the hexapod are both right.
         """
-        found: dict[str, Place] = {}
+        found: dict[str, DamageSite] = {}
         for dof, joint in enumerate(self._joints):
             part = self.model.body(int(joint.bodyid[0])).name
             shared = int(self.model.body_jntnum[joint.bodyid[0]]) > 1
@@ -92,7 +92,7 @@ class Legged:
             if shared and not self.apart:
                 name = f"{part.removesuffix('_upper')}_hip"
             before = found[name].dofs if name in found else ()
-            found[name] = Place(name, part, (*before, dof))
+            found[name] = DamageSite(name, part, (*before, dof))
         return tuple(found.values())
 
     @cached_property
@@ -101,11 +101,11 @@ class Legged:
         ids = self.model.actuator_trnid[:, 0]
         return [self.model.joint(int(k)) for k in ids]
 
-    def joint_of(self, motor: int) -> Any:
+    def joint_of_motor(self, motor: int) -> Any:
         """A motor's joint in the model."""
         return self._joints[motor]
 
-    def below(self, part: str) -> list[int]:
+    def list_bodies_below(self, part: str) -> list[int]:
         """Bodies of the model that are lost with a part."""
         gone = {int(self.model.body(part).id)}
         for k in range(self.model.nbody):
@@ -114,7 +114,9 @@ class Legged:
         return sorted(gone)
 
 
-def legged(name: str, reach: float = REACHES[0], apart: bool = False) -> Legged:
+def load_legged_robot(
+    name: str, reach: float = REACHES[0], apart: bool = False
+) -> LeggedRobot:
     """The robot of a name.
 
     Args:
@@ -135,10 +137,10 @@ def legged(name: str, reach: float = REACHES[0], apart: bool = False) -> Legged:
     text = (files("selfheal.models") / name / f"{name}.xml").read_text()
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    return Legged(name, float(np.radians(reach)), apart, model)
+    return LeggedRobot(name, float(np.radians(reach)), apart, model)
 
 
-def essential(robot: Legged, damages: Sequence[Damage]) -> tuple[Damage, ...]:
+def reduce_damages(robot: LeggedRobot, damages: Sequence[Damage]) -> tuple[Damage, ...]:
     """Damages in one order, without those that others among them already say.
 
     What hangs on a lost part is lost, nothing of it jams or is driven, and the angle
@@ -147,19 +149,19 @@ def essential(robot: Legged, damages: Sequence[Damage]) -> tuple[Damage, ...]:
     kept = dict.fromkeys(damages)
     for damage in damages:
         if damage.kind == "limb_loss":
-            said = _said(robot, damage)
+            said = _list_implied_targets(robot, damage)
             kept = {d: None for d in kept if d == damage or d.target not in said}
     return tuple(sorted(kept, key=lambda d: (d.kind, d.target, d.value, d.azimuth)))
 
 
-def _said(robot: Legged, loss: Damage) -> set[str]:
+def _list_implied_targets(robot: LeggedRobot, loss: Damage) -> set[str]:
     """Targets of which the loss of a part says all."""
-    gone = robot.below(loss.name)
+    gone = robot.list_bodies_below(loss.name)
     names = {robot.model.body(k).name for k in gone}
     said = {f"body:{name}" for name in names}
-    said |= {f"joint:{p.name}" for p in robot.places if p.part in names}
+    said |= {f"joint:{p.name}" for p in robot.damage_sites if p.part in names}
     for dof, motor in enumerate(robot.motors):
-        joint = robot.joint_of(dof)
+        joint = robot.joint_of_motor(dof)
         if int(joint.bodyid[0]) in gone:
             said |= {f"actuator:{motor}", f"sensor:{joint.name}_position"}
     return said

@@ -13,7 +13,7 @@ GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
 
 
-def ignore_warnings() -> None:
+def silence_mujoco() -> None:
     """Keep MuJoCo from writing MUJOCO_LOG.TXT here; what diverged shows as NaN."""
     mujoco.set_mju_user_warning(lambda message: None)
 
@@ -44,7 +44,7 @@ class Physics:
     density: float = 1.0
 
 
-def _torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
+def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
     """Add the free torso, its level and its belly sensor to a model."""
     half = anatomy.torso_half
     torso = spec.worldbody.add_body(name="torso", pos=[0, 0, half[2] + 1e-4])
@@ -63,7 +63,7 @@ def _torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
     return torso
 
 
-def _part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
+def _add_part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
     """Hang part i + 1 of body `row` on its parent."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
     half_turn = bodies.heading[row, i] / 2
@@ -100,7 +100,9 @@ def _part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
     return part
 
 
-def _outfit(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics) -> None:
+def _add_servos_and_sensors(
+    spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics
+) -> None:
     """Add the servos and the sensors: vertical, clearance, angles, foot tips."""
     kp, kv = physics.kp, physics.kv
     for joint in anatomy.joints:
@@ -142,7 +144,7 @@ def _outfit(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics) -> None:
         )
 
 
-def to_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
+def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
     """The articulated model of one body.
 
     Args:
@@ -171,14 +173,14 @@ def to_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
         conaffinity=1,
     )
     spec.worldbody.add_site(name="level")
-    hung = [_torso(spec, bodies.anatomy, physics)]
+    hung = [_add_torso(spec, bodies.anatomy, physics)]
     for i in range(bodies.anatomy.size):
-        hung.append(_part(hung[bodies.parent[row, i]], bodies, row, i, physics))
-    _outfit(spec, bodies.anatomy, physics)
+        hung.append(_add_part(hung[bodies.parent[row, i]], bodies, row, i, physics))
+    _add_servos_and_sensors(spec, bodies.anatomy, physics)
     return spec
 
 
-def to_walker(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
+def build_walking_spec(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
     """The articulated model of one body with motors of limited torque on a slope.
 
     Args:
@@ -191,7 +193,7 @@ def to_walker(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
     Returns:
         An MjSpec whose only sensors are the feet's tips.
     """
-    spec = to_spec(body, 0, physics)
+    spec = build_spec(body, 0, physics)
     tilt, azimuth = slope
     downhill = np.sin(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
     spec.option.gravity = GRAVITY * np.array([*downhill, -np.cos(tilt)])
@@ -203,9 +205,9 @@ def to_walker(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
     return spec
 
 
-def to_xml(bodies: Bodies, row: int = 0, physics: Physics | None = None) -> str:
+def format_mjcf(bodies: Bodies, row: int = 0, physics: Physics | None = None) -> str:
     """MJCF text of one body; opens in any MuJoCo viewer. See `to_spec`."""
-    spec = to_spec(bodies, row, physics)
+    spec = build_spec(bodies, row, physics)
     spec.compile()
     return spec.to_xml()
 
@@ -242,7 +244,7 @@ def load(path: str | Path) -> Bodies:
             raise ModelError(f"{path}: actuator {i} moves {name!r} before its parent")
         known[body] = i + 1
     parent = np.array([known[int(model.body_parentid[b])] for b in ids])
-    anatomy = _anatomy(str(path), spec, model, joints, ids, parent)
+    anatomy = _read_anatomy(str(path), spec, model, joints, ids, parent)
     quat = model.body_quat[ids]
     return Bodies(
         anatomy=anatomy,
@@ -256,7 +258,7 @@ def load(path: str | Path) -> Bodies:
     )
 
 
-def _geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
+def _find_geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
     """A body's one geom of this kind; None if it has none and needs none."""
     found = [g for g in body.geoms if g.type == kind]
     shape = kind.name[7:].lower()
@@ -268,13 +270,13 @@ def _geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
     return found[0] if found else None
 
 
-def _anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
+def _read_anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
     """What the parts are, without how they hang together."""
     box, capsule = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE
     bodies = [spec.body(model.body(b).name) for b in ids]
-    torso = _geom(path, bodies[int(np.argmin(parent))].parent, box, True)
-    rods = [_geom(path, b, capsule, True) for b in bodies]
-    blocks = [_geom(path, b, box, False) for b in bodies]
+    torso = _find_geom(path, bodies[int(np.argmin(parent))].parent, box, True)
+    rods = [_find_geom(path, b, capsule, True) for b in bodies]
+    blocks = [_find_geom(path, b, box, False) for b in bodies]
     hips = model.body_pos[ids][parent == 0]
     sites = {site.name for site in spec.sites}
     return Anatomy(

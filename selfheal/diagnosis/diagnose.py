@@ -1,13 +1,15 @@
-"""A model and recordings in, a diagnosis out: locate, name, prove."""
+"""A model and recordings in, a diagnosis out: read, fit, choose, test, answer."""
 
 import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..recording import Recording
 from .effects import load_catalogue
+from .effects.base import Onset
 from .effects.nominal import build_nominal_terms
 from .estimation.problem import Problem, build_problem, check_enough_segments
 from .output.build_result import build_diagnosis
@@ -18,11 +20,13 @@ from .selection.change_point import (
     set_onset,
 )
 from .selection.holdout import choose_hypothesis, drop_refuted, keep_competitive
-from .selection.hypotheses import name_effects, start_search
+from .selection.hypotheses import Hypothesis, name_effects, start_search
 from .selection.quantization import name_quantization
 from .selection.refine import prefer_simpler_names, refine_hypothesis
+from .selection.search_state import SearchState
 from .selection.verdict import (
     HeldOutScores,
+    RemainingStructure,
     analyze_remaining,
     decide_verdict,
     drop_names,
@@ -31,7 +35,13 @@ from .selection.verdict import (
     removes_too_little,
 )
 from .simulation.checks import check_dataset
-from .simulation.dataset import LONG, WINDOW, cut_readable_segments, prepare_dataset
+from .simulation.dataset import (
+    LONG_SEGMENT,
+    SHORT_SEGMENT,
+    Dataset,
+    cut_readable_segments,
+    prepare_dataset,
+)
 
 Progress = Callable[[str, float], None]
 
@@ -50,10 +60,10 @@ def diagnose(
     Args:
         model: MJCF or URDF.
         recordings: of the real robot.
-        held_out: episodes or pieces kept from the fit, as `recording.split` takes them.
-        seed: of the windows that candidates are first tried on.
+        held_out: episodes or parts kept from the fit, as `recording.split` takes them.
+        seed: of the segments that candidates are first tried on.
         memory: folder of what was worked out, in which a killed run goes on.
-        progress: told what is being done and how far it is (0 to 1).
+        progress: called with a message and a share (0 to 1).
 
     Raises:
         ModelError: MuJoCo cannot load the model, or it diverges.
@@ -61,21 +71,9 @@ def diagnose(
     """
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
-    dataset = prepare_dataset(model, recordings, held_out, memory)
-    check_dataset(dataset)
-    problem = build_problem(dataset, WINDOW)
-    check_enough_segments(dataset.training, problem)
-    search = start_search(
-        problem,
-        dataset.robot,
-        build_nominal_terms(dataset.robot),
-        load_catalogue().values(),
-        rng=np.random.default_rng(seed),
-        progress=say,
-    )
-    onset = (
-        None if search.is_done else detect_change_point(search.problem, search.best.fit)
-    )
+    rng = np.random.default_rng(seed)
+    dataset, problem = _read(model, recordings, held_out, memory)
+    state, onset = _fit_nominal(dataset, problem, rng, say)
     if onset and not held_out:
         later = choose_held_out_after(onset, recordings, dataset.held_out)
         if later:  # what is held out now could not show it
@@ -83,41 +81,162 @@ def diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
                 progress=progress,
             )  # fmt: skip
-    search.candidates = set_onset(search.candidates, onset)
-    longer = Problem(
-        dataset.training, cut_readable_segments(dataset.training, LONG), problem.sigma
+    dataset, hypotheses = _choose_effects(dataset, problem, state, rng, say)
+    tested = _test(dataset, hypotheses, say)
+    return build_diagnosis(
+        dataset,
+        tested.hypothesis,
+        tested.verdict,
+        tested.scores,
+        tested.structure,
+        tested.refuted,
+        begun,
     )
-    hypotheses = name_effects(search, problem, longer)
+
+
+def _read(
+    model: str | os.PathLike[str],
+    recordings: Sequence[Recording],
+    held_out: Sequence[str],
+    memory: str | os.PathLike[str] | None,
+) -> tuple[Dataset, Problem]:
+    """Stage 1: the recordings, split and checked, and the segments to fit.
+
+    Args:
+        model: MJCF or URDF.
+        recordings: of the real robot.
+        held_out: episodes or parts of them kept from the fit.
+        memory: folder of what was worked out.
+    """
+    dataset = prepare_dataset(model, recordings, held_out, memory)
+    check_dataset(dataset)
+    problem = build_problem(dataset, SHORT_SEGMENT)
+    check_enough_segments(dataset.training, problem)
+    return dataset, problem
+
+
+def _fit_nominal(
+    dataset: Dataset, problem: Problem, rng: np.random.Generator, say: Progress
+) -> tuple[SearchState, Onset | None]:
+    """Stage 2: the nominal model's values, and since when they do not explain it all.
+
+    Args:
+        dataset: with the robot.
+        problem: all segments.
+        rng: draws the segments of the search.
+        say: called with a message and a share (0 to 1).
+    """
+    state = start_search(
+        problem,
+        dataset.robot,
+        build_nominal_terms(dataset.robot),
+        load_catalogue().values(),
+        rng=rng,
+        progress=say,
+    )
+    onset = (
+        None
+        if state.is_explained
+        else detect_change_point(state.problem, state.best.fit)
+    )
+    return state.with_candidates(set_onset(state.candidates, onset)), onset
+
+
+def _choose_effects(
+    dataset: Dataset,
+    problem: Problem,
+    state: SearchState,
+    rng: np.random.Generator,
+    say: Progress,
+) -> tuple[Dataset, list[Hypothesis]]:
+    """Stage 3: one or two hypotheses of what is missing, and their last fits.
+
+    Args:
+        dataset: with the recordings.
+        problem: all segments.
+        state: of a search in which nothing has a name.
+        rng: draws segments and resamples.
+        say: called with a message and a share (0 to 1).
+
+    Returns:
+        The dataset, which knows the noise that the fits tell, and the hypotheses.
+    """
+    segments = cut_readable_segments(dataset.training, LONG_SEGMENT)
+    longer = Problem(dataset.training, segments, problem.sigma)
+    hypotheses = name_effects(state, problem, longer, rng=rng, progress=say)
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
     say("fitting everything once more", 0.0)
-    hypotheses = [
-        prefer_simpler_names(refine_hypothesis(dataset, n))
-        for n in keep_competitive(dataset, hypotheses)
+    return dataset, [
+        prefer_simpler_names(refine_hypothesis(dataset, hypothesis))
+        for hypothesis in keep_competitive(dataset, hypotheses)
     ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Tested:
+    """A hypothesis and what held-out episodes say of it.
+
+    Attributes:
+        hypothesis: with the names that stand.
+        verdict: "explained", "partly", "unlisted" or "nothing".
+        scores: errors in held-out episodes.
+        structure: what the names leave.
+        refuted: labels of the names that do not stand.
+    """
+
+    hypothesis: Hypothesis
+    verdict: str
+    scores: HeldOutScores
+    structure: RemainingStructure
+    refuted: tuple[str, ...]
+
+
+def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> _Tested:
+    """Stage 4: which names hold in the held-out episodes, and what they leave.
+
+    Args:
+        dataset: with the held-out episodes.
+        hypotheses: the likelier first.
+        say: called with a message and a share (0 to 1).
+    """
     say("testing what was found on the held-out episodes", 0.0)
     hypothesis, refuted = choose_hypothesis(
-        dataset, [drop_refuted(dataset, n) for n in hypotheses]
+        dataset, [drop_refuted(dataset, hypothesis) for hypothesis in hypotheses]
     )
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
-    proof = HeldOutScores.compute(dataset, hypothesis)
-    worse = bool(hypothesis.named) and makes_replay_worse(dataset, hypothesis, proof)
-    if worse or (hypothesis.named and removes_too_little(dataset, hypothesis, proof)):
+    scores = HeldOutScores.compute(dataset, hypothesis)
+    is_worse = bool(hypothesis.named) and makes_replay_worse(
+        dataset, hypothesis, scores
+    )
+    if is_worse or (
+        hypothesis.named and removes_too_little(dataset, hypothesis, scores)
+    ):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in hypothesis.named))
         hypothesis, verdict = decide_verdict(drop_names(hypothesis), structure)
-        verdict = "unlisted" if worse else verdict
-        proof = HeldOutScores.compute(dataset, hypothesis)
-    smooth, hypothesis = (
-        hypothesis,
-        name_quantization(hypothesis, dataset.robot, load_catalogue().values()),
-    )
-    if hypothesis is not smooth:
-        verdict = {"nothing": "explained", "unlisted": "partly"}.get(verdict, verdict)
-        proof = HeldOutScores.compute(dataset, hypothesis)
-    if is_replay_off(dataset, hypothesis, proof):
-        verdict = {"explained": "partly", "nothing": "unlisted"}.get(verdict, verdict)
-    return build_diagnosis(
-        dataset, hypothesis, verdict, proof, structure, refuted, begun
+        verdict = "unlisted" if is_worse else verdict
+        scores = HeldOutScores.compute(dataset, hypothesis)
+    tested = _Tested(hypothesis, verdict, scores, structure, refuted)
+    tested = _add_quantization(dataset, tested)
+    if is_replay_off(dataset, tested.hypothesis, tested.scores):
+        lowered = {"explained": "partly", "nothing": "unlisted"}
+        verdict = lowered.get(tested.verdict, tested.verdict)
+        tested = replace(tested, verdict=verdict)
+    return tested
+
+
+def _add_quantization(dataset: Dataset, tested: _Tested) -> _Tested:
+    """The same result, with the signals named that are quantized."""
+    catalogue = load_catalogue().values()
+    hypothesis = name_quantization(tested.hypothesis, dataset.robot, catalogue)
+    if hypothesis is tested.hypothesis:
+        return tested
+    raised = {"nothing": "explained", "unlisted": "partly"}
+    return replace(
+        tested,
+        hypothesis=hypothesis,
+        verdict=raised.get(tested.verdict, tested.verdict),
+        scores=HeldOutScores.compute(dataset, hypothesis),
     )

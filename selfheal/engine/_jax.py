@@ -24,23 +24,23 @@ def prepare_jax():
         _set_environment()
     import jax
 
-    if jax.config.values["jax_compilation_cache_dir"] is None and _writable():
-        jax.config.update("jax_compilation_cache_dir", str(cache_folder()))
+    if jax.config.values["jax_compilation_cache_dir"] is None and _is_cache_writable():
+        jax.config.update("jax_compilation_cache_dir", str(find_cache_folder()))
     return jax
 
 
-def _writable() -> bool:
+def _is_cache_writable() -> bool:
     """Whether the cache folder exists, made if need be, and takes files."""
     try:
-        cache_folder().mkdir(parents=True, exist_ok=True)
+        find_cache_folder().mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError):  # RuntimeError: there is no home folder
         return False
-    return os.access(cache_folder(), os.W_OK)
+    return os.access(find_cache_folder(), os.W_OK)
 
 
 def _set_environment() -> None:
     """Environment variables that XLA reads when it starts."""
-    count = cores()
+    count = count_cores()
     if count == 2:
         os.environ.setdefault("NPROC", "3")
     flags = os.environ.get("XLA_FLAGS", "")
@@ -49,7 +49,7 @@ def _set_environment() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} {devices}".strip()
 
 
-def cores() -> int:
+def count_cores() -> int:
     """The number of cores this process may run on; NPROC can say fewer, as to XLA."""
     free = os.cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):
@@ -58,7 +58,7 @@ def cores() -> int:
     return min(free, max(int(told), 1)) if told.isdecimal() else free
 
 
-def cache_folder() -> Path:
+def find_cache_folder() -> Path:
     """Where compiled programs are kept from one run to the next."""
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"

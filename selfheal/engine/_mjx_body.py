@@ -40,7 +40,7 @@ class Parts(NamedTuple):
     radius: Any
 
 
-class Motion(NamedTuple):
+class PlannedMotion(NamedTuple):
     """One body's planned motion at T poses, seen from its torso.
 
     Attributes:
@@ -59,14 +59,14 @@ class Motion(NamedTuple):
     mass: Any
 
 
-def owners(anatomy: Anatomy) -> tuple[int, ...]:
+def list_sphere_owners(anatomy: Anatomy) -> tuple[int, ...]:
     """(C) the part of each contact sphere: 8 torso corners, joints, tips, housings."""
     moving = range(1, anatomy.size + 1)
     housed = [i for i in moving if anatomy.block_mass[i - 1] > 0]
     return (*[0] * 8, *moving, *moving, *np.repeat(housed, 8).tolist())
 
 
-def parts(bodies: Bodies) -> Parts:
+def pack_parts(bodies: Bodies) -> Parts:
     """Turn bodies into arrays for the device; see `Parts`."""
     a, scale = bodies.anatomy, bodies.thickness
     radius = a.radius * scale
@@ -74,10 +74,10 @@ def parts(bodies: Bodies) -> Parts:
     mass = bodies.mass + block
     center = bodies.mass * bodies.length / 2 + block * a.block_center * scale
     center = center / mass
-    inertia = _rod_inertia(bodies.mass, bodies.length, radius)
-    inertia += _shift(bodies.mass, bodies.length / 2 - center)
-    inertia += _box_inertia(block, a.block_half * scale[..., None])
-    inertia += _shift(block, a.block_center * scale - center)
+    inertia = _compute_capsule_inertia(bodies.mass, bodies.length, radius)
+    inertia += _compute_shifted_inertia(bodies.mass, bodies.length / 2 - center)
+    inertia += _compute_box_inertia(block, a.block_half * scale[..., None])
+    inertia += _compute_shifted_inertia(block, a.block_center * scale - center)
     none = np.zeros((len(bodies), 8))
     housed = np.flatnonzero(a.block_mass > 0)
     return Parts(
@@ -88,12 +88,12 @@ def parts(bodies: Bodies) -> Parts:
         mass,
         center,
         inertia,
-        spheres=_spheres(bodies, housed),
+        spheres=_place_spheres(bodies, housed),
         radius=np.hstack([none, radius, radius, *[none] * len(housed)]),
     )
 
 
-def _spheres(bodies: Bodies, housed: np.ndarray) -> Floats:
+def _place_spheres(bodies: Bodies, housed: np.ndarray) -> Floats:
     """(N, C, 3) contact spheres' centers in their own part's frame [m]."""
     a, n = bodies.anatomy, len(bodies)
     tips = np.zeros((n, a.size, 3))
@@ -107,7 +107,7 @@ def _spheres(bodies: Bodies, housed: np.ndarray) -> Floats:
     )
 
 
-def _rod_inertia(mass: Floats, length: Floats, radius: Floats) -> Floats:
+def _compute_capsule_inertia(mass: Floats, length: Floats, radius: Floats) -> Floats:
     """(N, P, 3) of capsules along x about their centers [kg m^2]."""
     round_ends = 4 * radius / (4 * radius + 3 * length)  # share of the volume
     ends, rod = mass * round_ends, mass * (1 - round_ends)
@@ -117,25 +117,27 @@ def _rod_inertia(mass: Floats, length: Floats, radius: Floats) -> Floats:
     return np.stack([along, across, across], axis=2)
 
 
-def _box_inertia(mass: Floats, half: Floats) -> Floats:
+def _compute_box_inertia(mass: Floats, half: Floats) -> Floats:
     """(..., 3) of boxes about their centers [kg m^2]."""
     square = half**2
     return mass[..., None] / 3 * (square.sum(axis=-1, keepdims=True) - square)
 
 
-def _shift(mass: Floats, offset: Floats) -> Floats:
+def _compute_shifted_inertia(mass: Floats, offset: Floats) -> Floats:
     """(..., 3) inertia of masses moved along x [kg m^2]."""
     across = mass * offset**2
     return np.stack([0 * across, across, across], axis=-1)
 
 
-def torso_constants(anatomy: Anatomy) -> Floats:
+def compute_torso_constants(anatomy: Anatomy) -> Floats:
     """(4) the torso's mass [kg] and its diagonal inertia [kg m^2]."""
     mass = np.array(anatomy.torso_mass)
-    return np.append(mass, _box_inertia(mass, anatomy.torso_half))
+    return np.append(mass, _compute_box_inertia(mass, anatomy.torso_half))
 
 
-def motion(body: Parts, torso, owner: tuple, angles, timestep: float) -> Motion:
+def plan_motion(
+    body: Parts, torso, owner: tuple, angles, timestep: float
+) -> PlannedMotion:
     """Pose one body along its planned joint angles.
 
     Args:
@@ -147,7 +149,7 @@ def motion(body: Parts, torso, owner: tuple, angles, timestep: float) -> Motion:
     """
     import jax.numpy as jnp
 
-    turn, origin, omega = _frames(body, angles, timestep)  # (P + 1, ..., T + 1)
+    turn, origin, omega = _compute_frames(body, angles, timestep)  # (P + 1, ..., T + 1)
     own = np.asarray(owner)
     spheres = origin[own] + (turn[own] * body.spheres[:, None, :, None]).sum(axis=2)
     middle = origin[1:] + turn[1:, :, 0] * body.center[:, None, None]
@@ -164,7 +166,7 @@ def motion(body: Parts, torso, owner: tuple, angles, timestep: float) -> Motion:
     square = (mass * (offset**2).sum(axis=1)).sum(axis=0)
     outer = jnp.einsum("it,iat,ict->act", mass * jnp.ones_like(square), offset, offset)
     inertia = inertia.sum(axis=0) + square * jnp.eye(3)[..., None] - outer
-    return Motion(
+    return PlannedMotion(
         spheres=jnp.moveaxis(spheres - center, -1, 0),
         center=center.T,
         inertia=jnp.moveaxis(inertia, -1, 0),
@@ -173,7 +175,7 @@ def motion(body: Parts, torso, owner: tuple, angles, timestep: float) -> Motion:
     )
 
 
-def _frames(body: Parts, angles, timestep: float):
+def _compute_frames(body: Parts, angles, timestep: float):
     """Where the torso and the parts are, in the torso's frame, at T poses.
 
     Returns:
@@ -191,7 +193,7 @@ def _frames(body: Parts, angles, timestep: float):
         turn, origin, omega = frames
         i, parent, anchor, heading, axis, angle, rate = part
         above = turn[parent]
-        own = _product(above, _hinge(heading, axis, angle))
+        own = _multiply_matrices(above, _compute_hinge_rotation(heading, axis, angle))
         place = origin[parent] + (above * anchor[:, None]).sum(axis=1)
         # the axis is fixed in the parent's frame as well as in the part's own
         swing = omega[parent] + (own * axis[:, None]).sum(axis=1) * rate
@@ -205,7 +207,7 @@ def _frames(body: Parts, angles, timestep: float):
     return frames
 
 
-def _hinge(heading, axis, angle):
+def _compute_hinge_rotation(heading, axis, angle):
     """(3, 3, T) rotation from a part's frame to its parent's."""
     import jax.numpy as jnp
 
@@ -217,9 +219,9 @@ def _hinge(heading, axis, angle):
     swing += (1 - c) * outer[..., None]
     ch, sh = jnp.cos(heading), jnp.sin(heading)
     plan = jnp.array([[ch, -sh, 0], [sh, ch, 0], [0, 0, 1]])
-    return _product(plan[..., None], swing)
+    return _multiply_matrices(plan[..., None], swing)
 
 
-def _product(a, b):
+def _multiply_matrices(a, b):
     """(3, 3, T) products of two rows of matrices."""
     return (a[:, :, None] * b[None]).sum(axis=1)

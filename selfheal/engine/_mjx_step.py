@@ -14,7 +14,7 @@ LINE_SEARCH = 4  # line search iterations in each; chosen: 20 agree no better
 FRICTION = 1.0  # [1] as mjcf.Physics
 
 
-class State(NamedTuple):
+class BodyState(NamedTuple):
     """A free body on its way; its frame has its origin at the center of mass.
 
     Attributes:
@@ -30,7 +30,7 @@ class State(NamedTuple):
     pull: Any
 
 
-class Pose(NamedTuple):
+class BodyPose(NamedTuple):
     """What a body is like on the way from one planned pose to the next.
 
     Attributes:
@@ -60,7 +60,7 @@ def import_mjx():
 
 
 @functools.cache
-def free_spheres(timestep: float):
+def build_sphere_model(timestep: float):
     """MJX's model and data of one free body of CONTACTS spheres above a floor.
 
     One solver iteration, started where `qacc_smooth` says: `step` repeats it, because
@@ -92,7 +92,7 @@ def free_spheres(timestep: float):
         return mjx.put_model(model), mjx.make_data(model)
 
 
-def rotation(quat):
+def convert_quaternion(quat):
     """(3, 3) matrix of a unit quaternion (4)."""
     import jax.numpy as jnp
 
@@ -106,7 +106,7 @@ def rotation(quat):
     )
 
 
-def step(model, data, state: State, pose: Pose) -> State:
+def step_body(model, data, state: BodyState, pose: BodyPose) -> BodyState:
     """Move a body by one timestep while its parts go to their next planned pose.
 
     Between contacts it keeps its momentum, that of the moving parts included.
@@ -114,28 +114,30 @@ def step(model, data, state: State, pose: Pose) -> State:
     import jax.numpy as jnp
 
     mjx = import_mjx()
-    turn = rotation(state.pose[3:])
-    pose = _lowest(pose, turn, state.pose)
+    turn = convert_quaternion(state.pose[3:])
+    pose = _keep_lowest_spheres(pose, turn, state.pose)
     dt = model.opt.timestep
-    inverse = _inverse(pose.inertia)
+    inverse = _invert_symmetric(pose.inertia)
     free = inverse @ (state.spin @ turn - pose.spin)
     free = jnp.concatenate([state.velocity[:3] + dt * model.opt.gravity, free])
     free = (free - state.velocity) / dt
     mass = jnp.zeros((6, 6)).at[:3, :3].set(pose.mass * jnp.eye(3))
     mass = mass.at[3:, 3:].set(pose.inertia)
-    model, data = _place(model, data, state, pose, turn)
+    model, data = _write_kinematics(model, data, state, pose, turn)
     data = data.tree_replace({"_impl.M": mass})
     data = mjx.make_constraint(model, mjx.collision(model, data))
-    data = data.tree_replace({"_impl.efc_aref": _moving_aref(model, data, pose, turn)})
+    data = data.tree_replace(
+        {"_impl.efc_aref": _compute_reference_acceleration(model, data, pose, turn)}
+    )
     data = data.replace(qfrc_smooth=mass @ free, qacc=state.pull)
     for _ in range(NEWTON):
         data = mjx.solve(model, data.replace(qacc_smooth=data.qacc))
     after = mjx.euler(model, data)
     spin = turn @ (pose.inertia @ after.qvel[3:] + pose.spin)
-    return State(after.qpos, after.qvel, spin, data.qacc)
+    return BodyState(after.qpos, after.qvel, spin, data.qacc)
 
 
-def _lowest(pose: Pose, turn, place) -> Pose:
+def _keep_lowest_spheres(pose: BodyPose, turn, place) -> BodyPose:
     """Keep only the spheres that are closest to the floor, or deepest in it."""
     import jax
 
@@ -146,7 +148,7 @@ def _lowest(pose: Pose, turn, place) -> Pose:
     )
 
 
-def _place(model, data, state: State, pose: Pose, turn):
+def _write_kinematics(model, data, state: BodyState, pose: BodyPose, turn):
     """Put what MJX's kinematics would compute into the model and the data."""
     import jax.numpy as jnp
 
@@ -169,7 +171,7 @@ def _place(model, data, state: State, pose: Pose, turn):
     return model, data
 
 
-def _moving_aref(model, data, pose: Pose, turn):
+def _compute_reference_acceleration(model, data, pose: BodyPose, turn):
     """MJX's reference accelerations, damping the spheres' own motion too."""
     import jax.numpy as jnp
 
@@ -182,7 +184,7 @@ def _moving_aref(model, data, pose: Pose, turn):
     return efc.efc_aref - (damping[:, None] * edges).reshape(-1)
 
 
-def _inverse(a):
+def _invert_symmetric(a):
     """(3, 3) inverse of a symmetric matrix, by its cofactors."""
     import jax.numpy as jnp
 

@@ -11,14 +11,14 @@ the last one's rest.
 import numba
 import numpy as np
 
+from ._hull import JIT, find_nearest_on_hull
+
 _TOUCH = 1e-5  # [m] points within this of the floor are contacts; chosen
-_INSIDE = 1e-7  # [m] the center of mass is carried when this close to the hull; chosen
 _TURNS = 60  # at most this many tips a sub-step; chosen (2 on average)
-_JIT = dict(cache=True, nogil=True, fastmath=False, error_model="numpy")
 
 
-@numba.njit(inline="always", **_JIT)
-def _rotate_about(axis, angle, out):
+@numba.njit(inline="always", **JIT)
+def _write_rotation(axis, angle, out):
     """Rotation matrix about a unit axis (Rodrigues)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = axis[0], axis[1], axis[2]
@@ -34,8 +34,8 @@ def _rotate_about(axis, angle, out):
     out[2, 2] = c + z * z * d
 
 
-@numba.njit(**_JIT)
-def _pose(body, known, q, points, com, frames, spots):
+@numba.njit(**JIT)
+def _pose_body(body, known, q, points, com, frames, spots):
     """Points of contact and center of mass for joint angles q, torso frame."""
     parent, anchor, turn_in, axis, length, thickness, mass = body
     torso_half, torso_mass, block_half, block_center, block_mass = known
@@ -51,7 +51,7 @@ def _pose(body, known, q, points, com, frames, spots):
     for i in range(p):
         up = frames[parent[i]]
         ch, sh = turn_in[i, 0], turn_in[i, 1]
-        _rotate_about(axis[i], q[i], turn)
+        _write_rotation(axis[i], q[i], turn)
         own = frames[i + 1]
         for r in range(3):
             ax = up[r, 0] * ch + up[r, 1] * sh
@@ -88,156 +88,129 @@ def _pose(body, known, q, points, com, frames, spots):
     return k
 
 
-@numba.njit(**_JIT)
-def _nearest_on_hull(flat, m, simplex):
-    """GJK in the plane: nearest point of a hull of m points to the origin.
+@numba.njit(**JIT)
+def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
+    """Fill in what touches a floor whose normal is n; returns H(n) and how many.
 
-    Returns the size of the simplex that carries it: 1 vertex, 2 edge, 3 inside.
+    Heights of the center of mass above each point, axes e1 and e2 of the floor, the
+    touching points and where they lie on these axes, seen from the center of mass.
     """
-    best = 0
-    for i in range(1, m):
-        if flat[i, 0] ** 2 + flat[i, 1] ** 2 < flat[best, 0] ** 2 + flat[best, 1] ** 2:
-            best = i
-    simplex[0] = best
-    x, y = flat[best, 0], flat[best, 1]
-    size = 1
-    for _ in range(m + 4):
-        norm = x * x + y * y
-        if norm < _INSIDE * _INSIDE:
-            return 3
-        far, low = -1, norm - 1e-10
-        for i in range(m):
-            dot = flat[i, 0] * x + flat[i, 1] * y
-            if dot < low:
-                far, low = i, dot
-        if far < 0:
-            return size
-        # nearest point over the segments far-s, and the triangle if there is one
-        a = simplex[0]
-        b = simplex[1] if size == 2 else -1
-        if size == 2 and _holds_origin(flat, a, b, far):
-            return 3
-        keep, kx, ky, kn, is_edge = a, 0.0, 0.0, 1e30, False
-        for s in range(size):
-            v = simplex[s]
-            ex, ey = flat[far, 0] - flat[v, 0], flat[far, 1] - flat[v, 1]
-            t = -(flat[v, 0] * ex + flat[v, 1] * ey) / (ex * ex + ey * ey)
-            edge = True
-            if t <= 0.0:
-                t, edge = 0.0, False
-            elif t >= 1.0:
-                t, edge = 1.0, False
-            px, py = flat[v, 0] + t * ex, flat[v, 1] + t * ey
-            if px * px + py * py < kn:
-                kn, kx, ky, is_edge = px * px + py * py, px, py, edge
-                keep = v if (edge or t == 0.0) else far
-        simplex[0] = keep
-        size = 1
-        if is_edge:
-            simplex[1] = far
-            size = 2
-        x, y = kx, ky
-    return size
+    height = -1e30
+    lift = n[0] * com[0] + n[1] * com[1] + n[2] * com[2]
+    for k in range(m):
+        h = radii[k] + lift
+        h -= n[0] * points[k, 0] + n[1] * points[k, 1] + n[2] * points[k, 2]
+        heights[k] = h
+        if h > height:
+            height = h
+    if abs(n[2]) < 0.7:
+        e1[0], e1[1], e1[2] = n[1], -n[0], 0.0
+    else:
+        e1[0], e1[1], e1[2] = 0.0, n[2], -n[1]
+    s = 1.0 / np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
+    for r in range(3):
+        e1[r] *= s
+    e2[0] = n[1] * e1[2] - n[2] * e1[1]
+    e2[1] = n[2] * e1[0] - n[0] * e1[2]
+    e2[2] = n[0] * e1[1] - n[1] * e1[0]
+    c = 0
+    for k in range(m):
+        if heights[k] > height - _TOUCH:
+            touching[c] = k
+            flat[c, 0] = flat[c, 1] = 0.0
+            for r in range(3):
+                d = points[k, r] - com[r]
+                flat[c, 0] += d * e1[r]
+                flat[c, 1] += d * e2[r]
+            c += 1
+    return height, c
 
 
-@numba.njit(inline="always", **_JIT)
-def _holds_origin(flat, a, b, c):
-    """Whether the triangle a b c holds the origin."""
-    d1 = flat[a, 0] * flat[b, 1] - flat[a, 1] * flat[b, 0]
-    d2 = flat[b, 0] * flat[c, 1] - flat[b, 1] * flat[c, 0]
-    d3 = flat[c, 0] * flat[a, 1] - flat[c, 1] * flat[a, 0]
-    return (d1 >= 0 and d2 >= 0 and d3 >= 0) or (d1 <= 0 and d2 <= 0 and d3 <= 0)
+@numba.njit(**JIT)
+def _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, v):
+    """Fill in the rotation n(t) = base + (n - base) cos t + v sin t that tips the body.
+
+    About one contact point (size 1) or the edge between two (size 2), such that the
+    center of mass gets lower.
+    """
+    i0 = touching[simplex[0]]
+    if size == 1:
+        px, py = flat[simplex[0], 0], flat[simplex[0], 1]
+        s = 1.0 / np.sqrt(px * px + py * py)
+        for r in range(3):
+            base[r] = 0.0
+            v[r] = (px * e1[r] + py * e2[r]) * s
+        return
+    i1 = touching[simplex[1]]
+    dd, dn = 0.0, 0.0
+    for r in range(3):
+        base[r] = points[i1, r] - points[i0, r]
+        dd += base[r] ** 2
+    s = 1.0 / np.sqrt(dd)
+    for r in range(3):
+        base[r] *= s
+        dn += base[r] * n[r]
+    v[0] = base[1] * n[2] - base[2] * n[1]
+    v[1] = base[2] * n[0] - base[0] * n[2]
+    v[2] = base[0] * n[1] - base[1] * n[0]
+    rise = 0.0
+    for r in range(3):
+        rise += v[r] * (points[i0, r] - com[r])
+        base[r] *= dn
+    if rise < 0.0:
+        for r in range(3):
+            v[r] = -v[r]
 
 
-@numba.njit(**_JIT)
+@numba.njit(**JIT)
+def _find_next_contact(points, radii, m, n, i0, base, v, heights, height):
+    """The first other point to touch: gap(t) = g - a cos t - b sin t falls to zero.
+
+    Returns its place in the order of touching, 2 where there is none, and the cosine
+    and sine of the rotation's angle.
+    """
+    first, ct, st = 2.0, -1.0, 0.0
+    wx, wy, wz = n[0] - base[0], n[1] - base[1], n[2] - base[2]
+    for j in range(m):
+        dx = points[i0, 0] - points[j, 0]
+        dy = points[i0, 1] - points[j, 1]
+        dz = points[i0, 2] - points[j, 2]
+        a = wx * dx + wy * dy + wz * dz
+        b = v[0] * dx + v[1] * dy + v[2] * dz
+        g = radii[i0] - radii[j] - base[0] * dx - base[1] * dy - base[2] * dz
+        norm2 = a * a + b * b
+        if norm2 <= g * g or norm2 < 1e-18:
+            continue
+        # t = atan2(b, a) - acos(g / norm) is the root where the gap closes
+        root = np.sqrt(norm2 - g * g)
+        cj, sj = (a * g + b * root) / norm2, (b * g - a * root) / norm2
+        order = 1.0 - cj if sj >= 0.0 else 3.0 + cj  # grows with t in [0, 2 pi)
+        if order < first:
+            if order < 1e-12 and heights[j] > height - _TOUCH:
+                continue  # already touching, and rolling along
+            first, ct, st = order, cj, sj
+    return first, ct, st
+
+
+@numba.njit(**JIT)
 def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
     """Tip in place until the contacts carry the center of mass. Returns H(n)."""
     base, v, e1, e2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     height = 0.0
     for _ in range(_TURNS):
-        height = -1e30
-        lift = n[0] * com[0] + n[1] * com[1] + n[2] * com[2]
-        for k in range(m):
-            h = radii[k] + lift
-            h -= n[0] * points[k, 0] + n[1] * points[k, 1] + n[2] * points[k, 2]
-            heights[k] = h
-            if h > height:
-                height = h
-        # a frame of the floor
-        if abs(n[2]) < 0.7:
-            e1[0], e1[1], e1[2] = n[1], -n[0], 0.0
-        else:
-            e1[0], e1[1], e1[2] = 0.0, n[2], -n[1]
-        s = 1.0 / np.sqrt(e1[0] ** 2 + e1[1] ** 2 + e1[2] ** 2)
-        for r in range(3):
-            e1[r] *= s
-        e2[0] = n[1] * e1[2] - n[2] * e1[1]
-        e2[1] = n[2] * e1[0] - n[0] * e1[2]
-        e2[2] = n[0] * e1[1] - n[1] * e1[0]
-        c = 0
-        for k in range(m):
-            if heights[k] > height - _TOUCH:
-                touching[c] = k
-                flat[c, 0] = flat[c, 1] = 0.0
-                for r in range(3):
-                    d = points[k, r] - com[r]
-                    flat[c, 0] += d * e1[r]
-                    flat[c, 1] += d * e2[r]
-                c += 1
-        if c == 0:  # not a number
+        height, count = _find_contacts(
+            points, radii, com, m, n, heights, e1, e2, touching, flat
+        )
+        if count == 0:  # not a number
             return np.nan
-        size = _nearest_on_hull(flat, c, simplex)
+        size = find_nearest_on_hull(flat, count, simplex)
         if size == 3:
             return height
-        # rotation n(t) = base + u cos t + v sin t that lowers the center of mass
+        _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, v)
         i0 = touching[simplex[0]]
-        if size == 1:
-            px, py = flat[simplex[0], 0], flat[simplex[0], 1]
-            s = 1.0 / np.sqrt(px * px + py * py)
-            for r in range(3):
-                base[r] = 0.0
-                v[r] = (px * e1[r] + py * e2[r]) * s
-        else:
-            i1 = touching[simplex[1]]
-            dd, dn = 0.0, 0.0
-            for r in range(3):
-                base[r] = points[i1, r] - points[i0, r]
-                dd += base[r] ** 2
-            s = 1.0 / np.sqrt(dd)
-            for r in range(3):
-                base[r] *= s
-                dn += base[r] * n[r]
-            v[0] = base[1] * n[2] - base[2] * n[1]
-            v[1] = base[2] * n[0] - base[0] * n[2]
-            v[2] = base[0] * n[1] - base[1] * n[0]
-            rise = 0.0
-            for r in range(3):
-                rise += v[r] * (points[i0, r] - com[r])
-                base[r] *= dn
-            if rise < 0.0:
-                for r in range(3):
-                    v[r] = -v[r]
-        # the first other point to touch: gap(t) = g - a cos t - b sin t falls to zero
-        first, ct, st = 2.0, -1.0, 0.0
-        wx, wy, wz = n[0] - base[0], n[1] - base[1], n[2] - base[2]
-        for j in range(m):
-            dx = points[i0, 0] - points[j, 0]
-            dy = points[i0, 1] - points[j, 1]
-            dz = points[i0, 2] - points[j, 2]
-            a = wx * dx + wy * dy + wz * dz
-            b = v[0] * dx + v[1] * dy + v[2] * dz
-            g = radii[i0] - radii[j] - base[0] * dx - base[1] * dy - base[2] * dz
-            norm2 = a * a + b * b
-            if norm2 <= g * g or norm2 < 1e-18:
-                continue
-            # t = atan2(b, a) - acos(g / norm) is the root where the gap closes
-            root = np.sqrt(norm2 - g * g)
-            cj, sj = (a * g + b * root) / norm2, (b * g - a * root) / norm2
-            order = 1.0 - cj if sj >= 0.0 else 3.0 + cj  # grows with t in [0, 2 pi)
-            if order < first:
-                if order < 1e-12 and heights[j] > height - _TOUCH:
-                    continue  # already touching, and rolling along
-                first, ct, st = order, cj, sj
+        first, ct, st = _find_next_contact(
+            points, radii, m, n, i0, base, v, heights, height
+        )
         if first >= 2.0:
             return height
         s = 0.0
@@ -250,8 +223,8 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
     return height
 
 
-@numba.njit(**_JIT)
-def _contact_points(known, radius, thickness, points, radii):
+@numba.njit(**JIT)
+def _fill_contact_spheres(known, radius, thickness, points, radii):
     """Fill in the torso's corners and the radius of every contact sphere."""
     torso_half, block_mass = known[0], known[4]
     for corner in range(8):
@@ -268,8 +241,8 @@ def _contact_points(known, radius, thickness, points, radii):
             k += 8
 
 
-@numba.njit(**_JIT)
-def _scratch(p):
+@numba.njit(**JIT)
+def _allocate_scratch(p):
     """Room for the contact radii, and the `work` of `settle`, of a body of p parts."""
     size = 8 + 10 * p
     points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
@@ -281,8 +254,8 @@ def _scratch(p):
     return radii, work
 
 
-@numba.njit(**_JIT)
-def settle(body, known, q, steps, radii, work):
+@numba.njit(**JIT)
+def settle_body(body, known, q, steps, radii, work):
     """Settle one body while its joints move from 0 to q in sub-steps.
 
     Leaves up in `work`; returns the torso's height above the floor [m].
@@ -293,12 +266,12 @@ def settle(body, known, q, steps, radii, work):
     for step in range(1, steps + 1):
         for i in range(q.shape[0]):
             angles[i] = q[i] * step / steps
-        m = _pose(body, known, angles, points, com, frames, spots)
+        m = _pose_body(body, known, angles, points, com, frames, spots)
         height = _tip_over(points, radii, com, m, n, heights, touching, flat, simplex)
     return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
-@numba.njit(**_JIT)
+@numba.njit(**JIT)
 def settle_batch(
     parent, anchor, turn, axis, length, thickness, mass, known, radius, q, steps, out
 ):
@@ -315,15 +288,15 @@ def settle_batch(
             center (1) [m], height of each part's lowest tip point (P) [m].
     """
     p = q.shape[1]
-    radii, work = _scratch(p)
+    radii, work = _allocate_scratch(p)
     points, frames, spots, n = work[0], work[2], work[3], work[8]
     for row in range(q.shape[0]):
         body = (
             parent[row], anchor[row], turn[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
-        _contact_points(known, radius, thickness[row], points, radii)
-        height = settle(body, known, q[row], steps, radii, work)
+        _fill_contact_spheres(known, radius, thickness[row], points, radii)
+        height = settle_body(body, known, q[row], steps, radii, work)
         for r in range(3):
             out[row, r] = n[r]
         out[row, 3] = height
@@ -334,7 +307,7 @@ def settle_batch(
             out[row, 4 + i] = tip
 
 
-@numba.njit(**_JIT)
+@numba.njit(**JIT)
 def race_batch(
     parent, anchor, turn, axis, length, thickness, mass, known, radius,
     targets, felt, weight, cap, order, bound, steps, far, each,
@@ -354,14 +327,14 @@ def race_batch(
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.
     """
-    radii, work = _scratch(targets.shape[1])
+    radii, work = _allocate_scratch(targets.shape[1])
     points, n, seen = work[0], work[8], np.empty(3)
     for row in range(bound.shape[0]):
         body = (
             parent[row], anchor[row], turn[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
-        _contact_points(known, radius, thickness[row], points, radii)
+        _fill_contact_spheres(known, radius, thickness[row], points, radii)
         total = 0.0
         for k in range(targets.shape[0]):
             each[row, k] = np.nan
@@ -369,7 +342,7 @@ def race_batch(
             if not total < bound[row, k]:
                 break
             action = order[row, k]
-            height = settle(body, known, targets[action], steps, radii, work)
+            height = settle_body(body, known, targets[action], steps, radii, work)
             seen[0] = -np.degrees(np.arcsin(min(1.0, max(-1.0, n[1]))))
             seen[1] = np.degrees(np.arcsin(min(1.0, max(-1.0, n[0]))))
             clear = height / n[2] - known[0][2] if n[2] > 1e-3 else far

@@ -12,8 +12,14 @@ import numpy as np
 
 from ..body.body import Bodies, Floats
 from ._jax import prepare_jax
-from ._mjx_body import Parts, motion, owners, parts, torso_constants
-from .readings import Readings, from_rest
+from ._mjx_body import (
+    Parts,
+    compute_torso_constants,
+    list_sphere_owners,
+    pack_parts,
+    plan_motion,
+)
+from .readings import Readings, compute_readings
 
 # Joints move from 0 to their target, then hold [s]. Chosen: the fastest that rests
 # where the reference does, which takes 2 s and 1 s.
@@ -55,21 +61,23 @@ class Mjx:
         """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
         targets = np.asarray(targets, float)
         with np.errstate(all="ignore"):  # a candidate without sense fails, silently
-            rest = self._rest(bodies, targets)
+            rest = self._simulate_to_rest(bodies, targets)
         sizes = np.hstack([bodies.length, bodies.thickness, bodies.mass])
         rest[~((sizes > 0).all(axis=1) & (rest[:, 4] < FASTEST))] = np.nan
         belly = bodies.anatomy.torso_half[2]
-        return from_rest(rest[:, :3], rest[:, 3], rest[:, 5:], targets, belly)
+        return compute_readings(rest[:, :3], rest[:, 3], rest[:, 5:], targets, belly)
 
-    def _rest(self, bodies: Bodies, targets: Floats) -> Floats:
+    def _simulate_to_rest(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, 5 + F) what `_simulate` returns for each row."""
         a = bodies.anatomy
         batch = self.batch
-        program = _program(owners(a), a.feet, self.ramp, self.hold, batch)
-        rows, torso = (*parts(bodies), targets), torso_constants(a)
+        program = _compile_program(
+            list_sphere_owners(a), a.feet, self.ramp, self.hold, batch
+        )
+        rows, torso = (*pack_parts(bodies), targets), compute_torso_constants(a)
         results = []
         for start in range(0, len(bodies), batch):  # queued; the devices work meanwhile
-            chunk = [_pad(x[start : start + batch], batch) for x in rows]
+            chunk = [_pad_rows(x[start : start + batch], batch) for x in rows]
             result = program(Parts(*chunk[:-1]), chunk[-1], torso, a.torso_half[2])
             results.append(result)
         rest = np.empty((len(results) * batch, 5 + len(a.feet)))
@@ -78,7 +86,7 @@ class Mjx:
         return rest[: len(bodies)]
 
 
-def _pad(rows, count: int):
+def _pad_rows(rows, count: int):
     """These rows for the device; the last one repeated up to `count`."""
     kind = np.int32 if rows.dtype.kind == "i" else np.float32
     padding = [(0, count - len(rows))] + [(0, 0)] * (rows.ndim - 1)
@@ -86,13 +94,13 @@ def _pad(rows, count: int):
 
 
 @functools.cache
-def _program(owner: tuple, feet: tuple, ramp: float, hold: float, batch: int):
+def _compile_program(owner: tuple, feet: tuple, ramp: float, hold: float, batch: int):
     """The compiled batch of simulations of anatomies with these contact spheres."""
     jax = prepare_jax()
     from jax.sharding import Mesh, PartitionSpec
 
     count = max(n for n in range(1, len(jax.devices()) + 1) if batch % n == 0)
-    simulate = functools.partial(_simulate, owner, feet, ramp, hold)
+    simulate = functools.partial(_simulate_body, owner, feet, ramp, hold)
     shared, split = PartitionSpec(), PartitionSpec("rows")
     return jax.jit(
         jax.shard_map(
@@ -105,7 +113,7 @@ def _program(owner: tuple, feet: tuple, ramp: float, hold: float, batch: int):
     )
 
 
-def _simulate(owner, feet, ramp, hold, body: Parts, target, torso, height):
+def _simulate_body(owner, feet, ramp, hold, body: Parts, target, torso, height):
     """Simulate one body from lying at rest.
 
     Returns:
@@ -115,27 +123,37 @@ def _simulate(owner, feet, ramp, hold, body: Parts, target, torso, height):
     import jax
     import jax.numpy as jnp
 
-    from ._mjx_step import Pose, State, free_spheres, rotation, step
+    from ._mjx_step import (
+        BodyPose,
+        BodyState,
+        build_sphere_model,
+        convert_quaternion,
+        step_body,
+    )
 
     moving = round((ramp + SETTLED_LAGS * SERVO_LAG) / TIMESTEP)
-    share = _servo_share(np.arange(moving + 1) * TIMESTEP, ramp).astype(np.float32)
-    plan = motion(body, torso, owner, target[:, None] * share, TIMESTEP)
-    model, data = free_spheres(TIMESTEP)
+    share = _compute_servo_share(np.arange(moving + 1) * TIMESTEP, ramp).astype(
+        np.float32
+    )
+    plan = plan_motion(body, torso, owner, target[:, None] * share, TIMESTEP)
+    model, data = build_sphere_model(TIMESTEP)
 
-    def advance(state: State, k):
+    def advance(state: BodyState, k):
         now, then = jnp.minimum(k, moving), jnp.minimum(k + 1, moving)
         spheres = plan.spheres[now]
         flow = (plan.spheres[then] - spheres) / TIMESTEP
         inertia, spin = plan.inertia[now], plan.spin[now]
-        pose = Pose(spheres, flow, body.radius, inertia, spin, plan.mass)
-        return step(model, data, state, pose), None
+        pose = BodyPose(spheres, flow, body.radius, inertia, spin, plan.mass)
+        return step_body(model, data, state, pose), None
 
     place = plan.center[0] + jnp.array([0, 0, height])
     still = jnp.zeros(6)
-    start = State(jnp.append(place, jnp.array([1.0, 0, 0, 0])), still, still[:3], still)
+    start = BodyState(
+        jnp.append(place, jnp.array([1.0, 0, 0, 0])), still, still[:3], still
+    )
     steps = jnp.arange(round((ramp + hold) / TIMESTEP))
     end, _ = jax.lax.scan(advance, start, steps)
-    up = rotation(end.pose[3:])[2]
+    up = convert_quaternion(end.pose[3:])[2]
     level = end.pose[2] + plan.spheres[-1] @ up - body.radius
     first_tip = 8 + target.shape[0] - 1
     tips = level[first_tip + np.asarray(feet, int)]
@@ -144,7 +162,7 @@ def _simulate(owner, feet, ramp, hold, body: Parts, target, torso, height):
     return jnp.concatenate([up, lift[None], fastest[None], tips])
 
 
-def _servo_share(time: Floats, ramp: float) -> Floats:
+def _compute_servo_share(time: Floats, ramp: float) -> Floats:
     """Share of the target reached by servos that trail a ramp by SERVO_LAG."""
     trail = SERVO_LAG / ramp * (1 - np.exp(-np.minimum(time, ramp) / SERVO_LAG))
     late = np.exp(-np.maximum(time - ramp, 0) / SERVO_LAG)

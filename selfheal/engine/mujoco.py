@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from .readings import Readings, from_rest
+from .readings import Readings, compute_readings
 
 # Joints move from 0 to their target, then hold [s]. Chosen: 15 degrees a second, a
 # quarter of the real servos' speed, so that a body rests where it is set down and not
@@ -36,24 +36,30 @@ class MuJoCo:
         starts = np.flatnonzero(_differs_from_previous(bodies))
         groups = np.split(np.arange(len(bodies)), starts[1:])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            rests = list(pool.map(lambda g: self._rest(bodies, g, targets[g]), groups))
+            rests = list(
+                pool.map(
+                    lambda g: self._simulate_to_rest(bodies, g, targets[g]), groups
+                )
+            )
         up, height, tips, angles = (np.concatenate(x) for x in zip(*rests, strict=True))
-        return from_rest(up, height, tips, angles, bodies.anatomy.torso_half[2])
+        return compute_readings(up, height, tips, angles, bodies.anatomy.torso_half[2])
 
-    def _rest(self, bodies: Bodies, rows, targets: Floats) -> tuple[Floats, ...]:
+    def _simulate_to_rest(
+        self, bodies: Bodies, rows, targets: Floats
+    ) -> tuple[Floats, ...]:
         """Up (n, 3), height (n), foot heights (n, F), angles (n, P) of one body."""
         import mujoco
         from mujoco import rollout
 
-        from ..body.mjcf import ignore_warnings, to_spec
+        from ..body.mjcf import build_spec, silence_mujoco
 
-        ignore_warnings()
+        silence_mujoco()
         a = bodies.anatomy
         try:
             # the compiler would take a mass that is NaN for one not given
             if np.isnan(bodies.mass[rows[0]]).any():
                 raise ValueError("a part has no mass")
-            model = to_spec(bodies, rows[0], self.physics).compile()
+            model = build_spec(bodies, rows[0], self.physics).compile()
         except ValueError:  # e.g. NaN sizes: a failed candidate, not an error
             shapes = ((3,), (), (len(a.feet),), (a.size,))
             return tuple(np.full((len(rows), *s), np.nan) for s in shapes)

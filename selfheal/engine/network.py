@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats
-from ..body.legged import HIDDEN, Legged
+from ..body.legged import HIDDEN, LeggedRobot
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Networks:
     bias: bool
     alive: Floats
 
-    def targets(self, sensed: Floats) -> Floats:
+    def compute_targets(self, sensed: Floats) -> Floats:
         """(N, D) joint targets [rad] of sensor values (N, S) in [-1, 1]."""
         inputs = np.ones((len(sensed), sensed.shape[1] + self.bias))
         inputs[:, : sensed.shape[1]] = sensed
@@ -42,10 +42,10 @@ class Networks:
         return self.reach * np.clip(out, -1, 1)
 
 
-def networks(robot: Legged, weights: Floats, alive: Floats) -> Networks:
+def build_networks(robot: LeggedRobot, weights: Floats, alive: Floats) -> Networks:
     """Controllers of weights (N, synapses), those of the inputs first."""
-    inputs = len(robot.sensors) + robot.bias
+    inputs = len(robot.sensors) + robot.has_bias
     split = inputs * HIDDEN
     inner = weights[:, :split].reshape(-1, inputs, HIDDEN)
     outer = weights[:, split:].reshape(-1, HIDDEN, len(robot.motors))
-    return Networks(inner, outer, robot.reach, robot.bias, alive)
+    return Networks(inner, outer, robot.reach, robot.has_bias, alive)

@@ -15,7 +15,9 @@ _RANGE = {"hip": np.radians([-96.0, 74.0]), "knee": np.radians([-96.0, 94.0])}
 # Servos that give way: published_body.xml's. A step of 10 ms walks within 2.4 mm of
 # one of 2 ms (median of 48 gaits of 5 s) and is five times as fast.
 WALKING = Physics(timestep=0.01, kp=40.0, kv=0.6)
-_STUB = 0.02  # scale of a part that is gone: MuJoCo needs some size and mass; chosen
+_LOST_SCALE = (
+    0.02  # scale of a part that is gone: MuJoCo needs some size and mass; chosen
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Plant:
     dead: tuple[str, ...]
 
 
-def rated(body: Bodies) -> Plant:
+def build_rated_plant(body: Bodies) -> Plant:
     """The plant as its maker states it: rated servos, no play, level ground."""
     joints = body.anatomy.joints
     ends = np.array([_RANGE["knee" if "knee" in j else "hip"] for j in joints])
@@ -72,7 +74,7 @@ def rated(body: Bodies) -> Plant:
     )
 
 
-def lost_with(body: Bodies, part: int) -> list[int]:
+def list_lost_parts(body: Bodies, part: int) -> list[int]:
     """A part (0..P-1) and all that hangs on it."""
     gone = {part + 1}
     for i, parent in enumerate(body.parent[0]):
@@ -81,14 +83,14 @@ def lost_with(body: Bodies, part: int) -> list[int]:
     return sorted(i - 1 for i in gone)
 
 
-def damaged(plant: Plant, *damages: Damage) -> Plant:
+def apply_damages(plant: Plant, *damages: Damage) -> Plant:
     """The plant after these damages, in order."""
     for damage in damages:
-        plant = replace(plant, **_change(plant, damage))
+        plant = replace(plant, **_compute_change(plant, damage))
     return plant
 
 
-def _change(plant: Plant, damage: Damage) -> dict:
+def _compute_change(plant: Plant, damage: Damage) -> dict:
     """What one damage changes."""
     anatomy, value, name = plant.body.anatomy, damage.value, damage.name
     if damage.kind in ("part_scale", "limb_loss"):
@@ -97,14 +99,16 @@ def _change(plant: Plant, damage: Damage) -> dict:
         if damage.kind == "part_scale":
             scale[0, part] = value
         else:
-            scale[0, lost_with(plant.body, part)] = _STUB
+            scale[0, list_lost_parts(plant.body, part)] = _LOST_SCALE
         return {"body": scale_parts(plant.body, scale)}
     if damage.kind == "joint_jam":
-        return {"jam": _with(plant.jam, anatomy.joints.index(name), value)}
+        return {"jam": _replace_element(plant.jam, anatomy.joints.index(name), value)}
     if damage.kind == "weak_motor":
         joint = anatomy.joints.index(name.removesuffix("_servo"))
         weaker = {"torque": plant.torque, "speed": plant.speed}
-        return {k: _with(v, joint, v[joint] * value) for k, v in weaker.items()}
+        return {
+            k: _replace_element(v, joint, v[joint] * value) for k, v in weaker.items()
+        }
     if damage.kind == "sensor_dead":
         return {"dead": (*plant.dead, name)}
     if damage.kind == "slope":
@@ -114,14 +118,14 @@ def _change(plant: Plant, damage: Damage) -> dict:
     return {}
 
 
-def _with(values: Floats, index: int, value: float) -> Floats:
+def _replace_element(values: Floats, index: int, value: float) -> Floats:
     """A copy with one element changed."""
     out = values.copy()
     out[index] = value
     return out
 
 
-def set_points(
+def compute_set_points(
     plants: list[Plant], commands: Floats, period: float, start: Floats
 ) -> Floats:
     """Where servos are sent: commands late, within range, at most at the motors' speed.

@@ -31,7 +31,7 @@ class Readings:
         return Readings(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def from_rest(
+def compute_readings(
     up: Floats, height: Floats, tips: Floats, angles: Floats, belly: float
 ) -> Readings:
     """Readings of bodies at rest.

@@ -14,22 +14,24 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..body.legged import HIDDEN, Legged
-from ._jax import cores
-from .network import networks
+from ..body.legged import HIDDEN, LeggedRobot
+from ._jax import count_cores
+from .network import build_networks
 from .walk import FASTEST
 
 STEPS = 1000  # of one evaluation (overview.txt 4.3)
 STEP = 0.01  # [s] of one, as the models have it
-EVERY = 5  # steps that a sample of the series is the mean of; chosen
-SAMPLE = STEP * EVERY  # [s] from sample to sample
-_GONE = 1e-3  # share of its mass that a lost part keeps: MuJoCo needs some; chosen
-_JAM = 1e5  # [kg m^2] armature of a jammed joint; chosen: 6 N m turn it by 0.2 degrees
-_AIR = 1.2  # [kg/m^3] where wind blows
+STEPS_PER_SAMPLE = 5  # steps that a sample of the series is the mean of; chosen
+SAMPLE = STEP * STEPS_PER_SAMPLE  # [s] from sample to sample
+_LOST_MASS = 1e-3  # share of its mass that a lost part keeps: MuJoCo needs some; chosen
+_JAMMED_ARMATURE = (
+    1e5  # [kg m^2] armature of a jammed joint; chosen: 6 N m turn it by 0.2 degrees
+)
+_AIR_DENSITY = 1.2  # [kg/m^3] where wind blows
 
 
 @dataclass(frozen=True)
-class Plants:
+class LeggedPlants:
     """N ways that a robot and its world may be; all that damage changes.
 
     Attributes:
@@ -45,28 +47,28 @@ class Plants:
         mass: (N) factor on all masses.
     """
 
-    robot: Legged
-    there: np.ndarray
-    free: np.ndarray
-    motor: Floats
-    sense: Floats
-    alive: Floats
+    robot: LeggedRobot
+    present: np.ndarray
+    unlocked: np.ndarray
+    motor_gain: Floats
+    sensor_gain: Floats
+    neuron_gain: Floats
     gravity: Floats
     friction: Floats
     wind: Floats
-    mass: Floats
+    mass_scale: Floats
 
     def __len__(self) -> int:
         return len(self.friction)
 
-    def __getitem__(self, rows) -> "Plants":
+    def __getitem__(self, rows) -> "LeggedPlants":
         """These rows."""
         kept = {f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]}
         return replace(self, **kept)
 
 
 @dataclass(frozen=True)
-class Drives:
+class Rollouts:
     """What N robots did in `STEPS` steps.
 
     Attributes:
@@ -77,43 +79,45 @@ class Drives:
         failed: (N) whether the simulation diverged; its series are NaN.
     """
 
-    way: Floats
-    sensed: Floats
+    displacement: Floats
+    sensors: Floats
     path: Floats
     failed: np.ndarray
 
-    def __getitem__(self, rows) -> "Drives":
+    def __getitem__(self, rows) -> "Rollouts":
         """These rows."""
-        return Drives(*(getattr(self, f.name)[rows] for f in fields(self)))
+        return Rollouts(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def whole(robot: Legged, count: int) -> Plants:
+def build_intact_plants(robot: LeggedRobot, count: int) -> LeggedPlants:
     """A robot in which nothing is broken, so many times."""
     motors, model = len(robot.motors), robot.model
-    return Plants(
+    return LeggedPlants(
         robot=robot,
-        there=np.ones((count, model.nbody), bool),
-        free=np.ones((count, motors), bool),
-        motor=np.ones((count, motors)),
-        sense=np.ones((count, len(robot.sensors))),
-        alive=np.ones((count, HIDDEN)),
+        present=np.ones((count, model.nbody), bool),
+        unlocked=np.ones((count, motors), bool),
+        motor_gain=np.ones((count, motors)),
+        sensor_gain=np.ones((count, len(robot.sensors))),
+        neuron_gain=np.ones((count, HIDDEN)),
         gravity=np.tile(model.opt.gravity, (count, 1)),
         friction=np.full(count, float(model.geom_friction[0, 0])),
         wind=np.zeros((count, 3)),
-        mass=np.ones(count),
+        mass_scale=np.ones(count),
     )
 
 
-def damaged(robot: Legged, damages: Sequence[Sequence[Damage]]) -> Plants:
+def build_damaged_plants(
+    robot: LeggedRobot, damages: Sequence[Sequence[Damage]]
+) -> LeggedPlants:
     """Robots after their damages, one for each element."""
-    plants = whole(robot, len(damages))
+    plants = build_intact_plants(robot, len(damages))
     for row, several in enumerate(damages):
         for damage in several:
-            _strike(plants, row, damage)
+            _apply_damage(plants, row, damage)
     return plants
 
 
-def trimmed(plants: Plants, factors: Floats) -> Plants:
+def scale_physics(plants: LeggedPlants, factors: Floats) -> LeggedPlants:
     """Robots whose friction, masses and motors are off.
 
     Args:
@@ -123,34 +127,34 @@ def trimmed(plants: Plants, factors: Floats) -> Plants:
     return replace(
         plants,
         friction=plants.friction * factors[..., 0],
-        mass=plants.mass * factors[..., 1],
-        motor=plants.motor * factors[..., 2:],
+        mass_scale=plants.mass_scale * factors[..., 1],
+        motor_gain=plants.motor_gain * factors[..., 2:],
     )
 
 
-def _strike(plants: Plants, row: int, damage: Damage) -> None:
+def _apply_damage(plants: LeggedPlants, row: int, damage: Damage) -> None:
     """Write one damage into a row."""
     robot, name, value = plants.robot, damage.name, damage.value
     if damage.kind == "limb_loss":
-        gone = robot.below(name)
-        plants.there[row, gone] = False
-        lost = [int(robot.joint_of(d).bodyid[0]) in gone
+        gone = robot.list_bodies_below(name)
+        plants.present[row, gone] = False
+        lost = [int(robot.joint_of_motor(d).bodyid[0]) in gone
                 for d in range(len(robot.motors))]  # fmt: skip
-        plants.motor[row, lost] = 0.0
+        plants.motor_gain[row, lost] = 0.0
         # an angle sensor is lost with its joint; a touch sensor touches nothing
         for d in np.flatnonzero(lost).tolist():
-            angle = f"{robot.joint_of(d).name}_position"
+            angle = f"{robot.joint_of_motor(d).name}_position"
             if angle in robot.sensors:
-                plants.sense[row, robot.sensors.index(angle)] = 0.0
+                plants.sensor_gain[row, robot.sensors.index(angle)] = 0.0
     elif damage.kind == "joint_jam":
-        (place,) = (p for p in robot.places if p.name == name)
-        plants.free[row, list(place.dofs)] = False
+        (place,) = (p for p in robot.damage_sites if p.name == name)
+        plants.unlocked[row, list(place.dofs)] = False
     elif damage.kind == "weak_motor":
-        plants.motor[row, robot.motors.index(name)] *= value
+        plants.motor_gain[row, robot.motors.index(name)] *= value
     elif damage.kind in ("sensor_dead", "weak_sensor"):
-        plants.sense[row, robot.sensors.index(name)] *= value
+        plants.sensor_gain[row, robot.sensors.index(name)] *= value
     elif damage.kind == "neuron_dead":
-        plants.alive[row, int(name)] = 0.0
+        plants.neuron_gain[row, int(name)] = 0.0
     elif damage.kind == "ground_friction":
         plants.friction[row] = value
     elif damage.kind in ("slope", "wind"):
@@ -163,7 +167,9 @@ def _strike(plants: Plants, row: int, damage: Damage) -> None:
             plants.gravity[row] = size * np.array([*side, -np.cos(value)])
 
 
-def drive(plants: Plants, weights: Floats, steps: int = STEPS) -> Drives:
+def simulate_controllers(
+    plants: LeggedPlants, weights: Floats, steps: int = STEPS
+) -> Rollouts:
     """Let robots run under their controllers.
 
     Args:
@@ -171,12 +177,12 @@ def drive(plants: Plants, weights: Floats, steps: int = STEPS) -> Drives:
         weights: (N, synapses).
         steps: of 10 ms.
     """
-    batch = _batch(plants)
-    net = networks(plants.robot, weights, plants.alive)
+    batch = _build_batch(plants)
+    net = build_networks(plants.robot, weights, plants.neuron_gain)
     pressed, ctrl = batch.bind("sensordata"), batch.bind("ctrl")
     place = batch.bind("qpos")[:, :3]
     feet, count = plants.robot.feet, len(plants)
-    samples = steps // EVERY
+    samples = steps // STEPS_PER_SAMPLE
     sensed = np.zeros((count, samples, pressed.shape[1]))
     path = np.empty((count, samples, 3))
     now = np.empty((count, pressed.shape[1]))
@@ -185,47 +191,49 @@ def drive(plants: Plants, weights: Floats, steps: int = STEPS) -> Drives:
         for step in range(steps):
             now[:, :feet] = np.where(pressed[:, :feet] > 0, 1.0, -1.0)
             now[:, feet:] = np.clip(pressed[:, feet:] / plants.robot.reach, -1, 1)
-            now *= plants.sense
-            ctrl[:] = net.targets(now)
+            now *= plants.sensor_gain
+            ctrl[:] = net.compute_targets(now)
             batch.step()
             if step == 0:
                 begin = place[:, 0].copy()
-            sample = step // EVERY
-            sensed[:, sample] += now / EVERY
+            sample = step // STEPS_PER_SAMPLE
+            sensed[:, sample] += now / STEPS_PER_SAMPLE
             path[:, sample] = place
     way = place[:, 0] - begin
     failed = ~np.isfinite(path).all(axis=(1, 2)) | ~np.isfinite(way)
     failed |= ~(np.abs(batch.bind("qvel")) < FASTEST).all(axis=1)
     sensed[failed] = path[failed] = np.nan
-    return Drives(np.where(failed, -np.inf, way), sensed, path, failed)
+    return Rollouts(np.where(failed, -np.inf, way), sensed, path, failed)
 
 
-def _batch(plants: Plants):
+def _build_batch(plants: LeggedPlants):
     """The simulations, at rest at their start."""
     from mujoco.batch import Batch
 
-    from ..body.mjcf import ignore_warnings
+    from ..body.mjcf import silence_mujoco
 
-    ignore_warnings()
+    silence_mujoco()
     robot = plants.robot
     model = robot.model
-    batch = Batch(model, len(plants), min(cores(), len(plants)))
-    here = np.where(plants.there, 1.0, _GONE) * plants.mass[:, None]
+    batch = Batch(model, len(plants), min(count_cores(), len(plants)))
+    here = np.where(plants.present, 1.0, _LOST_MASS) * plants.mass_scale[:, None]
     batch.expand("body_mass")[:] = model.body_mass * here
     batch.expand("body_inertia")[:] = model.body_inertia * here[..., None]
-    touches = plants.there[:, model.geom_bodyid]
+    touches = plants.present[:, model.geom_bodyid]
     batch.expand("geom_contype")[:] = model.geom_contype * touches
     batch.expand("geom_friction")[..., 0] = plants.friction[:, None]
-    dofs = [int(robot.joint_of(d).dofadr[0]) for d in range(len(robot.motors))]
+    dofs = [int(robot.joint_of_motor(d).dofadr[0]) for d in range(len(robot.motors))]
     armature = batch.expand("dof_armature")
-    armature[:, dofs] = np.where(plants.free, model.dof_armature[dofs], _JAM)
-    batch.expand("actuator_gainprm")[..., 0] *= plants.motor
-    batch.expand("actuator_biasprm")[..., 1:3] *= plants.motor[..., None]
-    batch.expand("actuator_forcerange")[:] *= plants.motor[..., None]
+    armature[:, dofs] = np.where(
+        plants.unlocked, model.dof_armature[dofs], _JAMMED_ARMATURE
+    )
+    batch.expand("actuator_gainprm")[..., 0] *= plants.motor_gain
+    batch.expand("actuator_biasprm")[..., 1:3] *= plants.motor_gain[..., None]
+    batch.expand("actuator_forcerange")[:] *= plants.motor_gain[..., None]
     batch.expand("opt.gravity")[:] = plants.gravity
     batch.expand("opt.wind")[:] = plants.wind
     blows = (plants.wind != 0).any(axis=1)
-    batch.expand("opt.density")[:] = np.where(blows, _AIR, 0.0)
+    batch.expand("opt.density")[:] = np.where(blows, _AIR_DENSITY, 0.0)
     batch.set_const()
     batch.reset()
     return batch

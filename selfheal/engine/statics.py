@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from ..body.body import Bodies, Floats, Ints
-from ._jax import cores
-from .readings import MAX_CLEARANCE, Readings, from_rest
+from ._jax import count_cores
+from .readings import MAX_CLEARANCE, Readings, compute_readings
 
 _WORTH_A_THREAD = 64  # rows; starting a thread costs about as much as settling these
 
@@ -29,7 +29,7 @@ class Statics:
         Of 1,500 random trees 94.5 % rest where `mujoco` says with 5, 95.2 % with 8,
         95.4 % with 10 and 95.3 % with 20; a pose takes 60 % longer with 8 than with 5.
         """
-        self.substeps, self.threads = substeps, threads or cores()
+        self.substeps, self.threads = substeps, threads or count_cores()
 
     def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
         """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
@@ -41,12 +41,12 @@ class Statics:
 
         def run(rows: slice) -> None:
             settle_batch(
-                *_inputs(bodies, rows), targets[rows], self.substeps, out[rows]
+                *_pack_inputs(bodies, rows), targets[rows], self.substeps, out[rows]
             )
 
-        self._share(run, len(bodies))
+        self._run_in_threads(run, len(bodies))
         feet = out[:, 3 + np.asarray(a.feet, int)]
-        return from_rest(out[:, :3], out[:, 3], feet, targets, a.torso_half[2])
+        return compute_readings(out[:, :3], out[:, 3], feet, targets, a.torso_half[2])
 
     def race(
         self,
@@ -81,14 +81,14 @@ class Statics:
 
         def run(rows: slice) -> None:
             race_batch(
-                *_inputs(bodies, rows), targets, felt, weight, cap, order[rows],
+                *_pack_inputs(bodies, rows), targets, felt, weight, cap, order[rows],
                 bound[rows], self.substeps, MAX_CLEARANCE, each[rows],
             )  # fmt: skip
 
-        self._share(run, len(bodies))
+        self._run_in_threads(run, len(bodies))
         return each
 
-    def _share(self, run: Callable[[slice], None], count: int) -> None:
+    def _run_in_threads(self, run: Callable[[slice], None], count: int) -> None:
         """Run over `count` rows, cut among the threads where that pays."""
         if count < self.threads * _WORTH_A_THREAD or self.threads == 1:
             run(slice(None))
@@ -98,7 +98,7 @@ class Statics:
             list(pool.map(run, [slice(*edge) for edge in pairwise(edges.tolist())]))
 
 
-def _inputs(bodies: Bodies, rows: slice) -> tuple:
+def _pack_inputs(bodies: Bodies, rows: slice) -> tuple:
     """Rows of a batch as the kernels take them."""
     a, heading = bodies.anatomy, bodies.heading[rows]
     return (

@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..body.body import Anatomy, Floats
-from ..body.damage import sensors_of
-from ._jax import cores
-from .plant import Plant, set_points
+from ..body.damage import list_sensors
+from ._jax import count_cores
+from .plant import Plant, compute_set_points
 from .readings import TOUCH_HEIGHT
 
 PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulation
@@ -53,7 +53,7 @@ class Walks:
         return Walks(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
-def simulate(
+def simulate_walks(
     plants: Sequence[Plant],
     commands: Floats,
     start: tuple[Floats, Floats] | None = None,
@@ -66,34 +66,34 @@ def simulate(
             SAMPLE / PERIOD.
         start: `state` and `set_point` to go on from; None = at rest, all joints zero.
     """
-    models = {key: _compiled(p) for key, p in {id(p): p for p in plants}.items()}
+    models = {key: _compile_plant(p) for key, p in {id(p): p for p in plants}.items()}
     parts = []
     for first in range(0, len(plants), _CHUNK):
         rows = slice(first, first + _CHUNK)
         begin = None if start is None else (start[0][rows], start[1][rows])
         chosen = [models[id(p)] for p in plants[rows]]
-        parts.append(_chunk(list(plants[rows]), chosen, commands[rows], begin))
+        parts.append(_simulate_chunk(list(plants[rows]), chosen, commands[rows], begin))
     joined = (np.concatenate([getattr(p, f.name) for p in parts])
               for f in fields(Walks))  # fmt: skip
     return Walks(*joined)
 
 
-def _compiled(plant: Plant):
+def _compile_plant(plant: Plant):
     """A plant's model."""
     import mujoco
 
-    from ..body.mjcf import ignore_warnings, to_walker
+    from ..body.mjcf import build_walking_spec, silence_mujoco
 
-    ignore_warnings()
+    silence_mujoco()
     jammed = ~np.isnan(plant.jam)
     torque = np.where(jammed, 100.0, plant.torque)  # a jam gives way to nothing
-    model = to_walker(plant.body, plant.physics, torque, plant.slope).compile()
+    model = build_walking_spec(plant.body, plant.physics, torque, plant.slope).compile()
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     model.opt.ls_iterations = 10  # enough for contacts with a plane; chosen
     return model
 
 
-def _start(model, count: int) -> tuple[Floats, Floats]:
+def _start_at_rest(model, count: int) -> tuple[Floats, Floats]:
     """State and set points at rest."""
     import mujoco
 
@@ -103,24 +103,26 @@ def _start(model, count: int) -> tuple[Floats, Floats]:
     return np.tile(state, (count, 1)), np.zeros((count, model.nu))
 
 
-def _chunk(plants: list[Plant], models: list, commands: Floats, start) -> Walks:
+def _simulate_chunk(
+    plants: list[Plant], models: list, commands: Floats, start
+) -> Walks:
     """Some of the walks."""
     import mujoco
     from mujoco import rollout
 
-    state, before = _start(models[0], len(plants)) if start is None else start
-    points = set_points(plants, commands, PERIOD, before)
+    state, before = _start_at_rest(models[0], len(plants)) if start is None else start
+    points = compute_set_points(plants, commands, PERIOD, before)
     steps = round(PERIOD / models[0].opt.timestep)
-    threads = min(cores(), len(plants))
+    threads = min(count_cores(), len(plants))
     data = [mujoco.MjData(models[0]) for _ in range(threads)]
     with np.errstate(all="ignore"):
         states, sensors = rollout.rollout(
             models, data, state, np.repeat(points, steps, axis=1)
         )
-        return _walks(plants, models[0], states, sensors, points, steps)
+        return _sample_walks(plants, models[0], states, sensors, points, steps)
 
 
-def _walks(plants, model, states, sensors, points, steps) -> Walks:
+def _sample_walks(plants, model, states, sensors, points, steps) -> Walks:
     """What was simulated, sampled."""
     p, every = model.nu, _EVERY * steps
     last = states[:, -1].copy()
@@ -144,11 +146,11 @@ def _walks(plants, model, states, sensors, points, steps) -> Walks:
     feet = np.asarray(anatomy.feet, int) - 1
     thick = np.stack([x.body.thickness[0, feet] for x in plants])
     height = tips.reshape(*tips.shape[:2], len(feet), 3)[..., 2]
-    up = np.stack([_up(x.slope) for x in plants])[:, None]
+    up = np.stack([_compute_up(x.slope) for x in plants])[:, None]
     out = Walks(
         position=q[..., :3].copy(),
         orientation=q[..., 3:7].copy(),
-        up=into_frame(q[..., 3:7], np.broadcast_to(up, q[..., :3].shape)),
+        up=rotate_into_frame(q[..., 3:7], np.broadcast_to(up, q[..., :3].shape)),
         angles=q[..., at],
         tips=height - (anatomy.radius[feet] * thick)[:, None],
         energy=energy,
@@ -161,14 +163,14 @@ def _walks(plants, model, states, sensors, points, steps) -> Walks:
     return out
 
 
-def _up(slope: Floats) -> Floats:
+def _compute_up(slope: Floats) -> Floats:
     """(3) the direction against gravity in the ground's frame."""
     tilt, azimuth = slope
     downhill = np.array([np.cos(azimuth), np.sin(azimuth)])
     return np.array([*(-np.sin(tilt) * downhill), np.cos(tilt)])
 
 
-def into_frame(quat: Floats, vector: Floats) -> Floats:
+def rotate_into_frame(quat: Floats, vector: Floats) -> Floats:
     """(..., 3) world vectors (..., 3) in the frame that a quaternion (..., 4) turns."""
     w, u = quat[..., :1], -quat[..., 1:]
     twice = 2 * np.cross(u, vector)
@@ -188,15 +190,15 @@ class Channels:
     sensors: tuple[str, ...]
 
 
-def channels_of(anatomy: Anatomy) -> Channels:
+def list_channels(anatomy: Anatomy) -> Channels:
     """Two tilts, clearance, joint angles, touches, position."""
-    vertical, *others = sensors_of(anatomy)
+    vertical, *others = list_sensors(anatomy)
     names = ("tilt left/right", "tilt forward/back", *others, "x", "y")
     place = ["torso_position", "torso_position"]
     return Channels(names, (vertical, vertical, *others, *place))
 
 
-def sensed(walks: Walks, plants: Sequence[Plant]) -> Floats:
+def compute_channels(walks: Walks, plants: Sequence[Plant]) -> Floats:
     """(N, S, C) the channels of walks: [deg], [mm], touch 0 or 1; dead ones are 0."""
     anatomy = plants[0].body.anatomy
     x, y = np.clip(walks.up[..., 0], -1, 1), np.clip(walks.up[..., 1], -1, 1)
@@ -205,14 +207,14 @@ def sensed(walks: Walks, plants: Sequence[Plant]) -> Floats:
         [
             -np.degrees(np.arcsin(y))[..., None],
             np.degrees(np.arcsin(x))[..., None],
-            1000 * clearance(walks, belly)[..., None],
+            1000 * compute_clearance(walks, belly)[..., None],
             np.degrees(walks.angles),
             (walks.tips < TOUCH_HEIGHT).astype(float),
             1000 * walks.position[..., :2],
         ],
         axis=2,
     )
-    sensors = channels_of(anatomy).sensors
+    sensors = list_channels(anatomy).sensors
     for row, plant in enumerate(plants):
         dead = [k for k, sensor in enumerate(sensors) if sensor in plant.dead]
         out[row, :, dead] = 0.0
@@ -220,12 +222,14 @@ def sensed(walks: Walks, plants: Sequence[Plant]) -> Floats:
     return out
 
 
-def clearance(walks: Walks, belly: float) -> Floats:
+def compute_clearance(walks: Walks, belly: float) -> Floats:
     """(N, S) belly to floor along the torso's z [m], at most `MAX_CLEARANCE`."""
     from .readings import MAX_CLEARANCE
 
     level = np.array([0.0, 0, 1])
-    z = into_frame(walks.orientation, np.broadcast_to(level, walks.up.shape))[..., 2]
+    z = rotate_into_frame(walks.orientation, np.broadcast_to(level, walks.up.shape))[
+        ..., 2
+    ]
     with np.errstate(divide="ignore", invalid="ignore"):
         gap = walks.position[..., 2] / z - belly
     return np.where(z > 0.05, np.clip(gap, 0, MAX_CLEARANCE), MAX_CLEARANCE)

@@ -21,7 +21,7 @@ Score = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True)
-class Pool:
+class Population:
     """A population after a generation.
 
     Attributes:
@@ -34,18 +34,18 @@ class Pool:
     genomes: Floats
     scores: Floats
     best: Floats = field(default_factory=lambda: np.empty(0))
-    asked: int = 0
+    evaluations: int = 0
 
 
-def draw(count: int, size: int, rng: np.random.Generator) -> Floats:
+def draw_values(count: int, size: int, rng: np.random.Generator) -> Floats:
     """(count, size) random values of two decimals."""
     # + 0: of the two zeros only one, for genomes are compared byte by byte
     return np.round(rng.uniform(-1, 1, (count, size)), 2) + 0.0
 
 
-def begin(
+def start_population(
     size: int, score: Score, rng: np.random.Generator, seeds: Floats | None = None
-) -> Pool:
+) -> Population:
     """A random population, and in it what earlier searches found.
 
     Args:
@@ -54,19 +54,19 @@ def begin(
         rng: draws them.
         seeds: (S, size) at most as many as the population.
     """
-    genomes = draw(POPULATION, size, rng)
+    genomes = draw_values(POPULATION, size, rng)
     if seeds is not None:
         genomes[: len(seeds)] = seeds
-    return _ranked(Pool(genomes[:0], np.empty(0)), genomes, score(genomes))
+    return _merge_ranked(Population(genomes[:0], np.empty(0)), genomes, score(genomes))
 
 
-def evolve(
-    pool: Pool,
+def evolve_population(
+    pool: Population,
     score: Score,
     rng: np.random.Generator,
     generations: int,
     mutation: float = MUTATION,
-) -> Iterator[Pool]:
+) -> Iterator[Population]:
     """The population after each of so many more generations.
 
     A child that is the copy of one that has been scored is not scored again: the
@@ -74,8 +74,10 @@ def evolve(
     """
     known = {g.tobytes(): s for g, s in zip(pool.genomes, pool.scores, strict=True)}
     for _ in range(generations):
-        kept = Pool(pool.genomes[:KEPT], pool.scores[:KEPT], pool.best, pool.asked)
-        new = children(kept.genomes, rng, mutation)
+        kept = Population(
+            pool.genomes[:KEPT], pool.scores[:KEPT], pool.best, pool.evaluations
+        )
+        new = breed_children(kept.genomes, rng, mutation)
         fresh = np.array([g for g in new if g.tobytes() not in known]).reshape(
             -1, new.shape[1]
         )
@@ -83,18 +85,18 @@ def evolve(
         if len(fresh):
             keys = (g.tobytes() for g in fresh)
             known |= dict(zip(keys, score(fresh), strict=True))
-        pool = _ranked(kept, new, np.array([known[g.tobytes()] for g in new]))
+        pool = _merge_ranked(kept, new, np.array([known[g.tobytes()] for g in new]))
         yield pool
 
 
-def children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
+def breed_children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
     """(POPULATION - KEPT, D) new genomes of those kept (KEPT, D), best ones first."""
     count = POPULATION - KEPT
     # best first: the winner of a tournament is its lowest row
     winners = rng.integers(0, len(kept), (count, _TOURNAMENT)).min(axis=1)
     new = kept[winners]
     struck = rng.random(new.shape) < mutation
-    new = np.where(struck, draw(count, new.shape[1], rng), new)
+    new = np.where(struck, draw_values(count, new.shape[1], rng), new)
     pairs = rng.permutation(count)[: 2 * _PAIRS].reshape(_PAIRS, 2)
     cuts = rng.integers(1, new.shape[1], _PAIRS)
     for (a, b), cut in zip(pairs, cuts, strict=True):
@@ -102,10 +104,10 @@ def children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
     return new
 
 
-def _ranked(kept: Pool, new: Floats, scores: Floats) -> Pool:
+def _merge_ranked(kept: Population, new: Floats, scores: Floats) -> Population:
     """Old and new ones in order; a failure never comes before what has a score."""
     genomes = np.concatenate([kept.genomes.reshape(-1, new.shape[1]), new])
     worth = np.nan_to_num(np.concatenate([kept.scores, scores]), nan=-np.inf)
     order = np.argsort(-worth, kind="stable")
     best = np.append(kept.best, worth[order[0]])
-    return Pool(genomes[order], worth[order], best, kept.asked + len(new))
+    return Population(genomes[order], worth[order], best, kept.evaluations + len(new))

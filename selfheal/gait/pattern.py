@@ -16,7 +16,7 @@ _FADE = 1.0  # [s] in which waves begin; chosen
 # Cycles a second that waves may take. Chosen: below 0.2 a swing within the servos'
 # speed is longer than the range of the joints, above 0.8 it is only 12 degrees.
 _FREQUENCY = (0.2, 0.8)
-_GRAIN = 0.2  # [s] so that a quarter of a cycle is a whole number of samples
+_PERIOD_STEP = 0.2  # [s] so that a quarter of a cycle is a whole number of samples
 
 
 class Pattern(Protocol):
@@ -27,25 +27,25 @@ class Pattern(Protocol):
         """Of it."""
         ...
 
-    def size(self, joints: int) -> int:
+    def count_genes(self, joints: int) -> int:
         """How many numbers a gait of so many joints has."""
         ...
 
-    def commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
+    def compute_commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
         """(N, T, P) [rad], one row every `PERIOD`, of genes (N, size)."""
         ...
 
-    def cycle(self, genes: Floats) -> float:
+    def compute_period(self, genes: Floats) -> float:
         """Seconds in which a gait (size) repeats."""
         ...
 
-    def stand(self, genes: Floats, stance: Floats) -> Floats:
+    def add_stance(self, genes: Floats, stance: Floats) -> Floats:
         """Genes (N, size) moved by a stance (N, P) [rad]."""
         ...
 
 
 @dataclass(frozen=True)
-class Poses:
+class PosePattern:
     """Paper A's gait: four poses, each reached in a straight line, gone round twice.
 
     Genes are 4 x P, +-1 for +-70 degrees. The command is rest, p1 .. p4, p1 .. p4,
@@ -54,11 +54,11 @@ class Poses:
 
     name: str = "poses"
 
-    def size(self, joints: int) -> int:
+    def count_genes(self, joints: int) -> int:
         """See `Pattern`."""
         return 4 * joints
 
-    def commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
+    def compute_commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
         """See `Pattern`; a longer time goes on round the poses."""
         poses = SWING * np.clip(genes, -1, 1).reshape(len(genes), 4, joints)
         step = SECONDS / _SEGMENTS
@@ -68,22 +68,22 @@ class Poses:
         )
         if seconds == SECONDS:
             knots[:, _SEGMENTS] = 0.0
-        at = _times(seconds) / step
+        at = _list_times(seconds) / step
         low = np.minimum(at.astype(int), knots.shape[1] - 2)
         part = (at - low)[None, :, None]
         return (1 - part) * knots[:, low] + part * knots[:, low + 1]
 
-    def cycle(self, genes: Floats) -> float:
+    def compute_period(self, genes: Floats) -> float:
         """See `Pattern`."""
         return 4 * SECONDS / _SEGMENTS
 
-    def stand(self, genes: Floats, stance: Floats) -> Floats:
+    def add_stance(self, genes: Floats, stance: Floats) -> Floats:
         """See `Pattern`."""
         return genes + np.tile(stance / SWING, 4)
 
 
 @dataclass(frozen=True)
-class Waves:
+class WavePattern:
     """Every joint swings in a sine of one common frequency about a middle of its own.
 
     Genes: middles (P), sines (P), cosines (P), each 1 for 35 degrees, and one for the
@@ -92,50 +92,50 @@ class Waves:
 
     name: str = "waves"
 
-    def size(self, joints: int) -> int:
+    def count_genes(self, joints: int) -> int:
         """See `Pattern`."""
         return 3 * joints + 1
 
-    def commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
+    def compute_commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
         """See `Pattern`."""
-        time = _times(seconds)
+        time = _list_times(seconds)
         middle, sine, cosine = (
             SWING / 2 * genes[:, k * joints : (k + 1) * joints, None] for k in range(3)
         )
-        phase = 2 * np.pi * self._frequency(genes)[:, None] * time
+        phase = 2 * np.pi * self._compute_frequency(genes)[:, None] * time
         swing = sine * np.sin(phase)[:, None] + cosine * np.cos(phase)[:, None]
         fade = np.minimum(time / _FADE, 1.0)
         out = fade * (middle + swing)
         return np.clip(out, -SWING, SWING).transpose(0, 2, 1)
 
-    def cycle(self, genes: Floats) -> float:
+    def compute_period(self, genes: Floats) -> float:
         """See `Pattern`."""
-        return float(1 / self._frequency(genes[None])[0])
+        return float(1 / self._compute_frequency(genes[None])[0])
 
-    def stand(self, genes: Floats, stance: Floats) -> Floats:
+    def add_stance(self, genes: Floats, stance: Floats) -> Floats:
         """See `Pattern`."""
         out = genes.copy()
         out[:, : stance.shape[1]] += stance / (SWING / 2)
         return out
 
     @staticmethod
-    def _frequency(genes: Floats) -> Floats:
+    def _compute_frequency(genes: Floats) -> Floats:
         """(N) [1/s], of a period that is a whole number of `_GRAIN`."""
         low, high = _FREQUENCY
         free = low + (high - low) / (1 + np.exp(-genes[:, -1]))
-        whole: Floats = np.round(1 / free / _GRAIN)
-        return 1 / (_GRAIN * whole)
+        whole: Floats = np.round(1 / free / _PERIOD_STEP)
+        return 1 / (_PERIOD_STEP * whole)
 
 
-def _times(seconds: float) -> Floats:
+def _list_times(seconds: float) -> Floats:
     """(T) end of each period [s]."""
     return PERIOD * np.arange(1.0, round(seconds / PERIOD) + 1)
 
 
-PATTERNS: dict[str, Pattern] = {p.name: p for p in (Poses(), Waves())}
+PATTERNS: dict[str, Pattern] = {p.name: p for p in (PosePattern(), WavePattern())}
 
 
-def pattern(name: str) -> Pattern:
+def find_pattern(name: str) -> Pattern:
     """The pattern of a name.
 
     Raises:

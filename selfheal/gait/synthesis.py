@@ -7,9 +7,9 @@ import numpy as np
 
 from ..body.body import Floats
 from ..engine.plant import Plant
-from ..engine.walk import Walks, simulate
-from .evolve import Evolution, ask, begin, tell
-from .pattern import SECONDS, pattern
+from ..engine.walk import Walks, simulate_walks
+from .cma_es import CmaState, ask, start_search, tell
+from .pattern import SECONDS, find_pattern
 
 Progress = Callable[[str, float], None]
 
@@ -57,30 +57,32 @@ class Gait:
 
     def commands(self, joints: int, seconds: float = SECONDS) -> Floats:
         """(T, P) [rad], one row every `engine.walk.PERIOD`."""
-        return pattern(self.pattern).commands(self.genes[None], joints, seconds)[0]
+        return find_pattern(self.pattern).compute_commands(
+            self.genes[None], joints, seconds
+        )[0]
 
     @property
     def cycle(self) -> float:
         """Seconds in which it repeats."""
-        return pattern(self.pattern).cycle(self.genes)
+        return find_pattern(self.pattern).compute_period(self.genes)
 
 
-def forward(position: Floats, heading: float) -> tuple[Floats, Floats]:
+def project_on_heading(position: Floats, heading: float) -> tuple[Floats, Floats]:
     """Way along and across a heading [m] of positions (..., 2 or more)."""
     c, s = np.cos(heading), np.sin(heading)
     x, y = position[..., 0], position[..., 1]
     return c * x + s * y, c * y - s * x
 
 
-def fitness(walks: Walks, heading: float) -> Floats:
+def compute_fitness(walks: Walks, heading: float) -> Floats:
     """(N) [m] way along the heading, less half the way across, less a tipping."""
-    along, across = forward(walks.position[:, -1], heading)
+    along, across = project_on_heading(walks.position[:, -1], heading)
     lowest = walks.up[..., 2].min(axis=1)
     tipped = np.clip((_LEVEL - lowest) / (_LEVEL - _TIPPED), 0, 1)
     return along - _SIDEWAYS * np.abs(across) - _FALL * tipped
 
 
-def unlike(plant: Plant, rng: np.random.Generator) -> Plant:
+def randomize_plant(plant: Plant, rng: np.random.Generator) -> Plant:
     """A plant that the robot may be where its self-model is `plant`."""
     p = plant.physics
     physics = replace(
@@ -100,14 +102,14 @@ def unlike(plant: Plant, rng: np.random.Generator) -> Plant:
     )
 
 
-def walk(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> Walks:
+def walk_gait(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> Walks:
     """A gait on several plants."""
     joints = plants[0].body.anatomy.size
     commands = gait.commands(joints, seconds)
-    return simulate(plants, np.repeat(commands[None], len(plants), axis=0))
+    return simulate_walks(plants, np.repeat(commands[None], len(plants), axis=0))
 
 
-class _Search:
+class _GaitSearch:
     """The trials of one synthesis, counted."""
 
     def __init__(
@@ -120,26 +122,27 @@ class _Search:
     ) -> None:
         self.plants, self.heading, self.rng = plants, heading, rng
         self.weights = np.asarray(weights, float) / np.sum(weights)
-        self.pattern, self.joints = pattern(name), plants[0].body.anatomy.size
+        self.pattern, self.joints = find_pattern(name), plants[0].body.anatomy.size
         self.simulations = self.failed = 0
 
-    def draw(self) -> Plant:
+    def draw_plant(self) -> Plant:
         """One of the robots that it may be."""
-        return unlike(self.plants[self.rng.choice(len(self.plants), p=self.weights)],
-                      self.rng)  # fmt: skip
+        return randomize_plant(
+            self.plants[self.rng.choice(len(self.plants), p=self.weights)], self.rng
+        )
 
-    def score(self, genes: Floats, seconds: float) -> Floats:
+    def score_genes(self, genes: Floats, seconds: float) -> Floats:
         """(N) [m/s] fitness of genes (N, D) on one plant; diverged ones are worst."""
-        commands = self.pattern.commands(genes, self.joints, seconds)
-        walks = simulate([self.draw()] * len(genes), commands)
+        commands = self.pattern.compute_commands(genes, self.joints, seconds)
+        walks = simulate_walks([self.draw_plant()] * len(genes), commands)
         self.simulations += len(genes)
         self.failed += int(walks.failed.sum())
         with np.errstate(invalid="ignore"):
-            fit = fitness(walks, self.heading) / seconds
+            fit = compute_fitness(walks, self.heading) / seconds
         return np.where(walks.failed, -np.inf, fit)
 
 
-def synthesize(
+def synthesize_gait(
     plants: Sequence[Plant],
     *,
     weights: Sequence[float] | Floats = (1.0,),
@@ -160,8 +163,8 @@ def synthesize(
         start: a gait that one of the searches starts from.
         progress: told what is done and how much of it.
     """
-    search = _Search(plants, weights, name, heading, np.random.default_rng(seed))
-    lives = _starts(search, start)
+    search = _GaitSearch(plants, weights, name, heading, np.random.default_rng(seed))
+    lives = _start_searches(search, start)
     total = sum(count * times * seconds for count, times, seconds in _RUNGS)
     done = 0.0
     for count, generations, seconds in _RUNGS:
@@ -169,45 +172,49 @@ def synthesize(
         after = []
         for score, state in lives:
             for _ in range(generations):
-                score, state = _generation(search, score, state, seconds)
+                score, state = _run_generation(search, score, state, seconds)
                 done += seconds
                 progress(f"{SECONDS * score:.2f} m in 10 s", done / total)
             after.append((score, state))
         lives = after
     found = Gait(name, lives[0][1].mean, heading, 0.0, 0.0, 0.0,
                  search.simulations, search.failed)  # fmt: skip
-    return judge(plants, found, weights=weights, seed=seed)
+    return evaluate_gait(plants, found, weights=weights, seed=seed)
 
 
-def _starts(search: _Search, start: Gait | None) -> list[tuple[float, Evolution]]:
+def _start_searches(
+    search: _GaitSearch, start: Gait | None
+) -> list[tuple[float, CmaState]]:
     """Where searches begin: the old gait, and the best of many random ones."""
-    genes = _random(search)
-    scores = search.score(genes, _RUNGS[0][2])
+    genes = _draw_genes(search)
+    scores = search.score_genes(genes, _RUNGS[0][2])
     order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")
-    lives = [(float(scores[i]), begin(genes[i], _STEP)) for i in order[: _RUNGS[0][0]]]
+    lives = [
+        (float(scores[i]), start_search(genes[i], _STEP)) for i in order[: _RUNGS[0][0]]
+    ]
     if start is not None and start.pattern == search.pattern.name:
-        lives[-1] = (np.inf, begin(start.genes, _AGAIN_STEP))
+        lives[-1] = (np.inf, start_search(start.genes, _AGAIN_STEP))
     return lives
 
 
-def _random(search: _Search) -> Floats:
+def _draw_genes(search: _GaitSearch) -> Floats:
     """(_RANDOM, D) genes; joints as far from the torso share a stance."""
     rng, joints = search.rng, search.joints
-    genes = _STEP * rng.normal(size=(_RANDOM, search.pattern.size(joints)))
+    genes = _STEP * rng.normal(size=(_RANDOM, search.pattern.count_genes(joints)))
     parent = search.plants[0].body.parent[0]
     depth = np.zeros(joints, int)
     for i, k in enumerate(parent):
         depth[i] = depth[k - 1] + 1 if k else 0
     stance = rng.uniform(-_STANCE, _STANCE, (_RANDOM, depth.max() + 1))[:, depth]
-    return search.pattern.stand(genes, stance)
+    return search.pattern.add_stance(genes, stance)
 
 
-def _generation(
-    search: _Search, score: float, state: Evolution, seconds: float
-) -> tuple[float, Evolution]:
+def _run_generation(
+    search: _GaitSearch, score: float, state: CmaState, seconds: float
+) -> tuple[float, CmaState]:
     """One generation on a plant drawn anew; the score is a running mean."""
     genes = ask(state, _CHILDREN, search.rng)
-    scores = search.score(genes, seconds)
+    scores = search.score_genes(genes, seconds)
     state = tell(state, genes, scores)
     best = float(np.sort(scores)[-4:].mean())
     if not np.isfinite(score) or state.generation < 4:
@@ -215,7 +222,7 @@ def _generation(
     return 0.8 * score + 0.2 * best, state
 
 
-def judge(
+def evaluate_gait(
     plants: Sequence[Plant],
     gait: Gait,
     *,
@@ -226,8 +233,8 @@ def judge(
     rng = np.random.default_rng([seed, 1])
     chance = np.asarray(weights, float) / np.sum(weights)
     drawn = rng.choice(len(plants), size=_JUDGES, p=chance)
-    walks = walk([unlike(plants[k], rng) for k in drawn], gait)
-    along, _ = forward(walks.position[:, -1], gait.heading)
+    walks = walk_gait([randomize_plant(plants[k], rng) for k in drawn], gait)
+    along, _ = project_on_heading(walks.position[:, -1], gait.heading)
     along = along[~walks.failed] if not walks.failed.all() else np.zeros(1)
     low, middle, high = np.quantile(along, [0.1, 0.5, 0.9])
     return replace(

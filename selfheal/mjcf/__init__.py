@@ -1,1 +1,1 @@
-"""The text of an MJCF model: read, changed in place, written."""
+"""MJCF text: takes a model's files, gives its text with little changed."""

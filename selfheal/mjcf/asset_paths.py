@@ -1,4 +1,4 @@
-"""Where a model's files are: makes what it says of them lead from another folder."""
+"""Paths of a model's files: takes a document, makes them lead from another folder."""
 
 import os
 from pathlib import Path
@@ -16,20 +16,24 @@ _FILES = {
 
 
 def _relative_path(path: str, folder: str) -> str:
-    """A relative path as a model writes it."""
+    """Path of a file relative to a folder, with slashes as MJCF writes it."""
     return Path(os.path.relpath(path, folder)).as_posix()
 
 
 def _redirect(element: Element, target: str, folder: str) -> None:
-    """Make an element's `file` lead from a folder to where it shall."""
+    """Set an element's `file` so that it leads from a folder to a target file."""
     name = element.get("file") or ""
-    leads = os.path.normpath(os.path.join(folder, name))
-    if leads != os.path.normpath(target):
+    present = os.path.normpath(os.path.join(folder, name))
+    if present != os.path.normpath(target):
         element.set({"file": _relative_path(target, folder)})
 
 
 def relocate_paths(tree: MjcfDocument, folder: str) -> None:
-    """Make every path lead from `folder` to the file that it led to."""
+    """Change every path of a document so that it leads from `folder` to the same file.
+
+    Includes come first, then attached models, then assets: whatever has to be inlined
+    changes the paths of what follows.
+    """
     for element in [e for e in tree.root.walk() if e.included]:
         path, above = element.get("file") or "", element.parent
         target = find_file(path, tree.home, element.home)
@@ -54,7 +58,7 @@ def relocate_paths(tree: MjcfDocument, folder: str) -> None:
 
 
 def _relocate_assets(tree: MjcfDocument, folder: str) -> None:
-    """Move the folders of meshes and textures, as seen from where the text will lie."""
+    """Change the folders of meshes and textures so that they lead from `folder`."""
     owners = {kind: _find_owner(tree, kind) for kind in ("meshdir", "texturedir")}
     used = [
         k
@@ -66,9 +70,9 @@ def _relocate_assets(tree: MjcfDocument, folder: str) -> None:
     moved = {owner: _owner_value(owner) for k in used if (owner := owners[k])}
     for (element, attribute), value in moved.items():
         if not os.path.isabs(value):
-            way = _relative_path(os.path.join(tree.home, value), folder)
-            tree.inline(element).set({attribute: way})
-    for kind in used:  # again: owning may have brought more into the main file
+            path = _relative_path(os.path.join(tree.home, value), folder)
+            tree.inline(element).set({attribute: path})
+    for kind in used:  # again: inlining a compiler may have inlined assets, too
         _redirect_assets(tree, kind, moved[owner] if (owner := owners[kind]) else "")
     if bare := [kind for kind in used if not owners[kind]]:
         attribute = bare[0] if len(bare) == 1 else "assetdir"
@@ -76,7 +80,7 @@ def _relocate_assets(tree: MjcfDocument, folder: str) -> None:
 
 
 def _find_owner(tree: MjcfDocument, kind: str) -> tuple[Element, str] | None:
-    """The compiler and the attribute that have the last word on a folder."""
+    """The last <compiler> that sets a folder, and its attribute; None: none does."""
     for element in tree.list_sections("compiler")[::-1]:
         for attribute in (kind, "assetdir"):
             if element.get(attribute) is not None:
@@ -85,20 +89,29 @@ def _find_owner(tree: MjcfDocument, kind: str) -> tuple[Element, str] | None:
 
 
 def _owner_value(owner: tuple[Element, str] | None) -> str:
+    """Value of a compiler's attribute; empty without one."""
     return (owner[0].get(owner[1]) or "") if owner else ""
 
 
 def _redirect_assets(tree: MjcfDocument, kind: str, value: str) -> bool:
-    """Whether a folder leads to any file; an inlined element is made to use it.
+    """Set the files of inlined assets so that an asset folder leads to them.
 
-    MuJoCo looks for the file of an included element in that folder first, then beside
-    the file that includes it.
+    MuJoCo looks for the file of an included element in the asset folder first, then
+    beside the file that includes it.
+
+    Args:
+        tree: the document.
+        kind: of the folder, "meshdir" or "texturedir".
+        value: of the folder, as the document has it.
+
+    Returns:
+        Whether the folder leads to any file.
     """
-    base, leads = os.path.join(tree.home, value), False
+    base, is_used = os.path.join(tree.home, value), False
     strips = any(c.get("strippath") == "true" for c in tree.list_sections("compiler"))
     for element in tree.root.walk():
-        its_kind, attributes = _FILES.get(element.tag, ("", ()))
-        for attribute in attributes if its_kind == kind else ():
+        folder_kind, attributes = _FILES.get(element.tag, ("", ()))
+        for attribute in attributes if folder_kind == kind else ():
             name = element.get(attribute) or ""
             name = os.path.basename(name) if strips else name
             if not name or os.path.isabs(name):
@@ -108,5 +121,5 @@ def _redirect_assets(tree: MjcfDocument, kind: str, value: str) -> bool:
                 if element.list_includes():
                     continue  # it stays beside the file that includes it
                 element.set({attribute: _relative_path(path, base)})
-            leads = True
-    return leads
+            is_used = True
+    return is_used

@@ -1,4 +1,4 @@
-"""A model as a tree of files: takes its path, finds and changes its elements."""
+"""Documents: takes a model's path, reads its files, finds and changes elements."""
 
 import inspect
 import os
@@ -31,7 +31,15 @@ _MAKERS = ("replicate", "composite", "flexcomp", "attach")
 
 
 class MjcfDocument:
-    """A model's files, the included ones where they are included."""
+    """A model as a tree of elements, with included files in their places.
+
+    Attributes:
+        path: of the model, as given.
+        home: folder of the model, without links.
+        file: the main file, as an element without a tag.
+        root: the main file's <mujoco>.
+        newline: how the main file ends its lines.
+    """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = os.fspath(path)
@@ -49,7 +57,7 @@ class MjcfDocument:
         self._include(self.file, {os.path.realpath(self.path)})
 
     def _include(self, file: Element, seen: set[str]) -> None:
-        """Read what a file includes."""
+        """Read the files that a file includes, and those that they include."""
         for element in [e for e in file.walk() if e.tag == "include"]:
             path = find_file(element.get("file") or "", self.home, element.home)
             if os.path.realpath(path) in seen:  # MuJoCo refuses it too
@@ -66,7 +74,12 @@ class MjcfDocument:
         return [e for e in self.root.elements() if e.tag == tag]
 
     def list_elements(self, tag: str) -> list[Element]:
-        """All elements of the text that an edit with this tag can speak of."""
+        """List all elements that an edit with a tag can mean, in the text's order.
+
+        Raises:
+            ModelError: a setting, which has no name.
+            UnknownNameError: no edit has this tag.
+        """
         if tag in SECTIONS:
             return [e for s in self.list_sections(tag) for e in s.elements()]
         if tag in ("mujoco", *SETTINGS):
@@ -77,7 +90,7 @@ class MjcfDocument:
         return [e for e in self._walk_bodies() if e.tag in tags.get(tag, (tag,))]
 
     def _walk_bodies(self) -> Iterator[Element]:
-        """Bodies and what is in them, without what MuJoCo multiplies."""
+        """Elements in bodies, depth first, without those that MuJoCo multiplies."""
         stack = self.list_sections("worldbody")[::-1]
         while stack:
             element = stack.pop()
@@ -86,27 +99,27 @@ class MjcfDocument:
                 stack += list(element.elements())[::-1]
 
     def find(self, tag: str, name: str) -> Element:
-        """The element of a name; of several (worlds) the last of the main file."""
+        """Find an element by name; of several (worlds) the last of the main file."""
         found = [e for e in self.list_elements(tag) if name_of(e) == name]
         if not found:
             raise ModelError(self.describe_missing(tag, name))
         return next((e for e in found[::-1] if not e.list_includes()), found[-1])
 
     def describe_missing(self, tag: str, name: str) -> str:
-        """Why a name is not in the text, and which names are."""
+        """Say that the text has no element of a name, and which names it has."""
         names = [name_of(e) for e in self.list_elements(tag)]
-        there = [repr(n) for n in names if n is not None]
+        valid = [repr(n) for n in names if n is not None]
         unnamed = f"{names.count(None)} without a name" if None in names else ""
-        there += [unnamed] if unnamed else []
+        valid += [unnamed] if unnamed else []
         makers = sorted({e.tag for e in self._walk_bodies() if e.tag in _MAKERS})
-        made = f"; what {', '.join(f'<{m}>' for m in makers)} makes has no text"
+        hint = f"; what {', '.join(f'<{m}>' for m in makers)} makes has no text"
         return (
             f"{self.path}: the text has no {tag} {name!r}; there are: "
-            f"{', '.join(there) or 'none'}{made if makers else ''}"
+            f"{', '.join(valid) or 'none'}{hint if makers else ''}"
         )
 
     def inline(self, element: Element) -> Element:
-        """Bring an element into the main file, with the files that it lies in."""
+        """Inline the files that hold an element, in place of their `<include>`."""
         for include in element.list_includes():
             file, above = include.included, include.parent
             assert file and above
@@ -123,19 +136,27 @@ class MjcfDocument:
         return element
 
     def get_section(self, tag: str, first: bool = False) -> Element:
-        """A section or a setting of the main file; made where it has none."""
+        """The last section or setting of a tag, in the main file; made if it has none.
+
+        `first`: the first one of the model instead, inlined if it was included.
+        """
         found = self.list_sections(tag)
         if found and (first or not found[-1].list_includes()):
             return self.inline(found[0 if first else -1])
         return self.insert(self.root, f"<{tag}/>", first=False)
 
     def uses_degrees(self) -> bool:
-        """Whether the text counts angles in degrees, as MJCF does unless told."""
-        told = [e.get("angle") for e in self.list_sections("compiler")]
-        return next((a for a in told[::-1] if a), "degree") == "degree"
+        """Whether the text counts angles in degrees, as MJCF does by default."""
+        angles = [e.get("angle") for e in self.list_sections("compiler")]
+        return next((a for a in angles[::-1] if a), "degree") == "degree"
 
     def configure(self, tag: str, attributes: Mapping[str, str | None]) -> None:
-        """Change settings where they are made: the last word counts."""
+        """Change attributes of a setting in the element that has the last word on each.
+
+        Args:
+            tag: of the setting.
+            attributes: values as MJCF writes them, None to remove one.
+        """
         for name, value in attributes.items():
             holders = [e for e in self.list_sections(tag) if e.get(name) is not None]
             if value is None:
@@ -147,7 +168,16 @@ class MjcfDocument:
                 self.inline(holders[-1]).set({name: value})
 
     def insert(self, parent: Element, xml: str, first: bool) -> Element:
-        """Put a text into an element of the main file; gives its first element."""
+        """Put a text into an element of the main file.
+
+        Args:
+            parent: the element.
+            xml: the text; its indentation is adapted.
+            first: whether it comes before all other children.
+
+        Returns:
+            The text's first element.
+        """
         margin = self._margin(parent)
         lines = inspect.cleandoc(xml).splitlines()
         text = (margin or self.newline).join(lines)
@@ -166,7 +196,7 @@ class MjcfDocument:
         return new
 
     def _margin(self, parent: Element) -> str:
-        """What stands before a child: a line's end and indentation; "" in a line."""
+        """Line end and indentation before a child; "" where children share a line."""
         children = [c for c in parent.children if isinstance(c, Element)]
         indents = [i for c in children if (i := find_indentation(c)) is not None]
         if indents:
@@ -184,13 +214,17 @@ class MjcfDocument:
 
 
 def find_file(name: str, *folders: str) -> str:
-    """The first folder that has a file; MuJoCo looks in the main model's first."""
+    """Path of a file in the first folder that has it, else in the first folder."""
     places = [os.path.join(folder, name) for folder in folders]
     return next((p for p in places if os.path.isfile(p)), places[0])
 
 
 def _read_text(path: str) -> str:
-    """A file's text; where it is not UTF-8 it says that from now on."""
+    """Text of a file; a declared encoding other than UTF-8 becomes UTF-8.
+
+    Raises:
+        ModelError: the file cannot be read.
+    """
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -208,7 +242,7 @@ def _read_text(path: str) -> str:
 
 
 def _from_urdf(path: str) -> str:
-    """A URDF as MuJoCo writes it in MJCF."""
+    """MJCF text that MuJoCo makes of a URDF; `ModelError`: it cannot read it."""
     try:
         spec = read_spec(path)
         spec.compile()
@@ -218,12 +252,12 @@ def _from_urdf(path: str) -> str:
 
 
 def describe_refusal(path: str, error: Exception) -> str:
-    """One line of what MuJoCo says against a file."""
+    """MuJoCo's reason for refusing a file, in one line."""
     return f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}"
 
 
 def find_named_element(element: Element) -> Element:
-    """The element whose name an edit says: of an inertia the body."""
+    """The element that bears an element's name: of an inertia it is the body."""
     bearer: Element | None = element
     while element.tag == "inertial" and bearer and bearer.tag not in _BODIES:
         bearer = bearer.parent
@@ -231,13 +265,16 @@ def find_named_element(element: Element) -> Element:
 
 
 def name_of(element: Element) -> str | None:
-    """Name in the text; None without one."""
+    """Name of an element in the text; None without one."""
     bearer = find_named_element(element)
     return "world" if bearer.tag == "worldbody" else bearer.get("name")
 
 
 def _find_place(parent: Element, tag: str) -> int:
-    """Where a child belongs: after its kind, before bodies, settings at the front."""
+    """Index among the children where one with a tag belongs.
+
+    After those of its kind, before bodies; settings at the front.
+    """
     pieces = parent.children
     children = [(i, c) for i, c in enumerate(pieces) if isinstance(c, Element)]
     end = max((i for i, p in enumerate(pieces) if not is_space(p)), default=-1) + 1
@@ -254,7 +291,7 @@ def _find_place(parent: Element, tag: str) -> int:
 
 
 def _contains(element: Element, tag: str) -> bool:
-    """Whether it is of a kind, or brings one into the body that it stands in."""
+    """Whether an element has a tag, or holds one that MuJoCo puts beside it."""
     if element.tag == tag or element.tag == "body":
         return element.tag == tag
     inside = element.included.root() if element.included else element

@@ -1,4 +1,4 @@
-"""Edits of an MJCF's text: takes the user's file, gives it back with little changed."""
+"""Edits of MJCF text: takes a model's path and edits, gives the changed text."""
 
 import difflib
 import math
@@ -12,12 +12,12 @@ from .document import SECTIONS, SETTINGS, MjcfDocument, name_of
 from .element_ids import ElementIds
 from .xml_text import Element
 
-_SINGLE = 2.0**-25  # half a unit in the last place of a single-precision number
+_HALF_ULP = 2.0**-25  # of a single-precision number, relative (IEEE 754)
 
 
 @dataclass(frozen=True)
 class Set:
-    """Give an element attributes, or take them away.
+    """Set or remove attributes of an element.
 
     Attributes:
         tag: "joint" (a freejoint too), "geom", "site", "body", "inertial" (of the body
@@ -73,7 +73,7 @@ Edit = Set | Insert | Rename
 
 
 def format_number(value: float | Iterable[float]) -> str:
-    """A number or several as MJCF text, in the six to nine digits of single precision.
+    """Write one or several numbers as MJCF, in six to nine digits (single precision).
 
     Raises:
         ModelError: one of them is not finite.
@@ -83,15 +83,16 @@ def format_number(value: float | Iterable[float]) -> str:
 
 
 def _format_digits(value: float) -> str:
+    """Shortest text of six to nine digits that is a number in single precision."""
     if not math.isfinite(value):
         raise ModelError(f"{value} cannot be written into a model")
     texts = (f"{value + 0.0:.{digits}g}" for digits in (6, 7, 8))  # + 0: no -0
-    close = (t for t in texts if abs(float(t) - value) <= _SINGLE * abs(value))
+    close = (t for t in texts if abs(float(t) - value) <= _HALF_ULP * abs(value))
     return next(close, f"{value:.9g}")
 
 
 def unified_diff(given: str, new: str) -> str:
-    """What changed between two texts, as a unified diff; empty where nothing did."""
+    """Unified diff of two texts; empty where they are equal."""
     lines = difflib.unified_diff(
         given.splitlines(), new.splitlines(), "given", "patched.xml", lineterm=""
     )
@@ -138,7 +139,13 @@ def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, 
 
 
 def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None:
-    """Make one edit; `element` where its id has told which it is."""
+    """Make one edit in a document.
+
+    Args:
+        tree: the document; changed.
+        edit: to be made.
+        element: that it means, if it was given by its id.
+    """
     general = edit.name == "" and edit.tag in (*SETTINGS, *SECTIONS)
     if isinstance(edit, Set) and general:
         tree.configure(edit.tag, edit.attributes)
@@ -163,5 +170,5 @@ def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None
 
 
 def _to_degrees(radians: str | None) -> str | None:
-    """Angles of a text in degrees; None without any."""
+    """Text of angles [rad] in degrees; None and "" stay."""
     return radians and format_number(math.degrees(float(r)) for r in radians.split())

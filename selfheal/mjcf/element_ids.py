@@ -39,7 +39,7 @@ class ElementIds:
         self._named: dict[str, tuple[mujoco.MjModel, dict[str | None, Element]]] = {}
 
     def find(self, tag: str, index: int) -> Element:
-        """The element of a kind that has an id.
+        """Find the element of a kind with an id in the compiled model.
 
         Raises:
             ModelError: there is no such id, or what has it has no text.
@@ -58,20 +58,20 @@ class ElementIds:
         return elements[name]
 
     def _name_all(self, tag: str) -> tuple[mujoco.MjModel, dict[str | None, Element]]:
-        """The model with a name for all of a kind, and the elements by these names."""
+        """Name and compile all of a kind: the model, and elements by their names."""
         copy, elements = MjcfDocument(self._document.path), {}
         pairs = zip(
             self._document.list_elements(tag), copy.list_elements(tag), strict=True
         )
-        for k, (own, copied) in enumerate(pairs):
+        for k, (original, copied) in enumerate(pairs):
             if name_of(copy.inline(copied)) is None:
                 find_named_element(copied).set({"name": f"unnamed element {k}"})
-            elements[name_of(copied)] = own
+            elements[name_of(copied)] = original
         return _compile(copy), elements
 
 
 def _compile(document: MjcfDocument) -> mujoco.MjModel:
-    """The model as MuJoCo reads it, beside no other file."""
+    """Compile a document's text in an empty folder; `ModelError`: MuJoCo cannot."""
     with tempfile.TemporaryDirectory() as folder:
         relocate_paths(document, os.path.realpath(folder))
         path = Path(folder) / "model.xml"

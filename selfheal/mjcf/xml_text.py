@@ -1,4 +1,4 @@
-"""A text in pieces that together are exactly it: an edit replaces a few of them.
+"""XML text: takes a text, gives elements whose parts together are exactly the text.
 
 MuJoCo's reader forgives more than XML does ("--" in a comment, a bare "&"), and so does
 this one.
@@ -23,7 +23,7 @@ _ENTITIES = {"quot": '"', "amp": "&", "apos": "'", "lt": "<", "gt": ">"}
 
 @dataclass
 class _Attribute:
-    """The pieces of ` name="value"`."""
+    """The parts of ` name="value"`."""
 
     space: str
     name: str
@@ -32,20 +32,23 @@ class _Attribute:
 
     @property
     def value(self) -> str:
+        """The value, without quotes and with entities decoded."""
         return re.sub(r"&(#?\w+);", _decode_entity, self.quoted[1:-1])
 
     def write(self, value: str) -> None:
+        """Replace the value; the kind of quotes stays."""
         quote = self.quoted[0]
         raw = value.replace("&", "&amp;").replace("<", "&lt;")
         raw = raw.replace(quote, "&quot;" if quote == '"' else "&apos;")
         self.quoted = f"{quote}{raw}{quote}"
 
     def to_text(self) -> str:
+        """The attribute as it stands in the text."""
         return f"{self.space}{self.name}{self.equals}{self.quoted}"
 
 
 def _decode_entity(entity: re.Match[str]) -> str:
-    """What an entity stands for; itself where MuJoCo does not know it either."""
+    """Character that an entity means; the entity where MuJoCo does not know it."""
     code = entity[1]
     if digits := re.fullmatch(r"#(\d+)|#x([\da-fA-F]+)", code):
         return chr(int(digits[1]) if digits[1] else int(digits[2], 16))
@@ -57,14 +60,14 @@ class Element:
     """An element of the text; a file as a whole is one without a tag.
 
     Attributes:
-        tag: empty for a file.
-        home: folder of the file that it was read from.
-        attributes: in their order.
-        space: before the end of its start tag.
-        close: its end tag; None where it closes itself.
+        tag: of the element; empty for a file.
+        home: folder of the file that the element was read from.
+        attributes: in the text's order.
+        space: between the attributes and the end of the start tag.
+        close: the end tag; None where the element closes itself.
         children: elements, and the text and comments between them.
-        parent: what it lies in; for an included file the `<include>`.
-        included: the file that an `<include>` stands for.
+        parent: element that holds this one; of an included file the `<include>`.
+        included: file that an `<include>` stands for.
     """
 
     tag: str
@@ -77,19 +80,19 @@ class Element:
     included: "Element | None" = None
 
     def get(self, name: str) -> str | None:
-        """An attribute's value; None without it."""
+        """Value of an attribute; None without it."""
         return next((a.value for a in self.attributes if a.name == name), None)
 
     def find_changes(
         self, attributes: Mapping[str, str | None]
     ) -> dict[str, str | None]:
-        """Those that would change it; one that has its value keeps its spelling."""
+        """Attributes that would change the element; equal numbers are no change."""
         return {
             n: v for n, v in attributes.items() if not _is_same_value(n, self.get(n), v)
         }
 
     def set(self, attributes: Mapping[str, str | None]) -> None:
-        """Change, add and (None) remove attributes."""
+        """Change, add or (None) remove attributes."""
         for name, value in self.find_changes(attributes).items():
             old = next((a for a in self.attributes if a.name == name), None)
             if value is None:
@@ -102,7 +105,7 @@ class Element:
             old.write(value)
 
     def to_text(self) -> str:
-        """All of it, as it stands in the file."""
+        """The element as it stands in the text."""
         if not self.tag:
             return self.inner_text()
         start = (
@@ -111,16 +114,16 @@ class Element:
         return f"{start}/>" if self.close is None else f"{start}>{self.inner_text()}"
 
     def inner_text(self) -> str:
-        """What follows its start tag."""
+        """The text after the start tag, up to the end tag and with it."""
         texts = (c if isinstance(c, str) else c.to_text() for c in self.children)
         return "".join(texts) + (self.close or "")
 
     def root(self) -> "Element":
-        """A file's outermost element."""
+        """Outermost element of a file."""
         return next(c for c in self.children if isinstance(c, Element))
 
     def elements(self) -> "Iterator[Element]":
-        """Its children, those of an included file in the place of the `<include>`."""
+        """Child elements, those of an included file in place of the `<include>`."""
         for child in self.children:
             if isinstance(child, Element):
                 if child.included:
@@ -129,20 +132,26 @@ class Element:
                     yield child
 
     def walk(self) -> "Iterator[Element]":
-        """Everything below it: `<include>`, then what it includes."""
+        """All elements below; after an `<include>` those of its file."""
         for child in self.children:
             if isinstance(child, Element):
                 yield child
                 yield from (child.included.root() if child.included else child).walk()
 
     def list_includes(self) -> "list[Element]":
-        """Every `<include>` that leads to it, the outermost first."""
+        """Every `<include>` that leads to this element, the outermost first."""
         above = self.parent.list_includes() if self.parent else []
         return [*above, self] if self.included else above
 
 
 def _is_same_value(name: str, old: str | None, new: str | None) -> bool:
-    """Whether two values are one: the same text, or the same numbers."""
+    """Whether two values of an attribute are the same text or the same numbers.
+
+    Args:
+        name: of the attribute; names are compared as texts.
+        old: one value, None: missing.
+        new: other value, None: missing.
+    """
     if old is None or new is None or name == "name" or old == new:
         return old == new
     try:
@@ -153,7 +162,16 @@ def _is_same_value(name: str, old: str | None, new: str | None) -> bool:
 
 
 def parse(text: str, home: str, where: str) -> Element:
-    """A text as the file's element."""
+    """Parse a text into the element of its file.
+
+    Args:
+        text: of the file.
+        home: folder of the file.
+        where: what an error calls the text.
+
+    Raises:
+        ModelError: the text is no well-formed XML, or has no element.
+    """
     top = document = Element("", home)
     position = 0
     for found in _MARKUP.finditer(text):
@@ -181,7 +199,7 @@ def parse(text: str, home: str, where: str) -> Element:
 
 
 def _open_element(found: re.Match[str], parent: Element) -> Element:
-    """The element that a start tag opens."""
+    """Make the element that a start tag opens."""
     attributes = [
         _Attribute(*parts) for parts in re.findall(_ATTRIBUTE, found["attributes"])
     ]
@@ -192,7 +210,7 @@ def _open_element(found: re.Match[str], parent: Element) -> Element:
 
 
 def find_indentation(element: Element) -> str | None:
-    """The space before an element that begins its line; None for another one."""
+    """Space before an element that begins its line; None where it does not."""
     assert element.parent
     pieces = element.parent.children
     at = pieces.index(element)
@@ -206,17 +224,17 @@ def find_indentation(element: Element) -> str | None:
 
 
 def list_comments(pieces: Iterable[str | Element]) -> list[str]:
-    """The comments among them."""
+    """Comments among the parts of a text."""
     return [p for p in pieces if isinstance(p, str) and p.startswith("<!--")]
 
 
 def is_space(piece: str | Element) -> bool:
-    """Whether a piece is nothing but space."""
+    """Whether a part of a text is nothing but space."""
     return isinstance(piece, str) and not piece.strip()
 
 
 def trim_spaces(pieces: Sequence[str | Element]) -> list[str | Element]:
-    """Pieces without the space around them."""
+    """Parts of a text without the space around them."""
     kept = [i for i, piece in enumerate(pieces) if not is_space(piece)]
     return list(pieces[kept[0] : kept[-1] + 1]) if kept else []
 
@@ -224,7 +242,14 @@ def trim_spaces(pieces: Sequence[str | Element]) -> list[str | Element]:
 def replace_children(
     parent: Element, at: int, pieces: Sequence[str | Element], replaced: int = 0
 ) -> None:
-    """Make pieces children of an element."""
+    """Replace children of an element.
+
+    Args:
+        parent: the element; changed.
+        at: index of the first child that is replaced.
+        pieces: elements and texts that become children.
+        replaced: how many children are replaced.
+    """
     for piece in pieces:
         if isinstance(piece, Element):
             piece.parent = parent
@@ -232,7 +257,7 @@ def replace_children(
 
 
 def skip_trailing_comments(pieces: Sequence[str | Element], at: int) -> int:
-    """Past a comment that ends the same line."""
+    """Index of the first part, from `at`, after a comment that ends the same line."""
     line = at
     while line < len(pieces) and isinstance(piece := pieces[line], str):
         if piece.startswith("<!--"):

@@ -3,9 +3,9 @@
 from .check import validate
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
-from .names import load_model, names_of, read_names, read_spec
-from .split import short_names, split, whole_of, without_file
-from .store import opened, read, write
+from .names import list_model_names, load_model, read_names, read_spec
+from .split import shorten_names, split, strip_file, strip_window
+from .store import open_recording, read, write
 
 __all__ = [
     "KINDS",
@@ -16,15 +16,15 @@ __all__ = [
     "Target",
     "check_against_model",
     "load_model",
-    "names_of",
-    "opened",
+    "list_model_names",
+    "open_recording",
     "read",
     "read_names",
     "read_spec",
-    "short_names",
+    "shorten_names",
     "split",
     "validate",
-    "whole_of",
-    "without_file",
+    "strip_window",
+    "strip_file",
     "write",
 ]

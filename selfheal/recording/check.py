@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .data import KINDS, Episode, Floats, Kind, Place, Recording, Signal
+from .data import KINDS, Episode, Floats, Kind, Location, Recording, Signal
 
 NORM_TOLERANCE = 0.01  # of a quaternion; chosen: two printed decimals still pass
 
@@ -16,104 +16,119 @@ def validate(recording: Recording) -> None:
         RecordingError: the first problem: file, episode, signal and what would fit.
     """
     if not recording.episodes:
-        raise Place(recording.file).error("it holds no episode; at least one is needed")
+        raise Location(recording.file).make_error(
+            "it holds no episode; at least one is needed"
+        )
     for name, episode in recording.episodes.items():
-        place = Place(recording.file, name)
+        place = Location(recording.file, name)
         _check_id(name, place)
         _check_time(episode.time, place)
         _check_ctrl(episode, place)
         _check_state(episode, place)
         for signal_name, signal in episode.signals.items():
-            where = Place(recording.file, name, signal_name)
+            where = Location(recording.file, name, signal_name)
             _check_id(signal_name, where)
             _check_signal(signal, episode.time.size, where)
 
 
-def listed(names: Iterable[str]) -> str:
+def format_names(names: Iterable[str]) -> str:
     """The names as a message shows them."""
     return ", ".join(repr(str(name)) for name in names) or "none"
 
 
-def _check_id(name: str, place: Place) -> None:
+def _check_id(name: str, place: Location) -> None:
     if name in ("", ".", "..") or "/" in name or "\0" in name:
-        raise place.error("the name must not be empty, '.', '..' or hold '/' or NUL")
+        raise place.make_error(
+            "the name must not be empty, '.', '..' or hold '/' or NUL"
+        )
 
 
-def _check_time(time: Floats, place: Place) -> None:
+def _check_time(time: Floats, place: Location) -> None:
     if time.ndim != 1 or not time.size:
-        raise place.error(f"time has shape {time.shape}; would fit: (T,) with T >= 1")
+        raise place.make_error(
+            f"time has shape {time.shape}; would fit: (T,) with T >= 1"
+        )
     if not np.isfinite(time).all():
         row = int(np.argmin(np.isfinite(time)))
-        raise place.error(f"time is {time[row]} at sample {row}; it must be finite")
+        raise place.make_error(
+            f"time is {time[row]} at sample {row}; it must be finite"
+        )
     steps = np.diff(time)
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0)) + 1
-        raise place.error(
+        raise place.make_error(
             f"time must strictly increase, but goes from {time[row - 1]} to "
             f"{time[row]} s at sample {row}"
         )
 
 
-def _check_ctrl(episode: Episode, place: Place) -> None:
+def _check_ctrl(episode: Episode, place: Location) -> None:
     ctrl, names = episode.ctrl, episode.ctrl_names
     if ctrl.ndim != 2 or len(ctrl) != episode.time.size:
-        raise place.error(
+        raise place.make_error(
             f"ctrl has shape {ctrl.shape}; would fit: ({episode.time.size}, nu), one "
             "row a sample of time, one column an actuator"
         )
     if len(names) != ctrl.shape[1] or len(set(names)) != len(names) or "" in names:
-        raise place.error(
-            f"ctrl has {ctrl.shape[1]} columns and the names {listed(names)}; would "
+        raise place.make_error(
+            f"ctrl has {ctrl.shape[1]} columns and the names {format_names(names)}; "
+            f"would "
             "fit: one different actuator name a column"
         )
     if not np.isfinite(ctrl).all():
         row, column = np.argwhere(~np.isfinite(ctrl))[0]
-        raise place.error(
+        raise place.make_error(
             f"ctrl of {names[column]!r} is {ctrl[row, column]} at sample {row}; a "
             "command is never missing: repeat the one that was held"
         )
 
 
-def _check_state(episode: Episode, place: Place) -> None:
+def _check_state(episode: Episode, place: Location) -> None:
     for name, state in (("qpos0", episode.qpos0), ("qvel0", episode.qvel0)):
         if state is None:
             continue
         if state.ndim != 1:
-            raise place.error(f"{name} has shape {state.shape}; would fit: one axis")
+            raise place.make_error(
+                f"{name} has shape {state.shape}; would fit: one axis"
+            )
         if not np.isfinite(state).all():
-            raise place.error(
+            raise place.make_error(
                 f"{name} is not finite; leave it out where the state is unknown"
             )
 
 
-def _check_signal(signal: Signal, samples: int, place: Place) -> None:
+def _check_signal(signal: Signal, samples: int, place: Location) -> None:
     kind = KINDS.get(signal.kind)
     if kind is None:
-        raise place.error(f"unknown kind {signal.kind!r}; valid: {', '.join(KINDS)}")
+        raise place.make_error(
+            f"unknown kind {signal.kind!r}; valid: {', '.join(KINDS)}"
+        )
     if not signal.unit or (kind.units and signal.unit not in kind.units):
-        fits = listed(kind.units) if kind.units else "the unit of that sensor"
-        raise place.error(
+        fits = format_names(kind.units) if kind.units else "the unit of that sensor"
+        raise place.make_error(
             f"unit {signal.unit!r} does not fit kind {signal.kind!r}; would fit: {fits}"
         )
     if not signal.target and not kind.may_lack_target:
-        raise place.error(f"it lacks a target; would fit: the name of a {kind.target}")
+        raise place.make_error(
+            f"it lacks a target; would fit: the name of a {kind.target}"
+        )
     _check_values(signal, kind, samples, place)
 
 
-def _check_values(signal: Signal, kind: Kind, samples: int, place: Place) -> None:
+def _check_values(signal: Signal, kind: Kind, samples: int, place: Location) -> None:
     values = signal.values
     if not _shape_fits(values.shape, kind.width, samples):
         fits = {
             0: f"({samples},)",
             None: f"({samples},) or ({samples}, d)",
         }.get(kind.width, f"({samples}, {kind.width})")
-        raise place.error(
+        raise place.make_error(
             f"shape {values.shape} does not fit kind {signal.kind!r} and {samples} "
             f"samples of time; would fit: {fits}"
         )
     if np.isinf(values).any():
         row = int(np.argwhere(np.isinf(values))[0][0])
-        raise place.error(f"infinite at sample {row}; a missing sample is NaN")
+        raise place.make_error(f"infinite at sample {row}; a missing sample is NaN")
     if signal.kind == "body_orientation":
         _check_norm(values, place)
 
@@ -128,12 +143,12 @@ def _is_wide(shape: tuple[int, ...]) -> bool:
     return len(shape) == 2 and shape[1] > 0
 
 
-def _check_norm(quaternion: Floats, place: Place) -> None:
+def _check_norm(quaternion: Floats, place: Location) -> None:
     norm = np.linalg.norm(quaternion, axis=1)
     off = np.abs(norm - 1) > NORM_TOLERANCE  # False where a sample is missing
     if off.any():
         row = int(np.argmax(off))
-        raise place.error(
+        raise place.make_error(
             f"quaternion of length {norm[row]:.4g} at sample {row}; would fit: unit "
             f"quaternions w x y z, within {NORM_TOLERANCE}"
         )

@@ -102,14 +102,14 @@ KINDS: Mapping[str, Kind] = {
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """Where in a recording something is; every complaint starts with it."""
 
     file: str
     episode: str | None = None
     signal: str | None = None
 
-    def error(self, problem: str) -> RecordingError:
+    def make_error(self, problem: str) -> RecordingError:
         """The exception that says `problem` of this place."""
         place = self.file
         if self.episode is not None:

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .check import listed
-from .data import KINDS, Episode, Place, Recording, Signal
+from .check import format_names
+from .data import KINDS, Episode, Location, Recording, Signal
 
 
 @dataclass(frozen=True)
@@ -44,67 +44,71 @@ def check_against_model(recording: Recording, names: ModelNames) -> None:
         RecordingError: the first problem: file, episode, signal and what would fit.
     """
     for name, episode in recording.episodes.items():
-        place = Place(recording.file, name)
+        place = Location(recording.file, name)
         _check_actuators(episode, names, place)
         for what, state, size in (
             ("qpos0", episode.qpos0, names.nq),
             ("qvel0", episode.qvel0, names.nv),
         ):
             if state is not None and state.size != size:
-                raise place.error(
+                raise place.make_error(
                     f"{what} has {state.size} values; the model has {size}"
                 )
         for signal_name, signal in episode.signals.items():
-            _check_target(signal, names, Place(recording.file, name, signal_name))
+            _check_target(signal, names, Location(recording.file, name, signal_name))
 
 
-def _check_actuators(episode: Episode, names: ModelNames, place: Place) -> None:
+def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> None:
     model, given = names.targets["actuator"], episode.ctrl_names
     if given and not model:
-        raise place.error(
-            f"ctrl has a column for {listed(given)}, but the model has no actuator "
+        raise place.make_error(
+            f"ctrl has a column for {format_names(given)}, but the model has no "
+            f"actuator "
             "with a name; would fit: a model with them (MuJoCo reads none from a "
             "URDF: save it as MJCF and add them)"
         )
     if unnamed := names.nu - len(model):
-        raise place.error(
+        raise place.make_error(
             f"{unnamed} of the model's actuators have no name, so that no column of "
             "ctrl can be theirs; would fit: a name for each"
         )
     if unknown := [name for name in given if name not in model]:
-        raise place.error(
-            f"the model has no actuator {listed(unknown)}; would fit: {listed(model)}"
+        raise place.make_error(
+            f"the model has no actuator {format_names(unknown)}; would fit: "
+            f"{format_names(model)}"
         )
     if missing := [name for name in model if name not in given]:
-        raise place.error(
-            f"ctrl has no column for actuator {listed(missing)} of the model; each "
+        raise place.make_error(
+            f"ctrl has no column for actuator {format_names(missing)} of the model; "
+            f"each "
             "actuator needs its command"
         )
 
 
-def _check_target(signal: Signal, names: ModelNames, place: Place) -> None:
+def _check_target(signal: Signal, names: ModelNames, place: Location) -> None:
     kind = KINDS[signal.kind]
     if not signal.target and kind.may_lack_target:
         return
     target = names.targets[kind.target].get(signal.target)
     if target is None:
-        raise place.error(
+        raise place.make_error(
             f"the model has no {kind.target} {signal.target!r} for kind "
-            f"{signal.kind!r}; would fit: {listed(names.targets[kind.target])}"
+            f"{signal.kind!r}; would fit: {format_names(names.targets[kind.target])}"
         )
     unit = target.units.get(signal.kind, signal.unit)
     if unit != signal.unit:
-        raise place.error(
+        raise place.make_error(
             f"unit {signal.unit!r} does not fit {kind.target} {signal.target!r}; would "
             f"fit: {unit!r}"
         )
     width = signal.values.shape[1] if signal.values.ndim > 1 else 0
     if target.width not in (None, width):
-        raise place.error(
+        raise place.make_error(
             f"shape {signal.values.shape} does not fit {kind.target} "
-            f"{signal.target!r}; would fit: {_shape(len(signal.values), target.width)}"
+            f"{signal.target!r}; would fit: "
+            f"{_format_shape(len(signal.values), target.width)}"
         )
 
 
-def _shape(samples: int, width: int | None) -> str:
+def _format_shape(samples: int, width: int | None) -> str:
     return f"({samples}, {width})" if width else f"({samples},)"

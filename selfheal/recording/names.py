@@ -44,7 +44,7 @@ SENSOR_UNITS: Mapping[str, str] = {
 
 def read_names(model: str | os.PathLike[str]) -> ModelNames:
     """The names, units and sizes of an MJCF or URDF file; errors as `load_model`."""
-    return names_of(load_model(model))
+    return list_model_names(load_model(model))
 
 
 def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
@@ -89,21 +89,22 @@ def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":
     return mujoco.MjSpec.from_file(beside, include={beside: Path(name).read_bytes()})
 
 
-def names_of(model: "mujoco.MjModel") -> ModelNames:
+def list_model_names(model: "mujoco.MjModel") -> ModelNames:
     """The same of a compiled model; free and ball joints have no signal."""
     targets = {
         "joint": {
             model.joint(j).name: Target(units)
             for j in range(model.njnt)
-            if (units := _joint_units(model, j))
+            if (units := _find_joint_units(model, j))
         },
         "actuator": {
-            model.actuator(a).name: Target(_force_units(model, a))
+            model.actuator(a).name: Target(_find_force_units(model, a))
             for a in range(model.nu)
         },
         "body": {model.body(b).name: Target({}) for b in range(model.nbody)},
         "sensor": {
-            model.sensor(s).name: _sensor(model, s) for s in range(model.nsensor)
+            model.sensor(s).name: _describe_sensor(model, s)
+            for s in range(model.nsensor)
         },
     }
     # what has no name cannot be asked about
@@ -112,7 +113,7 @@ def names_of(model: "mujoco.MjModel") -> ModelNames:
     return ModelNames(targets, model.nu, model.nq, model.nv)
 
 
-def _joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:
+def _find_joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:
     import mujoco
 
     kind = mujoco.mjtJoint(model.jnt_type[joint])
@@ -123,24 +124,24 @@ def _joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:
     return {}
 
 
-def _force_units(model: "mujoco.MjModel", actuator: int) -> dict[str, str]:
+def _find_force_units(model: "mujoco.MjModel", actuator: int) -> dict[str, str]:
     import mujoco
 
     at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     if mujoco.mjtTrn(model.actuator_trntype[actuator]) not in at_joint:
         return {}
-    units = _joint_units(model, model.actuator_trnid[actuator, 0])
+    units = _find_joint_units(model, model.actuator_trnid[actuator, 0])
     force = {"rad": "N m", "m": "N"}.get(units.get("joint_position", ""))
     return {"joint_torque": force} if force else {}
 
 
-def _sensor(model: "mujoco.MjModel", sensor: int) -> Target:
+def _describe_sensor(model: "mujoco.MjModel", sensor: int) -> Target:
     import mujoco
 
     kind = mujoco.mjtSensor(model.sensor_type[sensor]).name.removeprefix("mjSENS_")
     unit = SENSOR_UNITS.get(kind)
     if kind in ("JOINTPOS", "JOINTVEL"):
-        units = _joint_units(model, model.sensor_objid[sensor])
+        units = _find_joint_units(model, model.sensor_objid[sensor])
         unit = units["joint_position" if kind == "JOINTPOS" else "joint_velocity"]
     width = int(model.sensor_dim[sensor])
     return Target({"sensor": unit} if unit else {}, 0 if width == 1 else width)

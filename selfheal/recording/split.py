@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
-from .data import Episode, Floats, Place, Recording
+from .data import Episode, Floats, Location, Recording
 
 # of an episode's duration, left out beside each held-out piece; chosen: both sides of
 # a cut share the same motion, and a fit that saw one has nearly seen the other
 GAP = 0.05
 HELD_OUT_PART = 1 / 3  # of a lone episode, its end; the contract's
 EDGES = (0.02, 0.98)  # quantiles that an episode reaches; chosen: not its outliers
-_PIECE = re.compile(r"(?P<id>.+)\[(?P<start>[^\],]+),(?P<end>[^\],]+)\]")
+_SEGMENT = re.compile(r"(?P<id>.+)\[(?P<start>[^\],]+),(?P<end>[^\],]+)\]")
 
 
 def split(
@@ -42,17 +42,21 @@ def split(
         UnknownNameError: a name that is no episode of this file.
         RecordingError: a piece without samples, or nothing left to fit.
     """
-    windows = _windows(recording, held_out) if held_out else _usual(recording)
+    windows = (
+        _parse_windows(recording, held_out) if held_out else _choose_windows(recording)
+    )
     fit: dict[str, Episode] = {}
     held: dict[str, Episode] = {}
     for name, episode in recording.episodes.items():
-        _part(name, episode, windows.get(name, []), fit, held)
+        _split_episode(name, episode, windows.get(name, []), fit, held)
     if not fit:
-        raise Place(recording.file).error("held out is everything; nothing is left")
+        raise Location(recording.file).make_error(
+            "held out is everything; nothing is left"
+        )
     return replace(recording, episodes=fit), replace(recording, episodes=held)
 
 
-def without_file(entry: str, file: str) -> str:
+def strip_file(entry: str, file: str) -> str:
     """A held-out name without the file before it: its path, or the end of that."""
     own = Path(os.path.abspath(file)).parts
     for colon in re.finditer(":", entry):
@@ -64,13 +68,13 @@ def without_file(entry: str, file: str) -> str:
     return entry
 
 
-def whole_of(name: str) -> str:
+def strip_window(name: str) -> str:
     """The episode of which a name, such as `split` gives it, is or is a piece."""
-    piece = _PIECE.fullmatch(name)
+    piece = _SEGMENT.fullmatch(name)
     return name if piece is None else piece["id"]
 
 
-def short_names(files: Sequence[str]) -> list[str]:
+def shorten_names(files: Sequence[str]) -> list[str]:
     """Of each file the shortest end of its path that no other one of them has."""
     every = [Path(os.path.abspath(file)).parts for file in files]
     found = []
@@ -85,28 +89,30 @@ def short_names(files: Sequence[str]) -> list[str]:
 _Windows = dict[str, list[tuple[float, float] | None]]  # None: the whole episode
 
 
-def _usual(recording: Recording) -> _Windows:
+def _choose_windows(recording: Recording) -> _Windows:
     names = list(recording.episodes)
     if len(names) > 1:
-        chosen = _spanned(list(recording.episodes.values()), max(1, len(names) // 3))
+        chosen = _choose_spanned(
+            list(recording.episodes.values()), max(1, len(names) // 3)
+        )
         return {name: [None] for i, name in enumerate(names) if i in chosen}
     name, time = names[0], recording.episodes[names[0]].time
     if time.size < 3:
-        raise Place(recording.file, name).error(
+        raise Location(recording.file, name).make_error(
             f"{time.size} samples are too few to hold out the last third"
         )
     start = time[-1] - HELD_OUT_PART * (time[-1] - time[0])
     return {name: [(float(start), float(time[-1]))]}
 
 
-def _spanned(episodes: Sequence[Episode], count: int) -> set[int]:
+def _choose_spanned(episodes: Sequence[Episode], count: int) -> set[int]:
     """Numbers of so many episodes whose commands, readings and rates the rest span.
 
     A fit that never saw the fastest motion is asked to extrapolate by one that did. Of
     the episodes that the rest span about equally well, those that reach furthest are
     held out: they ask most of a fit.
     """
-    reach = [_reach(e) for e in episodes]
+    reach = [_measure_ranges(e) for e in episodes]
     columns = sorted(set().union(*reach))
     lost = (np.nan, np.nan)
     edges = np.array([[r.get(c, lost) for r in reach] for c in columns])
@@ -130,7 +136,7 @@ def _spanned(episodes: Sequence[Episode], count: int) -> set[int]:
     return set(range(len(episodes))) - set(left)
 
 
-def _reach(episode: Episode) -> dict[tuple[str, int], tuple[float, float]]:
+def _measure_ranges(episode: Episode) -> dict[tuple[str, int], tuple[float, float]]:
     """Low and high of each column of commands and signals, and of their rates."""
     columns = {
         f"ctrl {name}": episode.ctrl[:, i] for i, name in enumerate(episode.ctrl_names)
@@ -148,42 +154,48 @@ def _reach(episode: Episode) -> dict[tuple[str, int], tuple[float, float]]:
     return found
 
 
-def _windows(recording: Recording, held_out: Sequence[str]) -> _Windows:
+def _parse_windows(recording: Recording, held_out: Sequence[str]) -> _Windows:
     windows: _Windows = {}
     for entry in held_out:
-        name, window = _parse(entry, recording)
+        name, window = _parse_entry(entry, recording)
         windows.setdefault(name, []).append(window)
     return windows
 
 
-def _parse(entry: str, recording: Recording) -> tuple[str, tuple[float, float] | None]:
+def _parse_entry(
+    entry: str, recording: Recording
+) -> tuple[str, tuple[float, float] | None]:
     """The episode that an entry names, and its window if it names one."""
-    name = without_file(entry, recording.file)
+    name = strip_file(entry, recording.file)
     if name in recording.episodes:
         return name, None
-    piece = _PIECE.fullmatch(name)
+    piece = _SEGMENT.fullmatch(name)
     if piece is None or piece["id"] not in recording.episodes:
         raise UnknownNameError(f"episode of {recording.file}", name, recording.episodes)
-    place = Place(recording.file, piece["id"])
-    return piece["id"], _window(piece, recording.episodes[piece["id"]].time, place)
+    place = Location(recording.file, piece["id"])
+    return piece["id"], _parse_window(
+        piece, recording.episodes[piece["id"]].time, place
+    )
 
 
-def _window(piece: re.Match[str], time: Floats, place: Place) -> tuple[float, float]:
+def _parse_window(
+    piece: re.Match[str], time: Floats, place: Location
+) -> tuple[float, float]:
     try:
         start, end = float(piece["start"]), float(piece["end"])
     except ValueError:
-        raise place.error(
+        raise place.make_error(
             f"held-out piece {piece[0]!r}; would fit: id[t0,t1] with two times in s"
         ) from None
     if not ((time >= start) & (time <= end)).any():
-        raise place.error(
+        raise place.make_error(
             f"held-out piece {piece[0]!r} has no sample; the episode lasts from "
             f"{time[0]} to {time[-1]} s"
         )
     return start, end
 
 
-def _part(
+def _split_episode(
     name: str,
     episode: Episode,
     windows: Sequence[tuple[float, float] | None],
@@ -198,19 +210,21 @@ def _part(
     gap = GAP * (time[-1] - time[0])
     seen = np.ones(time.size, bool)
     for start, end in filter(None, windows):
-        held.update([_piece(name, episode, (time >= start) & (time <= end))])
+        held.update([_cut_segment(name, episode, (time >= start) & (time <= end))])
         seen &= (time < start - gap) | (time > end + gap)
-    fit.update(_piece(name, episode, run) for run in _runs(seen))
+    fit.update(_cut_segment(name, episode, run) for run in _find_runs(seen))
 
 
-def _runs(mask: NDArray[np.bool_]) -> Iterator[NDArray[np.bool_]]:
+def _find_runs(mask: NDArray[np.bool_]) -> Iterator[NDArray[np.bool_]]:
     """Each unbroken stretch of True, as a mask of its own."""
     label = np.cumsum(np.diff(mask, prepend=False) != 0)
     for run in np.unique(label[mask]):
         yield mask & (label == run)
 
 
-def _piece(name: str, episode: Episode, rows: NDArray[np.bool_]) -> tuple[str, Episode]:
+def _cut_segment(
+    name: str, episode: Episode, rows: NDArray[np.bool_]
+) -> tuple[str, Episode]:
     """The samples `rows` (T) of an episode, under the name that says where they are."""
     if rows.all():
         return name, episode

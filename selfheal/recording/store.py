@@ -8,9 +8,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ..files import atomic_path, unreadable
-from .check import listed, validate
-from .data import KINDS, Episode, Floats, Place, Recording, Signal
+from ..files import atomic_path, explain_unreadable
+from .check import format_names, validate
+from .data import KINDS, Episode, Floats, Location, Recording, Signal
 
 FORMAT = "selfheal-recording"
 VERSION = 1
@@ -26,24 +26,24 @@ def read(path: str | os.PathLike[str]) -> Recording:
         RecordingError: it breaks the contract: file, episode, signal and what would
             fit. The size is checked from the headers, before any array is read.
     """
-    file = Place(os.fspath(path))
-    if reason := unreadable(path):
-        raise file.error(reason)
+    file = Location(os.fspath(path))
+    if reason := explain_unreadable(path):
+        raise file.make_error(reason)
     try:
         with h5py.File(path, "r") as root:
-            recording = _recording(root, file)
+            recording = _read_recording(root, file)
     except BlockingIOError as error:
-        raise file.error("another process holds it open for writing") from error
+        raise file.make_error("another process holds it open for writing") from error
     except PermissionError as error:
-        raise file.error("it may not be read: permission denied") from error
+        raise file.make_error("it may not be read: permission denied") from error
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         # what h5py raises of a file that is damaged or no HDF5 at all
-        raise file.error(f"it is damaged or not HDF5 ({error})") from error
+        raise file.make_error(f"it is damaged or not HDF5 ({error})") from error
     validate(recording)
     return recording
 
 
-def opened(recording: Recording | str | os.PathLike[str]) -> Recording:
+def open_recording(recording: Recording | str | os.PathLike[str]) -> Recording:
     """A recording, checked: the one that is given, or the one at a path.
 
     Raises:
@@ -73,15 +73,15 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 def _write_episode(group: h5py.Group, episode: Episode) -> None:
     _set_labels(group, motion=episode.motion)
-    _put(group, "time", episode.time)
-    ctrl = _put(group, "ctrl", episode.ctrl)
+    _write_array(group, "time", episode.time)
+    ctrl = _write_array(group, "ctrl", episode.ctrl)
     ctrl.attrs["names"] = np.array(episode.ctrl_names, dtype=h5py.string_dtype())
     for name, state in (("qpos0", episode.qpos0), ("qvel0", episode.qvel0)):
         if state is not None:
-            _put(group, name, state)
+            _write_array(group, name, state)
     signals = group.create_group("signals", track_order=True)
     for name, signal in episode.signals.items():
-        dataset = _put(signals, name, signal.values)
+        dataset = _write_array(signals, name, signal.values)
         _set_labels(dataset, kind=signal.kind, target=signal.target, unit=signal.unit)
 
 
@@ -89,65 +89,67 @@ def _set_labels(item: Any, **texts: str | None) -> None:
     item.attrs.update({name: text for name, text in texts.items() if text is not None})
 
 
-def _put(group: h5py.Group, name: str, values: Floats) -> h5py.Dataset:
+def _write_array(group: h5py.Group, name: str, values: Floats) -> h5py.Dataset:
     # an array without elements cannot be chunked, so not compressed either
     return group.create_dataset(
         name, data=values, dtype="f8", compression="gzip" if values.size else None
     )
 
 
-def _recording(root: h5py.File, file: Place) -> Recording:
-    found = _label(root, "format", file)
+def _read_recording(root: h5py.File, file: Location) -> Recording:
+    found = _read_label(root, "format", file)
     if found != FORMAT:
-        raise file.error(f"format is {found!r}; would fit: {FORMAT!r}")
+        raise file.make_error(f"format is {found!r}; would fit: {FORMAT!r}")
     version = root.attrs.get("version")
     if not isinstance(version, (int, np.integer)) or version != VERSION:
-        raise file.error(
-            f"version is {_plain(version)!r}; this program reads {VERSION}"
+        raise file.make_error(
+            f"version is {_to_python(version)!r}; this program reads {VERSION}"
         )
-    episodes = _group(root, "episodes", file)
-    opened = [_open(episodes, name, Place(file.file, name)) for name in episodes]
+    episodes = _open_group(root, "episodes", file)
+    opened = [
+        _open_episode(episodes, name, Location(file.file, name)) for name in episodes
+    ]
     _check_size(opened, file)
     return Recording(
-        {str(episode.place.episode): _episode(episode) for episode in opened},
-        robot=_label(root, "robot", file),
-        source=_label(root, "source", file),
+        {str(episode.place.episode): _read_episode(episode) for episode in opened},
+        robot=_read_label(root, "robot", file),
+        source=_read_label(root, "source", file),
         file=file.file,
     )
 
 
 @dataclass(frozen=True)
-class _Opened:
+class _OpenEpisode:
     """An episode whose headers were checked and whose arrays were not read yet."""
 
-    place: Place
+    place: Location
     group: h5py.Group
     arrays: dict[str, h5py.Dataset]
     signals: dict[str, h5py.Dataset]
 
 
-def _open(episodes: h5py.Group, name: str, place: Place) -> _Opened:
-    group = _group(episodes, name, place)
+def _open_episode(episodes: h5py.Group, name: str, place: Location) -> _OpenEpisode:
+    group = _open_group(episodes, name, place)
     members = list(group)
     for member in members:
         if member not in EPISODE_MEMBERS:
-            raise place.error(
+            raise place.make_error(
                 f"unknown member {member!r}; would fit: {', '.join(EPISODE_MEMBERS)}"
             )
     names = ["time", "ctrl", *(name for name in ("qpos0", "qvel0") if name in members)]
-    signals = _group(group, "signals", place)
-    return _Opened(
+    signals = _open_group(group, "signals", place)
+    return _OpenEpisode(
         place,
         group,
-        {name: _dataset(group, name, place) for name in names},
+        {name: _open_dataset(group, name, place) for name in names},
         {
-            name: _dataset(signals, name, replace(place, signal=name))
+            name: _open_dataset(signals, name, replace(place, signal=name))
             for name in signals
         },
     )
 
 
-def _check_size(episodes: list[_Opened], file: Place) -> None:
+def _check_size(episodes: list[_OpenEpisode], file: Location) -> None:
     total = sum(
         # one chunk is unpacked whole, even where it reaches beyond the data
         max(dataset.size, math.prod(dataset.chunks or (0,)))
@@ -155,99 +157,105 @@ def _check_size(episodes: list[_Opened], file: Place) -> None:
         for dataset in (*episode.arrays.values(), *episode.signals.values())
     )
     if total > MAX_VALUES:
-        raise file.error(
+        raise file.make_error(
             f"it holds {total} values; at most {MAX_VALUES} are read: cut it into "
             "several files"
         )
 
 
-def _episode(opened: _Opened) -> Episode:
+def _read_episode(opened: _OpenEpisode) -> Episode:
     arrays, place = opened.arrays, opened.place
     return Episode(
-        **{name: _floats(dataset) for name, dataset in arrays.items()},
-        ctrl_names=_names(arrays["ctrl"], place),
+        **{name: _read_floats(dataset) for name, dataset in arrays.items()},
+        ctrl_names=_read_names(arrays["ctrl"], place),
         signals={
-            name: _signal(dataset, replace(place, signal=name))
+            name: _read_signal(dataset, replace(place, signal=name))
             for name, dataset in opened.signals.items()
         },
-        motion=_label(opened.group, "motion", place),
+        motion=_read_label(opened.group, "motion", place),
     )
 
 
-def _signal(dataset: h5py.Dataset, place: Place) -> Signal:
-    kind = _text(dataset, "kind", place, listed(KINDS))
+def _read_signal(dataset: h5py.Dataset, place: Location) -> Signal:
+    kind = _read_text(dataset, "kind", place, format_names(KINDS))
     known = KINDS.get(kind)  # one that is none is refused later
     thing = f"the name of a {known.target}" if known else "the name of what it is of"
-    units = listed(known.units) if known and known.units else "that of the sensor"
-    target = _text(dataset, "target", place, thing)
-    unit = _text(dataset, "unit", place, units)
-    return Signal(_floats(dataset), kind, target, unit)
+    units = format_names(known.units) if known and known.units else "that of the sensor"
+    target = _read_text(dataset, "target", place, thing)
+    unit = _read_text(dataset, "unit", place, units)
+    return Signal(_read_floats(dataset), kind, target, unit)
 
 
-def _member(parent: h5py.Group, name: str, place: Place) -> Any:
+def _find_member(parent: h5py.Group, name: str, place: Location) -> Any:
     # asked of the link itself: `name in parent` would open the file it points to
     links, key = parent.id.links, name.encode()
     if not links.exists(key):
-        raise place.error(f"{name} is missing; {parent.name} holds {listed(parent)}")
+        raise place.make_error(
+            f"{name} is missing; {parent.name} holds {format_names(parent)}"
+        )
     if links.get_info(key).type != h5py.h5l.TYPE_HARD:
-        raise place.error(f"{name} is a link to elsewhere; links are not followed")
+        raise place.make_error(f"{name} is a link to elsewhere; links are not followed")
     return parent[name]
 
 
-def _group(parent: h5py.Group, name: str, place: Place) -> h5py.Group:
-    member = _member(parent, name, place)
+def _open_group(parent: h5py.Group, name: str, place: Location) -> h5py.Group:
+    member = _find_member(parent, name, place)
     if not isinstance(member, h5py.Group):
-        raise place.error(f"{name} must be a group")
+        raise place.make_error(f"{name} must be a group")
     return member
 
 
-def _dataset(parent: h5py.Group, name: str, place: Place) -> h5py.Dataset:
-    member = _member(parent, name, place)
+def _open_dataset(parent: h5py.Group, name: str, place: Location) -> h5py.Dataset:
+    member = _find_member(parent, name, place)
     if not isinstance(member, h5py.Dataset):
-        raise place.error(f"{name} must be a dataset")
+        raise place.make_error(f"{name} must be a dataset")
     dtype = member.dtype
     if dtype.kind not in "fiu" or dtype.itemsize > 8:
-        raise place.error(f"{name} has type {dtype}; would fit: float64")
+        raise place.make_error(f"{name} has type {dtype}; would fit: float64")
     if member.shape is None:
-        raise place.error(f"{name} is empty; would fit: an array")
+        raise place.make_error(f"{name} is empty; would fit: an array")
     if member.is_virtual or member.external:
-        raise place.error(f"{name} keeps its data elsewhere; links are not followed")
+        raise place.make_error(
+            f"{name} keeps its data elsewhere; links are not followed"
+        )
     return member
 
 
-def _floats(dataset: h5py.Dataset) -> Floats:
+def _read_floats(dataset: h5py.Dataset) -> Floats:
     return np.asarray(dataset[()], dtype=np.float64)
 
 
-def _label(item: Any, name: str, place: Place) -> str | None:
-    return _text(item, name, place) if name in item.attrs else None
+def _read_label(item: Any, name: str, place: Location) -> str | None:
+    return _read_text(item, name, place) if name in item.attrs else None
 
 
-def _text(item: Any, name: str, place: Place, fits: str = "a text") -> str:
+def _read_text(item: Any, name: str, place: Location, fits: str = "a text") -> str:
     value = item.attrs.get(name)
     if isinstance(value, bytes):
         return value.decode()
     if value is None:
-        raise place.error(f"it lacks the attribute {name}; would fit: {fits}")
+        raise place.make_error(f"it lacks the attribute {name}; would fit: {fits}")
     if not isinstance(value, str):
-        raise place.error(
-            f"attribute {name} is {_plain(value)!r}, no text; would fit: {fits}"
+        raise place.make_error(
+            f"attribute {name} is {_to_python(value)!r}, no text; would fit: {fits}"
         )
     return str(value)
 
 
-def _plain(value: Any) -> Any:
+def _to_python(value: Any) -> Any:
     """What numpy holds, as Python says it."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
-def _names(ctrl: h5py.Dataset, place: Place) -> tuple[str, ...]:
+def _read_names(ctrl: h5py.Dataset, place: Location) -> tuple[str, ...]:
     names = ctrl.attrs.get("names")
     if names is None:
-        raise place.error("ctrl lacks the attribute names: the actuator of each column")
+        raise place.make_error(
+            "ctrl lacks the attribute names: the actuator of each column"
+        )
     texts = [n.decode() if isinstance(n, bytes) else n for n in np.atleast_1d(names)]
     if not all(isinstance(text, str) for text in texts):
-        raise place.error(
-            f"attribute names of ctrl is {_plain(names)!r}; it must be texts"
+        raise place.make_error(
+            f"attribute names of ctrl is {_to_python(names)!r}; it must be texts"
         )
     return tuple(map(str, texts))

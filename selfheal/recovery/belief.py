@@ -12,14 +12,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats, Ints
-from .student import FREEDOM, log_t
 
+DEGREES_OF_FREEDOM = 4.0  # heavier tails than any sensor's; chosen
 _ROUNDS = 6  # of the drift's fit
 _DRAWS = 96  # outcomes imagined of each candidate action; chosen
 
 
+def compute_log_t(z: Floats) -> Floats:
+    """Log density of Student's t, without its constant.
+
+    Args:
+        z: (...) residuals over their scale [1]; NaN counts nothing.
+    """
+    tails = (DEGREES_OF_FREEDOM + 1) / 2
+    return -tails * np.log1p(np.nan_to_num(z) ** 2 / DEGREES_OF_FREEDOM)
+
+
 @dataclass(frozen=True)
-class Noise:
+class ResidualNoise:
     """How far a right prediction may be off.
 
     Attributes:
@@ -31,8 +41,8 @@ class Noise:
     drift: float
 
 
-def log_likelihood(
-    predicted: Floats, slope: Floats, felt: Floats, noise: Noise
+def compute_log_likelihood(
+    predicted: Floats, slope: Floats, felt: Floats, noise: ResidualNoise
 ) -> Floats:
     """How well each hypothesis explains all that was felt.
 
@@ -55,35 +65,35 @@ def log_likelihood(
     precision = np.broadcast_to(eye, (len(y), drifts, drifts))
     for _ in range(_ROUNDS):
         rest = y - np.einsum("hmd,hd->hm", x, move)
-        weight = (FREEDOM + 1) / (FREEDOM + rest**2)
+        weight = (DEGREES_OF_FREEDOM + 1) / (DEGREES_OF_FREEDOM + rest**2)
         weighted = (x * weight[..., None]).swapaxes(1, 2)
         precision = weighted @ x + eye
         move = np.linalg.solve(precision, weighted @ y[..., None])[..., 0]
     rest = y - np.einsum("hmd,hd->hm", x, move)
-    total = log_t(rest).sum(axis=1) - (move**2).sum(axis=1) / 2
+    total = compute_log_t(rest).sum(axis=1) - (move**2).sum(axis=1) / 2
     total -= np.linalg.slogdet(precision)[1] / 2
     return np.where(failed, -np.inf, total)
 
 
-def posterior(log_weight: Floats) -> Floats:
+def compute_posterior(log_weight: Floats) -> Floats:
     """(H) probabilities of log weights."""
     weight = np.exp(log_weight - log_weight.max())
     return weight / weight.sum()
 
 
-def of_groups(probability: Floats, group: Ints) -> Floats:
+def sum_over_groups(probability: Floats, group: Ints) -> Floats:
     """(G) probability of each group of hypotheses (H)."""
     return np.eye(group.max() + 1)[group].T @ probability
 
 
-def entropy(probability: Floats) -> Floats:
+def compute_entropy(probability: Floats) -> Floats:
     """(...) [nats] over the last axis."""
     p = np.maximum(probability, 1e-300)
     return -(p * np.log(p)).sum(axis=-1)
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateAction:
     """What an action would show.
 
     Attributes:
@@ -93,24 +103,26 @@ class Candidate:
         worth: share of the values that tell something of their own.
     """
 
-    table: Floats
+    predicted: Floats
     scale: Floats
-    worth: float = 1.0
+    effective_share: float = 1.0
 
 
-def explained(candidate: Candidate, felt: Floats) -> Floats:
+def score_outcomes(candidate: CandidateAction, felt: Floats) -> Floats:
     """(..., H) log likelihood of values felt (..., M), by whichever robot it may be.
 
     -inf where no robot could be simulated.
     """
-    z = (felt[..., None, None, :] - candidate.table) / candidate.scale
+    z = (felt[..., None, None, :] - candidate.predicted) / candidate.scale
     failed = (np.isnan(z) & ~np.isnan(felt[..., None, None, :])).any(axis=-1)
-    fit = np.where(failed, -np.inf, candidate.worth * log_t(z).sum(axis=-1))
+    fit = np.where(
+        failed, -np.inf, candidate.effective_share * compute_log_t(z).sum(axis=-1)
+    )
     with np.errstate(divide="ignore"):
         return np.logaddexp.reduce(fit, axis=-1) - np.log(fit.shape[-1])
 
 
-def blurred(scale: Floats, slope: Floats, drift: float) -> Floats:
+def widen_scale(scale: Floats, slope: Floats, drift: float) -> Floats:
     """(M) scale of residuals where the drift is not known yet.
 
     Args:
@@ -121,8 +133,8 @@ def blurred(scale: Floats, slope: Floats, drift: float) -> Floats:
     return np.sqrt(scale**2 + drift**2 * (np.nan_to_num(slope) ** 2).sum(axis=-1))
 
 
-def choose(
-    candidates: Sequence[Candidate],
+def choose_action(
+    candidates: Sequence[CandidateAction],
     log_weight: Floats,
     group: Ints,
     rng: np.random.Generator,
@@ -138,15 +150,17 @@ def choose(
     Returns:
         Its index, and the entropy over groups that is expected after it [nats].
     """
-    truth = rng.choice(len(group), size=_DRAWS, p=posterior(log_weight))
+    truth = rng.choice(len(group), size=_DRAWS, p=compute_posterior(log_weight))
     members = np.eye(group.max() + 1)[group]
     expected = np.empty(len(candidates))
     for k, c in enumerate(candidates):
-        robot = rng.integers(c.table.shape[1], size=_DRAWS)
-        noise = rng.standard_t(FREEDOM, size=(_DRAWS, len(c.scale)))
-        weight = log_weight + explained(c, c.table[truth, robot] + c.scale * noise)
+        robot = rng.integers(c.predicted.shape[1], size=_DRAWS)
+        noise = rng.standard_t(DEGREES_OF_FREEDOM, size=(_DRAWS, len(c.scale)))
+        weight = log_weight + score_outcomes(
+            c, c.predicted[truth, robot] + c.scale * noise
+        )
         weight = np.exp(weight - weight.max(axis=1, keepdims=True))
         share = weight @ members
-        expected[k] = entropy(share / share.sum(axis=1, keepdims=True)).mean()
+        expected[k] = compute_entropy(share / share.sum(axis=1, keepdims=True)).mean()
     best = int(np.argmin(expected))
     return best, float(expected[best])

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..body.legged import Legged, essential
-from ..engine.reflex import damaged, drive
+from ..body.legged import LeggedRobot, reduce_damages
+from ..engine.reflex import build_damaged_plants, simulate_controllers
 from ..gait.genetic import Score
 
 GENES, VALUES = 4, 4
@@ -33,31 +33,35 @@ class Trial:
     """
 
     weights: Floats
-    way: float
-    sensed: Floats
+    displacement: float
+    sensors: Floats
 
 
-def decode(genomes: Floats, robot: Legged) -> list[Hypothesis]:
+def decode_hypotheses(genomes: Floats, robot: LeggedRobot) -> list[Hypothesis]:
     """The damage that each genome (N, GENES * VALUES) says."""
     genes = (genomes.reshape(-1, GENES, VALUES) + 1) / 2  # each value in [0, 1]
-    return [essential(robot, [_damage(g, robot) for g in row if round(g[0]) == 1])
-            for row in genes]  # fmt: skip
+    return [
+        reduce_damages(
+            robot, [_decode_damage(g, robot) for g in row if round(g[0]) == 1]
+        )
+        for row in genes
+    ]
 
 
-def _damage(gene: Floats, robot: Legged) -> Damage:
+def _decode_damage(gene: Floats, robot: LeggedRobot) -> Damage:
     """The damage of an active gene (VALUES), its values scaled to [0, 1]."""
     kind = round(2 * gene[1])
-    names = robot.sensors if kind == 2 else robot.places
+    names = robot.sensors if kind == 2 else robot.damage_sites
     at = min(int(gene[2] * len(names)), len(names) - 1)
     if kind == 2:
         return Damage("sensor_dead", f"sensor:{robot.sensors[at]}")
-    place = robot.places[at]
+    place = robot.damage_sites[at]
     if kind == 1:
         return Damage("joint_jam", f"joint:{place.name}")
     return Damage("limb_loss", f"body:{place.part}")
 
 
-def explained(robot: Legged, trials: Sequence[Trial]) -> Score:
+def make_damage_score(robot: LeggedRobot, trials: Sequence[Trial]) -> Score:
     """How well genomes explain the trials: minus the summed error of the ways [m].
 
     Genomes that say the same damage are simulated once.
@@ -65,14 +69,16 @@ def explained(robot: Legged, trials: Sequence[Trial]) -> Score:
     known: dict[Hypothesis, float] = {}
 
     def score(genomes: Floats) -> Floats:
-        said = decode(genomes, robot)
+        said = decode_hypotheses(genomes, robot)
         new = [h for h in dict.fromkeys(said) if h not in known]
         if new:
-            plants = damaged(robot, new)
+            plants = build_damaged_plants(robot, new)
             error = np.zeros(len(new))
             for trial in trials:
-                drives = drive(plants, np.tile(trial.weights, (len(new), 1)))
-                error += np.abs(drives.way - trial.way)
+                drives = simulate_controllers(
+                    plants, np.tile(trial.weights, (len(new), 1))
+                )
+                error += np.abs(drives.displacement - trial.displacement)
             known.update(zip(new, -error, strict=True))
         return np.array([known[h] for h in said])
 

@@ -15,33 +15,46 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..body.legged import Legged, essential
-from ..engine.reflex import EVERY, SAMPLE, STEPS, Drives, damaged, drive, trimmed
-from .belief import posterior
+from ..body.legged import LeggedRobot, reduce_damages
+from ..engine.reflex import (
+    SAMPLE,
+    STEPS,
+    STEPS_PER_SAMPLE,
+    Rollouts,
+    build_damaged_plants,
+    scale_physics,
+    simulate_controllers,
+)
+from .belief import compute_log_t, compute_posterior
 from .estimate import Hypothesis, Trial
-from .hypotheses import AZIMUTHS, STRENGTHS, grounds
-from .student import log_t
+from .hypotheses import AZIMUTHS, STRENGTHS, list_ground_damages
 
 Progress = Callable[[float], None]
 
 MOST = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
-_WIDE, _FEWER = 24, 0.7  # single ones whose values move, and how fast they get fewer
-_BEGINNING = 300  # steps on which hypotheses are compared while they grow; chosen
-_GLANCE, _SCREENED = 100, 200  # steps after which so many of a size are left; chosen
+_FIRST_BEAM, _BEAM_DECAY = (
+    24,
+    0.7,
+)  # single ones whose values move, and how fast they get fewer
+_COMPARED_STEPS = 300  # steps on which hypotheses are compared while they grow; chosen
+_SCREEN_STEPS, _SCREENED = (
+    100,
+    200,
+)  # steps after which so many of a size are left; chosen
 _FINAL = 24  # hypotheses that are compared on whole series; chosen
-_TRIES = 2  # values of one hypothesis that are moved; chosen
+_VARIANTS = 2  # values of one hypothesis that are moved; chosen
 _ROUNDS = 10  # of smaller steps in values; chosen
-_SMALLER = 0.65  # a round's steps : those of the one before; chosen
+_STEP_DECAY = 0.65  # a round's steps : those of the one before; chosen
 _WINDS = (3.0, 6.0, 10.0)  # [m/s], a breeze to a strong wind; chosen
 # Chosen: a sensor's value is not trusted more than this, and values within half a
 # second say the same.
-_LEAST, _ALIKE = 0.05, 0.5 / SAMPLE
-_EACH = 6.0  # [nats] that each damage must explain more; chosen
-_FADE = 1.0  # [s] after which a sample counts half; chosen
+_LEAST_SCALE, _CORRELATED = 0.05, 0.5 / SAMPLE
+_DAMAGE_COST = 6.0  # [nats] that each damage must explain more; chosen
+_HALF_TIME = 1.0  # [s] after which a sample counts half; chosen
 # Chosen: damage under which likely robots are watched part, and the share of a series'
 # standard deviation by which they have parted when predictions say nothing any more.
-_CLEAR, _LOST = ("limb_loss", "joint_jam", "sensor_dead"), 0.5
+_CLEAR_KINDS, _PARTED = ("limb_loss", "joint_jam", "sensor_dead"), 0.5
 _TURN = np.pi / 8
 # first steps of the values: a grid's half
 _STEPS = {"weak_motor": 0.075, "weak_sensor": 0.075, "slope": np.radians(2.5),
@@ -52,7 +65,7 @@ _RANGES = {"weak_motor": (0.02, 1.0), "weak_sensor": (0.02, 1.0),
 
 
 @dataclass(frozen=True)
-class Belief:
+class HypothesisPosterior:
     """What may have happened.
 
     Attributes:
@@ -67,7 +80,7 @@ class Belief:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Evidence:
     """What hypotheses are held against.
 
     Attributes:
@@ -78,82 +91,95 @@ class _Seen:
         before: (T, S) what the robot sensed in the first trial's place when whole.
     """
 
-    robot: Legged
-    trims: Floats
+    robot: LeggedRobot
+    factors: Floats
     trials: Sequence[Trial]
     scale: Floats
-    before: Floats
+    intact: Floats
 
-    def weigh(self, hypotheses: Sequence[Hypothesis], steps: int) -> Floats:
+    def compute_log_weights(
+        self, hypotheses: Sequence[Hypothesis], steps: int
+    ) -> Floats:
         """(H) log likelihood and prior [nats], by the first steps of each trial."""
-        prior = np.array([-_EACH * len(h) for h in hypotheses])
-        fits = [self._fits(hypotheses, trim, steps) for trim in self.trims]
+        prior = np.array([-_DAMAGE_COST * len(h) for h in hypotheses])
+        fits = [
+            self._compute_log_likelihoods(hypotheses, trim, steps)
+            for trim in self.factors
+        ]
         return prior + np.logaddexp.reduce(fits) - np.log(len(fits))
 
-    def _fits(
+    def _compute_log_likelihoods(
         self, hypotheses: Sequence[Hypothesis], trim: Floats, steps: int
     ) -> Floats:
         """(H) log likelihood if the robot is off in this way."""
         total = np.zeros(len(hypotheses))
-        rows = min(steps // EVERY, len(self.scale))
-        worth = 1 / (1 + np.arange(rows) * SAMPLE / _FADE)
+        rows = min(steps // STEPS_PER_SAMPLE, len(self.scale))
+        worth = 1 / (1 + np.arange(rows) * SAMPLE / _HALF_TIME)
         for k, trial in enumerate(self.trials):
-            drives = _walks(self.robot, trim, hypotheses, trial.weights, rows)
+            drives = _simulate_hypotheses(
+                self.robot, trim, hypotheses, trial.weights, rows
+            )
             if k == 0 and () in hypotheses:  # a whole robot does what it did
-                drives.sensed[hypotheses.index(())] = self.before[:rows]
-            gap = (drives.sensed - trial.sensed[:rows]) / self.scale[:rows]
-            fit = log_t(gap).sum(axis=2) @ worth / _ALIKE
+                drives.sensors[hypotheses.index(())] = self.intact[:rows]
+            gap = (drives.sensors - trial.sensors[:rows]) / self.scale[:rows]
+            fit = compute_log_t(gap).sum(axis=2) @ worth / _CORRELATED
             total += np.where(drives.failed, -np.inf, fit)
         return total
 
 
-def _walks(
-    robot: Legged,
+def _simulate_hypotheses(
+    robot: LeggedRobot,
     trim: Floats,
     hypotheses: Sequence[Hypothesis],
     weights: Floats,
     rows: int,
-) -> Drives:
+) -> Rollouts:
     """So many samples of a controller on the trimmed robot as hypotheses have it."""
-    plants = trimmed(damaged(robot, hypotheses), trim)
-    return drive(plants, np.tile(weights, (len(hypotheses), 1)), rows * EVERY)
+    plants = scale_physics(build_damaged_plants(robot, hypotheses), trim)
+    return simulate_controllers(
+        plants, np.tile(weights, (len(hypotheses), 1)), rows * STEPS_PER_SAMPLE
+    )
 
 
-def spread(sensed: Floats, predicted: Floats) -> Floats:
+def compute_residual_scale(sensed: Floats, predicted: Floats) -> Floats:
     """(T, S) scale of each sensor's residual so far, of series (N, T, S)."""
     square = np.cumsum(((sensed - predicted) ** 2).mean(axis=0), axis=0)
     so_far = square / np.arange(1, len(square) + 1)[:, None]
-    return np.fmax(np.sqrt(so_far), _LEAST)  # a run that failed says nothing
+    return np.fmax(np.sqrt(so_far), _LEAST_SCALE)  # a run that failed says nothing
 
 
-def _trusted(robot: Legged, trims: Floats, weights: Floats, before: Floats) -> Floats:
+def _compute_trusted_scale(
+    robot: LeggedRobot, trims: Floats, weights: Floats, before: Floats
+) -> Floats:
     """(T, S) scale of each sensor's residual, as long as predictions say anything.
 
     Robots that walk alike while they are whole part when they are broken, and none of
     them is quite the true one: as they part from each other, they will part from it.
     """
-    model = _walks(robot, trims[0], [()], weights, len(before)).sensed
-    known = spread(before[None], model)
+    model = _simulate_hypotheses(robot, trims[0], [()], weights, len(before)).sensors
+    known = compute_residual_scale(before[None], model)
     if len(trims) == 1:
         return known
-    broken = [(d,) for d in singles(robot) if d.kind in _CLEAR]
-    rows = _BEGINNING // EVERY
-    one, *others = (_walks(robot, trim, broken, weights, rows).sensed
+    broken = [(d,) for d in list_single_damages(robot) if d.kind in _CLEAR_KINDS]
+    rows = _COMPARED_STEPS // STEPS_PER_SAMPLE
+    one, *others = (_simulate_hypotheses(robot, trim, broken, weights, rows).sensors
                     for trim in trims)  # fmt: skip
-    parted = spread(np.concatenate([one] * len(others)), np.concatenate(others))
+    parted = compute_residual_scale(
+        np.concatenate([one] * len(others)), np.concatenate(others)
+    )
     scale = np.fmax(known[:rows], parted)
-    lost = scale.mean(axis=1) > _LOST * before.std(axis=0).mean()
+    lost = scale.mean(axis=1) > _PARTED * before.std(axis=0).mean()
     return scale[: max(1, int(np.argmax(lost))) if lost.any() else rows]
 
 
-def explain(
-    robot: Legged,
+def estimate_damage(
+    robot: LeggedRobot,
     trims: Floats,
     trials: Sequence[Trial],
     before: Floats,
     known: Sequence[Hypothesis],
     progress: Progress,
-) -> Belief:
+) -> HypothesisPosterior:
     """How likely each damage is after trials.
 
     Args:
@@ -166,38 +192,40 @@ def explain(
             all, there is nothing to look for.
         progress: told what share is done.
     """
-    scale = _trusted(robot, trims, trials[0].weights, before)
-    seen = _Seen(robot, trims, trials, scale, before)
-    weights = _weighed(seen, list(dict.fromkeys([(), *known])))
-    for size, grown in enumerate(_grow(seen, weights)):
+    scale = _compute_trusted_scale(robot, trims, trials[0].weights, before)
+    seen = _Evidence(robot, trims, trials, scale, before)
+    weights = _weigh_hypotheses(seen, list(dict.fromkeys([(), *known])))
+    for size, grown in enumerate(_grow_hypotheses(seen, weights)):
         progress((size + 1) / (MOST + 2))
         if not grown:
             break
     best = sorted(weights, key=lambda h: -weights[h])[:_FINAL]
-    total = seen.weigh(best, STEPS)
-    chance = posterior(total)
+    total = seen.compute_log_weights(best, STEPS)
+    chance = compute_posterior(total)
     order = np.argsort(-chance, kind="stable")
     progress(1.0)
-    return Belief(tuple(best[k] for k in order), chance[order], seen.scale)
+    return HypothesisPosterior(tuple(best[k] for k in order), chance[order], seen.scale)
 
 
-def _grow(seen: _Seen, weights: dict[Hypothesis, float]) -> Iterator[bool]:
+def _grow_hypotheses(
+    seen: _Evidence, weights: dict[Hypothesis, float]
+) -> Iterator[bool]:
     """Add larger hypotheses to what is weighed, size by size; whether it helped."""
     beam: list[Hypothesis] = [()]
-    coarse = singles(seen.robot)
-    fine = [d for c in coarse for d in _finely(c)]
-    for width in (_WIDE, *[_BEAM] * (MOST - 1)):
-        catalogue = fine if width == _WIDE else coarse
+    coarse = list_single_damages(seen.robot)
+    fine = [d for c in coarse for d in _subdivide_damage(c)]
+    for width in (_FIRST_BEAM, *[_BEAM] * (MOST - 1)):
+        catalogue = fine if width == _FIRST_BEAM else coarse
         if _is_explained(weights):
             return
         before = max(weights.values())
-        grown = (essential(seen.robot, (*h, d)) for h in beam for d in catalogue
-                 if _differs(h, d))  # fmt: skip
+        grown = (reduce_damages(seen.robot, (*h, d)) for h in beam for d in catalogue
+                 if _adds_target(h, d))  # fmt: skip
         new = [h for h in dict.fromkeys(grown) if h not in weights]
-        level = _weighed(seen, _screened(seen, new))
+        level = _weigh_hypotheses(seen, _screen_hypotheses(seen, new))
         if not _is_explained(level):
-            level |= _moved(seen, _varied(level, width, _TRIES))
-        beam = _varied(level, _BEAM, 1)
+            level |= _refine_values(seen, _keep_diverse(level, width, _VARIANTS))
+        beam = _keep_diverse(level, _BEAM, 1)
         weights.update(level)
         yield max(level.values()) > before
 
@@ -205,35 +233,39 @@ def _grow(seen: _Seen, weights: dict[Hypothesis, float]) -> Iterator[bool]:
 def _is_explained(weights: dict[Hypothesis, float]) -> bool:
     """Whether one more damage could not earn its place."""
     best = max(weights, key=lambda h: weights[h])
-    return weights[best] > -_EACH * (len(best) + 1)
+    return weights[best] > -_DAMAGE_COST * (len(best) + 1)
 
 
-def _screened(seen: _Seen, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+def _screen_hypotheses(
+    seen: _Evidence, hypotheses: list[Hypothesis]
+) -> list[Hypothesis]:
     """Those that explain the first second of the trials best."""
-    weight = seen.weigh(hypotheses, _GLANCE)
+    weight = seen.compute_log_weights(hypotheses, _SCREEN_STEPS)
     order = np.argsort(-weight, kind="stable")[:_SCREENED]
     return [hypotheses[k] for k in order]
 
 
-def _weighed(seen: _Seen, hypotheses: Sequence[Hypothesis]) -> dict[Hypothesis, float]:
+def _weigh_hypotheses(
+    seen: _Evidence, hypotheses: Sequence[Hypothesis]
+) -> dict[Hypothesis, float]:
     """Hypotheses with their weights by the beginnings of the trials."""
-    weight = seen.weigh(hypotheses, _BEGINNING)
+    weight = seen.compute_log_weights(hypotheses, _COMPARED_STEPS)
     return dict(zip(hypotheses, weight.tolist(), strict=True))
 
 
-def _moved(seen: _Seen, top: list[Hypothesis]) -> dict[Hypothesis, float]:
+def _refine_values(seen: _Evidence, top: list[Hypothesis]) -> dict[Hypothesis, float]:
     """Hypotheses whose values stand where they explain most, weighed."""
-    groups = len({_kinds(h) for h in top})
-    for part in _SMALLER ** np.arange(_ROUNDS):
-        near = list(dict.fromkeys(n for h in top for n in _near(h, part)))
+    groups = len({_strip_values(h) for h in top})
+    for part in _STEP_DECAY ** np.arange(_ROUNDS):
+        near = list(dict.fromkeys(n for h in top for n in _vary_values(h, part)))
         if not near:
             return {}
-        top = _varied(_weighed(seen, near), groups, _TRIES)
-        groups = max(_BEAM, round(groups * _FEWER))
-    return _weighed(seen, top)
+        top = _keep_diverse(_weigh_hypotheses(seen, near), groups, _VARIANTS)
+        groups = max(_BEAM, round(groups * _BEAM_DECAY))
+    return _weigh_hypotheses(seen, top)
 
 
-def _varied(
+def _keep_diverse(
     weights: dict[Hypothesis, float], count: int, tries: int
 ) -> list[Hypothesis]:
     """The best few, of those that differ in values alone at most so many.
@@ -242,19 +274,19 @@ def _varied(
     """
     kept: dict[tuple[tuple[str, str], ...], list[Hypothesis]] = {}
     for h in sorted(weights, key=lambda h: -weights[h]):
-        alike = _kinds(h)
+        alike = _strip_values(h)
         if alike in kept or len(kept) < count or [t for _, t in alike] == ["world"]:
             kept.setdefault(alike, [])
             kept[alike] += [h] * (len(kept[alike]) < tries)
     return [h for several in kept.values() for h in several]
 
 
-def _kinds(hypothesis: Hypothesis) -> tuple[tuple[str, str], ...]:
+def _strip_values(hypothesis: Hypothesis) -> tuple[tuple[str, str], ...]:
     """A hypothesis without its values."""
     return tuple((d.kind, d.target) for d in hypothesis)
 
 
-def _near(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
+def _vary_values(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
     """Hypotheses one step away in one value; steps are this part of the first ones."""
     for k, damage in enumerate(hypothesis):
         if damage.kind not in _STEPS:
@@ -268,12 +300,12 @@ def _near(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
             yield (*hypothesis[:k], other, *hypothesis[k + 1 :])  # itself too
 
 
-def _differs(hypothesis: Hypothesis, damage: Damage) -> bool:
+def _adds_target(hypothesis: Hypothesis, damage: Damage) -> bool:
     """Whether a damage is none that a hypothesis has already, with any value."""
-    return (damage.kind, damage.target) not in _kinds(hypothesis)
+    return (damage.kind, damage.target) not in _strip_values(hypothesis)
 
 
-def _finely(damage: Damage) -> Iterator[Damage]:
+def _subdivide_damage(damage: Damage) -> Iterator[Damage]:
     """A damage with the values about its own, half-way to its neighbors' and nearer.
 
     Alone a damage is simulated often enough to be found by trying: where contacts
@@ -288,16 +320,16 @@ def _finely(damage: Damage) -> Iterator[Damage]:
         yield replace(damage, value=damage.value + step, azimuth=damage.azimuth + turn)
 
 
-def singles(robot: Legged) -> list[Damage]:
+def list_single_damages(robot: LeggedRobot) -> list[Damage]:
     """Everything that may have happened, one at a time and coarsely."""
     sensors = [f"sensor:{name}" for name in robot.sensors]
     motors = [f"actuator:{name}" for name in robot.motors]
     return [
         *(Damage("limb_loss", f"body:{part}") for part in robot.parts),
-        *(Damage("joint_jam", f"joint:{place.name}") for place in robot.places),
+        *(Damage("joint_jam", f"joint:{place.name}") for place in robot.damage_sites),
         *(Damage("sensor_dead", name) for name in sensors),
         *(Damage("weak_sensor", name, s) for name in sensors for s in STRENGTHS),
         *(Damage("weak_motor", name, s) for name in motors for s in STRENGTHS),
-        *grounds(),
+        *list_ground_damages(),
         *(Damage("wind", "world", w, float(a)) for w in _WINDS for a in AZIMUTHS),
     ]

@@ -9,13 +9,13 @@ from functools import partial
 from typing import Any
 
 from ..body.body import Bodies, Floats
-from .phased import grown
-from .phases import Phases, Progress, Robots
-from .record import HealRun, HealSettings, gait_of
+from .phased_run import run_phases
+from .phases import HealPhases, Progress, RobotStates
+from .record import HealRun, HealSettings, read_gait
 
 
-def heal(
-    robots: Robots,
+def heal_robot(
+    robots: RobotStates,
     models: Bodies,
     weights: Floats,
     settings: HealSettings,
@@ -33,12 +33,12 @@ def heal(
         run: one to go on with, made by the same robots and settings; None = start.
         progress: told the phase, what is done, and how much of it.
     """
-    work = Phases(robots, models, weights, settings, progress)
-    ended = partial(_result, robot=robots.whole.name)
-    return grown(run or HealRun(settings), work.next, ended)
+    work = HealPhases(robots, models, weights, settings, progress)
+    ended = partial(_summarize_run, robot=robots.whole.name)
+    return run_phases(run or HealRun(settings), work.run_next, ended)
 
 
-def _result(run: HealRun, robot: str) -> dict[str, Any]:
+def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
@@ -58,11 +58,11 @@ def _result(run: HealRun, robot: str) -> dict[str, Any]:
         "damage": [d.document for d in settings.damage],
         "alarm": told,
         "hypotheses": shown,
-        "actions": len(run.asked),
+        "actions": len(run.actions),
         "distance": rounded,
         "predicted": {
-            "intact": round(gait_of(p["gait"]).predicted, 4),
-            "healed": round(gait_of(p["healed"]).predicted, 4),
+            "intact": round(read_gait(p["gait"]).predicted, 4),
+            "healed": round(read_gait(p["healed"]).predicted, 4),
         },
         "seconds": round(run.seconds, 1),
         "run": settings.run,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body import Anatomy, Floats, Ints
-from ..body.damage import INTACT, Damage, sensors_of
+from ..body.damage import INTACT, Damage, list_sensors
 
 _SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.2, 1.5)  # paper A: 0.1 to 2
 _JAMS = np.radians(np.arange(-60, 61, 20.0))
@@ -26,7 +26,7 @@ _RANGES = {"part_scale": (0.05, 2.0), "joint_jam": (-96 * _DEG, 96 * _DEG),
            "ground_friction": (0.02, 1.5)}  # fmt: skip
 
 
-def catalogue(anatomy: Anatomy, angles: Floats) -> list[Damage]:
+def list_damages(anatomy: Anatomy, angles: Floats) -> list[Damage]:
     """Everything that may have happened, coarsely; nothing comes first.
 
     Args:
@@ -44,28 +44,28 @@ def catalogue(anatomy: Anatomy, angles: Floats) -> list[Damage]:
         *(Damage("limb_loss", part) for part in parts),
         *(Damage("joint_jam", joint, angle) for joint, angle in joints),
         *(Damage("weak_motor", servo, s) for servo in servos for s in STRENGTHS),
-        *(Damage("sensor_dead", f"sensor:{name}") for name in sensors_of(anatomy)),
-        *grounds(),
+        *(Damage("sensor_dead", f"sensor:{name}") for name in list_sensors(anatomy)),
+        *list_ground_damages(),
     ]  # fmt: skip
 
 
-def grounds() -> list[Damage]:
+def list_ground_damages() -> list[Damage]:
     """What the ground may have become, coarsely."""
     slopes = [Damage("slope", "world", float(s), float(a)) for s in _SLOPES
               for a in AZIMUTHS]  # fmt: skip
     return [*slopes, *(Damage("ground_friction", "world", f) for f in _FRICTIONS)]
 
 
-def groups(damages: Sequence[Damage]) -> tuple[list[tuple[str, str]], Ints]:
+def group_damages(damages: Sequence[Damage]) -> tuple[list[tuple[str, str]], Ints]:
     """Kind and target of each group, and the group (H) of each hypothesis."""
     names = list(dict.fromkeys((d.kind, d.target) for d in damages))
     place = {name: k for k, name in enumerate(names)}
     return names, np.array([place[d.kind, d.target] for d in damages])
 
 
-def log_prior(damages: Sequence[Damage]) -> Floats:
+def compute_log_prior(damages: Sequence[Damage]) -> Floats:
     """(H) each kind alike, within it each target, within that each value."""
-    names, group = groups(damages)
+    names, group = group_damages(damages)
     kinds = [kind for kind, _ in names]
     share = [
         _NOTHING if kind == "none"
@@ -75,7 +75,9 @@ def log_prior(damages: Sequence[Damage]) -> Floats:
     return np.log(np.array(share) / np.bincount(group))[group]
 
 
-def finer(damages: Sequence[Damage], log_weight: Floats, count: int = 3) -> list:
+def refine_damages(
+    damages: Sequence[Damage], log_weight: Floats, count: int = 3
+) -> list:
     """Hypotheses between the best ones of the likeliest groups and their neighbors.
 
     Args:
@@ -86,7 +88,7 @@ def finer(damages: Sequence[Damage], log_weight: Floats, count: int = 3) -> list
     Returns:
         New ones, none where all are fine enough.
     """
-    names, group = groups(damages)
+    names, group = group_damages(damages)
     peak = np.array([log_weight[group == g].max() for g in range(len(names))])
     new: list[Damage] = []
     for g in np.argsort(-peak, kind="stable")[:count]:
@@ -95,11 +97,11 @@ def finer(damages: Sequence[Damage], log_weight: Floats, count: int = 3) -> list
         members = [k for k in range(len(damages)) if group[k] == g]
         best = damages[max(members, key=lambda k: float(log_weight[k]))]
         if best.kind in _FINE:
-            new += _between(best, [damages[k] for k in members])
+            new += _bisect_neighbors(best, [damages[k] for k in members])
     return new
 
 
-def _between(best: Damage, known: list[Damage]) -> list[Damage]:
+def _bisect_neighbors(best: Damage, known: list[Damage]) -> list[Damage]:
     """New hypotheses half-way from the best one to its neighbors in value."""
     fine, (low, high) = _FINE[best.kind], _RANGES[best.kind]
     values = np.array([d.value for d in known if d.azimuth == best.azimuth])

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..body.body import Floats
 from ..engine.walk import SAMPLE, Channels
-from .student import FREEDOM, log_t
+from .belief import DEGREES_OF_FREEDOM, compute_log_t
 
 QUARTERS = 4  # windows a cycle
 FALSE_ALARMS = 1.0  # an hour, stated; chosen
@@ -49,7 +49,7 @@ class Alarm:
 
 
 @dataclass(frozen=True)
-class Watch:
+class MonitorTrace:
     """What a monitor saw.
 
     Attributes:
@@ -87,14 +87,16 @@ class Baseline:
     cycle: float
 
 
-def window_values(sensed: Floats, cycle: float, names: tuple[str, ...]) -> Floats:
+def compute_window_means(
+    sensed: Floats, cycle: float, names: tuple[str, ...]
+) -> Floats:
     """(W, C) mean of each channel in windows of a quarter cycle.
 
     The last two of the (S, C) channels are a position [mm]; a window has the way
     travelled in it instead, which no heading changes, and the change of position
     cannot.
     """
-    edges = _edges(len(sensed), cycle)
+    edges = _find_window_edges(len(sensed), cycle)
     rows = [sensed[a:b].mean(axis=0) for a, b in zip(edges, edges[1:], strict=False)]
     out = np.array(rows).reshape(len(rows), len(names))
     place = sensed[np.maximum(edges - 1, 0), -2:]
@@ -103,13 +105,13 @@ def window_values(sensed: Floats, cycle: float, names: tuple[str, ...]) -> Float
     return out
 
 
-def _edges(samples: int, cycle: float) -> np.ndarray:
+def _find_window_edges(samples: int, cycle: float) -> np.ndarray:
     """Where windows begin and end, in samples; a cycle need not be whole samples."""
     count = int(np.floor(samples * SAMPLE / cycle * QUARTERS))
     return np.round(np.arange(count + 1) * cycle / QUARTERS / SAMPLE).astype(int)
 
 
-def baseline(
+def learn_baseline(
     sensed: Floats, predicted: Floats, cycle: float, channels: Channels
 ) -> Baseline:
     """How residuals are while the robot is whole.
@@ -120,32 +122,36 @@ def baseline(
         cycle: [s].
         channels: of the robot.
     """
-    gap = _gaps(sensed, predicted, cycle, channels)[_skipped(cycle) :]
+    gap = _compute_residuals(sensed, predicted, cycle, channels)[
+        _count_skipped_windows(cycle) :
+    ]
     full = len(gap) // QUARTERS * QUARTERS
     folded = gap[:full].reshape(-1, QUARTERS, gap.shape[1])
     mean = folded.mean(axis=0)
     freedom = max(1, (len(folded) - 1) * QUARTERS)
     spread = np.sqrt(((folded - mean) ** 2).sum(axis=(0, 1)) / freedom)
-    least = np.array([_LEAST[_unit(n)] for n in channels.names])
+    least = np.array([_LEAST[_classify_unit(n)] for n in channels.names])
     # few cycles say little of the spread and of the mean
     spread = _INFLATE * np.maximum(spread, least) * np.sqrt(1 + 1 / len(folded))
     # each cycle against the others, as a new one will be against all
     n = len(folded)
     apart = (folded - mean) * (n / max(1, n - 1)) / spread
-    misfit = -log_t(apart).sum(axis=2).ravel()
+    misfit = -compute_log_t(apart).sum(axis=2).ravel()
     common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
-    calm = _still(sensed, cycle)[_skipped(cycle) :][:full].reshape(folded.shape)
+    calm = _find_still_windows(sensed, cycle)[_count_skipped_windows(cycle) :][
+        :full
+    ].reshape(folded.shape)
     return Baseline(mean, spread, calm.sum(axis=0), n, common, cycle)
 
 
-def _still(sensed: Floats, cycle: float) -> np.ndarray:
+def _find_still_windows(sensed: Floats, cycle: float) -> np.ndarray:
     """(W, C) whether a channel has one and the same value in a window."""
-    edges = _edges(len(sensed), cycle)
+    edges = _find_window_edges(len(sensed), cycle)
     pairs = zip(edges, edges[1:], strict=False)
     return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairs])
 
 
-def _unmoved(still: np.ndarray, known: Baseline) -> Floats:
+def _score_stillness(still: np.ndarray, known: Baseline) -> Floats:
     """(W, C) [nats] how unlikely it is that a channel of a whole robot stands still.
 
     Of a channel that changes in every window, as a noisy one does, each window counts.
@@ -173,34 +179,36 @@ def _unmoved(still: np.ndarray, known: Baseline) -> Floats:
     return out
 
 
-def _skipped(cycle: float) -> int:
+def _count_skipped_windows(cycle: float) -> int:
     """Windows at the start that are not looked at, whole cycles: it gets going."""
     return QUARTERS * int(np.ceil(_START / cycle))
 
 
-def _unit(channel: str) -> str:
+def _classify_unit(channel: str) -> str:
     """The kind of a channel's unit, a key of `_LEAST`."""
     if channel.endswith("_touch"):
         return "touch"
     return "mm" if channel in ("clearance", "x", "y") else "deg"
 
 
-def _gaps(
+def _compute_residuals(
     sensed: Floats, predicted: Floats, cycle: float, channels: Channels
 ) -> Floats:
     """(W, C) sensed less predicted."""
     names = channels.names
-    return window_values(sensed, cycle, names) - window_values(predicted, cycle, names)
+    return compute_window_means(sensed, cycle, names) - compute_window_means(
+        predicted, cycle, names
+    )
 
 
-def threshold(cycle: float, channels: Channels) -> float:
+def compute_threshold(cycle: float, channels: Channels) -> float:
     """[nats] that keeps false alarms at the stated rate, all channels together."""
     windows = 3600 / (cycle / QUARTERS)
     return float(np.log(windows * (2 * len(channels.names) + 1) / FALSE_ALARMS))
 
 
 @dataclass(frozen=True)
-class Readings:
+class PoseReadings:
     """Poses at rest, one after the other.
 
     Attributes:
@@ -209,12 +217,12 @@ class Readings:
         scale: (C) by which a right prediction is off.
     """
 
-    felt: Floats
+    measured: Floats
     predicted: Floats
     scale: Floats
 
 
-def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
+def watch_poses(readings: PoseReadings, channels: Channels) -> Alarm | None:
     """Watch poses of which none was learned from: the alarm, its time in poses.
 
     A pose falls to another rest or it does not, so one reading can be enough: each is
@@ -222,9 +230,9 @@ def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
     """
     from scipy.stats import t
 
-    z = np.abs(readings.felt - readings.predicted) / readings.scale
+    z = np.abs(readings.measured - readings.predicted) / readings.scale
     read = int((~np.isnan(z)).sum())
-    chance = read * 2 * t.sf(np.nan_to_num(z), FREEDOM)
+    chance = read * 2 * t.sf(np.nan_to_num(z), DEGREES_OF_FREEDOM)
     over = np.flatnonzero((chance < _FALSE_POSES).any(axis=1))
     if not len(over):
         return None
@@ -233,13 +241,13 @@ def watch_poses(readings: Readings, channels: Channels) -> Alarm | None:
     return Alarm(float(over[0]) + 1, float(over[0]), sensor, p_value)
 
 
-def watch(
+def watch_walk(
     sensed: Floats,
     predicted: Floats,
     known: Baseline,
     channels: Channels,
     after: float = 0.0,
-) -> Watch:
+) -> MonitorTrace:
     """Watch a walk that began at rest as the baseline's did.
 
     Args:
@@ -249,23 +257,28 @@ def watch(
         channels: of the robot.
         after: [s] before which nothing is looked at, the walk's start in any case.
     """
-    skip = max(_skipped(known.cycle), int(np.ceil(after / known.cycle)) * QUARTERS)
-    gap = _gaps(sensed, predicted, known.cycle, channels)[skip:]
+    skip = max(
+        _count_skipped_windows(known.cycle),
+        int(np.ceil(after / known.cycle)) * QUARTERS,
+    )
+    gap = _compute_residuals(sensed, predicted, known.cycle, channels)[skip:]
     phase = np.arange(len(gap)) % QUARTERS
     z = (gap - known.mean[phase]) / known.spread
-    each = log_t(z / _WIDE) - np.log(_WIDE) - log_t(z)
+    each = compute_log_t(z / _WIDE) - np.log(_WIDE) - compute_log_t(z)
     middle, width = known.common
-    common = np.minimum((-log_t(z).sum(axis=1) - middle) / width, _MOST)
-    dead = _unmoved(_still(sensed, known.cycle)[skip:], known)
-    sums = _cusum(np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2]))
+    common = np.minimum((-compute_log_t(z).sum(axis=1) - middle) / width, _MOST)
+    dead = _score_stillness(_find_still_windows(sensed, known.cycle)[skip:], known)
+    sums = _accumulate_cusum(
+        np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2])
+    )
     end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
-    limit = threshold(known.cycle, channels)
+    limit = compute_threshold(known.cycle, channels)
     step = known.cycle / QUARTERS
-    alarm = _alarm(end, sums, limit, channels, step, -log_t(z))
-    return Watch(end, sums, limit, alarm)
+    alarm = _find_alarm(end, sums, limit, channels, step, -compute_log_t(z))
+    return MonitorTrace(end, sums, limit, alarm)
 
 
-def _cusum(ratio: Floats) -> Floats:
+def _accumulate_cusum(ratio: Floats) -> Floats:
     """(W, K) sums of log likelihood ratios (W, K), never below 0 (Page 1954)."""
     sums, run = np.zeros_like(ratio), np.zeros(ratio.shape[1])
     for k, step in enumerate(ratio):
@@ -274,7 +287,7 @@ def _cusum(ratio: Floats) -> Floats:
     return sums
 
 
-def _alarm(
+def _find_alarm(
     end: Floats,
     sums: Floats,
     limit: float,

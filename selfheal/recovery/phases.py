@@ -8,20 +8,20 @@ import numpy as np
 
 from ..body.body import Bodies, Floats
 from ..body.damage import INTACT, Damage
-from ..engine.plant import Plant, damaged, rated
-from ..engine.walk import SAMPLE, channels_of, sensed, simulate
+from ..engine.plant import Plant, apply_damages, build_rated_plant
+from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import Gait, forward, judge, synthesize
+from ..gait.synthesis import Gait, evaluate_gait, project_on_heading, synthesize_gait
 from ..recording import Recording
 from ..robot.base import Walker
-from .hypotheses import catalogue
-from .likely import likely
-from .monitor import baseline, watch
-from .phased import Phase
-from .probes import probes
-from .record import HealRun, HealSettings, gait_document, gait_of
-from .reidentify import Doubt, Told
-from .senses import felt_over_time, orientation, position
+from .hypotheses import list_damages
+from .monitor import learn_baseline, watch_walk
+from .phased_run import Phase
+from .plausible_plants import find_plausible_plants
+from .probes import list_probes
+from .read_channels import read_channels, read_orientation, read_position
+from .record import HealRun, HealSettings, read_gait, serialize_gait
+from .reidentify import DamagePosterior, TakenAction
 
 LEARNED = 30.0  # [s] of walking whole from which the monitor learns; chosen
 WATCHED = 40.0  # [s] of each walk that is watched; chosen
@@ -34,7 +34,7 @@ Progress = Callable[[str, str, float], None]
 
 
 @dataclass(frozen=True)
-class Robots:
+class RobotStates:
     """The robot in its three lives.
 
     Attributes:
@@ -48,18 +48,20 @@ class Robots:
     broken: Walker
 
 
-def robots_of(robot: Walker, settings: HealSettings) -> Robots:
+def make_robot_states(robot: Walker, settings: HealSettings) -> RobotStates:
     """The robot before, while and after the damage of some settings."""
     damage = settings.damage
-    return Robots(robot, robot.struck(damage, settings.onset), robot.struck(damage))
+    return RobotStates(
+        robot, robot.struck(damage, settings.onset), robot.struck(damage)
+    )
 
 
-class Phases:
+class HealPhases:
     """One heal in progress: what its file does not hold."""
 
     def __init__(
         self,
-        robots: Robots,
+        robots: RobotStates,
         models: Bodies,
         weights: Floats,
         settings: HealSettings,
@@ -67,33 +69,44 @@ class Phases:
     ) -> None:
         """See `heal.heal` for the arguments."""
         self.robots, self.settings, self.progress = robots, settings, progress
-        self.plants = [rated(models[[k]]) for k in range(len(models))]
+        self.plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
         self.weights = weights
         self.anatomy = models.anatomy
-        self.channels = channels_of(self.anatomy)
-        self.doubt: Doubt | None = None
+        self.channels = list_channels(self.anatomy)
+        self.posterior: DamagePosterior | None = None
 
-    def next(self, run: HealRun) -> tuple[str, Phase] | None:
+    def run_next(self, run: HealRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
         done = run.phases
-        first = {"gait": self._gait, "whole": self._whole, "alarm": self._alarm}
+        first = {
+            "gait": self._make_first_gait,
+            "whole": self._walk_intact,
+            "alarm": self._watch_for_alarm,
+        }
         for name, phase in first.items():
             if name not in done:
                 return name, phase(done)
         if "verdict" not in done:
-            doubt = self._doubt(run)
-            if done["alarm"]["alarm"] and not doubt.done:
-                name, asked = f"ask-{len(doubt.told) + 1:02d}", self._ask(doubt)
+            doubt = self._restore_posterior(run)
+            if done["alarm"]["alarm"] and not doubt.is_done:
+                name, asked = (
+                    f"ask-{len(doubt.taken) + 1:02d}",
+                    self._take_action(doubt),
+                )
                 if asked:
                     return name, asked
-            return "verdict", self._verdict(run, doubt)
-        last = {"healed": self._healed, "walked": self._walked, "known": self._known}
+            return "verdict", self._conclude_damage(run, doubt)
+        last = {
+            "healed": self._make_healed_gait,
+            "walked": self._walk_both_gaits,
+            "known": self._walk_informed_gait,
+        }
         for name, phase in last.items():
             if name not in done:
                 return name, phase(done)
         return None
 
-    def _synthesize(
+    def _synthesize_gait(
         self,
         name: str,
         plants: Sequence[Plant],
@@ -102,59 +115,68 @@ class Phases:
         start: Gait | None = None,
     ) -> Gait:
         """A gait, with progress."""
-        return synthesize(
+        return synthesize_gait(
             plants, weights=weights, name=self.settings.gait,
             heading=self.settings.heading, seed=seed, start=start,
             progress=lambda what, share: self.progress(name, what, share),
         )  # fmt: skip
 
-    def _gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _make_first_gait(self, done: Mapping[str, Phase]) -> Phase:
         """A gait for the whole robot."""
-        gait = self._synthesize("gait", self.plants, self.weights, self.settings.seed)
-        return {"gait": gait_document(gait)}
+        gait = self._synthesize_gait(
+            "gait", self.plants, self.weights, self.settings.seed
+        )
+        return {"gait": serialize_gait(gait)}
 
-    def _move(self, robot: Walker, gait: Gait, seconds: float, trial: int) -> Recording:
+    def _walk_robot(
+        self, robot: Walker, gait: Gait, seconds: float, trial: int
+    ) -> Recording:
         """A gait on the robot: its recording."""
         return robot.move(gait.commands(self.anatomy.size, seconds), trial=trial)
 
-    def _path(self, recording: Recording) -> dict[str, Floats]:
+    def _extract_path(self, recording: Recording) -> dict[str, Floats]:
         """Where the torso was: position (S, 3) [m], orientation (S, 4), and joints."""
-        channels = felt_over_time(recording, self.anatomy)[1]
+        channels = read_channels(recording, self.anatomy)[1]
         angles = channels[:, 3 : 3 + self.anatomy.size]
-        return {"position": position(recording), "orientation": orientation(recording),
-                "angles": np.radians(angles)}  # fmt: skip
+        return {
+            "position": read_position(recording),
+            "orientation": read_orientation(recording),
+            "angles": np.radians(angles),
+        }
 
-    def _distance(self, path: Floats) -> float:
+    def _measure_distance(self, path: Floats) -> float:
         """Way along the heading after `SECONDS` [m]."""
         last = path[round(SECONDS / SAMPLE) - 1]
-        return float(forward(last, self.settings.heading)[0])
+        return float(project_on_heading(last, self.settings.heading)[0])
 
-    def _whole(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_intact(self, done: Mapping[str, Phase]) -> Phase:
         """It walks, and the monitor learns how it walks while whole."""
-        gait = gait_of(done["gait"])
+        gait = read_gait(done["gait"])
         self.progress("whole", "walking", 0.0)
-        walked = self._move(self.robots.whole, gait, LEARNED, 0)
-        path = self._path(walked)
-        return {**path, "distance": self._distance(path["position"]),
-                "felt": felt_over_time(walked, self.anatomy)[1]}  # fmt: skip
+        walked = self._walk_robot(self.robots.whole, gait, LEARNED, 0)
+        path = self._extract_path(walked)
+        return {**path, "distance": self._measure_distance(path["position"]),
+                "felt": read_channels(walked, self.anatomy)[1]}  # fmt: skip
 
-    def _predicted(self, gait: Gait, seconds: float) -> Floats:
+    def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
         """(S, C) channels that the self-model predicts of a gait."""
         commands = gait.commands(self.anatomy.size, seconds)[None]
-        return sensed(simulate(self.plants[:1], commands), self.plants[:1])[0]
+        return compute_channels(
+            simulate_walks(self.plants[:1], commands), self.plants[:1]
+        )[0]
 
-    def _alarm(self, done: Mapping[str, Phase]) -> Phase:
+    def _watch_for_alarm(self, done: Mapping[str, Phase]) -> Phase:
         """It walks on, breaks at some time, and notices."""
-        gait = gait_of(done["gait"])
-        predicted = self._predicted(gait, WATCHED)
+        gait = read_gait(done["gait"])
+        predicted = self._predict_channels(gait, WATCHED)
         felt = done["whole"]["felt"]
-        known = baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
+        known = learn_baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
         for shift in range(_SHIFTS):
             self.progress("alarm", "walking and watching", shift / _SHIFTS)
             robot = self.robots.broken if shift else self.robots.breaking
-            walked = self._move(robot, gait, WATCHED, 1 + shift)
-            now = felt_over_time(walked, self.anatomy)[1]
-            seen = watch(now, predicted, known, self.channels)
+            walked = self._walk_robot(robot, gait, WATCHED, 1 + shift)
+            now = read_channels(walked, self.anatomy)[1]
+            seen = watch_walk(now, predicted, known, self.channels)
             if seen.alarm:
                 break
         before = shift * WATCHED
@@ -172,116 +194,125 @@ class Phases:
             "threshold": seen.threshold,
         }
 
-    def _doubt(self, run: HealRun) -> Doubt:
+    def _restore_posterior(self, run: HealRun) -> DamagePosterior:
         """What is believed since the alarm, from all actions so far."""
-        if self.doubt is None:
-            gait = gait_of(run.phases["gait"])
-            actions = probes(gait, self.anatomy.joints)
-            guesses = catalogue(self.anatomy, run.phases["alarm"]["angles"])
+        if self.posterior is None:
+            gait = read_gait(run.phases["gait"])
+            actions = list_probes(gait, self.anatomy.joints)
+            guesses = list_damages(self.anatomy, run.phases["alarm"]["angles"])
             walk, whole = actions[-1], run.phases["whole"]["felt"]
             rng = np.random.default_rng([self.settings.seed, 21])
-            known = likely(self.plants[0], walk, whole, rng)
-            self.doubt = Doubt(self.plants[0], actions, guesses, known)
-            for told in run.asked:
-                self.doubt.recall(Told(told["probe"], told["why"], told["values"]))
-        return self.doubt
+            known = find_plausible_plants(self.plants[0], walk, whole, rng)
+            self.posterior = DamagePosterior(self.plants[0], actions, guesses, known)
+            for told in run.actions:
+                self.posterior.record_action(
+                    TakenAction(told["probe"], told["why"], told["values"])
+                )
+        return self.posterior
 
-    def _ask(self, doubt: Doubt) -> Phase | None:
+    def _take_action(self, doubt: DamagePosterior) -> Phase | None:
         """One action, chosen to tell the hypotheses apart; None if none would."""
-        k = len(doubt.told)
+        k = len(doubt.taken)
         self.progress("ask", f"choosing action {k + 1}", 0.0)
-        chosen = doubt.choose(np.random.default_rng([self.settings.seed, 20, k]))
+        chosen = doubt.choose_probe(np.random.default_rng([self.settings.seed, 20, k]))
         if chosen is None:
             return None
         probe, left = chosen
         action = doubt.probes[probe]
-        self.progress("ask", action.says, 0.5)
+        self.progress("ask", action.description, 0.5)
         walked = self.robots.broken.move(action.commands, trial=100 + k)
-        doubt.observe(probe, action.says, felt_over_time(walked, self.anatomy)[1])
-        return {"probe": probe, "why": action.says, "expected": left,
-                "values": doubt.told[-1].felt,
-                "believed": _believed(doubt)}  # fmt: skip
+        doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
+        return {"probe": probe, "why": action.description, "expected": left,
+                "values": doubt.taken[-1].measured,
+                "believed": _list_beliefs(doubt)}  # fmt: skip
 
-    def _verdict(self, run: HealRun, doubt: Doubt) -> Phase:
+    def _conclude_damage(self, run: HealRun, doubt: DamagePosterior) -> Phase:
         """What happened."""
         if run.phases["alarm"]["alarm"] is None:
-            return {"believed": [_document(INTACT, 1.0)]}
+            return {"believed": [_format_hypothesis(INTACT, 1.0)]}
         self.progress("verdict", "finding how much", 0.0)
-        doubt.polish()
-        return {"believed": _believed(doubt)}
+        doubt.refine_values()
+        return {"believed": _list_beliefs(doubt)}
 
-    def _healed(self, done: Mapping[str, Phase]) -> Phase:
+    def _make_healed_gait(self, done: Mapping[str, Phase]) -> Phase:
         """A new gait for what the robot is now believed to be."""
-        old, believed = gait_of(done["gait"]), done["verdict"]["believed"]
+        old, believed = read_gait(done["gait"]), done["verdict"]["believed"]
         likely = [b for b in believed[:_KEPT] if b["probability"] >= _LIKELY]
         if likely[0]["kind"] in _STILL:
-            return {"gait": gait_document(old), "kept": True}
+            return {"gait": serialize_gait(old), "kept": True}
         plants, weights = [], []
         for b in likely:
             for plant, weight in zip(self.plants, self.weights, strict=True):
-                plants.append(damaged(plant, damage_of(b)))
+                plants.append(apply_damages(plant, read_damage(b)))
                 weights.append(b["probability"] * weight)
-        gait = self._better("healed", plants, weights, old)
+        gait = self._choose_gait("healed", plants, weights, old)
         kept = bool(np.array_equal(gait.genes, old.genes))
-        return {"gait": gait_document(gait), "kept": kept}
+        return {"gait": serialize_gait(gait), "kept": kept}
 
-    def _better(
+    def _choose_gait(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> Gait:
         """The better of a new gait and the old one, as the broken robot walks them."""
-        new, again = self._rivals(name, plants, weights, old)
+        new, again = self._compare_gaits(name, plants, weights, old)
         if new.predicted <= again.predicted:
             return again
         way = []
         for trial, gait in ((150, new), (151, old)):
             self.progress(name, "trying it against the old one", 1.0)
-            path = position(self._move(self.robots.broken, gait, SECONDS, trial))
-            way.append(self._distance(path))
+            path = read_position(
+                self._walk_robot(self.robots.broken, gait, SECONDS, trial)
+            )
+            way.append(self._measure_distance(path))
         return new if way[0] >= way[1] else again
 
-    def _rivals(
+    def _compare_gaits(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> tuple[Gait, Gait]:
         """A new gait and the old one, each with what is predicted of it."""
         seed = self.settings.seed + 1
-        new = self._synthesize(name, plants, weights, seed, old)
-        return new, judge(plants, old, weights=weights, seed=seed)
+        new = self._synthesize_gait(name, plants, weights, seed, old)
+        return new, evaluate_gait(plants, old, weights=weights, seed=seed)
 
-    def _walked(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_both_gaits(self, done: Mapping[str, Phase]) -> Phase:
         """The old and the new gait on the broken robot."""
         found: dict[str, Any] = {}
         for trial, name in ((200, "gait"), (201, "healed")):
             self.progress("walked", f"{name} on the broken robot", 0.5 * (trial - 200))
-            gait = gait_of(done[name])
-            path = self._path(self._move(self.robots.broken, gait, SECONDS, trial))
+            gait = read_gait(done[name])
+            path = self._extract_path(
+                self._walk_robot(self.robots.broken, gait, SECONDS, trial)
+            )
             what = {"gait": "damaged", "healed": "healed"}[name]
             found |= {f"{what}_{k}": v for k, v in path.items()}
-            found[what] = self._distance(path["position"])
+            found[what] = self._measure_distance(path["position"])
         return found
 
-    def _known(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_informed_gait(self, done: Mapping[str, Phase]) -> Phase:
         """For the report alone: a gait for the true damaged body, walked."""
-        robot, old = self.robots.broken, gait_of(done["gait"])
+        robot, old = self.robots.broken, read_gait(done["gait"])
         if robot.truth is None:
             return {"distance": None}
-        plant = damaged(rated(robot.truth), *self.settings.damage)
-        rivals = self._rivals("known", [plant], [1.0], old)
+        plant = apply_damages(build_rated_plant(robot.truth), *self.settings.damage)
+        rivals = self._compare_gaits("known", [plant], [1.0], old)
         gait = max(rivals, key=lambda gait: gait.predicted)
-        path = position(self._move(robot, gait, SECONDS, 202))
-        return {"gait": gait_document(gait), "distance": self._distance(path)}
+        path = read_position(self._walk_robot(robot, gait, SECONDS, 202))
+        return {"gait": serialize_gait(gait), "distance": self._measure_distance(path)}
 
 
-def _believed(doubt: Doubt) -> list[dict[str, Any]]:
+def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:
     """The likeliest hypotheses, most likely first, as a phase keeps them."""
-    return [_document(damage, chance) for damage, chance in doubt.verdict()[:_SHOWN]]
+    return [
+        _format_hypothesis(damage, chance)
+        for damage, chance in doubt.rank_damages()[:_SHOWN]
+    ]
 
 
-def _document(damage: Damage, chance: float) -> dict[str, Any]:
+def _format_hypothesis(damage: Damage, chance: float) -> dict[str, Any]:
     """A hypothesis as a phase keeps it."""
     extra = {"azimuth": damage.azimuth, "probability": round(chance, 6)}
     return {**damage.document, **extra}
 
 
-def damage_of(believed: Mapping[str, Any]) -> Damage:
+def read_damage(believed: Mapping[str, Any]) -> Damage:
     """The damage of a hypothesis that a phase keeps."""
     return Damage(**{k: v for k, v in believed.items() if k != "probability"})

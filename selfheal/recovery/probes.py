@@ -5,29 +5,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.body import Floats, concatenate
+from ..body.body import Floats, concatenate_bodies
 from ..body.damage import Damage
-from ..engine.plant import Plant, damaged
+from ..engine.plant import Plant, apply_damages
 from ..engine.statics import Statics
-from ..engine.walk import PERIOD, SAMPLE, Channels, channels_of, sensed, simulate
+from ..engine.walk import (
+    PERIOD,
+    SAMPLE,
+    Channels,
+    compute_channels,
+    list_channels,
+    simulate_walks,
+)
 from ..gait.synthesis import Gait
-from ..robot.actions import SWING, actions_2006
+from ..robot.actions import SWING, list_actions_2006
 
-_HELD = 2.5  # [s] of a held pose; chosen: the slowest servo is there after 1.1 s
-_WIDER = np.radians(50.0)  # a second swing beside paper A's 30 degrees; chosen
+_HOLD_TIME = 2.5  # [s] of a held pose; chosen: the slowest servo is there after 1.1 s
+_WIDE_SWING = np.radians(50.0)  # a second swing beside paper A's 30 degrees; chosen
 _SPEED_OFF = 0.12  # of the motors' speed: up to a fifth off the rated one
-_EARLY = 0.3  # [s] when joints are on their way; chosen
-_LAST = 0.3  # [s] over which a pose at rest is read
-_WALK = 6.0  # [s] of a walk as a probe, the last half of which is read
+_EARLY_TIME = 0.3  # [s] when joints are on their way; chosen
+_REST_TIME = 0.3  # [s] over which a pose at rest is read
+_WALK_TIME = 6.0  # [s] of a walk as a probe, the last half of which is read
 NUDGE = 2.0  # [deg] by which a joint's zero is moved to see what it does
 EDGE = 2.0  # [deg/deg] a reading that moves more stands on an edge: no slope
 # How far a right prediction is off: of tilts at rest, as was found of the readings of
 # 2006 [deg]; of the rest on development seeds of hidden robots: at rest [deg], [mm],
 # touch; on the way [deg]; of a walk [deg], [mm], touch, speed [mm/s].
-TILT = 2.0
-REST = {"tilt": TILT, "clearance": 4.0, "angle": 1.5, "touch": 0.4}
-_WAY_THERE = 2.5
-_WALKED = {"tilt": 2.0, "clearance": 5.0, "angle": 1.5, "touch": 0.1, "speed": 15.0}
+TILT_SCALE = 2.0
+REST_SCALES = {"tilt": TILT_SCALE, "clearance": 4.0, "angle": 1.5, "touch": 0.4}
+_EARLY_SCALE = 2.5
+_WALK_SCALES = {
+    "tilt": 2.0,
+    "clearance": 5.0,
+    "angle": 1.5,
+    "touch": 0.1,
+    "speed": 15.0,
+}
 DRIFT = 1.5  # [deg] of each joint's zero: servos miss by 1.2 on average (papers.md 1.1)
 
 
@@ -41,45 +54,45 @@ class Probe:
         target: (P) pose that is held [rad], None for a walk.
     """
 
-    says: str
+    description: str
     commands: Floats
     target: Floats | None
 
 
-def probes(gait: Gait, joints: Sequence[str]) -> list[Probe]:
+def list_probes(gait: Gait, joints: Sequence[str]) -> list[Probe]:
     """The actions: paper A's 36 poses, the same with a wider swing, a walk."""
-    poses = actions_2006(len(joints))
-    steps = round(_HELD / PERIOD)
+    poses = list_actions_2006(len(joints))
+    steps = round(_HOLD_TIME / PERIOD)
     found = []
-    for swing in (SWING, _WIDER):
+    for swing in (SWING, _WIDE_SWING):
         for pose in poses:
             down = ", ".join(j for j, a in zip(joints, pose, strict=True) if a < 0)
             target = pose * (swing / SWING)
             angle = np.degrees(swing)
             says = f"hold {down} at -{angle:.0f} deg, the others at +{angle:.0f}"
             found.append(Probe(says, np.tile(target, (steps, 1)), target))
-    walk = gait.commands(len(joints), _WALK)
+    walk = gait.commands(len(joints), _WALK_TIME)
     return [*found, Probe("walk a few steps of the old gait", walk, None)]
 
 
-def kinds_of(names: Sequence[str]) -> list[str]:
+def classify_channels(names: Sequence[str]) -> list[str]:
     """What each channel is: a key of `REST`."""
     known = {"clearance": "clearance", "x": "speed", "y": "speed"}
     known |= {n: "tilt" for n in names if n.startswith("tilt")}
     return [known.get(n, "touch" if n.endswith("_touch") else "angle") for n in names]
 
 
-def scale_of(probe: Probe, names: Sequence[str]) -> Floats:
+def find_residual_scale(probe: Probe, names: Sequence[str]) -> Floats:
     """(M) how far right predictions of `values` are off."""
-    kinds = kinds_of(names)
+    kinds = classify_channels(names)
     if probe.target is None:
-        still = [_WALKED[k] for k in kinds[:-2]]
-        return np.array([*still, *still, _WALKED["speed"], _WALKED["speed"]])
-    early = [_WAY_THERE for k in kinds if k == "angle"]
-    return np.array([*early, *(REST[k] for k in kinds[:-2])])
+        still = [_WALK_SCALES[k] for k in kinds[:-2]]
+        return np.array([*still, *still, _WALK_SCALES["speed"], _WALK_SCALES["speed"]])
+    early = [_EARLY_SCALE for k in kinds if k == "angle"]
+    return np.array([*early, *(REST_SCALES[k] for k in kinds[:-2])])
 
 
-def values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats:
+def extract_values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats:
     """(..., M) what counts of channels (..., S, C): the same of felt and predicted.
 
     Of a pose the joint angles on the way and all but the place at rest; of a walk's
@@ -92,13 +105,13 @@ def values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats:
         still = half[..., :-2]
         parts = [still.mean(axis=-2), still.std(axis=-2), speed]
         return np.concatenate(parts, axis=-1)
-    angle = [k for k, kind in enumerate(kinds_of(names)) if kind == "angle"]
-    early = sensed[..., round(_EARLY / SAMPLE) - 1, :][..., angle]
-    rest = sensed[..., -round(_LAST / SAMPLE) :, :-2].mean(axis=-2)
+    angle = [k for k, kind in enumerate(classify_channels(names)) if kind == "angle"]
+    early = sensed[..., round(_EARLY_TIME / SAMPLE) - 1, :][..., angle]
+    rest = sensed[..., -round(_REST_TIME / SAMPLE) :, :-2].mean(axis=-2)
     return np.concatenate([early, rest], axis=-1)
 
 
-def predict(plants: Sequence[Plant], probe: Probe, bias: Floats) -> Floats:
+def predict_values(plants: Sequence[Plant], probe: Probe, bias: Floats) -> Floats:
     """(H, M) values of a probe on plants, by MuJoCo; NaN where it failed.
 
     Args:
@@ -107,42 +120,44 @@ def predict(plants: Sequence[Plant], probe: Probe, bias: Floats) -> Floats:
         bias: (M) by which the whole robot was off what is predicted of it.
     """
     commands = np.repeat(probe.commands[None], len(plants), axis=0)
-    seen = sensed(simulate(plants, commands), plants)
-    sources = _sources(probe, channels_of(plants[0].body.anatomy))
+    seen = compute_channels(simulate_walks(plants, commands), plants)
+    sources = _list_sources(probe, list_channels(plants[0].body.anatomy))
     alive = np.array([[s not in p.dead for s in sources] for p in plants])
-    names = channels_of(plants[0].body.anatomy).names
-    return values(probe, seen, names) + bias * alive
+    names = list_channels(plants[0].body.anatomy).names
+    return extract_values(probe, seen, names) + bias * alive
 
 
-def _sources(probe: Probe, channels: Channels) -> list[str]:
+def _list_sources(probe: Probe, channels: Channels) -> list[str]:
     """(M) the sensor that each of a probe's values comes from."""
     sensors = list(channels.sensors)
     if probe.target is None:
         return [*sensors[:-2], *sensors]
-    kinds = zip(kinds_of(channels.names), sensors, strict=True)
+    kinds = zip(classify_channels(channels.names), sensors, strict=True)
     return [*(s for kind, s in kinds if kind == "angle"), *sensors[:-2]]
 
 
-def plants_of(plant: Plant, damages: Sequence[Damage]) -> list[Plant]:
+def apply_each_damage(plant: Plant, damages: Sequence[Damage]) -> list[Plant]:
     """The plant after each of several damages."""
-    return [damaged(plant, damage) for damage in damages]
+    return [apply_damages(plant, damage) for damage in damages]
 
 
-def _at_rest(plants: Sequence[Plant], targets: Floats) -> tuple[Floats, Floats]:
+def _simulate_at_rest(
+    plants: Sequence[Plant], targets: Floats
+) -> tuple[Floats, Floats]:
     """(H, 3) tilts [deg], clearance [mm], (H, F) touch by `statics`, level ground."""
-    body = concatenate(*(p.body for p in plants))
+    body = concatenate_bodies(*(p.body for p in plants))
     jam = np.stack([p.jam for p in plants])
     rest = Statics().simulate(body, np.where(np.isnan(jam), targets, jam))
     three = np.column_stack([np.degrees(rest.tilt), 1000 * rest.clearance])
     return three, rest.touch
 
 
-def guess(plants: Sequence[Plant], probe: Probe) -> Floats:
+def approximate_values(plants: Sequence[Plant], probe: Probe) -> Floats:
     """(H, M) values of a held pose by `statics`: quick, and enough to choose by."""
     assert probe.target is not None
-    names = channels_of(plants[0].body.anatomy)
+    names = list_channels(plants[0].body.anatomy)
     targets = np.tile(probe.target, (len(plants), 1))
-    three, touch = _at_rest(plants, targets)
+    three, touch = _simulate_at_rest(plants, targets)
     tilt, azimuth = np.stack([p.slope for p in plants]).T
     # a level torso on a slope: its tilt is the slope's
     three[:, 0] += np.degrees(tilt) * np.sin(azimuth)
@@ -150,24 +165,25 @@ def guess(plants: Sequence[Plant], probe: Probe) -> Floats:
     jam = np.stack([p.jam for p in plants])
     angles = np.where(np.isnan(jam), targets, jam)
     speed = np.stack([p.speed for p in plants])
-    early = np.where(np.isnan(jam), np.clip(targets, -speed * _EARLY, speed * _EARLY),
-                     jam)  # fmt: skip
+    early = np.where(
+        np.isnan(jam), np.clip(targets, -speed * _EARLY_TIME, speed * _EARLY_TIME), jam
+    )
     rest = np.column_stack([three, np.degrees(angles), touch])
     out = np.column_stack([np.degrees(early), rest])
-    sensors = _sources(probe, names)
+    sensors = _list_sources(probe, names)
     for row, plant in enumerate(plants):
         out[row, [k for k, s in enumerate(sensors) if s in plant.dead]] = 0.0
     return out
 
 
-def slopes(plants: Sequence[Plant], probe: Probe) -> Floats:
+def compute_slopes(plants: Sequence[Plant], probe: Probe) -> Floats:
     """(H, M, P + 1) change of a probe's values with each joint's zero [1/deg].
 
     The last column is the speed that all motors share, as much as `DRIFT` degrees of a
     zero are likely. Of walks all are 0.
     """
-    names = channels_of(plants[0].body.anatomy).names
-    joints, size = plants[0].body.anatomy.size, len(scale_of(probe, names))
+    names = list_channels(plants[0].body.anatomy).names
+    joints, size = plants[0].body.anatomy.size, len(find_residual_scale(probe, names))
     out = np.zeros((len(plants), size, joints + 1))
     if probe.target is None:
         return out
@@ -175,7 +191,9 @@ def slopes(plants: Sequence[Plant], probe: Probe) -> Floats:
     for j in range(joints):
         nudge = np.radians(NUDGE) * np.eye(joints)[j]
         high, low = (
-            _at_rest(plants, np.tile(probe.target + s * nudge, (len(plants), 1)))[0]
+            _simulate_at_rest(
+                plants, np.tile(probe.target + s * nudge, (len(plants), 1))
+            )[0]
             for s in (1, -1)
         )
         rate = (high - low) / (2 * NUDGE)
@@ -184,7 +202,7 @@ def slopes(plants: Sequence[Plant], probe: Probe) -> Floats:
         angle = f"{plants[0].body.anatomy.joints[j]}_position"
         whole = [angle not in p.dead for p in plants]
         out[:, j, j] = out[:, joints + 3 + j, j] = jam[:, j] & np.array(whole)
-    early = guess(plants, probe)[:, :joints]
+    early = approximate_values(plants, probe)[:, :joints]
     out[:, :joints, joints] = early * np.isnan(np.stack([p.jam for p in plants]))
     out[:, :joints, joints] *= _SPEED_OFF / DRIFT
     dead = [[k for k, s in enumerate(("vertical", "vertical", "clearance"))

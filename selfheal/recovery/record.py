@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.damage import Damage
 from ..gait.synthesis import Gait
-from .phased import Phase, PhasedRun
+from .phased_run import Phase, PhasedRun
 
 
 @dataclass(frozen=True)
@@ -43,17 +43,17 @@ class HealRun(PhasedRun):
     settings: HealSettings
 
     @property
-    def asked(self) -> list[Phase]:
+    def actions(self) -> list[Phase]:
         """The actions taken after the alarm."""
         return [p for name, p in self.phases.items() if name.startswith("ask")]
 
 
-def gait_document(gait: Gait) -> dict[str, Any]:
+def serialize_gait(gait: Gait) -> dict[str, Any]:
     """A gait as a phase keeps it."""
     return asdict(gait)
 
 
-def gait_of(phase: Phase) -> Gait:
+def read_gait(phase: Phase) -> Gait:
     """The gait that `gait_document` kept in a phase."""
     kept = phase["gait"]
     return Gait(**{**kept, "genes": np.asarray(kept["genes"], float)})

@@ -11,28 +11,41 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import INTACT, Damage
-from ..body.legged import essential
-from ..engine.reflex import Drives, damaged, drive, trimmed
-from ..gait.genetic import KEPT, MUTATION, Pool, Score, begin, evolve
-from ..robot.driven import Driven
-from .belief import Candidate, choose
-from .estimate import GENES, VALUES, Hypothesis, decode, explained
-from .explain import explain
-from .phased import Phase, grown
+from ..engine.reflex import (
+    Rollouts,
+    build_damaged_plants,
+    scale_physics,
+    simulate_controllers,
+)
+from ..gait.genetic import (
+    KEPT,
+    MUTATION,
+    Population,
+    Score,
+    evolve_population,
+    start_population,
+)
+from ..robot.driven_robot import DrivenRobot
+from .belief import CandidateAction, choose_action
+from .estimate import GENES, VALUES, Hypothesis, decode_hypotheses, make_damage_score
+from .explain import estimate_damage
+from .fit_physics import fit_physics
+from .phased_run import Phase, run_phases
 from .recover_run import (
     RecoverRun,
     RecoverSettings,
-    hypotheses_document,
-    hypotheses_of,
+    read_hypotheses,
+    serialize_hypotheses,
+    summarize_run,
 )
-from .trim import trims
 
-HARDWARE = 70  # generations on the robot itself (overview.txt 4.4)
+HARDWARE_GENERATIONS = 70  # generations on the robot itself (overview.txt 4.4)
 _MUTATION = 0.03  # of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
-_SEEDS = 10  # of the best controllers of each search before; chosen: all crowd the new
+_SEEDS_PER_SEARCH = (
+    10  # of the best controllers of each search before; chosen: all crowd the new
+)
 _SURE, _LIKELY = 0.95, 0.05  # of a hypothesis; chosen
-_SUITED = 3  # hypotheses that a controller has to suit; chosen
+_MOST_HYPOTHESES = 3  # hypotheses that a controller has to suit; chosen
 # A trial that separates hypotheses is one of so many controllers, of which none is
 # predicted to lose more than this share of the best one's way; chosen
 _CANDIDATES, _WORTH, _DOUBTS = 12, 0.7, 8
@@ -41,8 +54,8 @@ _THIN = 10  # samples of a series for one that is compared in choosing: half a s
 Progress = Callable[[str, str, float], None]
 
 
-def recover(
-    robot: Driven,
+def recover_robot(
+    robot: DrivenRobot,
     settings: RecoverSettings,
     *,
     run: RecoverRun | None = None,
@@ -56,11 +69,11 @@ def recover(
         run: one to go on with, made by the same robot and settings; None = start.
         progress: told the phase, what is done, and how much of it.
     """
-    work = _Phases(robot, settings, progress)
-    return grown(run or RecoverRun(settings), work.next, _result)
+    work = RecoverPhases(robot, settings, progress)
+    return run_phases(run or RecoverRun(settings), work.run_next, summarize_run)
 
 
-def _next(run: RecoverRun) -> str:
+def _find_next_phase(run: RecoverRun) -> str:
     """The name of the next phase; none at the end."""
     settings, done = run.settings, list(run.phases)
     if settings.method == "hardware-only":
@@ -76,119 +89,167 @@ def _next(run: RecoverRun) -> str:
     return left[0] if left else ""
 
 
-class _Phases:
+class RecoverPhases:
     """One recovery in progress."""
 
     def __init__(
-        self, robot: Driven, settings: RecoverSettings, progress: Progress
+        self, robot: DrivenRobot, settings: RecoverSettings, progress: Progress
     ) -> None:
         self.whole, self.broken = robot, robot.struck(settings.damage)
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
         self.built = np.ones(2 + len(self.legged.motors))  # the model, not trimmed
 
-    def next(self, run: RecoverRun) -> tuple[str, Phase] | None:
+    def run_next(self, run: RecoverRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
-        name = _next(run)
+        name = _find_next_phase(run)
         if not name:
             return None
         kind = name.partition("-")[0]
         # where the phase stands is part of its seed, how it is reached is not
         numbers = [self.settings.seed, self.settings.scenario, len(run.phases), 42]
         rng = np.random.default_rng(numbers)
-        return name, getattr(self, f"_{kind}")(name, run, rng)
+        step = {
+            "original": self._evolve_original,
+            "failure": self._run_failure,
+            "estimate": self._estimate_damage,
+            "explore": self._evolve_controller,
+            "trial": self._run_trial,
+            "hardware": self._evolve_on_robot,
+        }[kind]
+        return name, step(name, run, rng)
 
-    def _original(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _evolve_original(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
-        pool = self._search(name, self._ways([((), 1.0)], self.built), rng, None)
-        walk = self.whole.trials(pool.genomes[:1])
-        found = {**_pool(pool), "weights": pool.genomes[0], **_walk(walk)}
+        pool = self._run_search(
+            name, self._make_displacement_score([((), 1.0)], self.built), rng, None
+        )
+        walk = self.whole.run_trials(pool.genomes[:1])
+        found = {
+            **_serialize_population(pool),
+            "weights": pool.genomes[0],
+            **_serialize_rollout(walk),
+        }
         if self.settings.method == "ours":
-            found["trims"] = self._trims(name, found, rng)
+            found["trims"] = self._fit_physics(name, found, rng)
         return found
 
-    def _trims(self, name: str, walk: Phase, rng: np.random.Generator) -> Floats:
+    def _fit_physics(self, name: str, walk: Phase, rng: np.random.Generator) -> Floats:
         """How the robot may be off its model, by how it walked."""
 
         def told(share: float) -> None:
             self.progress(name, "fitting the model", share)
 
-        return trims(self.legged, walk["weights"], walk["sensed"], rng, told)
+        return fit_physics(self.legged, walk["weights"], walk["sensed"], rng, told)
 
-    def _failure(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _run_failure(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
         """How the broken robot walks with the controller of the whole one."""
-        return _walk(self.broken.trials(run.phases["original"]["weights"][None]))
+        return _serialize_rollout(
+            self.broken.run_trials(run.phases["original"]["weights"][None])
+        )
 
-    def _estimate(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _estimate_damage(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
         """What may have broken."""
         if self.settings.method == "ours":
-            return self._explain(name, run)
+            return self._estimate_from_series(name, run)
         earlier = [p["genome"] for p in run.estimates]
-        score = explained(self.legged, run.trials)
-        pool = self._search(name, score, rng, np.array(earlier) if earlier else None,
-                            size=GENES * VALUES)  # fmt: skip
-        (best,) = decode(pool.genomes[:1], self.legged)
-        return {"believed": hypotheses_document([best]), "probability": [1.0],
+        score = make_damage_score(self.legged, run.trials)
+        pool = self._run_search(
+            name,
+            score,
+            rng,
+            np.array(earlier) if earlier else None,
+            size=GENES * VALUES,
+        )
+        (best,) = decode_hypotheses(pool.genomes[:1], self.legged)
+        return {"believed": serialize_hypotheses([best]), "probability": [1.0],
                 "genome": pool.genomes[0], "best": pool.best,
-                "asked": pool.asked}  # fmt: skip
+                "asked": pool.evaluations}  # fmt: skip
 
-    def _explain(self, name: str, run: RecoverRun) -> Phase:
+    def _estimate_from_series(self, name: str, run: RecoverRun) -> Phase:
         """What may have broken, by the sensors' series."""
         whole = run.phases["original"]
 
         def told(share: float) -> None:
             self.progress(name, f"{len(run.trials)} trials", share)
 
-        known = [h for p in run.estimates for h in hypotheses_of(p)]
-        belief = explain(self.legged, whole["trims"], run.trials, whole["sensed"],
-                         known, told)  # fmt: skip
+        known = [h for p in run.estimates for h in read_hypotheses(p)]
+        belief = estimate_damage(
+            self.legged, whole["trims"], run.trials, whole["sensed"], known, told
+        )
         chance = belief.probability.tolist()
-        return {"believed": hypotheses_document(belief.hypotheses),
+        return {"believed": serialize_hypotheses(belief.hypotheses),
                 "probability": chance, "scale": belief.scale}  # fmt: skip
 
-    def _explore(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _evolve_controller(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
         """A controller for what may have broken."""
         phase = list(run.phases.values())[-1]
-        believed = list(zip(hypotheses_of(phase), phase["probability"], strict=True))
+        believed = list(zip(read_hypotheses(phase), phase["probability"], strict=True))
         if self.settings.method == "ours":
-            searched = [p["pool"][:_SEEDS] for p in run.phases.values() if "pool" in p]
+            searched = [
+                p["pool"][:_SEEDS_PER_SEARCH]
+                for p in run.phases.values()
+                if "pool" in p
+            ]
             # every other search starts afresh: what crowds one basin leaves others out
             afresh = len(searched) % 2 == 0
             seeds = None if afresh else np.unique(np.concatenate(searched), axis=0)
             trim = run.phases["original"]["trims"][0]
-            score = self._ways(_likely(believed), trim)
-            pool = self._search(name, score, rng, seeds, mutation=_MUTATION)
+            score = self._make_displacement_score(_keep_plausible(believed), trim)
+            pool = self._run_search(name, score, rng, seeds, mutation=_MUTATION)
             scale = phase["scale"]
-            pick, why = self._separating(pool, believed, trim, scale, rng)
+            pick, why = self._choose_separating(pool, believed, trim, scale, rng)
         else:
             seeds = np.array([trial.weights for trial in run.trials])
-            pool = self._search(name, self._ways(believed, self.built), rng, seeds)
+            pool = self._run_search(
+                name, self._make_displacement_score(believed, self.built), rng, seeds
+            )
             pick, why = 0, "the best one"
-        return {**_pool(pool), "weights": pool.genomes[pick], "why": why,
-                "predicted": float(pool.scores[pick])}  # fmt: skip
+        return {
+            **_serialize_population(pool),
+            "weights": pool.genomes[pick],
+            "why": why,
+            "predicted": float(pool.scores[pick]),
+        }
 
-    def _trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _run_trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """The last controller on the broken robot."""
         weights = list(run.phases.values())[-1]["weights"]
-        return _walk(self.broken.trials(weights[None]))
+        return _serialize_rollout(self.broken.run_trials(weights[None]))
 
-    def _hardware(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _evolve_on_robot(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
         """Evolution goes on, on the broken robot."""
 
         def score(genomes: Floats) -> Floats:
-            return self.broken.trials(genomes).way
+            return self.broken.run_trials(genomes).displacement
 
         kept = run.phases["original"]["pool"]
         ways = score(kept)
         order = np.argsort(-ways, kind="stable")
-        pool = Pool(kept[order], ways[order], ways[order[:1]], len(kept))
-        steps = evolve(pool, score, rng, HARDWARE)
+        pool = Population(kept[order], ways[order], ways[order[:1]], len(kept))
+        steps = evolve_population(pool, score, rng, HARDWARE_GENERATIONS)
         for step, pool in enumerate(steps):
-            self.progress(name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE)
-        walk = self.broken.trials(pool.genomes[:1])
-        return {**_pool(pool), "weights": pool.genomes[0], **_walk(walk)}
+            self.progress(
+                name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE_GENERATIONS
+            )
+        walk = self.broken.run_trials(pool.genomes[:1])
+        return {
+            **_serialize_population(pool),
+            "weights": pool.genomes[0],
+            **_serialize_rollout(walk),
+        }
 
-    def _search(
+    def _run_search(
         self,
         name: str,
         score: Score,
@@ -196,35 +257,39 @@ class _Phases:
         seeds: Floats | None,
         size: int = 0,
         mutation: float = MUTATION,
-    ) -> Pool:
+    ) -> Population:
         """The search of 2004, of controllers if no other size is given."""
-        pool = begin(size or self.legged.synapses, score, rng, seeds)
+        pool = start_population(size or self.legged.synapses, score, rng, seeds)
         count = self.settings.generations
-        steps = evolve(pool, score, rng, count - 1, mutation)
+        steps = evolve_population(pool, score, rng, count - 1, mutation)
         for step, pool in enumerate(steps):
             self.progress(name, f"best {pool.best[-1]:.2f} m", (step + 2) / count)
         return pool
 
-    def _drive(
+    def _simulate_hypotheses(
         self, hypotheses: list[Hypothesis], weights: Floats, trim: Floats
-    ) -> Drives:
+    ) -> Rollouts:
         """Controllers on the trimmed robot as hypotheses have it, one each."""
-        return drive(trimmed(damaged(self.legged, hypotheses), trim), weights)
+        return simulate_controllers(
+            scale_physics(build_damaged_plants(self.legged, hypotheses), trim), weights
+        )
 
-    def _ways(self, believed: list[tuple[Hypothesis, float]], trim: Floats) -> Score:
+    def _make_displacement_score(
+        self, believed: list[tuple[Hypothesis, float]], trim: Floats
+    ) -> Score:
         """How far controllers are expected to come on the trimmed robot [m]."""
 
         def score(genomes: Floats) -> Floats:
             said = [h for h, _ in believed for _ in genomes]
             weights = np.tile(genomes, (len(believed), 1))
-            ways = self._drive(said, weights, trim).way
+            ways = self._simulate_hypotheses(said, weights, trim).displacement
             return np.array([p for _, p in believed]) @ ways.reshape(-1, len(genomes))
 
         return score
 
-    def _separating(
+    def _choose_separating(
         self,
-        pool: Pool,
+        pool: Population,
         believed: list[tuple[Hypothesis, float]],
         trim: Floats,
         scale: Floats,
@@ -239,98 +304,32 @@ class _Phases:
             return 0, "the best one"
         said = [h for _ in good for h, _ in doubts]
         weights = np.repeat(pool.genomes[good], len(doubts), axis=0)
-        thin = self._drive(said, weights, trim).sensed[:, : len(scale) : _THIN]
+        thin = self._simulate_hypotheses(said, weights, trim).sensors[
+            :, : len(scale) : _THIN
+        ]
         tables = thin.reshape(len(good), len(doubts), 1, -1)
         spreads = scale[::_THIN].ravel()
         weight = np.log(np.maximum([p for _, p in doubts], 1e-300))
-        actions = [Candidate(table, spreads) for table in tables]
-        pick, _ = choose(actions, weight, np.arange(len(doubts)), rng)
+        actions = [CandidateAction(table, spreads) for table in tables]
+        pick, _ = choose_action(actions, weight, np.arange(len(doubts)), rng)
         return int(good[pick]), f"separates {len(doubts)} hypotheses"
 
 
-def _likely(believed: list[tuple[Hypothesis, float]]) -> list[tuple[Hypothesis, float]]:
+def _keep_plausible(
+    believed: list[tuple[Hypothesis, float]],
+) -> list[tuple[Hypothesis, float]]:
     """The hypotheses that a controller has to suit, their probabilities made whole."""
-    kept = [b for b in believed[:_SUITED] if b[1] >= _LIKELY] or believed[:1]
+    kept = [b for b in believed[:_MOST_HYPOTHESES] if b[1] >= _LIKELY] or believed[:1]
     total = sum(p for _, p in kept)
     return [(h, p / total) for h, p in kept]
 
 
-def _pool(pool: Pool) -> dict[str, Any]:
+def _serialize_population(pool: Population) -> dict[str, Any]:
     """What a phase keeps of a search."""
-    return {"pool": pool.genomes[:KEPT], "best": pool.best, "asked": pool.asked}
+    return {"pool": pool.genomes[:KEPT], "best": pool.best, "asked": pool.evaluations}
 
 
-def _walk(drives: Drives) -> dict[str, Any]:
+def _serialize_rollout(drives: Rollouts) -> dict[str, Any]:
     """What a phase keeps of one run of the robot."""
-    return {"way": float(drives.way[0]), "sensed": drives.sensed[0],
+    return {"way": float(drives.displacement[0]), "sensed": drives.sensors[0],
             "path": drives.path[0]}  # fmt: skip
-
-
-def _result(run: RecoverRun) -> dict[str, Any]:
-    """What `recover --json` prints (contract section 3)."""
-    s, p = run.settings, run.phases
-    tried = [name for name in p if name.startswith("trial")]
-    ways = [p[name]["way"] for name in tried]
-    broken = p["failure"]["way"]
-    if s.method == "hardware-only":
-        healed, spent = p["hardware"]["way"], p["hardware"]["asked"]
-    else:
-        # 2004 judges by the last trial; we stay with what went farthest
-        healed = max([broken, *ways]) if s.method == "ours" else ways[-1]
-        spent = len(ways)
-    predicted = [p[name.replace("trial", "explore")]["predicted"] for name in tried]
-    distance = {"intact": p["original"]["way"], "damaged": broken, "healed": healed}
-    return {
-        "format": "selfheal-recover",
-        "version": 1,
-        "robot": s.robot,
-        "seed": s.seed,
-        "scenario": s.scenario,
-        "method": s.method,
-        "damage": [d.document for d in s.damage],
-        "alarm": None,  # the robot is told that it failed, in scenario 9 falsely
-        "hypotheses": _marginals(run),
-        "actions": spent,
-        "trials": [{"predicted": _finite(a), "walked": _finite(b)}
-                   for a, b in zip(predicted, ways, strict=True)],
-        "distance": {k: _finite(v) for k, v in distance.items()} | {"best_known": None},
-        "predicted": {
-            "intact": _finite(p["original"]["best"][-1]),
-            "healed": _finite(predicted[int(np.argmax(ways))]) if ways else None,
-        },
-        "seconds": round(run.seconds, 1),
-    }  # fmt: skip
-
-
-def _finite(value: float) -> float | None:
-    """A rounded number, None for a run that failed."""
-    return round(float(value), 4) if np.isfinite(value) else None
-
-
-def _marginals(run: RecoverRun) -> list[dict[str, Any]]:
-    """Each damage of the best hypothesis, and how likely it is by itself."""
-    if not run.estimates:
-        return []
-    last = run.estimates[-1]
-    believed, chance = hypotheses_of(last), last["probability"]
-
-    def share(damage: Damage) -> float:
-        said = [any((d.kind, d.target) == (damage.kind, damage.target) for d in h)
-                or (h == () and damage == INTACT) for h in believed]  # fmt: skip
-        return sum(p for p, one in zip(chance, said, strict=True) if one)
-
-    told = [{**d.document, "probability": round(share(d), 4)}
-            for d in believed[0] or (INTACT,)]  # fmt: skip
-    return sorted(told, key=lambda d: -float(d["probability"]))
-
-
-def named(run: RecoverRun) -> bool | None:
-    """Whether the damage believed is of the true kinds and places; for reports.
-
-    None where nothing is believed, or no hypothesis could say what is true.
-    """
-    true = essential(run.settings.legged, run.settings.damage)
-    if not run.estimates or any(d.kind == "neuron_dead" for d in true):
-        return None
-    said = hypotheses_of(run.estimates[-1])[0]
-    return {(d.kind, d.target) for d in said} == {(d.kind, d.target) for d in true}

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from ..body.damage import Damage, spoken
-from ..body.legged import Legged, legged
+import numpy as np
+
+from ..body.damage import INTACT, Damage, describe_damages
+from ..body.legged import LeggedRobot, load_legged_robot, reduce_damages
 from .estimate import Hypothesis, Trial
-from .phased import Phase, PhasedRun
+from .phased_run import Phase, PhasedRun
 
 METHODS = {
     "ours": "sensor series, graded damage, the world; trials that separate hypotheses",
@@ -46,9 +48,9 @@ class RecoverSettings:
     generations: int = 30
 
     @property
-    def legged(self) -> Legged:
+    def legged_robot(self) -> LeggedRobot:
         """The robot's body as it was built."""
-        return legged(self.robot, self.reach, self.apart)
+        return load_legged_robot(self.robot, self.reach, self.apart)
 
 
 @dataclass(frozen=True)
@@ -78,22 +80,97 @@ class RecoverRun(PhasedRun):
                 for name, by in asked.items() if name in done]  # fmt: skip
 
 
-def hypotheses_document(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
+def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
     """Hypotheses as a phase keeps them."""
     return [[asdict(damage) for damage in h] for h in hypotheses]
 
 
-def hypotheses_of(phase: Phase) -> list[Hypothesis]:
+def read_hypotheses(phase: Phase) -> list[Hypothesis]:
     """The hypotheses that `hypotheses_document` kept in a phase."""
     return [tuple(Damage(**d) for d in h) for h in phase["believed"]]
 
 
-def believed(phase: Phase) -> dict[str, float]:
+def summarize_beliefs(phase: Phase) -> dict[str, float]:
     """What a phase believes, in words, and how likely each is; the best one first.
 
     Hypotheses that only differ in digits that are not said count as one.
     """
     shares: dict[str, float] = {}
-    for h, chance in zip(hypotheses_of(phase), phase["probability"], strict=True):
-        shares[spoken(h)] = shares.get(spoken(h), 0.0) + float(chance)
+    for h, chance in zip(read_hypotheses(phase), phase["probability"], strict=True):
+        shares[describe_damages(h)] = shares.get(describe_damages(h), 0.0) + float(
+            chance
+        )
     return shares
+
+
+def summarize_run(run: RecoverRun) -> dict[str, Any]:
+    """What `recover --json` prints (contract section 3)."""
+    s, p = run.settings, run.phases
+    tried = [name for name in p if name.startswith("trial")]
+    ways = [p[name]["way"] for name in tried]
+    broken = p["failure"]["way"]
+    if s.method == "hardware-only":
+        healed, spent = p["hardware"]["way"], p["hardware"]["asked"]
+    else:
+        # 2004 judges by the last trial; we stay with what went farthest
+        healed = max([broken, *ways]) if s.method == "ours" else ways[-1]
+        spent = len(ways)
+    predicted = [p[name.replace("trial", "explore")]["predicted"] for name in tried]
+    distance = {"intact": p["original"]["way"], "damaged": broken, "healed": healed}
+    return {
+        "format": "selfheal-recover",
+        "version": 1,
+        "robot": s.robot,
+        "seed": s.seed,
+        "scenario": s.scenario,
+        "method": s.method,
+        "damage": [d.document for d in s.damage],
+        "alarm": None,  # the robot is told that it failed, in scenario 9 falsely
+        "hypotheses": _list_marginals(run),
+        "actions": spent,
+        "trials": [
+            {"predicted": _round_finite(a), "walked": _round_finite(b)}
+            for a, b in zip(predicted, ways, strict=True)
+        ],
+        "distance": {k: _round_finite(v) for k, v in distance.items()}
+        | {"best_known": None},
+        "predicted": {
+            "intact": _round_finite(p["original"]["best"][-1]),
+            "healed": _round_finite(predicted[int(np.argmax(ways))]) if ways else None,
+        },
+        "seconds": round(run.seconds, 1),
+    }
+
+
+def _round_finite(value: float) -> float | None:
+    """A rounded number, None for a run that failed."""
+    return round(float(value), 4) if np.isfinite(value) else None
+
+
+def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
+    """Each damage of the best hypothesis, and how likely it is by itself."""
+    if not run.estimates:
+        return []
+    last = run.estimates[-1]
+    believed, chance = read_hypotheses(last), last["probability"]
+
+    def share(damage: Damage) -> float:
+        said = [any((d.kind, d.target) == (damage.kind, damage.target) for d in h)
+                or (h == () and damage == INTACT) for h in believed]  # fmt: skip
+        return sum(p for p, one in zip(chance, said, strict=True) if one)
+
+    told = [{**d.document, "probability": round(share(d), 4)}
+            for d in believed[0] or (INTACT,)]  # fmt: skip
+    return sorted(told, key=lambda d: -float(d["probability"]))
+
+
+def is_damage_named(run: RecoverRun) -> bool | None:
+    """Whether the damage believed is of the true kinds and places; for reports.
+
+    None where nothing is believed, or no hypothesis could say what is true.
+    """
+    true = reduce_damages(run.settings.legged_robot, run.settings.damage)
+    if not run.estimates or any(d.kind == "neuron_dead" for d in true):
+        return None
+    said = read_hypotheses(run.estimates[-1])[0]
+    return {(d.kind, d.target) for d in said} == {(d.kind, d.target) for d in true}

@@ -11,41 +11,43 @@ import numpy as np
 from ..body.body import Floats, Ints
 from ..body.damage import Damage
 from ..engine.plant import Plant
-from ..engine.walk import channels_of
+from ..engine.walk import list_channels
 from .belief import (
-    Candidate,
-    Noise,
-    blurred,
-    choose,
-    entropy,
-    explained,
-    log_likelihood,
-    of_groups,
-    posterior,
+    CandidateAction,
+    ResidualNoise,
+    choose_action,
+    compute_entropy,
+    compute_log_likelihood,
+    compute_posterior,
+    score_outcomes,
+    sum_over_groups,
+    widen_scale,
 )
-from .hypotheses import finer, groups, log_prior
-from .likely import Likely, predict_walk
+from .hypotheses import compute_log_prior, group_damages, refine_damages
+from .plausible_plants import PlausiblePlants, predict_walk
 from .probes import (
     DRIFT,
     Probe,
-    guess,
-    plants_of,
-    predict,
-    scale_of,
-    slopes,
-    values,
+    apply_each_damage,
+    approximate_values,
+    compute_slopes,
+    extract_values,
+    find_residual_scale,
+    predict_values,
 )
 
 SURE = 0.95  # of one kind and target: enough to act on; chosen
-MOST = 12  # actions, however unsure; chosen
-_FEWEST = 2  # actions, however sure: the first may have been read badly; chosen
-_SIZED = 5  # actions in which a part's scale is asked for; chosen
-_WORTH = 0.05  # [nats] that an action must be expected to tell, to be taken; chosen
-_POLISH = 4  # rounds of finer values once the kind is known
+MOST_ACTIONS = 12  # actions, however unsure; chosen
+_FEWEST_ACTIONS = 2  # actions, however sure: the first may have been read badly; chosen
+_SIZE_ACTIONS = 5  # actions in which a part's scale is asked for; chosen
+_LEAST_GAIN = (
+    0.05  # [nats] that an action must be expected to tell, to be taken; chosen
+)
+_REFINEMENTS = 4  # rounds of finer values once the kind is known
 
 
 @dataclass(frozen=True)
-class Told:
+class TakenAction:
     """An action taken and what was felt.
 
     Attributes:
@@ -56,11 +58,11 @@ class Told:
 
     probe: int
     why: str
-    felt: Floats
+    measured: Floats
 
 
 @dataclass
-class Doubt:
+class DamagePosterior:
     """What is believed of a robot that no longer behaves like its model.
 
     Attributes:
@@ -74,98 +76,102 @@ class Doubt:
     plant: Plant
     probes: list[Probe]
     damages: list[Damage]
-    likely: Likely
-    told: list[Told] = field(default_factory=list)
+    plausible: PlausiblePlants
+    taken: list[TakenAction] = field(default_factory=list)
     _plants: list[Plant] = field(default_factory=list)
     _tables: dict[int, Floats] = field(default_factory=dict)
     _slopes: dict[int, Floats] = field(default_factory=dict)
-    _guesses: dict[int, Floats] = field(default_factory=dict)
+    _approximations: dict[int, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Lay out the hypotheses' plants."""
-        self._plants = plants_of(self.plant, self.damages)
-        self._names = channels_of(self.plant.body.anatomy).names
-        self._blurs = [
-            blurred(scale_of(p, self._names), slopes([self.plant], p)[0], DRIFT)
+        self._plants = apply_each_damage(self.plant, self.damages)
+        self._names = list_channels(self.plant.body.anatomy).names
+        self._scales = [
+            widen_scale(
+                find_residual_scale(p, self._names),
+                compute_slopes([self.plant], p)[0],
+                DRIFT,
+            )
             for p in self.probes
         ]
 
-    def log_weight(self) -> Floats:
+    def compute_log_weights(self) -> Floats:
         """(H) belief, from the prior and all that was felt."""
-        weight = log_prior(self.damages)
-        poses = [t for t in self.told if not self._is_walk(t.probe)]
-        for told in self.told:
+        weight = compute_log_prior(self.damages)
+        poses = [t for t in self.taken if not self._is_walk(t.probe)]
+        for told in self.taken:
             if self._is_walk(told.probe):
-                shown = self._candidate(told.probe, self._tables)
-                weight = weight + explained(shown, told.felt)
+                shown = self._make_candidate(told.probe, self._tables)
+                weight = weight + score_outcomes(shown, told.measured)
         if not poses:
             return weight
         tried = [t.probe for t in poses]
-        scale = [scale_of(self.probes[k], self._names) for k in tried]
-        return weight + log_likelihood(
+        scale = [find_residual_scale(self.probes[k], self._names) for k in tried]
+        return weight + compute_log_likelihood(
             np.concatenate([self._tables[k][:, 0] for k in tried], axis=1),
             np.concatenate([self._slopes[k] for k in tried], axis=1),
-            np.concatenate([t.felt for t in poses]),
-            Noise(np.concatenate(scale), DRIFT),
+            np.concatenate([t.measured for t in poses]),
+            ResidualNoise(np.concatenate(scale), DRIFT),
         )
 
     def _is_walk(self, probe: int) -> bool:
         """Whether a probe is a walk."""
         return self.probes[probe].target is None
 
-    def _candidate(self, probe: int, tables: dict[int, Floats]) -> Candidate:
+    def _make_candidate(self, probe: int, tables: dict[int, Floats]) -> CandidateAction:
         """What a probe would show."""
-        worth = self.likely.worth if self._is_walk(probe) else 1.0
-        return Candidate(tables[probe], self._blurs[probe], worth)
+        worth = self.plausible.effective_share if self._is_walk(probe) else 1.0
+        return CandidateAction(tables[probe], self._scales[probe], worth)
 
-    def choose(self, rng: np.random.Generator) -> tuple[int, float] | None:
+    def choose_probe(self, rng: np.random.Generator) -> tuple[int, float] | None:
         """The next probe's index, and the entropy expected after it [nats].
 
         None where no probe can be expected to tell more. Poses are predicted by
         `statics` for this, and the walk by MuJoCo once.
         """
         left = [k for k in range(len(self.probes))
-                if k not in [t.probe for t in self.told]]  # fmt: skip
+                if k not in [t.probe for t in self.taken]]  # fmt: skip
         for k in left:
-            self._extend(self._guesses, k, self._quick)
-        weight, group = self.log_weight(), self._open()
-        candidates = [self._candidate(k, self._guesses) for k in left]
-        best, expected = choose(candidates, weight, group, rng)
-        now = entropy(of_groups(posterior(weight), group))
-        if len(self.told) > _FEWEST and now - expected < _WORTH:
+            self._extend_table(self._approximations, k, self._approximate)
+        weight, group = self.compute_log_weights(), self._find_open_groups()
+        candidates = [self._make_candidate(k, self._approximations) for k in left]
+        best, expected = choose_action(candidates, weight, group, rng)
+        now = compute_entropy(sum_over_groups(compute_posterior(weight), group))
+        if len(self.taken) > _FEWEST_ACTIONS and now - expected < _LEAST_GAIN:
             return None
         return left[best], expected
 
-    def _open(self) -> Ints:
+    def _find_open_groups(self) -> Ints:
         """(H) groups to tell apart: kinds and targets, then values of the sure one."""
-        _, group = groups(self.damages)
-        chance = of_groups(posterior(self.log_weight()), group)
+        _, group = group_damages(self.damages)
+        chance = sum_over_groups(compute_posterior(self.compute_log_weights()), group)
         if chance.max() < SURE:
             return group
         return np.where(group == chance.argmax(), np.arange(len(group)), len(group))
 
-    def _unsized(self) -> bool:
+    def _needs_size(self) -> bool:
         """Whether it is a part's scale, and how much is not asked enough yet."""
-        kind = self.verdict()[0][0].kind
-        return kind == "part_scale" and len(self.told) < _SIZED
+        kind = self.rank_damages()[0][0].kind
+        return kind == "part_scale" and len(self.taken) < _SIZE_ACTIONS
 
-    def _quick(self, first: int, probe: Probe) -> Floats:
+    def _approximate(self, first: int, probe: Probe) -> Floats:
         """(H - first, K, M) what hypotheses from `first` on are guessed to show."""
         if probe.target is not None:
-            return guess(self._plants[first:], probe)[:, None]
-        return self._exact(first, probe)
+            return approximate_values(self._plants[first:], probe)[:, None]
+        return self._predict(first, probe)
 
-    def _exact(self, first: int, probe: Probe) -> Floats:
+    def _predict(self, first: int, probe: Probe) -> Floats:
         """(H - first, K, M) what hypotheses from `first` on show; of a pose K is 1."""
         if probe.target is None:
-            return predict_walk(self.likely, self.damages[first:], probe)
-        return predict(self._plants[first:], probe, np.zeros(1))[:, None]
+            return predict_walk(self.plausible, self.damages[first:], probe)
+        return predict_values(self._plants[first:], probe, np.zeros(1))[:, None]
 
-    def _slope(self, first: int, probe: Probe) -> Floats:
+    def _compute_slopes(self, first: int, probe: Probe) -> Floats:
         """(H - first, M, P + 1) see `slopes`."""
-        return slopes(self._plants[first:], probe)
+        return compute_slopes(self._plants[first:], probe)
 
-    def _extend(
+    def _extend_table(
         self, tables: dict[int, Floats], k: int, how: Callable[[int, Probe], Floats]
     ) -> None:
         """Complete a table of a probe for hypotheses that are new."""
@@ -177,42 +183,47 @@ class Doubt:
 
     def observe(self, probe: int, why: str, sensed: Floats) -> None:
         """Take note of a probe's channels (S, C), then refine the hypotheses."""
-        felt = values(self.probes[probe], sensed, self._names)
-        self.recall(Told(probe, why, felt))
+        felt = extract_values(self.probes[probe], sensed, self._names)
+        self.record_action(TakenAction(probe, why, felt))
 
-    def recall(self, told: Told) -> None:
+    def record_action(self, told: TakenAction) -> None:
         """Take note of an action that was taken, here or in an earlier process."""
-        self.told.append(told)
-        if self.probes[told.probe].target is None and told.probe in self._guesses:
-            self._tables[told.probe] = self._guesses[told.probe]  # exact as it is
-        self._extend(self._tables, told.probe, self._exact)
-        self._extend(self._slopes, told.probe, self._slope)
-        self._refine(3)
+        self.taken.append(told)
+        if (
+            self.probes[told.probe].target is None
+            and told.probe in self._approximations
+        ):
+            self._tables[told.probe] = self._approximations[
+                told.probe
+            ]  # exact as it is
+        self._extend_table(self._tables, told.probe, self._predict)
+        self._extend_table(self._slopes, told.probe, self._compute_slopes)
+        self._refine_hypotheses(3)
 
-    def polish(self) -> None:
+    def refine_values(self) -> None:
         """Refine the values of the likeliest hypothesis until they are fine."""
-        for _ in range(_POLISH):
-            if not self._refine(1):
+        for _ in range(_REFINEMENTS):
+            if not self._refine_hypotheses(1):
                 return
 
-    def _refine(self, count: int) -> bool:
+    def _refine_hypotheses(self, count: int) -> bool:
         """Add hypotheses between the best ones; whether there were any."""
-        new = finer(self.damages, self.log_weight(), count)
+        new = refine_damages(self.damages, self.compute_log_weights(), count)
         self.damages += new
-        self._plants += plants_of(self.plant, new)
-        for told in self.told:
-            self._extend(self._tables, told.probe, self._exact)
-            self._extend(self._slopes, told.probe, self._slope)
+        self._plants += apply_each_damage(self.plant, new)
+        for told in self.taken:
+            self._extend_table(self._tables, told.probe, self._predict)
+            self._extend_table(self._slopes, told.probe, self._compute_slopes)
         return bool(new)
 
-    def verdict(self) -> list[tuple[Damage, float]]:
+    def rank_damages(self) -> list[tuple[Damage, float]]:
         """The best hypothesis of each kind and target with its probability, in order.
 
         The probability is that of all values of this kind and target together.
         """
-        weight = self.log_weight()
-        names, group = groups(self.damages)
-        chance = of_groups(posterior(weight), group)
+        weight = self.compute_log_weights()
+        names, group = group_damages(self.damages)
+        chance = sum_over_groups(compute_posterior(weight), group)
         best = []
         for g in np.argsort(-chance, kind="stable"):
             members = np.flatnonzero(group == g)
@@ -221,10 +232,10 @@ class Doubt:
         return best
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether it is sure enough, or has asked enough."""
-        if len(self.told) < _FEWEST:
+        if len(self.taken) < _FEWEST_ACTIONS:
             return False
-        if self.verdict()[0][1] >= SURE:
-            return not self._unsized()
-        return len(self.told) >= MOST
+        if self.rank_damages()[0][1] >= SURE:
+            return not self._needs_size()
+        return len(self.taken) >= MOST_ACTIONS

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 
-def rendered(xml: str, poses: np.ndarray, height: int, width: int) -> np.ndarray:
+def render_lane(xml: str, poses: np.ndarray, height: int, width: int) -> np.ndarray:
     """(F, height, width, 3) a model's first camera's view of it in each pose."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
@@ -36,7 +36,7 @@ def main(scenes: str, pictures: str) -> None:
         lanes = sum(name.startswith("qpos") for name in told)
         height, width = map(int, told["size"])
         shown = [
-            rendered(str(told[f"xml_{k}"]), told[f"qpos_{k}"], height, width)
+            render_lane(str(told[f"xml_{k}"]), told[f"qpos_{k}"], height, width)
             for k in range(lanes)
         ]
     np.save(pictures, np.stack(shown))

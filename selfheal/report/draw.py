@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, part_points, planar_frames
+from ..body.body import Bodies, Floats, compute_part_points, compute_planar_frames
 from .picture import BLUE, INK, LINE, MUTED, ORANGE, PAPER
 
 if TYPE_CHECKING:
@@ -23,27 +23,27 @@ _AWAY = 5.0  # times a body's farthest point: a camera's distance; chosen
 _SIDES = 6  # of the prism that stands for a capsule
 
 
-def _padded(faces: list[Floats]) -> Floats:
+def _pad_faces(faces: list[Floats]) -> Floats:
     """(F, _SIDES, 3) faces of fewer corners with their last one repeated."""
     last = [np.repeat(f[-1:], _SIDES - len(f), axis=0) for f in faces]
     return np.array([np.concatenate(pair) for pair in zip(faces, last, strict=True)])
 
 
-def _cube() -> Floats:
+def _build_cube() -> Floats:
     """(6, _SIDES, 3) faces of [-1, 1]^3, counterclockwise seen from outside."""
     face = np.array([[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]], float)
     faces = [np.roll(face, k, axis=1) for k in range(3)]
-    return _padded([*faces, *(-f[::-1] for f in faces)])
+    return _pad_faces([*faces, *(-f[::-1] for f in faces)])
 
 
-def _prism() -> Floats:
+def _build_prism() -> Floats:
     """(_SIDES + 2, _SIDES, 3) faces of a prism of radius 1 round x, from x = 0 to 1."""
     angle = 2 * np.pi * (np.arange(_SIDES + 1) + 0.5) / _SIDES
     near = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
     far = near + [1, 0, 0]
     sides = [np.array([near[k + 1], far[k + 1], far[k], near[k]])
              for k in range(_SIDES)]  # fmt: skip
-    return _padded([*sides, far[:-1], near[:-1][::-1]])
+    return _pad_faces([*sides, far[:-1], near[:-1][::-1]])
 
 
 @dataclass(frozen=True)
@@ -79,51 +79,58 @@ class Camera:
         return seen + self.at
 
 
-def _outline(bodies: Bodies, row: int) -> Floats:
+def _list_corners(bodies: Bodies, row: int) -> Floats:
     """(M, 3) corners of the torso and of its rim, joints and tips of one body [m]."""
     a = bodies.anatomy
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     rim = np.array([1.0, 1, 0]) * a.rim
-    ends = [planar_frames(bodies)[0][row], part_points(bodies, 1.0)[row]]
+    ends = [
+        compute_planar_frames(bodies)[0][row],
+        compute_part_points(bodies, 1.0)[row],
+    ]
     return np.concatenate([signs * a.torso_half, signs * rim, *ends])
 
 
-def _middle(bodies: Bodies, row: int) -> Floats:
+def _find_middle(bodies: Bodies, row: int) -> Floats:
     """(3) middle of one body's floor plan, at the height of the torso's center [m]."""
-    points = _outline(bodies, row)
+    points = _list_corners(bodies, row)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     return middle * [1, 1, 0]
 
 
-def _distance(bodies: Bodies) -> float:
+def _find_distance(bodies: Bodies) -> float:
     """How far a camera stands from any of these bodies' middle [m]."""
     farthest = [
-        np.linalg.norm(_outline(bodies, row) - _middle(bodies, row), axis=1).max()
+        np.linalg.norm(
+            _list_corners(bodies, row) - _find_middle(bodies, row), axis=1
+        ).max()
         for row in range(len(bodies))
     ]
     return _AWAY * float(max(farthest))
 
 
-def from_above(bodies: Bodies) -> Camera:
+def look_from_above(bodies: Bodies) -> Camera:
     """A camera that sees any of these bodies in plan, forward up."""
-    return Camera(np.pi, np.pi / 2, _distance(bodies))
+    return Camera(np.pi, np.pi / 2, _find_distance(bodies))
 
 
-def from_behind(bodies: Bodies) -> Camera:
+def look_from_behind(bodies: Bodies) -> Camera:
     """A camera that sees any of these bodies from behind, on the right and above."""
-    return Camera(np.radians(212), np.radians(38), _distance(bodies))
+    return Camera(np.radians(212), np.radians(38), _find_distance(bodies))
 
 
-def window(bodies: Bodies, camera: Camera) -> Floats:
+def measure_window(bodies: Bodies, camera: Camera) -> Floats:
     """(2) half the width and height [m] of a view that holds any of these bodies."""
     halves = []
     for row in range(len(bodies)):
-        aimed = replace(camera, target=_middle(bodies, row))
-        halves.append(np.abs(aimed.project(_outline(bodies, row))[:, :2]).max(axis=0))
+        aimed = replace(camera, target=_find_middle(bodies, row))
+        halves.append(
+            np.abs(aimed.project(_list_corners(bodies, row))[:, :2]).max(axis=0)
+        )
     return _MARGIN * np.max(halves, axis=0)
 
 
-def draw(
+def draw_body(
     ax: "Axes",
     bodies: Bodies,
     row: int = 0,
@@ -146,16 +153,16 @@ def draw(
     """
     from matplotlib.collections import PolyCollection
 
-    camera = replace(camera, target=_middle(bodies, row), at=np.array([*at, 0.0]))
-    faces, paints = _faces(bodies, row, colors)
+    camera = replace(camera, target=_find_middle(bodies, row), at=np.array([*at, 0.0]))
+    faces, paints = _build_faces(bodies, row, colors)
     seen = camera.project(faces)
-    front = np.flatnonzero(_normals(seen)[:, 2] > 0)
+    front = np.flatnonzero(_compute_normals(seen)[:, 2] > 0)
     front = front[np.argsort(seen[front, :, 2].mean(axis=1), kind="stable")]
-    shaded = _shaded(paints[front], _normals(faces)[front])
-    _rim(ax, bodies, camera)
+    shaded = _shade_colors(paints[front], _compute_normals(faces)[front])
+    _draw_rim(ax, bodies, camera)
     ax.add_collection(
         PolyCollection(
-            [_outer(face[:, :2]) for face in seen[front]],
+            [_trim_face(face[:, :2]) for face in seen[front]],
             facecolors=shaded,
             edgecolors=0.75 * shaded,
             linewidths=0.3,
@@ -165,59 +172,61 @@ def draw(
         autolim=False,
     )
     if numbers:
-        _numbers(ax, bodies, row, camera, colors)
+        _write_numbers(ax, bodies, row, camera, colors)
 
 
-def _faces(bodies: Bodies, row: int, colors: Sequence[str]) -> tuple[Floats, Floats]:
+def _build_faces(
+    bodies: Bodies, row: int, colors: Sequence[str]
+) -> tuple[Floats, Floats]:
     """(F, _SIDES, 3) faces of a body in the torso's frame [m], (F, 3) their colors."""
     from matplotlib.colors import to_rgb
 
     a = bodies.anatomy
-    origin, heading = (x[row] for x in planar_frames(bodies))
-    faces, paints = [_cube() * a.torso_half], [_TORSO] * 6
+    origin, heading = (x[row] for x in compute_planar_frames(bodies))
+    faces, paints = [_build_cube() * a.torso_half], [_TORSO] * 6
     for i in range(a.size):
         c, s = np.cos(heading[i + 1]), np.sin(heading[i + 1])
         turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        local = _part(bodies, row, i)
+        local = _build_part(bodies, row, i)
         faces.append(local @ turn + origin[i + 1])
         paints += [colors[i]] * len(local)
     return np.concatenate(faces), np.array([to_rgb(p) for p in paints])
 
 
-def _part(bodies: Bodies, row: int, i: int) -> Floats:
+def _build_part(bodies: Bodies, row: int, i: int) -> Floats:
     """(F, _SIDES, 3) a part's faces in its frame: housing, rod beyond it [m]."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
     length, radius = bodies.length[row, i], a.radius[i] * scale
     faces, start = [], 0.0
     if a.block_mass[i] > 0:
         half, center = a.block_half[i] * scale, a.block_center[i] * scale
-        faces.append(_cube() * half + [center, 0, 0])
+        faces.append(_build_cube() * half + [center, 0, 0])
         start = max(0.0, center + half[0])
     if length > start or not faces:
-        faces.append(_prism() * [length - start, radius, radius] + [start, 0, 0])
+        faces.append(_build_prism() * [length - start, radius, radius] + [start, 0, 0])
     return np.concatenate(faces)
 
 
-def _normals(faces: Floats) -> Floats:
+def _compute_normals(faces: Floats) -> Floats:
     """(F, 3) normals of faces (F, k, 3), as long as twice their area (Newell)."""
     following = np.roll(faces, -1, axis=1)
     return np.cross(faces, following).sum(axis=1)
 
 
-def _outer(face: Floats) -> Floats:
+def _trim_face(face: Floats) -> Floats:
     """A face without the corners that `_padded` repeated."""
     new = np.append(True, (face[1:] != face[:-1]).any(axis=1))
     return face[new]
 
 
-def _shaded(paints: Floats, normals: Floats) -> Floats:
+def _shade_colors(paints: Floats, normals: Floats) -> Floats:
     """(F, 3) colors of faces in the light."""
     size = np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
     bright = 0.72 + 0.34 * np.maximum(0.0, normals @ _LIGHT / size)
     return np.clip(bright[:, None] * paints, 0, 1)
 
 
-def _rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:
+def _draw_rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:
     """The rectangle where parts attach to the torso, and an arrow forward."""
     x, y, z = bodies.anatomy.rim
     corners = np.array([[x, y, z], [x, -y, z], [-x, -y, z], [-x, y, z], [x, y, z]])
@@ -231,11 +240,11 @@ def _rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:
     ax.fill(seen[:, 0], seen[:, 1], color=LINE, lw=0, zorder=3)
 
 
-def _numbers(
+def _write_numbers(
     ax: "Axes", bodies: Bodies, row: int, camera: Camera, colors: Sequence[str]
 ) -> None:
     """Each part's number on its middle."""
-    origin, heading = (x[row] for x in planar_frames(bodies))
+    origin, heading = (x[row] for x in compute_planar_frames(bodies))
     for i in range(bodies.anatomy.size):
         along = np.array([np.cos(heading[i + 1]), np.sin(heading[i + 1]), 0])
         middle = origin[i + 1] + 0.62 * bodies.length[row, i] * along

@@ -6,12 +6,12 @@ import numpy as np
 
 from ..body.body import (
     Bodies,
-    center_distance,
-    edge_f1,
-    length_error,
-    tip_distance,
+    compute_edge_f1,
+    measure_center_distance,
+    measure_length_error,
+    measure_tip_distance,
 )
-from ..body.genome import HINGE_NAMES, Genomes, build
+from ..body.genome import HINGE_NAMES, Genomes, build_bodies
 from ..selfmodel.run import Run
 
 SIDES = ("left", "front", "right", "back")
@@ -22,7 +22,7 @@ EQUAL, NEAR = 0.1, 0.5
 _MOVED, _LONGER = 5.0, 2.0  # [mm] what counts as another place, another length; chosen
 
 
-def thousands(count: float) -> str:
+def format_thousands(count: float) -> str:
     """A number as short as an axis needs it: 950, 12k, 1.3M."""
     if count < 1000:
         return f"{count:.0f}"
@@ -31,49 +31,55 @@ def thousands(count: float) -> str:
     return f"{count / 1e6:.3g}M"
 
 
-def number(value: float, digits: int = 2) -> str:
+def format_number(value: float, digits: int = 2) -> str:
     """A number, or a dash where there is none."""
     whole = round(value, digits) + 0.0  # no -0.0
     return f"{whole:.{digits}f}" if np.isfinite(value) else "\N{EN DASH}"
 
 
-def percent(value: float) -> str:
+def format_percent(value: float) -> str:
     """A probability, or a dash where there is none."""
     return (
         f"{100 * value:.0f}\N{NO-BREAK SPACE}%" if np.isfinite(value) else "\N{EN DASH}"
     )
 
 
-def action_name(run: Run, action: int) -> str:
+def name_action(run: Run, action: int) -> str:
     """The joints that an action sends down."""
     down = np.flatnonzero(run.actions[action] < 0)
     return " + ".join(run.anatomy.joints[i] for i in down) or "all up"
 
 
-def part_name(run: Run, part: int) -> str:
+def name_part(run: Run, part: int) -> str:
     """A part's name from its number, 0 = the torso."""
     return run.anatomy.parts[part - 1] if part else "torso"
 
 
-def right_edges(run: Run, bodies: Bodies) -> np.ndarray | None:
+def find_right_edges(run: Run, bodies: Bodies) -> np.ndarray | None:
     """(N, P) whether each attachment is to the true parent; None if nobody knows."""
     return None if run.truth is None else bodies.parent == run.truth.parent
 
 
-def errors(run: Run, bodies: Bodies) -> list[tuple[str, str]]:
+def list_errors(run: Run, bodies: Bodies) -> list[tuple[str, str]]:
     """The first body's distances to the truth, by name; none if nobody knows it."""
     if run.truth is None:
         return []
     best, truth = bodies[:1], run.truth
     return [
-        ("attachments correct (edge F1)", f"{edge_f1(best, truth)[0]:.3f}"),
-        ("mean distance of part centers", f"{center_distance(best, truth)[0]:.2f} cm"),
-        ("mean distance of part tips", f"{tip_distance(best, truth)[0]:.2f} cm"),
-        ("mean error of lengths", f"{length_error(best, truth)[0]:.2f} cm"),
+        ("attachments correct (edge F1)", f"{compute_edge_f1(best, truth)[0]:.3f}"),
+        (
+            "mean distance of part centers",
+            f"{measure_center_distance(best, truth)[0]:.2f} cm",
+        ),
+        (
+            "mean distance of part tips",
+            f"{measure_tip_distance(best, truth)[0]:.2f} cm",
+        ),
+        ("mean error of lengths", f"{measure_length_error(best, truth)[0]:.2f} cm"),
     ]
 
 
-def true_side(bodies: Bodies) -> np.ndarray:
+def find_true_side(bodies: Bodies) -> np.ndarray:
     """(N, P) 0..3, the side of its parent that a part's direction points out of."""
     turn = 0.75 * np.pi - bodies.heading  # as `genome.build` turns it
     return np.floor(turn / (np.pi / 2) + 1e-9).astype(np.int64) % 4
@@ -103,23 +109,23 @@ class Rival:
     right: int | None
 
 
-def rivals(run: Run) -> list[Rival]:
+def list_rivals(run: Run) -> list[Rival]:
     """Candidates within `NEAR` loss an action of the best one, which is the first."""
     last = run.cycles[-1]
-    bodies = build(run.anatomy, last.genomes)
-    away = center_distance(bodies, bodies[:1])
+    bodies = build_bodies(run.anatomy, last.genomes)
+    away = measure_center_distance(bodies, bodies[:1])
     gap = np.abs(last.tables - last.tables[:1])[..., :2].sum(axis=2)
     apart = np.where(np.isnan(gap).all(axis=1), np.nan, np.nan_to_num(gap).max(axis=1))
     with np.errstate(invalid="ignore"):  # a diverged candidate's loss is infinite
         excess = (last.losses - last.losses[0]) / len(run.cycles)
     excess[0] = 0.0
-    right = right_edges(run, bodies)
+    right = find_right_edges(run, bodies)
     return [
         Rival(
             rank=k + 1,
             loss=float(last.losses[k]),
             excess=float(excess[k]),
-            differs=tuple(differences(run, last.genomes, k)),
+            differs=tuple(list_differences(run, last.genomes, k)),
             away=float(away[k]),
             apart=float(apart[k]),
             right=None if right is None else int(right[k].sum()),
@@ -128,9 +134,9 @@ def rivals(run: Run) -> list[Rival]:
     ]
 
 
-def differences(run: Run, genomes: Genomes, row: int) -> list[str]:
+def list_differences(run: Run, genomes: Genomes, row: int) -> list[str]:
     """What sets a row apart from the first one, a phrase a part."""
-    bodies = build(run.anatomy, genomes[np.array([0, row])])
+    bodies = build_bodies(run.anatomy, genomes[np.array([0, row])])
     moved = 1000 * np.linalg.norm(bodies.anchor[1] - bodies.anchor[0], axis=1)
     turned = np.degrees(bodies.heading[1] - bodies.heading[0])
     turned = np.abs((turned + 180) % 360 - 180)
@@ -139,7 +145,7 @@ def differences(run: Run, genomes: Genomes, row: int) -> list[str]:
     for i in range(run.anatomy.size):
         phrases = []
         if bodies.parent[0, i] != bodies.parent[1, i]:
-            phrases.append(f"on {part_name(run, bodies.parent[1, i])}")
+            phrases.append(f"on {name_part(run, bodies.parent[1, i])}")
         elif genomes.side[0, i] != genomes.side[row, i]:
             phrases.append(f"on the {SIDES[genomes.side[row, i]]} side")
         elif moved[i] > _MOVED:
@@ -149,5 +155,5 @@ def differences(run: Run, genomes: Genomes, row: int) -> list[str]:
         if abs(longer[i]) > _LONGER:
             phrases.append(f"{longer[i]:+.0f} mm long")
         if phrases:
-            found.append(f"{part_name(run, i + 1)} {', '.join(phrases)}")
+            found.append(f"{name_part(run, i + 1)} {', '.join(phrases)}")
     return found

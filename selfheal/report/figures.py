@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, concatenate
-from ..body.genome import build
+from ..body.body import Bodies, Floats, concatenate_bodies
+from ..body.genome import build_bodies
 from ..diagnosis.output.result import Localization, Trace
 from ..selfmodel.run import Cycle, Run
-from .draw import NEUTRAL, RIGHT, WRONG, draw, from_above, from_behind, window
-from .facts import TILT_NAMES, action_name, right_edges, thousands
-from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, canvas, label
+from .draw import (
+    NEUTRAL,
+    RIGHT,
+    WRONG,
+    draw_body,
+    look_from_above,
+    look_from_behind,
+    measure_window,
+)
+from .facts import TILT_NAMES, find_right_edges, format_thousands, name_action
+from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, make_canvas, shorten_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,88 +43,100 @@ _CURVES: dict[str, Any] = {
 }
 
 
-def _figure(height: float) -> "Figure":
+def _make_figure(height: float) -> "Figure":
     from matplotlib.figure import Figure
 
     return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
-def colors(run: Run, bodies: Bodies, row: int = 0) -> list[str]:
+def choose_colors(run: Run, bodies: Bodies, row: int = 0) -> list[str]:
     """Of each part: right or wrong where the truth is known."""
-    right = right_edges(run, bodies[row : row + 1])
+    right = find_right_edges(run, bodies[row : row + 1])
     if right is None:
         return [NEUTRAL] * run.anatomy.size
     return [RIGHT if r else WRONG for r in right[0]]
 
 
-def best_body(run: Run) -> "Figure":
+def draw_best_body(run: Run) -> "Figure":
     """The best body from above and in perspective, above the truth if it is known."""
-    bodies = build(run.anatomy, run.cycles[-1].genomes[:1])
+    bodies = build_bodies(run.anatomy, run.cycles[-1].genomes[:1])
     if run.truth is not None:
-        bodies = concatenate(bodies, run.truth)
-    views = {"from above": from_above(bodies), "from behind": from_behind(bodies)}
-    halves = np.array([window(bodies, camera) for camera in views.values()])
+        bodies = concatenate_bodies(bodies, run.truth)
+    views = {
+        "from above": look_from_above(bodies),
+        "from behind": look_from_behind(bodies),
+    }
+    halves = np.array([measure_window(bodies, camera) for camera in views.values()])
     # both views as wide as the wider one: what is near looks no larger from behind
     half = halves.max(axis=0)
     head = 0.16 * half[0]  # for a title
     edge = 0.4 * half[0]
-    fig, ax = canvas(4 * half[0] + 2 * edge, len(bodies) * (2 * half[1] + head))
+    fig, ax = make_canvas(4 * half[0] + 2 * edge, len(bodies) * (2 * half[1] + head))
     for row, name in zip(range(len(bodies)), ("inferred", "truth"), strict=False):
         top = -row * (2 * half[1] + head)
         for column, (view, camera) in enumerate(views.items()):
             at = (edge + (2 * column + 1) * half[0], top - head - half[1])
-            draw(ax, bodies, row, camera=camera, colors=colors(run, bodies, row),
-                 at=at, numbers=column == 0)  # fmt: skip
+            draw_body(
+                ax,
+                bodies,
+                row,
+                camera=camera,
+                colors=choose_colors(run, bodies, row),
+                at=at,
+                numbers=column == 0,
+            )
             ax.text(at[0], top - head / 2, f"{name}, {view}", weight="bold",
                     ha="center", va="center")  # fmt: skip
     return fig
 
 
-def shown_cycles(count: int) -> list[int]:
+def choose_cycles(count: int) -> list[int]:
     """Up to `_ROWS` of the cycles 0..count - 1, evenly, with the first and the last."""
     return sorted({round(k) for k in np.linspace(0, count - 1, min(count, _ROWS))})
 
 
-def candidates(run: Run) -> "Figure":
+def draw_candidates(run: Run) -> "Figure":
     """The best rivals of several cycles: a row a cycle, the best first."""
-    chosen = shown_cycles(len(run.cycles))
+    chosen = choose_cycles(len(run.cycles))
     shown = [run.cycles[k].genomes[:_COLUMNS] for k in chosen]
-    batches = [build(run.anatomy, genomes) for genomes in shown]
-    camera = from_behind(concatenate(*batches))
-    half = window(concatenate(*batches), camera)
+    batches = [build_bodies(run.anatomy, genomes) for genomes in shown]
+    camera = look_from_behind(concatenate_bodies(*batches))
+    half = measure_window(concatenate_bodies(*batches), camera)
     side, head = 0.84 * half[0], 0.22 * half[0]  # for cycles and for titles; chosen
-    fig, ax = canvas(side + 2 * _COLUMNS * half[0], len(chosen) * (2 * half[1] + head))
+    fig, ax = make_canvas(
+        side + 2 * _COLUMNS * half[0], len(chosen) * (2 * half[1] + head)
+    )
     for line, (k, bodies) in enumerate(zip(chosen, batches, strict=True)):
         top = -line * (2 * half[1] + head)
-        _row_title(ax, run, k, at=(0.05 * side, top - head - half[1]))
+        _write_row_title(ax, run, k, at=(0.05 * side, top - head - half[1]))
         for row in range(len(bodies)):
             at = (side + (2 * row + 1) * half[0], top - head - half[1])
-            paint = colors(run, bodies, row)
-            draw(ax, bodies, row, camera=camera, colors=paint, at=at)
-            title = _candidate_title(run, run.cycles[k], bodies, row)
+            paint = choose_colors(run, bodies, row)
+            draw_body(ax, bodies, row, camera=camera, colors=paint, at=at)
+            title = _format_candidate_title(run, run.cycles[k], bodies, row)
             ax.text(at[0], top - head / 2, title, fontsize=8, ha="center", va="center")
     return fig
 
 
-def _row_title(ax: "Axes", run: Run, k: int, *, at: tuple[float, float]) -> None:
+def _write_row_title(ax: "Axes", run: Run, k: int, *, at: tuple[float, float]) -> None:
     """A cycle and its action."""
-    down = action_name(run, run.cycles[k].action).split(" + ")
-    lines = "\n".join(map(label, down[:_MOST_JOINTS]))
+    down = name_action(run, run.cycles[k].action).split(" + ")
+    lines = "\n".join(map(shorten_label, down[:_MOST_JOINTS]))
     ax.annotate(f"cycle {k + 1}", at, weight="bold", fontsize=9, va="bottom")
     ax.annotate(lines, at, (0, -3), textcoords="offset points", color=MUTED,
                 fontsize=7.5, va="top", linespacing=1.3)  # fmt: skip
 
 
-def _candidate_title(run: Run, cycle: Cycle, bodies: Bodies, row: int) -> str:
+def _format_candidate_title(run: Run, cycle: Cycle, bodies: Bodies, row: int) -> str:
     """What stands above a candidate."""
     title = f"loss {cycle.losses[row]:.3g}"
-    right = right_edges(run, bodies[row : row + 1])
+    right = find_right_edges(run, bodies[row : row + 1])
     if right is not None:
         title += f" \N{MIDDLE DOT} {right.sum()} of {right.size} correct"
     return title
 
 
-def _cycle_ticks(ax: "Axes", run: Run) -> list[int]:
+def _set_cycle_ticks(ax: "Axes", run: Run) -> list[int]:
     """Label an axis with cycles, from 1; returns which, from 0."""
     count = len(run.cycles)
     step = -(-count // _TICKS)
@@ -127,9 +147,9 @@ def _cycle_ticks(ax: "Axes", run: Run) -> list[int]:
     return chosen
 
 
-def progress(run: Run) -> "Figure":
+def draw_progress(run: Run) -> "Figure":
     """Tilt error and disagreement after every cycle, simulations along the top."""
-    fig = _figure(2.9)
+    fig = _make_figure(2.9)
     curves = {
         "tilt error of the best candidate [deg]": [c.tilt_error for c in run.cycles],
         "disagreement among the bodies [deg]": [c.disagreement for c in run.cycles],
@@ -143,10 +163,11 @@ def progress(run: Run) -> "Figure":
         finite = [v for v in curve if np.isfinite(v)]
         ax.set_ylim(0, 1.08 * max([*finite, 0.1]))
         ax.grid(axis="y")
-        chosen = _cycle_ticks(ax, run)
+        chosen = _set_cycle_ticks(ax, run)
         top = ax.secondary_xaxis("top")
         top.set_xticks(
-            [k + 1 for k in chosen], [thousands(run.cycles[k].spent) for k in chosen]
+            [k + 1 for k in chosen],
+            [format_thousands(run.cycles[k].spent) for k in chosen],
         )
         top.tick_params(length=0, labelsize=7.5, labelcolor=MUTED, pad=1)
         top.spines["top"].set_visible(False)
@@ -154,18 +175,18 @@ def progress(run: Run) -> "Figure":
     return fig
 
 
-def tilts(run: Run) -> "Figure":
+def draw_tilts(run: Run) -> "Figure":
     """Measured tilts of every action tried, and those of the best candidate."""
     tried = [c.action for c in run.cycles]
     measured = np.array([c.felt for c in run.cycles])
     predicted = run.cycles[-1].tables[0][tried]
-    fig = _figure(0.9 + 0.24 * len(tried))
+    fig = _make_figure(0.9 + 0.24 * len(tried))
     axes = fig.subplots(1, 2, sharex=True, sharey=True)
     place = np.arange(len(tried), dtype=float)
     for channel, (ax, name) in enumerate(zip(axes, TILT_NAMES, strict=True)):
-        _pairs(ax, place, measured[:, channel], predicted[:, channel])
+        _draw_pairs(ax, place, measured[:, channel], predicted[:, channel])
         ax.set_title(f"{name} tilt [deg]", loc="left", weight="bold")
-    names = [label(action_name(run, a)) for a in tried]
+    names = [shorten_label(name_action(run, a)) for a in tried]
     axes[0].set_yticks(place, names)
     axes[0].set_ylim(len(tried) - 0.5, -0.5)
     low, high = axes[0].get_xlim()
@@ -174,7 +195,7 @@ def tilts(run: Run) -> "Figure":
     return fig
 
 
-def _pairs(ax: "Axes", place: Floats, measured: Floats, predicted: Floats) -> None:
+def _draw_pairs(ax: "Axes", place: Floats, measured: Floats, predicted: Floats) -> None:
     """Two dots a line, and what is between them."""
     ax.axvline(0, color=LINE, lw=0.8)
     ax.hlines(place, measured, predicted, color=MUTED, lw=1.2)
@@ -185,17 +206,17 @@ def _pairs(ax: "Axes", place: Floats, measured: Floats, predicted: Floats) -> No
     ax.tick_params(axis="y", length=0)
 
 
-def sureness(run: Run) -> "Figure":
+def draw_sureness(run: Run) -> "Figure":
     """How sure each attachment was after every cycle."""
     values = np.array([c.sureness for c in run.cycles]).T
     parts, count = values.shape
-    fig = _figure(1.0 + 0.27 * parts)
+    fig = _make_figure(1.0 + 0.27 * parts)
     ax = fig.subplots()
     edges = np.arange(count + 1) + 0.5, np.arange(parts + 1) + 0.5
     mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(values), cmap="cividis",
                          vmin=0, vmax=1, edgecolors="face", lw=0.3)  # fmt: skip
-    _cycle_ticks(ax, run)
-    names = [f"{label(n)}  {i + 1}" for i, n in enumerate(run.anatomy.parts)]
+    _set_cycle_ticks(ax, run)
+    names = [f"{shorten_label(n)}  {i + 1}" for i, n in enumerate(run.anatomy.parts)]
     ax.set_yticks(np.arange(parts) + 1, names)
     ax.invert_yaxis()
     ax.tick_params(length=0)
@@ -205,18 +226,18 @@ def sureness(run: Run) -> "Figure":
             ink = _BLACK if value > 0.5 else _WHITE
             ax.text(k + 1, i + 1, f"{100 * value:.0f}", ha="center", va="center",
                     fontsize=7.5, color=ink)  # fmt: skip
-    _wrong_cells(ax, run)
+    _frame_wrong_cells(ax, run)
     bar = fig.colorbar(mesh, ax=ax, pad=0.01, fraction=0.03, format="{x:.0%}")
     bar.outline.set_visible(False)
     return fig
 
 
-def _wrong_cells(ax: "Axes", run: Run) -> None:
+def _frame_wrong_cells(ax: "Axes", run: Run) -> None:
     """Frame the cells in which the best candidate's attachment was wrong."""
     from matplotlib.patches import Rectangle
 
     for k, cycle in enumerate(run.cycles):
-        right = right_edges(run, build(run.anatomy, cycle.genomes[:1]))
+        right = find_right_edges(run, build_bodies(run.anatomy, cycle.genomes[:1]))
         if right is None:
             return
         for i in np.flatnonzero(~right[0]):
@@ -225,24 +246,24 @@ def _wrong_cells(ax: "Axes", run: Run) -> None:
             ax.add_patch(frame)
 
 
-def traces(chosen: Sequence[Trace]) -> "Figure":
+def draw_traces(chosen: Sequence[Trace]) -> "Figure":
     """Stretches read and predicted, what each prediction is off by below it."""
     columns = min(2, len(chosen))
     rows = -(-len(chosen) // columns)
-    fig = _figure(0.4 + 2.7 * rows)
+    fig = _make_figure(0.4 + 2.7 * rows)
     grid = fig.add_gridspec(rows, columns)
     for at, trace in enumerate(chosen):
         inner = grid[at // columns, at % columns].subgridspec(
             2, 1, height_ratios=(3, 1.3)
         )
         top = fig.add_subplot(inner[0])
-        _trace(top, fig.add_subplot(inner[1], sharex=top), trace)
+        _draw_trace(top, fig.add_subplot(inner[1], sharex=top), trace)
     handles = top.get_legend_handles_labels()
     fig.legend(*handles, loc="outside upper right", ncols=4)
     return fig
 
 
-def _trace(top: "Axes", below: "Axes", trace: Trace) -> None:
+def _draw_trace(top: "Axes", below: "Axes", trace: Trace) -> None:
     """One stretch, on two axes."""
     size = len(trace.time)
     at = np.unique(np.linspace(0, size - 1, min(size, _POINTS)).astype(int))
@@ -256,25 +277,31 @@ def _trace(top: "Axes", below: "Axes", trace: Trace) -> None:
         below.plot(time, curve - read, marker=dot, **_CURVES[name])
     fitted = [curves["refit"], curves["patched"]]
     # a model that is far off leaves the picture instead of flattening the others
-    room = _span(read) or _span(np.concatenate(fitted))
-    _limit(top, read, fitted, 0.6 * room)
-    _limit(below, 0 * read, [curve - read for curve in fitted], 1.2 * room)
-    where = f"episode {label(trace.episode)}" if trace.episode else "held-out episodes"
-    title = f"{label(trace.signal)}, {where}"
+    room = _measure_span(read) or _measure_span(np.concatenate(fitted))
+    _limit_axis(top, read, fitted, 0.6 * room)
+    _limit_axis(below, 0 * read, [curve - read for curve in fitted], 1.2 * room)
+    where = (
+        f"episode {shorten_label(trace.episode)}"
+        if trace.episode
+        else "held-out episodes"
+    )
+    title = f"{shorten_label(trace.signal)}, {where}"
     top.set_title(title, loc="left", weight="bold")
-    top.set_ylabel(label(trace.unit))
+    top.set_ylabel(shorten_label(trace.unit))
     top.tick_params(labelbottom=False)
     below.set_ylabel("off by", fontsize=8)
     below.set_xlabel("time [s]" if trace.episode else "episode")
 
 
-def _span(values: Floats) -> float:
+def _measure_span(values: Floats) -> float:
     """From the lowest to the highest of the values that are numbers, or 0."""
     known = values[np.isfinite(values)]
     return float(np.ptp(known)) if known.size else 0.0
 
 
-def _limit(ax: "Axes", read: Floats, curves: Sequence[Floats], room: float) -> None:
+def _limit_axis(
+    ax: "Axes", read: Floats, curves: Sequence[Floats], room: float
+) -> None:
     """Show all of `read`, and of the curves what is at most `room` away from it."""
     known = read[np.isfinite(read)]
     every = np.concatenate([known, *(curve[np.isfinite(curve)] for curve in curves)])
@@ -286,21 +313,21 @@ def _limit(ax: "Axes", read: Floats, curves: Sequence[Floats], room: float) -> N
     ax.set_ylim(bottom - margin, top + margin)
 
 
-def error_map(located: Localization) -> "Figure":
+def draw_error_map(located: Localization) -> "Figure":
     """Where the squared error lies: a row a signal, a column a regime."""
     worst = np.argsort(-np.nan_to_num(located.share).sum(axis=1), kind="stable")
     rows = np.sort(worst[:SIGNALS])
     share, p_value = located.share[rows], located.p_value[rows]
     most = max(0.01, float(np.nan_to_num(share).max()))
-    fig = _figure(1.0 + 0.3 * len(rows))
+    fig = _make_figure(1.0 + 0.3 * len(rows))
     ax = fig.subplots()
     edges = np.arange(share.shape[1] + 1) + 0.5, np.arange(len(rows) + 1) + 0.5
     mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(share), cmap="Blues", vmin=0,
                          vmax=most, edgecolors="face", lw=0.3)  # fmt: skip
-    regimes = [label(r.replace("_", " ")) for r in located.regimes]
+    regimes = [shorten_label(r.replace("_", " ")) for r in located.regimes]
     ax.set_xticks(np.arange(len(regimes)) + 1, regimes)
     ax.xaxis.tick_top()
-    names = [label(located.signals[i]) for i in rows]
+    names = [shorten_label(located.signals[i]) for i in rows]
     ax.set_yticks(np.arange(len(names)) + 1, names)
     ax.invert_yaxis()
     ax.tick_params(length=0)
@@ -308,13 +335,13 @@ def error_map(located: Localization) -> "Figure":
     for (i, k), value in np.ndenumerate(share):
         clear = bool(p_value[i, k] < _CLEAR)
         dark = bool(value > 0.55 * most)
-        _cell(ax, (k + 1, i + 1), value, dark=dark, clear=clear)
+        _draw_cell(ax, (k + 1, i + 1), value, dark=dark, clear=clear)
     bar = fig.colorbar(mesh, ax=ax, pad=0.01, fraction=0.03, format="{x:.0%}")
     bar.outline.set_visible(False)
     return fig
 
 
-def _cell(
+def _draw_cell(
     ax: "Axes", at: tuple[float, float], share: float, *, dark: bool, clear: bool
 ) -> None:
     """What a cell of the map says, and a frame where that is no accident."""

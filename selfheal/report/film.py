@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .motion import FRAME, Lane, animation, moving, until
+from .motion import FRAME, Lane, count_common_rows, draw_animation, embed_animation
 from .page import Html
 from .picture import INK, PAPER
-from .render import SQUARE, rendered
+from .render import SQUARE, render_lanes
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -19,7 +19,9 @@ _QUALITY = 60  # of a WebP, of 100; chosen
 _LETTERS, _BAND = 15, 26  # [px] of titles, and what they stand on; chosen
 
 
-def film(lanes: Sequence[Lane], heading: float, caption: str, *, sample: float) -> Html:
+def make_film(
+    lanes: Sequence[Lane], heading: float, caption: str, *, sample: float
+) -> Html:
     """Walks below each other, every fifth of a second at double speed.
 
     Args:
@@ -30,19 +32,19 @@ def film(lanes: Sequence[Lane], heading: float, caption: str, *, sample: float) 
     """
     from PIL import features
 
-    rows = range(0, until(lanes), max(1, round(FRAME / sample)))
-    shown = rendered(lanes, heading, rows) if features.check("webp") else None
+    rows = range(0, count_common_rows(lanes), max(1, round(FRAME / sample)))
+    shown = render_lanes(lanes, heading, rows) if features.check("webp") else None
     if shown is None:
-        return animation(lanes, heading, caption, sample=sample)
+        return draw_animation(lanes, heading, caption, sample=sample)
     squares = f" Rendered by MuJoCo; squares of {SQUARE} m, the dark line is the start."
-    return moving(_webp(lanes, shown), "webp", caption + squares)
+    return embed_animation(_encode_webp(lanes, shown), "webp", caption + squares)
 
 
-def _webp(lanes: Sequence[Lane], shown: np.ndarray) -> bytes:
+def _encode_webp(lanes: Sequence[Lane], shown: np.ndarray) -> bytes:
     """Titled strips (lanes, frames, height, width, 3) as one moving picture."""
     from PIL import Image, ImageDraw
 
-    font, frames = _font(), []
+    font, frames = _load_font(), []
     count, _, height, width = shown.shape[:4]
     for strips in shown.swapaxes(0, 1):
         image = Image.new("RGB", (width, count * (_BAND + height)), PAPER)
@@ -59,7 +61,7 @@ def _webp(lanes: Sequence[Lane], shown: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def _font() -> "FreeTypeFont":
+def _load_font() -> "FreeTypeFont":
     """The letters that matplotlib carries with it."""
     import matplotlib
     from PIL import ImageFont

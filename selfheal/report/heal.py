@@ -5,17 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, concatenate
-from ..engine.plant import damaged, rated
+from ..body.body import Bodies, Floats, concatenate_bodies
+from ..engine.plant import apply_damages, build_rated_plant
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import forward
-from ..recovery.phases import damage_of
-from ..recovery.record import HealRun, gait_of
-from .draw import NEUTRAL, draw, from_behind, window
-from .film import film
+from ..gait.synthesis import project_on_heading
+from ..recovery.phases import read_damage
+from ..recovery.record import HealRun, read_gait
+from .draw import NEUTRAL, draw_body, look_from_behind, measure_window
+from .film import make_film
 from .motion import Lane
-from .page import Html, Section, page, paragraph, table
+from .page import Html, Section, make_page, make_paragraph, make_table
 from .picture import (
     BLUE,
     COLORS,
@@ -24,16 +24,16 @@ from .picture import (
     MUTED,
     ORANGE,
     WIDTH,
-    figure,
-    style,
-    ways,
+    draw_paths,
+    embed_figure,
+    use_page_style,
 )
 
 _ROWS = round(SECONDS / SAMPLE)
 _SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
 
-def heal_page(run: HealRun, models: Bodies) -> str:
+def make_heal_page(run: HealRun, models: Bodies) -> str:
     """The page of a finished heal.
 
     Args:
@@ -42,19 +42,21 @@ def heal_page(run: HealRun, models: Bodies) -> str:
     """
     found = run.phases["verdict"]["believed"]
     before = models[[0]]
-    after = damaged(rated(before), damage_of(found[0])).body
-    with style():
+    after = apply_damages(build_rated_plant(before), read_damage(found[0])).body
+    with use_page_style():
         sections = [
-            _walks(run, before, after),
-            _bodies(run, before, after),
-            _alarm(run),
-            _hypotheses(run),
-            _gaits(run),
+            _make_walks_section(run, before, after),
+            _make_bodies_section(run, before, after),
+            _make_alarm_section(run),
+            _make_hypotheses_section(run),
+            _make_gaits_section(run),
         ]
-    return page(f"Healing of {run.result['robot']}", sections, lead=_lead(run))
+    return make_page(
+        f"Healing of {run.result['robot']}", sections, lead=_write_lead(run)
+    )
 
 
-def _lead(run: HealRun) -> str:
+def _write_lead(run: HealRun) -> str:
     """All of it in two sentences."""
     distance, alarm = run.result["distance"], run.result["alarm"]
     best = run.phases["verdict"]["believed"][0]
@@ -63,24 +65,25 @@ def _lead(run: HealRun) -> str:
         return f"What happened ({happened}) did not change the walk: no alarm."
     asked = run.result["actions"]
     return (
-        f"What happened: {happened}. The robot noticed {_late(run)}, and after {asked} "
-        f"action{'s' * (asked != 1)} said: {damage_of(best)} "
+        f"What happened: {happened}. The robot noticed {_describe_delay(run)}, and "
+        f"after {asked} "
+        f"action{'s' * (asked != 1)} said: {read_damage(best)} "
         f"({100 * best['probability']:.0f} % sure). It walked "
         f"{distance['intact']:.2f} m whole, {distance['damaged']:.2f} m broken with "
         f"its old gait, and {distance['healed']:.2f} m with a new one."
     )
 
 
-def _late(run: HealRun) -> str:
+def _describe_delay(run: HealRun) -> str:
     """How long after the damage the alarm came."""
     late = run.phases["alarm"]["alarm"]["time"] - run.settings.onset
     if late < 0:
         return "something before anything had happened (a false alarm)"
-    cycles = late / gait_of(run.phases["gait"]).cycle
+    cycles = late / read_gait(run.phases["gait"]).cycle
     return f"it after {late:.1f} s ({cycles:.1f} cycles of the gait)"
 
 
-def _lanes(run: HealRun, before: Bodies, after: Bodies) -> list[Lane]:
+def _list_lanes(run: HealRun, before: Bodies, after: Bodies) -> list[Lane]:
     """The three walks."""
     whole, walked = run.phases["whole"], run.phases["walked"]
     keys = ("position", "orientation", "angles")
@@ -93,71 +96,81 @@ def _lanes(run: HealRun, before: Bodies, after: Bodies) -> list[Lane]:
     return lanes
 
 
-def _walks(run: HealRun, before: Bodies, after: Bodies) -> Section:
+def _make_walks_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     """Distances, paths, the animation."""
-    lanes, heading = _lanes(run, before, after), run.settings.heading
+    lanes, heading = _list_lanes(run, before, after), run.settings.heading
     d, p = run.result["distance"], run.result["predicted"]
     rows = [
-        ("whole", _meters(d["intact"]), _meters(p["intact"])),
-        ("broken, with the old gait", _meters(d["damaged"]), ""),
-        ("broken, with the new gait", _meters(d["healed"]), _meters(p["healed"])),
-        ("broken, a gait made knowing the damage", _meters(d["best_known"]), ""),
+        ("whole", _format_meters(d["intact"]), _format_meters(p["intact"])),
+        ("broken, with the old gait", _format_meters(d["damaged"]), ""),
+        (
+            "broken, with the new gait",
+            _format_meters(d["healed"]),
+            _format_meters(p["healed"]),
+        ),
+        ("broken, a gait made knowing the damage", _format_meters(d["best_known"]), ""),
     ]
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
         "The three walks as a camera saw the torso and the joints felt themselves, "
         "shown on the body that the robot believes in; twice as fast as they were."
     )
-    moving = film(lanes, heading, caption, sample=SAMPLE)
-    return Section("Walks", (table(head, rows, "lrr"), moving, _paths(lanes, heading)))
+    moving = make_film(lanes, heading, caption, sample=SAMPLE)
+    return Section(
+        "Walks", (make_table(head, rows, "lrr"), moving, _draw_paths(lanes, heading))
+    )
 
 
-def _meters(value: float | None) -> str:
+def _format_meters(value: float | None) -> str:
     """A distance in words."""
     return "unknown" if value is None else f"{value:.2f}"
 
 
-def _paths(lanes: list[Lane], heading: float) -> Html:
+def _draw_paths(lanes: list[Lane], heading: float) -> Html:
     """The ways from above."""
-    paths = [(a.title, a.color, *forward(a.position, heading)) for a in lanes]
+    paths = [
+        (a.title, a.color, *project_on_heading(a.position, heading)) for a in lanes
+    ]
     caption = "Ways of the torso from above, 10 s each; they begin at the dot."
-    return ways(paths, "along the heading", caption)
+    return draw_paths(paths, "along the heading", caption)
 
 
-def _bodies(run: HealRun, before: Bodies, after: Bodies) -> Section:
+def _make_bodies_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     """The body before and after."""
     from matplotlib.figure import Figure
 
-    both = concatenate(before, after)
-    camera = from_behind(both)
-    half = window(both, camera)
+    both = concatenate_bodies(before, after)
+    camera = look_from_behind(both)
+    half = measure_window(both, camera)
     fig = Figure(figsize=(WIDTH, WIDTH * half[1] / (2 * half[0])))
     ax = fig.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
     ax.set_xlim(-2 * half[0], 2 * half[0])
     ax.set_ylim(-half[1], half[1])
     plain = [NEUTRAL] * before.anatomy.size
-    draw(ax, before, camera=camera, colors=plain, at=(-half[0], 0.0))
-    draw(ax, after, camera=camera, colors=_marked(run, after), at=(half[0], 0.0))
+    draw_body(ax, before, camera=camera, colors=plain, at=(-half[0], 0.0))
+    draw_body(
+        ax, after, camera=camera, colors=_choose_colors(run, after), at=(half[0], 0.0)
+    )
     for x, title in ((-1.95 * half[0], "before"), (0.05 * half[0], "after")):
         ax.text(x, 0.92 * half[1], title, color=INK, fontsize=10)
     caption = "The body that the robot believes in; what the damage touches is orange."
     best = run.phases["verdict"]["believed"][0]
-    words = paragraph(f"It believes: {damage_of(best)}, "
+    words = make_paragraph(f"It believes: {read_damage(best)}, "
                       f"{100 * best['probability']:.0f} % sure.")  # fmt: skip
-    return Section("Body before and after", (words, figure(fig, caption)))
+    return Section("Body before and after", (words, embed_figure(fig, caption)))
 
 
-def _marked(run: HealRun, body: Bodies) -> list[str]:
+def _choose_colors(run: HealRun, body: Bodies) -> list[str]:
     """A color for each part: orange where the damage is."""
-    name = damage_of(run.phases["verdict"]["believed"][0]).name
+    name = read_damage(run.phases["verdict"]["believed"][0]).name
     a = body.anatomy
     hit = [name in (part, joint, f"{joint}_servo", f"{joint}_position", f"{part}_touch")
            for part, joint in zip(a.parts, a.joints, strict=True)]  # fmt: skip
     return [ORANGE if h else NEUTRAL for h in hit]
 
 
-def _alarm(run: HealRun) -> Section:
+def _make_alarm_section(run: HealRun) -> Section:
     """The monitor's sums over time."""
     from matplotlib.figure import Figure
 
@@ -187,48 +200,52 @@ def _alarm(run: HealRun) -> Section:
         "threshold keeps false alarms at one an hour of walking. What comes after the "
         "alarm is drawn, but was not waited for."
     )
-    return Section("When it noticed", (paragraph(words), figure(fig, caption)))
+    return Section(
+        "When it noticed", (make_paragraph(words), embed_figure(fig, caption))
+    )
 
 
-def _hypotheses(run: HealRun) -> Section:
+def _make_hypotheses_section(run: HealRun) -> Section:
     """Which action ruled out what."""
-    asked = run.asked
+    asked = run.actions
     if not asked:
         return Section("What it took the damage for", ("It asked for nothing.",))
     rows = []
     for k, phase in enumerate(asked, 1):
-        believed = [_spoken(b) for b in phase["believed"] if b["probability"] >= _SAID]
+        believed = [
+            _format_belief(b) for b in phase["believed"] if b["probability"] >= _SAID
+        ]
         rows.append((str(k), phase["why"], ", ".join(believed)))
     head = ("", "action", "believed after it")
-    final = [(str(damage_of(b)), _percent(b["probability"]))
+    final = [(str(read_damage(b)), _format_percent(b["probability"]))
              for b in run.phases["verdict"]["believed"]]  # fmt: skip
-    end = table(("in the end", "sure"), final, "lr")
-    asking = table(head, rows, "rll")
-    return Section("What it took the damage for", (asking, _beliefs(asked), end))
+    end = make_table(("in the end", "sure"), final, "lr")
+    asking = make_table(head, rows, "rll")
+    return Section("What it took the damage for", (asking, _draw_beliefs(asked), end))
 
 
-def _percent(share: float) -> str:
+def _format_percent(share: float) -> str:
     """A probability in words; one that is next to none is not said to be none."""
     return "< 0.1 %" if share < 0.001 else f"{100 * share:.1f} %"
 
 
-def _spoken(believed: Mapping[str, Any]) -> str:
+def _format_belief(believed: Mapping[str, Any]) -> str:
     """A hypothesis with its probability."""
-    return f"{damage_of(believed)} ({100 * believed['probability']:.0f} %)"
+    return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
 
 
-def _beliefs(asked: list[Mapping[str, Any]]) -> Html:
+def _draw_beliefs(asked: list[Mapping[str, Any]]) -> Html:
     """Probability of the hypotheses that were ever likely, after each action."""
     from matplotlib.figure import Figure
 
     after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in asked]
     keys = dict.fromkeys(key for a in after for key in a)
-    top = sorted(keys, key=lambda key: -max(_chance(a, key) for a in after))
+    top = sorted(keys, key=lambda key: -max(_find_probability(a, key) for a in after))
     fig = Figure(figsize=(WIDTH, 2.8))
     ax = fig.add_axes((0.07, 0.17, 0.6, 0.78))
     steps = np.arange(1, len(after) + 1)
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
-        chances: Floats = np.array([_chance(a, key) for a in after])
+        chances: Floats = np.array([_find_probability(a, key) for a in after])
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
         ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=said)
     ax.set_xticks(steps)
@@ -236,21 +253,23 @@ def _beliefs(asked: list[Mapping[str, Any]]) -> Html:
     ax.set_xlabel("actions")
     ax.set_ylabel("probability")
     ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-    return figure(
+    return embed_figure(
         fig, "How likely each kind and place of damage was after each action."
     )
 
 
-def _chance(after: Mapping[tuple[str, str], Any], key: tuple[str, str]) -> float:
+def _find_probability(
+    after: Mapping[tuple[str, str], Any], key: tuple[str, str]
+) -> float:
     """Probability of a hypothesis; one that is not listed has next to none."""
     return float(after[key]["probability"]) if key in after else 0.0
 
 
-def _gaits(run: HealRun) -> Section:
+def _make_gaits_section(run: HealRun) -> Section:
     """The gaits in numbers."""
     rows = []
     for name, title in (("gait", "whole"), ("healed", "healed")):
-        gait = gait_of(run.phases[name])
+        gait = read_gait(run.phases[name])
         spread = f"{gait.low:.2f} to {gait.high:.2f}"
         seconds = f"{run.phases[name]['seconds']:.0f}"
         rows.append((title, gait.pattern, f"{gait.cycle:.2f}", f"{gait.predicted:.2f}",
@@ -260,4 +279,4 @@ def _gaits(run: HealRun) -> Section:
             "simulations", "failed", "time [s]")  # fmt: skip
     kept = "The old gait was kept: it is as good as a new one."
     body = [kept] if run.phases["healed"]["kept"] else []
-    return Section("Gaits", (table(head, rows, "llrrrrrr"), *body))
+    return Section("Gaits", (make_table(head, rows, "llrrrrrr"), *body))

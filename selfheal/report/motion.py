@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from .page import Html, text
+from .page import Html, escape_text
 from .picture import INK, LINE, MUTED, WIDTH
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ class Lane:
     angles: Floats
 
 
-def _matrix(quat: Floats) -> Floats:
+def _build_rotation(quat: Floats) -> Floats:
     """(3, 3) of a unit quaternion w x y z."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_quat(quat, scalar_first=True).as_matrix()
 
 
-def skeleton(
+def pose_skeleton(
     body: Bodies, position: Floats, orientation: Floats, angles: Floats
 ) -> Floats:
     """Where a posed body's parts are.
@@ -68,7 +68,7 @@ def skeleton(
     heading = Rotation.from_rotvec(body.heading[0][:, None] * [0.0, 0, 1])
     bend = Rotation.from_rotvec(body.axis[0] * np.asarray(angles)[:, None])
     own = (heading * bend).as_matrix()
-    turns, spots = [_matrix(orientation)], [np.asarray(position, float)]
+    turns, spots = [_build_rotation(orientation)], [np.asarray(position, float)]
     ends = []
     for i in range(body.anatomy.size):
         up = int(body.parent[0, i])
@@ -78,7 +78,7 @@ def skeleton(
     return np.array(ends)
 
 
-def _seen(points: Floats, heading: float) -> Floats:
+def _project_points(points: Floats, heading: float) -> Floats:
     """(..., 2) world points seen from the right of the way, a little above."""
     c, s = np.cos(heading), np.sin(heading)
     along = c * points[..., 0] + s * points[..., 1]
@@ -86,7 +86,7 @@ def _seen(points: Floats, heading: float) -> Floats:
     return np.stack([along, points[..., 2] + _DEPTH * across], axis=-1)
 
 
-def animation(
+def draw_animation(
     lanes: Sequence[Lane], heading: float, caption: str, *, sample: float
 ) -> Html:
     """Walks below each other, drawn every fifth of a second at double speed.
@@ -97,33 +97,35 @@ def animation(
         caption: below; also what a screen reader says.
         sample: seconds between the rows of a lane.
     """
-    frames = _frames(lanes, heading, max(1, round(FRAME / sample)))
+    frames = _draw_frames(lanes, heading, max(1, round(FRAME / sample)))
     buffer = io.BytesIO()
     first, *others = frames
     first.save(buffer, "GIF", save_all=True, append_images=others, loop=0,
                duration=round(500 * FRAME), optimize=True)  # fmt: skip
-    return moving(buffer.getvalue(), "gif", caption)
+    return embed_animation(buffer.getvalue(), "gif", caption)
 
 
-def moving(picture: bytes, kind: str, caption: str) -> Html:
+def embed_animation(picture: bytes, kind: str, caption: str) -> Html:
     """A moving picture of a kind ("gif" or "webp") with its caption, inline."""
     coded = base64.b64encode(picture).decode("ascii")
-    shown = f'<img alt="{text(caption)}" src="data:image/{kind};base64,{coded}">'
-    return Html(f"<figure>{shown}<figcaption>{text(caption)}</figcaption></figure>")
+    shown = f'<img alt="{escape_text(caption)}" src="data:image/{kind};base64,{coded}">'
+    return Html(
+        f"<figure>{shown}<figcaption>{escape_text(caption)}</figcaption></figure>"
+    )
 
 
-def until(lanes: Sequence[Lane]) -> int:
+def count_common_rows(lanes: Sequence[Lane]) -> int:
     """How many rows all lanes have."""
     return min(len(lane.position) for lane in lanes)
 
 
-def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
+def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
     """The pictures, with few colors so that they stay small."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from PIL import Image
 
-    ways = [_seen(lane.position * [1, 1, 0], heading) for lane in lanes]
+    ways = [_project_points(lane.position * [1, 1, 0], heading) for lane in lanes]
     low, bottom = np.min([way.min(axis=0) for way in ways], axis=0) - [0.3, 0.18]
     high, top = np.max([way.max(axis=0) for way in ways], axis=0) + [0.3, 0.32]
     high = max(high, low + 1.2)
@@ -132,13 +134,13 @@ def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
     canvas, frames = FigureCanvasAgg(fig), []
     axes = fig.subplots(len(lanes), 1, squeeze=False)[:, 0]
     fig.subplots_adjust(0, 0, 1, 1, hspace=0)
-    for k in range(0, until(lanes), every):
+    for k in range(0, count_common_rows(lanes), every):
         for ax, lane in zip(axes, lanes, strict=True):
             ax.clear()
             ax.set_xlim(low, high)
             ax.set_ylim(bottom, top)
             ax.set_axis_off()
-            _draw(ax, lane, k, heading, (low, high, top))
+            _draw_walk(ax, lane, k, heading, (low, high, top))
         canvas.draw()
         image = Image.frombytes("RGBA", canvas.get_width_height(),
                                 bytes(canvas.buffer_rgba()))  # fmt: skip
@@ -146,7 +148,7 @@ def _frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
     return frames
 
 
-def _draw(
+def _draw_walk(
     ax: "Axes", lane: Lane, k: int, heading: float, ends: tuple[float, float, float]
 ) -> None:
     """One walk at one time, in a window from left to right, its top last."""
@@ -156,31 +158,31 @@ def _draw(
         ax.text(mark, -0.03, f"{mark:.1f} m", color=MUTED, fontsize=7, ha="center",
                 va="top")  # fmt: skip
     ax.text(ends[0] + 0.02, ends[2] - 0.05, lane.title, color=INK, fontsize=10)
-    path = _seen(lane.position[: k + 1] * [1, 1, 0], heading)
+    path = _project_points(lane.position[: k + 1] * [1, 1, 0], heading)
     ax.plot(path[:, 0], path[:, 1], color=lane.color, lw=0.8, alpha=0.5, zorder=1)
-    _legs(ax, lane, k, heading)
+    _draw_legs(ax, lane, k, heading)
 
 
-def _legs(ax: "Axes", lane: Lane, k: int, heading: float) -> None:
+def _draw_legs(ax: "Axes", lane: Lane, k: int, heading: float) -> None:
     """The torso and the parts, far ones first."""
     from matplotlib.patches import Polygon
     from scipy.spatial import ConvexHull
 
     place, turn = lane.position[k], lane.orientation[k]
-    parts = skeleton(lane.body, place, turn, lane.angles[k])
+    parts = pose_skeleton(lane.body, place, turn, lane.angles[k])
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    corners = place + (signs * lane.body.anatomy.torso_half) @ _matrix(turn).T
-    flat = _seen(corners, heading)
+    corners = place + (signs * lane.body.anatomy.torso_half) @ _build_rotation(turn).T
+    flat = _project_points(corners, heading)
     hull = flat[ConvexHull(flat).vertices]
     away = parts[..., 1].mean(axis=1) * np.cos(heading)
     away = away - parts[..., 0].mean(axis=1) * np.sin(heading)
     middle = place[1] * np.cos(heading) - place[0] * np.sin(heading)
     ax.add_patch(Polygon(hull, facecolor=_TORSO, edgecolor=MUTED, lw=0.6, zorder=3))
     for hip in parts[lane.body.parent[0] == 0, 0]:
-        beam = _seen(np.array([place, hip]), heading)
+        beam = _project_points(np.array([place, hip]), heading)
         ax.plot(beam[:, 0], beam[:, 1], color=_TORSO, lw=3, zorder=2)
     for i in np.argsort(-away, kind="stable"):
-        seen = _seen(parts[i], heading)
+        seen = _project_points(parts[i], heading)
         thick = 6 * min(1.0, float(lane.body.thickness[0, i]) + 0.2)
         ax.plot(seen[:, 0], seen[:, 1], color=lane.color, lw=thick,
                 solid_capstyle="round", alpha=0.55 if away[i] > middle else 1.0,

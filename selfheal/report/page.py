@@ -30,7 +30,7 @@ class Section:
     body: tuple[str, ...]
 
 
-def text(value: object) -> Html:
+def escape_text(value: object) -> Html:
     """Any value as markup: escaped, unless it is `Html`."""
     if isinstance(value, Html):
         return value
@@ -39,22 +39,24 @@ def text(value: object) -> Html:
     return Html(html.escape(whole))
 
 
-def join(*pieces: object) -> Html:
+def join_markup(*pieces: object) -> Html:
     """Pieces one after the other."""
-    return Html("".join(map(text, pieces)))
+    return Html("".join(map(escape_text, pieces)))
 
 
-def mark(value: object, kind: str) -> Html:
+def mark_text(value: object, kind: str) -> Html:
     """A piece of text in the color of a kind: "right", "wrong" or "soft"."""
-    return Html(f'<span class="{kind}">{text(value)}</span>')
+    return Html(f'<span class="{kind}">{escape_text(value)}</span>')
 
 
-def paragraph(*pieces: object) -> Html:
+def make_paragraph(*pieces: object) -> Html:
     """A paragraph of pieces."""
-    return Html(f"<p>{join(*pieces)}</p>")
+    return Html(f"<p>{join_markup(*pieces)}</p>")
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[object]], align: str) -> Html:
+def make_table(
+    head: Sequence[str], rows: Iterable[Sequence[object]], align: str
+) -> Html:
     """A table.
 
     Args:
@@ -66,7 +68,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], align: str) -> 
 
     def line(tag: str, cells: Sequence[object]) -> str:
         pairs = zip(cells, align, strict=True)
-        inner = "".join(f"<{tag}{side[a]}>{text(c)}</{tag}>" for c, a in pairs)
+        inner = "".join(f"<{tag}{side[a]}>{escape_text(c)}</{tag}>" for c, a in pairs)
         return f"<tr>{inner}</tr>"
 
     body = "\n".join(line("td", row) for row in rows)
@@ -76,24 +78,26 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], align: str) -> 
     )
 
 
-def beside(*pieces: object) -> Html:
+def place_beside(*pieces: object) -> Html:
     """Pieces side by side, one below the other where the page is narrow."""
-    inner = "".join(f"<div>{text(piece)}</div>" for piece in pieces)
+    inner = "".join(f"<div>{escape_text(piece)}</div>" for piece in pieces)
     return Html(f'<div class="beside">{inner}</div>')
 
 
-def details(summary: str, *pieces: object) -> Html:
+def make_details(summary: str, *pieces: object) -> Html:
     """Something that a click opens."""
-    return Html(f"<details><summary>{text(summary)}</summary>{join(*pieces)}</details>")
+    return Html(
+        f"<details><summary>{escape_text(summary)}</summary>{join_markup(*pieces)}</details>"
+    )
 
 
-def bullets(items: Iterable[object]) -> Html:
+def make_bullets(items: Iterable[object]) -> Html:
     """A list, an item a line."""
-    inner = "".join(f"<li>{text(item)}</li>" for item in items)
+    inner = "".join(f"<li>{escape_text(item)}</li>" for item in items)
     return Html(f"<ul>{inner}</ul>" if inner else "")
 
 
-def bars(rows: Iterable[tuple[str, str, float]]) -> Html:
+def make_bars(rows: Iterable[tuple[str, str, float]]) -> Html:
     """Numbers one below the other, each with a bar; the longest at most 3 others long.
 
     Args:
@@ -107,40 +111,41 @@ def bars(rows: Iterable[tuple[str, str, float]]) -> Html:
         return min(max(number / full, 0.0), 1.0) if isfinite(number) else 0.0
 
     inner = "".join(
-        f"<div><span>{text(label)}</span><b>{text(written)}</b>"
+        f"<div><span>{escape_text(label)}</span><b>{escape_text(written)}</b>"
         f'<i><i style="width:{100 * share(number):.1f}%"></i></i></div>'
         for label, written, number in rows
     )
     return Html(f'<div class="bars">{inner}</div>')
 
 
-def diff(change: str) -> Html:
+def format_diff(change: str) -> Html:
     """A unified diff, what is added and what is taken away in two colors."""
     lines = change.splitlines()
     shown = "\n".join(
-        f'<span class="{_side(line, at)}">{text(_short(line))}</span>'
+        f"<span "
+        f'class="{_classify_line(line, at)}">{escape_text(_shorten_line(line))}</span>'
         for at, line in enumerate(lines[:_MOST_LINES])
     )
     left = len(lines) - _MOST_LINES
-    more = paragraph(mark(f"{left} more lines.", "soft")) if left > 0 else ""
-    return join(Html(f'<pre class="diff">{shown}</pre>'), more)
+    more = make_paragraph(mark_text(f"{left} more lines.", "soft")) if left > 0 else ""
+    return join_markup(Html(f'<pre class="diff">{shown}</pre>'), more)
 
 
-def _side(line: str, at: int) -> str:
+def _classify_line(line: str, at: int) -> str:
     """The class of a diff's line number `at`, from 0."""
     if line[:2] == "@@" or (at < 2 and line[:3] in ("---", "+++")):
         return "soft"
     return {"+": "right", "-": "wrong"}.get(line[:1], "same")
 
 
-def _short(line: str) -> str:
+def _shorten_line(line: str) -> str:
     """A line, without its end where that is far away."""
     if len(line) <= _LONGEST_LINE:
         return line
     return line[: _LONGEST_LINE - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
-def page(title: str, sections: Iterable[Section], *, lead: str) -> str:
+def make_page(title: str, sections: Iterable[Section], *, lead: str) -> str:
     """The whole page.
 
     Args:
@@ -148,22 +153,25 @@ def page(title: str, sections: Iterable[Section], *, lead: str) -> str:
         sections: in order.
         lead: one sentence below the title.
     """
-    body = "\n".join(map(_section, sections))
+    body = "\n".join(map(_format_section, sections))
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        f'<header><h1>{text(title)}</h1><p class="lead">{text(lead)}</p></header>\n'
+        f"<title>{escape_text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        f"<header><h1>{escape_text(title)}</h1><p "
+        f'class="lead">{escape_text(lead)}</p></header>\n'
         f"<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
 
 
-def _section(section: Section) -> str:
+def _format_section(section: Section) -> str:
     """A section's markup."""
-    pieces = (p if isinstance(p, Html) else paragraph(p) for p in section.body)
+    pieces = (p if isinstance(p, Html) else make_paragraph(p) for p in section.body)
     return (
-        f"<section><h2>{text(section.title)}</h2>\n" + "\n".join(pieces) + "</section>"
+        f"<section><h2>{escape_text(section.title)}</h2>\n"
+        + "\n".join(pieces)
+        + "</section>"
     )
 
 

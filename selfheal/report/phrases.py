@@ -1,48 +1,17 @@
-"""Words of a diagnosis: names of effects and verdicts in, phrases out."""
+"""A diagnosis in words: takes diagnosis.json, gives sentences and their parts."""
 
-# what is the case at {at}, by effect; {all} are all parameters, by name
-SAYS = {
-    "viscous_friction": "{at} has viscous friction of {damping} {lacks}",
-    "coulomb_friction": "{at} has dry friction of {frictionloss} {lacks}",
-    "stribeck_friction": "{at} has dry friction {lacks}: {static} at rest, {coulomb} "
-    "in motion",
-    "load_dependent_friction": "{at} has friction {lacks}: {load_coefficient} of the "
-    "torque that it passes on",
-    "asymmetric_friction": "{at} has dry friction {lacks}: {positive} one way, "
-    "{negative} the other",
-    "quadratic_damping": "{at} has drag of {damping2} {lacks}",
-    "backlash": "{at} has play of {gap} {lacks}",
-    "compliance": "{at} gives way, with a stiffness of {stiffness} {lacks}",
-    "cogging": "{at} has a torque of {amplitude} {lacks}, rippling with its angle",
-    "armature": "{at} has a rotor inertia of {armature}, {other}",
-    "joint_spring": "{at} has a spring of {stiffness} {lacks}",
-    "joint_coupling": "{at} is coupled to another joint by {stiffness} {lacks}",
-    "hard_stop": "{at} has a hard stop at {range} {lacks}",
-    "command_delay": "{at} acts on its commands {delay} late",
-    "actuator_lag": "{at} follows its commands with a time constant of {timeconst} "
-    "{lacks}",
-    "torque_saturation": "{at} cannot give more than {limit}",
-    "speed_torque_limit": "{at} gives less torque the faster it turns: {stall_torque} "
-    "at rest, none at {no_load_speed}",
-    "rate_limit": "{at} follows its commands at {rate} at most",
-    "servo_gain": "{at} has gains {other} ({all})",
-    "integral_action": "{at} sums up its error with a gain of {ki}",
-    "payload": "{at} carries a mass of {mass} {lacks}",
-    "com_shift": "{at} has its center of mass elsewhere than in the model ({all})",
-    "link_length": "{at} has a length of {length}, {other}",
-    "mount_shift": "{at} is attached elsewhere than in the model ({all})",
-    "limb_loss": "{at} is lost",
-    "joint_jam": "{at} is stuck at {angle}",
-    "slope": "the ground slopes by {tilt}, {other}",
-    "fluid_drag": "a fluid {lacks} drags at {at} ({all})",
-    "wind": "a wind {lacks} blows ({all})",
-    "ground_friction": "contact has a friction of {friction}, {other}",
-    "ground_compliance": "contact gives way, {other} ({all})",
-    "sensor_bias": "{at} is off by {bias}",
-    "sensor_gain": "{at} reads {gain} times what is true",
-    "sensor_delay": "{at} comes {delay} late",
-    "quantization": "{at} comes in steps of {step}",
-}
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Any
+
+from ..diagnosis.effects import load_catalogue
+from . import tables
+from .facts import format_percent
+from .tables import format_quantity, format_short, parse_number
+
+_MOST_NAMED = 3  # findings that a sentence names; chosen
+
+# what an effect's phrase may name beside its target and its parameters
 COMMON = {"lacks": "that the model lacks", "other": "other than in the model"}
 UNTOLD = (
     "These recordings cannot tell where it is wrong: too few readings lie inside, or "
@@ -62,3 +31,114 @@ MEANS = {
     "that the fit did not see is as large as noise. That holds for motions like these; "
     "what was never excited cannot be seen, and stands under Remarks.",
 }
+_MOST_PLACES = 4  # that a sentence names; chosen
+
+
+_ALL = 0.995  # share of the explainable error that is called all of it; chosen
+
+
+def state_verdict(document: Mapping[str, Any]) -> str:
+    """The verdict of diagnosis.json in a sentence."""
+    verdict, found = document["verdict"], document["findings"]
+    if verdict == "nothing":
+        return (
+            "Nothing is missing that these recordings can show: what the re-fitted "
+            "model leaves is noise."
+        )
+    if verdict == "unlisted" or not found:
+        return (
+            "The model lacks physics that is not in the catalogue: structured error "
+            "remains, and no effect earns its place."
+        )
+    rest = "" if verdict == "explained" else (
+        ", and structured error remains that has no name"
+    )  # fmt: skip
+    gain = _state_improvement(document["fit"], len(_list_clauses(found)))
+    return f"{_name_findings(found)}; {gain}{rest}."
+
+
+def _name_findings(found: Sequence[Mapping[str, Any]]) -> str:
+    """What was found, as the first half of a sentence."""
+    said = _list_clauses(found)
+    if len(said) == 1:
+        return capitalize(said[0])
+    first = ", first of all" if len(said) > _MOST_NAMED else ""
+    shown = "; ".join(said[:_MOST_NAMED])
+    return f"{len(said)} things differ from the model{first}: {shown}"
+
+
+def _list_clauses(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A clause a finding; the same thing in several places is one."""
+    alike: dict[str, list[Mapping[str, Any]]] = {}
+    for finding in found:
+        alike.setdefault(_write_clause(finding, "{}"), []).append(finding)
+    return [
+        _write_clause(same[0], _name_places([finding["target"] for finding in same]))
+        for same in alike.values()
+    ]
+
+
+def _state_improvement(fit: Mapping[str, Any], count: int) -> str:
+    """How much the findings help, as the second half."""
+    them = "it" if count == 1 else "together they"
+    removed = parse_number(fit.get("explainable_removed"))
+    refit, patched = (
+        format_short(fit.get("refit"), 2),
+        format_short(fit.get("patched"), 2),
+    )
+    if not isfinite(removed):
+        verb = "brings" if count == 1 else "bring"
+        return f"{them} {verb} the held-out error from {refit} to {patched}"
+    verb = "explains" if count == 1 else "explain"
+    if removed <= 0:
+        return f"{them} {verb} none of the held-out error ({refit} before)"
+    much = format_percent(removed) if removed < _ALL else "all"
+    return f"{them} {verb} {much} of the error that can be explained"
+
+
+def _write_clause(finding: Mapping[str, Any], place: str) -> str:
+    """A finding in plain words, without a capital and a full stop."""
+    parameters = {p["name"]: format_quantity(p) for p in finding["parameters"]}
+    every = ", ".join(f"{name} {said}" for name, said in parameters.items())
+    words = {**COMMON, **parameters, "at": place, "all": every}
+    name, since = finding["effect"], tables.format_onset(finding)
+    since = f", {since}" if since else ""
+    effect = load_catalogue().get(name)
+    if effect is not None and effect.phrase:
+        try:
+            return effect.phrase.format_map(words) + since
+        except KeyError:  # the finding has other parameters than the phrase speaks of
+            pass
+    known = f" ({every})" if every else ""
+    return (
+        f"{place} shows {replace_underscores(name)}{known} that the model lacks{since}"
+    )
+
+
+def _name_places(targets: Sequence[str]) -> str:
+    """Targets as a person says them."""
+    if len(targets) == 1:
+        return _name_place(targets[0])
+    kind, names = targets[0].partition(":")[0], [t.partition(":")[2] for t in targets]
+    kind = "signal" if kind == "sensor" else kind
+    if len(names) > _MOST_PLACES:
+        return f"each of {len(names)} {kind}s"
+    return f"each of the {kind}s {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _name_place(target: str) -> str:
+    """A target as a person says it."""
+    kind, colon, name = target.partition(":")
+    if not colon:
+        return "the robot" if kind == "world" else f"the {kind}"
+    return f"the {'signal' if kind == 'sensor' else kind} {name}"
+
+
+def replace_underscores(name: str) -> str:
+    """A name of diagnosis.json as words."""
+    return name.replace("_", " ")
+
+
+def capitalize(words: str) -> str:
+    """Words with a capital first letter; the others stay as they are."""
+    return words[:1].upper() + words[1:]

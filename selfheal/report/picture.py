@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..body.body import Floats
-from .page import Html, text
+from .page import Html, escape_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,7 @@ _STYLE: Any = {  # names of rcParams are no plain str to matplotlib's stubs
 
 
 @contextmanager
-def style() -> Iterator[None]:
+def use_page_style() -> Iterator[None]:
     """Figures made and drawn inside look like the page."""
     import matplotlib
 
@@ -60,7 +60,7 @@ def style() -> Iterator[None]:
         yield
 
 
-def canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
+def make_canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
     """A figure that is one drawing: x from 0 to `wide`, y from `-high` to 0."""
     from matplotlib.figure import Figure
 
@@ -72,7 +72,7 @@ def canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
     return fig, ax
 
 
-def label(value: object) -> str:
+def shorten_label(value: object) -> str:
     """A name from a file as a figure can carry it: one short line."""
     words = " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())
     printable = "".join(c if c.isprintable() else "?" for c in words)
@@ -81,24 +81,27 @@ def label(value: object) -> str:
     return printable
 
 
-def figure(fig: "Figure", caption: str) -> Html:
+def embed_figure(fig: "Figure", caption: str) -> Html:
     """A figure with its caption, inline: SVG, or PNG where that is smaller.
 
     Args:
         fig: made inside `style()`, as is this call.
         caption: below it; also what a screen reader says.
     """
-    drawn = _svg(fig)
+    drawn = _encode_svg(fig)
     if len(drawn) > _LARGEST_SVG:
-        picture = f'<img alt="{text(caption)}" src="data:image/png;base64,{_png(fig)}">'
+        source = f"data:image/png;base64,{_encode_png(fig)}"
+        picture = f'<img alt="{escape_text(caption)}" src="{source}">'
     else:
         picture = drawn.replace(
-            "<svg ", f'<svg role="img" aria-label="{text(caption)}" ', 1
+            "<svg ", f'<svg role="img" aria-label="{escape_text(caption)}" ', 1
         )
-    return Html(f"<figure>{picture}<figcaption>{text(caption)}</figcaption></figure>")
+    return Html(
+        f"<figure>{picture}<figcaption>{escape_text(caption)}</figcaption></figure>"
+    )
 
 
-def ways(
+def draw_paths(
     paths: Iterable[tuple[str, str, Floats, Floats]], forward: str, caption: str
 ) -> Html:
     """Ways from above, from a dot to dots, a meter as long in both directions.
@@ -121,10 +124,10 @@ def ways(
     ax.set_ylabel("to the left [m]")
     ax.legend()
     ax.grid(True)
-    return figure(fig, caption)
+    return embed_figure(fig, caption)
 
 
-def _svg(fig: "Figure") -> str:
+def _encode_svg(fig: "Figure") -> str:
     """A figure as an SVG element without anything that an HTML page has no use for."""
     buffer = io.StringIO()
     fig.savefig(buffer, format="svg", metadata={"Date": None})
@@ -139,7 +142,7 @@ def _svg(fig: "Figure") -> str:
     return drawn
 
 
-def _png(fig: "Figure") -> str:
+def _encode_png(fig: "Figure") -> str:
     """A figure as base64 of a PNG on white."""
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=150, facecolor="white")

@@ -5,10 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..body.damage import spoken
+from ..body.damage import describe_damages
 from ..engine.reflex import SAMPLE
-from ..recovery.recover_run import METHODS, RecoverRun, believed, hypotheses_of
-from .page import Html, Section, page, paragraph, table
+from ..recovery.recover_run import (
+    METHODS,
+    RecoverRun,
+    read_hypotheses,
+    summarize_beliefs,
+)
+from .page import Html, Section, make_page, make_paragraph, make_table
 from .picture import (
     BLUE,
     COLORS,
@@ -18,9 +23,9 @@ from .picture import (
     MUTED,
     ORANGE,
     WIDTH,
-    figure,
-    style,
-    ways,
+    draw_paths,
+    embed_figure,
+    use_page_style,
 )
 
 if TYPE_CHECKING:
@@ -29,39 +34,45 @@ if TYPE_CHECKING:
 _SHOWN = 5  # hypotheses of each estimation; chosen
 
 
-def recover_page(run: RecoverRun) -> str:
+def make_recover_page(run: RecoverRun) -> str:
     """The page of a finished recovery."""
-    with style():
-        sections = [_fitness(run), _walks(run), _feet(run)]
+    with use_page_style():
+        sections = [
+            _make_fitness_section(run),
+            _make_paths_section(run),
+            _make_footfalls_section(run),
+        ]
         if any("estimate" in name for name in run.phases):
-            sections.insert(1, _beliefs(run))
+            sections.insert(1, _make_beliefs_section(run))
     s = run.settings
     title = f"Recovery of the {s.robot}, scenario {s.scenario}"
-    return page(title, sections, lead=_lead(run))
+    return make_page(title, sections, lead=_write_lead(run))
 
 
-def _lead(run: RecoverRun) -> str:
+def _write_lead(run: RecoverRun) -> str:
     """All of it in a few sentences."""
     s, spent, d = run.settings, run.result["actions"], run.result["distance"]
     end = ""
     if s.method != "hardware-only":
-        last = hypotheses_of(run.phases[f"estimate-{spent}"])[0]
-        end = f" In the end it believes: {spoken(last)}."
+        last = read_hypotheses(run.phases[f"estimate-{spent}"])[0]
+        end = f" In the end it believes: {describe_damages(last)}."
     return (
-        f"What happened: {spoken(s.damage)}. Method: {s.method} ({METHODS[s.method]}). "
-        f"The robot went {_meters(d['intact'])} whole, {_meters(d['damaged'])} broken "
-        f"with its first controller, and {_meters(d['healed'])} after "
+        f"What happened: {describe_damages(s.damage)}. Method: {s.method} "
+        f"({METHODS[s.method]}). "
+        f"The robot went {_format_meters(d['intact'])} whole, "
+        f"{_format_meters(d['damaged'])} broken "
+        f"with its first controller, and {_format_meters(d['healed'])} after "
         f"{spent:,} trial{'s' * (spent != 1)}."
         f"{end}"
     )
 
 
-def _meters(way: float | None) -> str:
+def _format_meters(way: float | None) -> str:
     """A distance in words."""
     return "nowhere that could be measured" if way is None else f"{way:.2f} m"
 
 
-def _gaits(run: RecoverRun) -> Iterator[tuple[str, Any]]:
+def _list_runs(run: RecoverRun) -> Iterator[tuple[str, Any]]:
     """Title and phase of each run of the robot."""
     titles = {"original": "whole", "failure": "broken, the same controller",
               "hardware": "broken, evolved on it"}  # fmt: skip
@@ -71,7 +82,7 @@ def _gaits(run: RecoverRun) -> Iterator[tuple[str, Any]]:
             yield titles.get(kind, f"trial {turn}"), phase
 
 
-def _fitness(run: RecoverRun) -> Section:
+def _make_fitness_section(run: RecoverRun) -> Section:
     """Best fitness over the generations of all controller searches, and the trials."""
     from matplotlib.figure import Figure
 
@@ -102,69 +113,73 @@ def _fitness(run: RecoverRun) -> Section:
         "broke at the dashed line, where its first controller was run twice: whole and "
         "broken."
     )
-    rows = [(title, f"{phase['way']:.2f}") for title, phase in _gaits(run)]
+    rows = [(title, f"{phase['way']:.2f}") for title, phase in _list_runs(run)]
     head = ("run of the robot, 1,000 steps", "forward [m]")
-    return Section("Fitness over the generations",
-                   (figure(fig, caption), table(head, rows, "lr")))  # fmt: skip
+    return Section(
+        "Fitness over the generations",
+        (embed_figure(fig, caption), make_table(head, rows, "lr")),
+    )
 
 
-def _beliefs(run: RecoverRun) -> Section:
+def _make_beliefs_section(run: RecoverRun) -> Section:
     """What was believed after each estimation."""
     rows = []
     for name, phase in run.phases.items():
         if not name.startswith("estimate"):
             continue
         turn = name.partition("-")[2]
-        for k, (said, chance) in enumerate(list(believed(phase).items())[:_SHOWN]):
+        for k, (said, chance) in enumerate(
+            list(summarize_beliefs(phase).items())[:_SHOWN]
+        ):
             sure = f"{100 * chance:.1f} %" if len(phase["probability"]) > 1 else ""
             rows.append((turn if k == 0 else "", said, sure))
         tried = run.phases[f"explore-{turn}"]["why"]
         rows.append(("", f"tried then: {tried}", ""))
-    true = paragraph("What is true: ", spoken(run.settings.damage), ".")
+    true = make_paragraph("What is true: ", describe_damages(run.settings.damage), ".")
     return Section(
         "What it took the damage for",
-        (true, table(("before trial", "believed", "sure"), rows, "llr")),
+        (true, make_table(("before trial", "believed", "sure"), rows, "llr")),
     )
 
 
-def _walks(run: RecoverRun) -> Section:
+def _make_paths_section(run: RecoverRun) -> Section:
     """The ways of the torso from above."""
     paths = [(title, color, *phase["path"].T[:2])
-             for (title, phase), color in zip(_gaits(run), COLORS, strict=False)
+             for (title, phase), color in zip(_list_runs(run), COLORS, strict=False)
              ]  # fmt: skip
     caption = "Ways of the torso from above, 10 s each; they begin at the black dot."
-    return Section("Ways", (ways(paths, "forward", caption),))
+    return Section("Ways", (draw_paths(paths, "forward", caption),))
 
 
-def _feet(run: RecoverRun) -> Section:
+def _make_footfalls_section(run: RecoverRun) -> Section:
     """When each lower leg says that it touches the ground."""
-    shown = list(_gaits(run))
+    shown = list(_list_runs(run))
     shown = shown[:2] + shown[2:][-1:]  # whole, broken, and what came of it
-    return Section("Footfalls", (_footfalls(run, shown),))
+    return Section("Footfalls", (_draw_footfalls(run, shown),))
 
 
-def _footfalls(run: RecoverRun, shown: list[tuple[str, Any]]) -> Html:
+def _draw_footfalls(run: RecoverRun, shown: list[tuple[str, Any]]) -> Html:
     """One diagram below the other."""
     from matplotlib.figure import Figure
 
-    robot = run.settings.legged
+    robot = run.settings.legged_robot
     names = [s.removesuffix("_lower_touch").replace("_", " ")
              for s in robot.sensors[: robot.feet]]  # fmt: skip
     fig = Figure(figsize=(WIDTH, 0.6 + len(shown) * 0.24 * (len(names) + 2)))
     axes = fig.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     fig.subplots_adjust(0.12, 0.5 / fig.get_figheight(), 0.98, 0.95, hspace=0.35)
     for ax, (title, phase) in zip(axes, shown, strict=True):
-        _stripes(ax, phase["sensed"][:, : robot.feet], names)
+        _draw_stripes(ax, phase["sensed"][:, : robot.feet], names)
         ax.set_title(title, loc="left", color=INK)
     axes[-1].set_xlabel("time [s]")
     caption = (
         "Dark where a lower leg's touch sensor says that it touches the ground; a dead "
         "sensor says nothing (the thin line), a lost leg touches nothing."
     )
-    return figure(fig, caption)
+    return embed_figure(fig, caption)
 
 
-def _stripes(ax: "Axes", touch: Any, names: list[str]) -> None:
+def _draw_stripes(ax: "Axes", touch: Any, names: list[str]) -> None:
     """A row a foot; touch (T, F) in [-1, 1]."""
     for row, series in enumerate(touch.T):
         ax.axhline(row, color=LINE, lw=0.8, zorder=0)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.body import Floats
-from ..body.mjcf import to_spec
-from .motion import Lane, skeleton
+from ..body.mjcf import build_spec
+from .motion import Lane, pose_skeleton
 
 if TYPE_CHECKING:
     from mujoco import MjSpec
@@ -50,7 +50,7 @@ class _View:
     aspect: float
 
 
-def rendered(
+def render_lanes(
     lanes: Sequence[Lane], heading: float, rows: Sequence[int]
 ) -> np.ndarray | None:
     """All lanes as one camera sees them, which stands still, the way to the right.
@@ -67,15 +67,15 @@ def rendered(
         (lanes, rows, height, width, 3) uint8; None where nothing can render.
     """
     chosen = os.environ.get("MUJOCO_GL")
-    scenes = _scenes(lanes, heading, rows)
+    scenes = _build_scenes(lanes, heading, rows)
     for backend in (chosen,) if chosen else ("egl", "osmesa"):
-        pictures = _tried(scenes, backend)
+        pictures = _run_renderer(scenes, backend)
         if pictures is not None:
             return pictures
     return None
 
 
-def _tried(scenes: dict[str, np.ndarray], backend: str) -> np.ndarray | None:
+def _run_renderer(scenes: dict[str, np.ndarray], backend: str) -> np.ndarray | None:
     """What a process with this OpenGL renders; None if it does not."""
     with tempfile.TemporaryDirectory() as folder:
         told, shown = Path(folder, "scenes.npz"), Path(folder, "pictures.npy")
@@ -96,14 +96,14 @@ def _tried(scenes: dict[str, np.ndarray], backend: str) -> np.ndarray | None:
     return pictures if np.ptp(pictures) else None
 
 
-def _scenes(
+def _build_scenes(
     lanes: Sequence[Lane], heading: float, rows: Sequence[int]
 ) -> dict[str, np.ndarray]:
     """What `_gl.py` reads."""
-    view = _view(lanes, heading, rows)
+    view = _find_view(lanes, heading, rows)
     scenes = {"size": np.array([round(_WIDTH * view.aspect), _WIDTH])}
     for k, lane in enumerate(lanes):
-        spec = _furnished(lane, heading, view)
+        spec = _furnish_scene(lane, heading, view)
         model = spec.compile()
         poses = np.zeros((len(rows), model.nq))
         poses[:, :3], poses[:, 3:7] = lane.position[rows], lane.orientation[rows]
@@ -113,12 +113,12 @@ def _scenes(
     return scenes
 
 
-def _view(lanes: Sequence[Lane], heading: float, rows: Sequence[int]) -> _View:
+def _find_view(lanes: Sequence[Lane], heading: float, rows: Sequence[int]) -> _View:
     """A camera that sees all of all walks, from the right of the way and above."""
     from scipy.spatial.transform import Rotation
 
     points = np.concatenate([
-        skeleton(lane.body, lane.position[k], lane.orientation[k], lane.angles[k])
+        pose_skeleton(lane.body, lane.position[k], lane.orientation[k], lane.angles[k])
         for lane in lanes for k in rows
     ])  # fmt: skip
     right = np.array([np.cos(heading), np.sin(heading), 0.0])
@@ -142,13 +142,13 @@ def _view(lanes: Sequence[Lane], heading: float, rows: Sequence[int]) -> _View:
     )
 
 
-def _furnished(lane: Lane, heading: float, view: _View) -> "MjSpec":
+def _furnish_scene(lane: Lane, heading: float, view: _View) -> "MjSpec":
     """A lane's body in its color, on a floor with squares, in the light, in view."""
     import mujoco
 
-    spec = to_spec(lane.body)
-    _paint(spec, lane)
-    _floor(spec)
+    spec = build_spec(lane.body)
+    _paint_body(spec, lane)
+    _add_floor(spec)
     half = heading / 2
     spec.worldbody.add_geom(  # where it starts
         type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.006, 0.3, 0.0005],
@@ -169,7 +169,7 @@ def _furnished(lane: Lane, heading: float, view: _View) -> "MjSpec":
     return spec
 
 
-def _paint(spec: "MjSpec", lane: Lane) -> None:
+def _paint_body(spec: "MjSpec", lane: Lane) -> None:
     """Color a body, and let beams carry its legs, as the drawn one has."""
     import mujoco
     from matplotlib.colors import to_rgba
@@ -185,7 +185,7 @@ def _paint(spec: "MjSpec", lane: Lane) -> None:
         geom.rgba = _TORSO
 
 
-def _floor(spec: "MjSpec") -> None:
+def _add_floor(spec: "MjSpec") -> None:
     """White above, and squares below."""
     import mujoco
 

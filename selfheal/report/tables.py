@@ -14,13 +14,21 @@ from .facts import (
     SIDES,
     TILT_NAMES,
     Rival,
-    action_name,
-    number,
-    part_name,
-    percent,
-    true_side,
+    find_true_side,
+    format_number,
+    format_percent,
+    name_action,
+    name_part,
 )
-from .page import Html, details, join, mark, paragraph, table, text
+from .page import (
+    Html,
+    escape_text,
+    join_markup,
+    make_details,
+    make_paragraph,
+    make_table,
+    mark_text,
+)
 
 _MOST_RIVALS = 12  # rows of the table; chosen
 _MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
@@ -28,7 +36,7 @@ _AT_BOUND = 0.01  # of the way to a bound that counts as having got there; chose
 _DASH = "\N{EN DASH}"
 
 
-def tree(run: Run) -> Html:
+def format_tree(run: Run) -> Html:
     """A row a part: what it hangs on, where, how long, how sure, right or wrong."""
     best = run.cycles[-1].genomes
     head, align = ["#", "part", "hangs on", "at its side", "length [mm]"], "rlllr"
@@ -41,29 +49,33 @@ def tree(run: Run) -> Html:
     rows = []
     for i, name in enumerate(run.anatomy.parts):
         parent, side = int(best.parent[0, i]), SIDES[best.side[0, i]]
-        row: list[object] = [i + 1, name, part_name(run, parent), side]
+        row: list[object] = [i + 1, name, name_part(run, parent), side]
         row.append(f"{1000 * best.length[0, i]:.0f}")
         row += [HINGE_NAMES[best.hinge[0, i]]] if full else []
-        row.append(percent(run.cycles[-1].sureness[i]))
-        row += [] if run.truth is None else [_verdict(run, i)]
+        row.append(format_percent(run.cycles[-1].sureness[i]))
+        row += [] if run.truth is None else [_judge_attachment(run, i)]
         rows.append(row)
-    return table(head, rows, align)
+    return make_table(head, rows, align)
 
 
-def _verdict(run: Run, i: int) -> Html:
+def _judge_attachment(run: Run, i: int) -> Html:
     """Whether a part's attachment is right, and what is true if it is not."""
     assert run.truth is not None
     best, truth = run.cycles[-1].genomes, run.truth
-    parent, side = int(truth.parent[0, i]), int(true_side(truth)[0, i])
+    parent, side = int(truth.parent[0, i]), int(find_true_side(truth)[0, i])
     if best.parent[0, i] != parent:
-        name = part_name(run, parent)
-        return join(mark("wrong", "wrong"), f": truly on {name}, {SIDES[side]}")
+        name = name_part(run, parent)
+        return join_markup(
+            mark_text("wrong", "wrong"), f": truly on {name}, {SIDES[side]}"
+        )
     if best.side[0, i] != side:
-        return join(mark("correct", "right"), f", but truly at its {SIDES[side]}")
-    return mark("correct", "right")
+        return join_markup(
+            mark_text("correct", "right"), f", but truly at its {SIDES[side]}"
+        )
+    return mark_text("correct", "right")
 
 
-def simulations(run: Run) -> Html:
+def format_simulations(run: Run) -> Html:
     """Simulations by engine."""
     notes = {
         "choice": "spent on choosing actions",
@@ -71,10 +83,12 @@ def simulations(run: Run) -> Html:
     }
     counts = sorted(run.counts.items(), key=lambda item: item[0] in notes)
     rows = [(notes.get(k, f"on {k}"), f"{n:,}") for k, n in counts]
-    return join(paragraph("Simulations:"), table(("what for", "number"), rows, "lr"))
+    return join_markup(
+        make_paragraph("Simulations:"), make_table(("what for", "number"), rows, "lr")
+    )
 
 
-def residuals(run: Run) -> Html:
+def format_residuals(run: Run) -> Html:
     """A row an action: measured, predicted, and what is between them."""
     head = ["cycle", "joints down"]
     units = [f"{n} [deg]" for n in TILT_NAMES] + ["clearance [mm]"]
@@ -85,63 +99,69 @@ def residuals(run: Run) -> Html:
     rows = []
     for n, cycle in enumerate(run.cycles):
         predicted = run.cycles[-1].tables[0][cycle.action]
-        row: list[object] = [n + 1, action_name(run, cycle.action)]
+        row: list[object] = [n + 1, name_action(run, cycle.action)]
         for k in shown:
             values = cycle.felt[k], predicted[k], predicted[k] - cycle.felt[k]
-            row += [number(v, 1) for v in values]
+            row += [format_number(v, 1) for v in values]
         rows.append(row)
-    return table(head, rows, "rl" + "rrr" * len(shown))
+    return make_table(head, rows, "rl" + "rrr" * len(shown))
 
 
-def reasons(run: Run) -> Html:
+def format_reasons(run: Run) -> Html:
     """A row an action: why it was chosen."""
     rows = [
-        (n + 1, action_name(run, cycle.action), cycle.why)
+        (n + 1, name_action(run, cycle.action), cycle.why)
         for n, cycle in enumerate(run.cycles)
     ]
-    return table(("cycle", "joints down", "why"), rows, "rll")
+    return make_table(("cycle", "joints down", "why"), rows, "rll")
 
 
-def rivals(run: Run, found: list[Rival]) -> Html:
+def format_rivals(run: Run, found: list[Rival]) -> Html:
     """A row a rival, the best one first, and what the columns mean."""
     head = ["rank", "loss", "extra an action", "what differs from the best one",
             "away [cm]", "most apart [deg]"]  # fmt: skip
     align = "rrrlrr"
     if run.truth is not None:
         head, align = [*head, "correct"], align + "r"
-    rows = [_rival(run, r) for r in found[:_MOST_RIVALS]]
+    rows = [_format_rival(run, r) for r in found[:_MOST_RIVALS]]
     note = (
         "Away: mean distance of the parts' centers from the best one's. Most apart: "
         "the largest difference in tilt that any of the robot's actions would show."
     )
     if len(found) > _MOST_RIVALS:
         note = f"The first {_MOST_RIVALS}, the best one included. {note}"
-    return join(table(head, rows, align), paragraph(mark(note, "soft")))
+    return join_markup(
+        make_table(head, rows, align), make_paragraph(mark_text(note, "soft"))
+    )
 
 
-def _rival(run: Run, rival: Rival) -> list[object]:
+def _format_rival(run: Run, rival: Rival) -> list[object]:
     """A rival's row."""
     differs = "; ".join(rival.differs) or "nothing worth naming"
-    row: list[object] = [rival.rank, number(rival.loss), number(rival.excess)]
-    row.append(differs if rival.rank > 1 else mark("the best one", "soft"))
-    row += [number(rival.away, 1), number(rival.apart, 1)]
+    row: list[object] = [
+        rival.rank,
+        format_number(rival.loss),
+        format_number(rival.excess),
+    ]
+    row.append(differs if rival.rank > 1 else mark_text("the best one", "soft"))
+    row += [format_number(rival.away, 1), format_number(rival.apart, 1)]
     if rival.right is not None:
         row.append(f"{rival.right} of {run.anatomy.size}")
     return row
 
 
-def given_number(value: object) -> float:
+def parse_number(value: object) -> float:
     """A number of a document; NaN where it says that there is none."""
     return float(value) if isinstance(value, int | float) else float("nan")
 
 
-def short(value: object, digits: int = 3) -> str:
+def format_short(value: object, digits: int = 3) -> str:
     """A number of a document by its leading digits, or a dash."""
-    known = given_number(value)
+    known = parse_number(value)
     return f"{known:.{digits}g}" if isfinite(known) else _DASH
 
 
-def quantity(stated: Mapping[str, Any]) -> str:
+def format_quantity(stated: Mapping[str, Any]) -> str:
     """A value with its unit and interval, to the digits that the interval gives.
 
     Args:
@@ -152,94 +172,108 @@ def quantity(stated: Mapping[str, Any]) -> str:
     unit = f" {stated.get('unit') or ''}".removesuffix(" 1").rstrip()
     if isinstance(value, Sequence):
         each = zip(value, low or value, high or value, strict=True)
-        written = [_digits(*map(given_number, x))(given_number(x[0])) for x in each]
+        written = [
+            _choose_digits(*map(parse_number, x))(parse_number(x[0])) for x in each
+        ]
         return f"({', '.join(written)}){unit}"
-    value, low, high = map(given_number, (value, low, high))
-    return _scalar(value, low, high, unit)
+    value, low, high = map(parse_number, (value, low, high))
+    return _format_scalar(value, low, high, unit)
 
 
-def since(finding: Mapping[str, Any]) -> str:
+def format_onset(finding: Mapping[str, Any]) -> str:
     """When it set in, to the digits that the interval gives; empty if it always was."""
     onset = (finding.get("where") or {}).get("onset")
     if not onset:
         return ""
-    numbers = [given_number(onset.get(key)) for key in ("time", "low", "high")]
-    return f"since {_digits(*numbers)(numbers[0])} s of episode {onset['episode']}"
+    numbers = [parse_number(onset.get(key)) for key in ("time", "low", "high")]
+    return (
+        f"since {_choose_digits(*numbers)(numbers[0])} s of episode {onset['episode']}"
+    )
 
 
-def _scalar(value: float, low: float, high: float, unit: str) -> str:
+def _format_scalar(value: float, low: float, high: float, unit: str) -> str:
     """A number with its unit and, where it is known, its interval."""
-    written = _digits(value, low, high)
+    written = _choose_digits(value, low, high)
     said = f"{written(value)}{unit}"
     if not (isfinite(low) and isfinite(high)):
         return said
     return f"{said} ({written(low)} to {written(high)})"
 
 
-def _digits(value: float, low: float, high: float) -> Callable[[float], str]:
+def _choose_digits(value: float, low: float, high: float) -> Callable[[float], str]:
     """How to write a value and its interval."""
     half, size = (high - low) / 2, max(abs(low), abs(high), abs(value))
     if not (isfinite(half) and half > 0 and 1e-4 <= size < 1e6):
-        return short
+        return format_short
     places = min(max(0, -floor(log10(half / 2))), 8)
-    return lambda x: number(x, places)
+    return lambda x: format_number(x, places)
 
 
-def findings(document: Mapping[str, Any]) -> Html:
+def format_findings(document: Mapping[str, Any]) -> Html:
     """A row a finding: what, where, how much, and where it shows."""
     rows = [
         (
             found["effect"],
             found["target"],
-            Html("<br>".join(text(_parameter(p)) for p in found["parameters"])),
-            Html("<br>".join(text(_shown_in(s)) for s in _seen(found))),
+            Html(
+                "<br>".join(
+                    escape_text(_format_parameter(p)) for p in found["parameters"]
+                )
+            ),
+            Html(
+                "<br>".join(
+                    escape_text(_format_signal(s)) for s in _list_signals(found)
+                )
+            ),
         )
         for found in document["findings"]
     ]
     head = ("effect", "where", "value (90 % interval)", "seen in (share of error)")
-    return table(head, rows, "llll")
+    return make_table(head, rows, "llll")
 
 
-def _parameter(stated: Mapping[str, Any]) -> str:
-    return f"{stated['name']} {quantity(stated)}"
+def _format_parameter(stated: Mapping[str, Any]) -> str:
+    return f"{stated['name']} {format_quantity(stated)}"
 
 
-def _seen(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+def _list_signals(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
     """The signals that a finding shows in, at most three."""
     return (found.get("where") or {}).get("signals", ())[:3]
 
 
-def _shown_in(signal: Mapping[str, Any]) -> str:
-    share = percent(given_number(signal.get("share_of_error")))
-    return f"{signal['name']} ({share}, p {short(signal.get('p_value'), 2)})"
+def _format_signal(signal: Mapping[str, Any]) -> str:
+    share = format_percent(parse_number(signal.get("share_of_error")))
+    return f"{signal['name']} ({share}, p {format_short(signal.get('p_value'), 2)})"
 
 
-def candidates(chosen: Sequence[Candidate], found: Sequence[Mapping[str, Any]]) -> Html:
+def format_candidates(
+    chosen: Sequence[Candidate], found: Sequence[Mapping[str, Any]]
+) -> Html:
     """A row a candidate, with the evidence of those that earned a name."""
     left = list(found)
     rivals = {name for f in found for name in f.get("equivalent", ())}
     rows = []
     for rank, candidate in enumerate(chosen):
-        own = [f for f in left if _is(candidate, f)]
+        own = [f for f in left if _matches_finding(candidate, f)]
         left = [f for f in left if f not in own]
         if rank < _MOST_CANDIDATES or own:
-            rows.append(_candidate(rank + 1, candidate, own, rivals))
+            rows.append(_format_candidate(rank + 1, candidate, own, rivals))
     # named after another one was, so not among the first
     for f in left:
         candidate = Candidate(f["effect"], f["target"], float("nan"), True)
-        rows.append(_candidate(_DASH, candidate, [f], rivals))
+        rows.append(_format_candidate(_DASH, candidate, [f], rivals))
     head = ("rank", "effect", "where", "error left", "gain [nats]", "p", "stability",
             "")  # fmt: skip
-    return table(head, rows, "rllrrrrl")
+    return make_table(head, rows, "rllrrrrl")
 
 
-def _is(candidate: Candidate, finding: Mapping[str, Any]) -> bool:
+def _matches_finding(candidate: Candidate, finding: Mapping[str, Any]) -> bool:
     """Whether a finding is that candidate, or one place of it."""
     places = candidate.target.split(", ")
     return finding["effect"] == candidate.effect and finding["target"] in places
 
 
-def _candidate(
+def _format_candidate(
     rank: object,
     candidate: Candidate,
     own: Sequence[Mapping[str, Any]],
@@ -261,75 +295,77 @@ def _candidate(
         rank,
         candidate.effect,
         candidate.target,
-        percent(candidate.left),
-        short(evidence.get("heldout_nll_gain"), 2),
-        short(evidence.get("p_value"), 2),
-        percent(given_number(evidence.get("stability"))),
-        mark(status, "right" if candidate.named else "soft") if status else "",
+        format_percent(candidate.left),
+        format_short(evidence.get("heldout_nll_gain"), 2),
+        format_short(evidence.get("p_value"), 2),
+        format_percent(parse_number(evidence.get("stability"))),
+        mark_text(status, "right" if candidate.named else "soft") if status else "",
     ]
 
 
-def refit(stated: Sequence[Mapping[str, Any]]) -> Html:
+def format_refit(stated: Sequence[Mapping[str, Any]]) -> Html:
     """A row a parameter that the model states, those at a bound first."""
-    ordered = sorted(stated, key=lambda entry: not at_bound(entry))
-    rows = [_refit(entry) for entry in ordered]
+    ordered = sorted(stated, key=lambda entry: not is_at_bound(entry))
+    rows = [_format_refit_row(entry) for entry in ordered]
     head = ("parameter", "given", "re-fitted (90 % interval)", "change", "")
-    first = max(_MOST_REFIT, sum(map(at_bound, stated)))
-    shown = table(head, rows[:first], "lrlrl")
+    first = max(_MOST_REFIT, sum(map(is_at_bound, stated)))
+    shown = make_table(head, rows[:first], "lrlrl")
     if len(rows) <= first:
         return shown
-    more = table(head, rows[first:], "lrlrl")
-    return join(shown, details(f"{len(rows) - first} more", more))
+    more = make_table(head, rows[first:], "lrlrl")
+    return join_markup(shown, make_details(f"{len(rows) - first} more", more))
 
 
-def _refit(entry: Mapping[str, Any]) -> list[object]:
+def _format_refit_row(entry: Mapping[str, Any]) -> list[object]:
     """A parameter's row."""
-    change = _change(entry)
+    change = _compute_change(entry)
     return [
         entry["parameter"],
-        short(entry.get("given")),
-        quantity(entry),
+        format_short(entry.get("given")),
+        format_quantity(entry),
         f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else _DASH,
-        mark("at its bound", "wrong") if at_bound(entry)
-        else mark("not pinned down", "soft") if is_unidentified(entry) else "",
+        mark_text("at its bound", "wrong") if is_at_bound(entry)
+        else mark_text("not pinned down", "soft") if is_unidentified(entry) else "",
     ]  # fmt: skip
 
 
-def _change(entry: Mapping[str, Any]) -> float:
+def _compute_change(entry: Mapping[str, Any]) -> float:
     """Change of a re-fitted value, relative to the given one; NaN if there is none."""
-    given, value = given_number(entry.get("given")), given_number(entry.get("value"))
+    given, value = parse_number(entry.get("given")), parse_number(entry.get("value"))
     return value / given - 1 if given else float("nan")
 
 
-def at_bound(entry: Mapping[str, Any]) -> bool:
+def is_at_bound(entry: Mapping[str, Any]) -> bool:
     """Whether a re-fitted value went as far as a careful user would let it."""
-    return abs(_change(entry)) >= (1 - _AT_BOUND) * relative_bound(entry["parameter"])
+    return abs(_compute_change(entry)) >= (1 - _AT_BOUND) * relative_bound(
+        entry["parameter"]
+    )
 
 
-def held_out(signals: Sequence[SignalFit]) -> Html:
+def format_held_out(signals: Sequence[SignalFit]) -> Html:
     """A row a signal: its error by each model, those that count first."""
     rows = [
         (
             s.name,
-            *(_error(e) for e in (s.given, s.refit, s.patched)),
-            short(s.floor),
-            mark("worse than re-fitted", "wrong") if worse(s) else "",
-            "" if s.scored else mark("not scored", "soft"),
+            *(_format_error(e) for e in (s.given, s.refit, s.patched)),
+            format_short(s.floor),
+            mark_text("worse than re-fitted", "wrong") if is_worse(s) else "",
+            "" if s.scored else mark_text("not scored", "soft"),
         )
         for s in sorted(signals, key=lambda s: not s.scored)
     ]
     head = ("signal", "given", "re-fitted", "patched", "noise", "", "")
-    return table(head, rows, "lrrrrll")
+    return make_table(head, rows, "lrrrrll")
 
 
-def worse(signal: SignalFit) -> bool:
+def is_worse(signal: SignalFit) -> bool:
     """Whether the findings make a signal worse by more than the last digit."""
     return signal.patched[0] > 1.01 * signal.refit[0]
 
 
-def _error(error: tuple[float, float, float]) -> Html:
+def _format_error(error: tuple[float, float, float]) -> Html:
     """An error above its interval."""
     value, low, high = error
     known = isfinite(low) and isfinite(high)
-    between = f"{short(low)} to {short(high)}" if known else _DASH
-    return join(short(value), Html("<br>"), mark(between, "soft"))
+    between = f"{format_short(low)} to {format_short(high)}" if known else _DASH
+    return join_markup(format_short(value), Html("<br>"), mark_text(between, "soft"))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..body.body import Anatomy
-from ..body.damage import Damage, parse, sensors_of
+from ..body.damage import Damage, list_sensors, parse_damages
 from ..errors import InputError
 
 # Chosen: wide enough to matter, and inside paper A's 0.1 to 2 for scales.
@@ -13,7 +13,7 @@ BODY_KINDS = ("part_scale", "limb_loss", "joint_jam", "weak_motor", "sensor_dead
 WORLD_KINDS = ("slope", "ground_friction")
 
 
-def accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
+def parse_accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     """The damages of a text as `body.damage.parse` takes, or of "random:SEED".
 
     Raises:
@@ -21,16 +21,18 @@ def accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     """
     kind, _, seed = text.partition(":")
     if kind != "random":
-        return parse(text, anatomy)
+        return parse_damages(text, anatomy)
     if not seed.isdecimal():
         raise InputError(
             f"random damage takes a seed and stands alone, as random:7; not {text!r}"
         )
     rng = np.random.default_rng([int(seed), 6])
-    return (draw(anatomy, rng, BODY_KINDS + WORLD_KINDS),)
+    return (draw_damage(anatomy, rng, BODY_KINDS + WORLD_KINDS),)
 
 
-def draw(anatomy: Anatomy, rng: np.random.Generator, kinds: tuple[str, ...]) -> Damage:
+def draw_damage(
+    anatomy: Anatomy, rng: np.random.Generator, kinds: tuple[str, ...]
+) -> Damage:
     """A random damage of one of these kinds, each as likely, then each target."""
     kind = str(rng.choice(kinds))
     if kind in ("part_scale", "limb_loss"):
@@ -44,7 +46,7 @@ def draw(anatomy: Anatomy, rng: np.random.Generator, kinds: tuple[str, ...]) -> 
         servo = f"actuator:{rng.choice(anatomy.joints)}_servo"
         return Damage(kind, servo, float(rng.uniform(*_STRENGTH)))
     if kind == "sensor_dead":
-        return Damage(kind, f"sensor:{rng.choice(sensors_of(anatomy))}")
+        return Damage(kind, f"sensor:{rng.choice(list_sensors(anatomy))}")
     if kind == "slope":
         azimuth = float(rng.uniform(0, 2 * np.pi))
         return Damage(kind, value=float(rng.uniform(*_SLOPE)), azimuth=azimuth)

@@ -10,7 +10,7 @@ from ..body.body import Anatomy, Bodies, Floats
 SWING = np.radians(30.0)  # papers.md 1.2
 
 
-def actions_2006(joints: int = 8) -> Floats:
+def list_actions_2006(joints: int = 8) -> Floats:
     """(A, joints) [rad]: one or two joints at -30 degrees, the others at +30.
 
     For 8 joints these are the 36 actions of papers.md 1.2, singles first.
@@ -22,13 +22,13 @@ def actions_2006(joints: int = 8) -> Floats:
     return targets
 
 
-def spoken(anatomy: Anatomy, target: Floats) -> str:
+def describe_action(anatomy: Anatomy, target: Floats) -> str:
     """An action (P) [rad] in words: the joints that go down, the others up."""
     down = [j for j, angle in zip(anatomy.joints, target, strict=True) if angle < 0]
     return (", ".join(down) or "no joint") + " down"
 
 
-def published() -> Bodies:
+def load_published_body() -> Bodies:
     """The starfish put together from its printed dimensions, with its anatomy."""
     from ..body.mjcf import load
 

@@ -67,7 +67,7 @@ class Walker(Robot, Protocol):
         ...
 
 
-def walker(robot: Robot) -> Walker:
+def require_walker(robot: Robot) -> Walker:
     """The robot, if it can walk.
 
     Raises:
@@ -83,7 +83,7 @@ def walker(robot: Robot) -> Walker:
 Factory = Callable[[str, int, Path | None], Robot]
 
 
-def robots() -> dict[str, str]:
+def list_robots() -> dict[str, str]:
     """Name -> first line of what its factory says, of every robot installed."""
     found = {e.name: e.load().__doc__ or "" for e in entry_points(group=GROUP)}
     return {name: found[name].split("\n")[0].rstrip(".") for name in sorted(found)}

@@ -8,7 +8,7 @@ import numpy as np
 from ..body.body import Anatomy, Bodies, Floats
 from ..errors import InputError, RecordingError
 from ..recording import Episode, Recording, read
-from .actions import published
+from .actions import load_published_body
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def replay(name: str, recording: Recording, truth: Bodies) -> ReplayRobot:
     for key, episode in recording.episodes.items():
         where = f"{recording.file}, episode {key!r}"
         _check_vertical(episode, where)
-        target = _target(episode, servos, where)
+        target = _read_target(episode, servos, where)
         actions.setdefault(np.round(target, 6).tobytes(), (target, key))
     targets, episodes = zip(*actions.values(), strict=True)
     return ReplayRobot(
@@ -53,7 +53,7 @@ def replay(name: str, recording: Recording, truth: Bodies) -> ReplayRobot:
     )
 
 
-def _target(episode: Episode, servos: list[str], where: str) -> Floats:
+def _read_target(episode: Episode, servos: list[str], where: str) -> Floats:
     """(P) [rad] where an episode sends the servos."""
     missing = sorted(set(servos) - set(episode.ctrl_names))
     if missing:
@@ -88,4 +88,4 @@ def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRo
             "robot 'starfish-2006' answers from its readings; give their file, "
             "as in --recordings intact.h5"
         )
-    return replay("starfish-2006", read(recordings), published())
+    return replay("starfish-2006", read(recordings), load_published_body())

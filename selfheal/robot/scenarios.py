@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..body.damage import Damage
-from ..body.legged import HIDDEN, Legged
+from ..body.legged import HIDDEN, LeggedRobot
 from ..errors import InputError
 
 # 1 to 10: overview.txt, Table 4. What follows is what it proposes for later (4.3, 4.5):
@@ -29,7 +29,7 @@ SCENARIOS = {
 }
 
 
-def scenario(number: int, robot: Legged, seed: int) -> tuple[Damage, ...]:
+def draw_scenario(number: int, robot: LeggedRobot, seed: int) -> tuple[Damage, ...]:
     """The damages of a scenario; which legs they strike is drawn.
 
     Raises:
@@ -45,25 +45,27 @@ def scenario(number: int, robot: Legged, seed: int) -> tuple[Damage, ...]:
     if number == 1:
         return (Damage("limb_loss", f"body:{one}_lower"),)
     if number == 3:
-        return (_touch(one),)
+        return (_break_touch_sensor(one),)
     if number == 5:
-        return (_angle(robot, one),)
+        return (_break_angle_sensor(robot, one),)
     if number == 6:
-        return (_hip(robot, one, rng),)
+        return (_jam_hip(robot, one, rng),)
     if number == 10:
         return (Damage("neuron_dead", f"neuron:{rng.integers(HIDDEN)}"),)
     if number > 10:
-        return (_beyond(number, robot, rng),)
+        return (_draw_later_damage(number, robot, rng),)
     return {
         2: (leg,),
-        4: (leg, _touch(two)),
-        7: (leg, _hip(robot, two, rng)),
-        8: (leg, _hip(robot, two, rng), _angle(robot, three)),
+        4: (leg, _break_touch_sensor(two)),
+        7: (leg, _jam_hip(robot, two, rng)),
+        8: (leg, _jam_hip(robot, two, rng), _break_angle_sensor(robot, three)),
         9: (),
     }[number]
 
 
-def _beyond(number: int, robot: Legged, rng: np.random.Generator) -> Damage:
+def _draw_later_damage(
+    number: int, robot: LeggedRobot, rng: np.random.Generator
+) -> Damage:
     """What the overview proposes for later; sizes chosen."""
     azimuth = float(rng.uniform(0, 2 * np.pi))
     return {
@@ -75,18 +77,18 @@ def _beyond(number: int, robot: Legged, rng: np.random.Generator) -> Damage:
     }[number]
 
 
-def _touch(leg: str) -> Damage:
+def _break_touch_sensor(leg: str) -> Damage:
     """The death of a leg's touch sensor."""
     return Damage("sensor_dead", f"sensor:{leg}_lower_touch")
 
 
-def _angle(robot: Legged, leg: str) -> Damage:
+def _break_angle_sensor(robot: LeggedRobot, leg: str) -> Damage:
     """The death of a leg's angle sensor."""
     (name,) = (s for s in robot.sensors if s.startswith(leg) and "_position" in s)
     return Damage("sensor_dead", f"sensor:{name}")
 
 
-def _hip(robot: Legged, leg: str, rng: np.random.Generator) -> Damage:
+def _jam_hip(robot: LeggedRobot, leg: str, rng: np.random.Generator) -> Damage:
     """The jam of a leg's hip, or of one degree of freedom of it."""
-    hips = [p.name for p in robot.places if p.part == f"{leg}_upper"]
+    hips = [p.name for p in robot.damage_sites if p.part == f"{leg}_upper"]
     return Damage("joint_jam", f"joint:{rng.choice(hips)}")

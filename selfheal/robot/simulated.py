@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats, centers_in_torso
+from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso
 from ..body.damage import Damage
-from ..body.genome import build, random_genomes
+from ..body.genome import build_bodies, draw_genomes
 from ..engine.readings import Readings
 from ..errors import InputError
 from ..recording import Episode, Recording, Signal
-from .actions import actions_2006, published
+from .actions import list_actions_2006, load_published_body
 from .base import refuse
 
 # Size of errors seen in the 2006 data (papers.md 1.1): servos miss by 1.2 degrees on
@@ -50,49 +50,55 @@ class SimulatedRobot:
         """(A, P) joint targets [rad]: one or two joints down, the others up."""
         if self.offers is not None:
             return self.offers
-        return actions_2006(self.anatomy.size)
+        return list_actions_2006(self.anatomy.size)
 
     def act(self, action: int) -> Recording:
         """Move, hold, read the sensors at rest."""
         from ..engine.mujoco import HOLD, RAMP
 
         rng = np.random.default_rng([self.seed, 1, action])
-        target, rest = self.actions[action], self._rest(action, rng)
+        target, rest = self.actions[action], self._simulate_rest(action, rng)
         tilt = rest.tilt[0] + rng.normal(0, _TILT_NOISE, 2)
         tilt = np.round(tilt / _TILT_STEP) * _TILT_STEP
         clearance = rest.clearance[0] + rng.normal(0, _CLEARANCE_NOISE)
         clearance = max(np.round(clearance / _CLEARANCE_STEP) * _CLEARANCE_STEP, 0)
-        episode = self._episode(
+        episode = self._make_episode(
             np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
         )
         return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
 
-    def touch(self, action: int) -> Floats:
+    def read_touch(self, action: int) -> Floats:
         """(F) 1 where a foot touches the floor in the pose that `act` reads, else 0.
 
         Apart from the recording: a body's MJCF has no such sensor.
         """
         rng = np.random.default_rng([self.seed, 1, action])
-        return self._rest(action, rng).touch[0]
+        return self._simulate_rest(action, rng).touch[0]
 
-    def _rest(self, action: int, rng: np.random.Generator) -> Readings:
+    def _simulate_rest(self, action: int, rng: np.random.Generator) -> Readings:
         """The true readings (1) at rest, servo errors drawn first from `rng`."""
         from ..engine.mujoco import MuJoCo
 
-        physics, body, offset = self._hidden(np.random.default_rng([self.seed, 0]))
+        physics, body, offset = self._draw_hidden_physics(
+            np.random.default_rng([self.seed, 0])
+        )
         noise = rng.normal(0, _SERVO_NOISE, offset.shape)
         reached = self.actions[action] + offset + noise
         return MuJoCo(physics).simulate(body, reached[None])
 
     def move(self, commands: Floats, *, trial: int = 0) -> Recording:
         """Follow commands over time; see `base.Walker`."""
-        from .simulated_walk import hidden_plant, move
+        from .simulated_walk import draw_hidden_plant, simulate_move
 
-        physics, body, offset = self._hidden(np.random.default_rng([self.seed, 0]))
+        physics, body, offset = self._draw_hidden_physics(
+            np.random.default_rng([self.seed, 0])
+        )
         rng = np.random.default_rng([self.seed, 4])
-        hidden = hidden_plant(physics, body, offset, rng)
+        hidden = draw_hidden_plant(physics, body, offset, rng)
         noise = np.random.default_rng([self.seed, 5, trial])
-        return move(hidden, commands, self.damage, self.onset, noise, self.name)
+        return simulate_move(
+            hidden, commands, self.damage, self.onset, noise, self.name
+        )
 
     def struck(
         self, damage: tuple[Damage, ...], onset: float = 0.0
@@ -100,7 +106,7 @@ class SimulatedRobot:
         """This robot with a damage; see `base.Walker`."""
         return replace(self, damage=damage, onset=onset)
 
-    def _hidden(self, rng: np.random.Generator) -> tuple:
+    def _draw_hidden_physics(self, rng: np.random.Generator) -> tuple:
         """Physics, body and servo offsets (P) that differ from the self-model's."""
         from ..body.mjcf import Physics
 
@@ -117,7 +123,7 @@ class SimulatedRobot:
         body = replace(self.truth, mass=mass)
         return physics, body, rng.normal(0, _SERVO_OFFSET, self.anatomy.size)
 
-    def _episode(
+    def _make_episode(
         self,
         time: Floats,
         target: Floats,
@@ -132,19 +138,21 @@ class SimulatedRobot:
         vertical = np.array([x, y, np.sqrt(max(0.0, 1 - x * x - y * y))])
         joints = self.anatomy.joints
         signals = {
-            "vertical": _at_rest(vertical, "vertical", "sensor", "1"),
-            "clearance": _at_rest(
+            "vertical": _make_rest_signal(vertical, "vertical", "sensor", "1"),
+            "clearance": _make_rest_signal(
                 np.asarray(clearance + BELLY_SENSOR), "clearance", "sensor", "m"
             ),
         }
         for joint, angle in zip(joints, angles, strict=True):
             name = f"{joint}_position"
-            signals[name] = _at_rest(np.asarray(angle), joint, "joint_position", "rad")
+            signals[name] = _make_rest_signal(
+                np.asarray(angle), joint, "joint_position", "rad"
+            )
         ctrl = np.array([0 * target, target, target])
         return Episode(time, ctrl, tuple(f"{j}_servo" for j in joints), signals)
 
 
-def _at_rest(value: Floats, target: str, kind: str, unit: str) -> Signal:
+def _make_rest_signal(value: Floats, target: str, kind: str, unit: str) -> Signal:
     """A signal of three samples of which only the last was read."""
     values = np.full((3, *value.shape), np.nan)
     values[-1] = value
@@ -154,7 +162,7 @@ def _at_rest(value: Floats, target: str, kind: str, unit: str) -> Signal:
 def starfish(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
     """A simulated starfish; its body, servo errors and physics are hidden."""
     refuse("starfish", argument, recordings)
-    return SimulatedRobot("starfish", published(), seed)
+    return SimulatedRobot("starfish", load_published_body(), seed)
 
 
 def tree(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
@@ -165,8 +173,8 @@ def tree(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
             f"robot 'tree' takes a whole number, as tree:7; not {argument!r}"
         )
     rng = np.random.default_rng([int(argument or seed), 2])
-    anatomy = published().anatomy
+    anatomy = load_published_body().anatomy
     while True:
-        body = build(anatomy, random_genomes(anatomy, 1, rng, True))
-        if not centers_in_torso(body)[0]:
+        body = build_bodies(anatomy, draw_genomes(anatomy, 1, rng, True))
+        if not count_centers_in_torso(body)[0]:
             return SimulatedRobot(f"tree:{argument or seed}", body, seed)

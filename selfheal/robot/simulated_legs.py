@@ -6,8 +6,14 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..body.legged import Legged
-from ..engine.reflex import Drives, Plants, damaged, drive, trimmed
+from ..body.legged import LeggedRobot
+from ..engine.reflex import (
+    LeggedPlants,
+    Rollouts,
+    build_damaged_plants,
+    scale_physics,
+    simulate_controllers,
+)
 
 
 @dataclass(frozen=True)
@@ -22,22 +28,22 @@ class SimulatedLegs:
         damage: what happened to it.
     """
 
-    legged: Legged
+    legged: LeggedRobot
     seed: int
     gap: float = 0.0
     damage: tuple[Damage, ...] = ()
 
-    def trials(self, weights: Floats) -> Drives:
+    def run_trials(self, weights: Floats) -> Rollouts:
         """Run under controllers (N, synapses); see `driven.Driven`."""
-        return drive(self._hidden(len(weights)), weights)
+        return simulate_controllers(self._build_hidden_plants(len(weights)), weights)
 
     def struck(self, damage: tuple[Damage, ...]) -> "SimulatedLegs":
         """This robot after a damage."""
         return replace(self, damage=damage)
 
-    def _hidden(self, count: int) -> Plants:
+    def _build_hidden_plants(self, count: int) -> LeggedPlants:
         """The plant behind the robot, so many times."""
-        plants = damaged(self.legged, [self.damage] * count)
+        plants = build_damaged_plants(self.legged, [self.damage] * count)
         rng = np.random.default_rng([self.seed, 41])
         off = rng.uniform(1 - self.gap, 1 + self.gap, 2 + len(self.legged.motors))
-        return trimmed(plants, off)
+        return scale_physics(plants, off)

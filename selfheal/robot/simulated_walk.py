@@ -7,9 +7,9 @@ import numpy as np
 from ..body.body import Bodies, Floats
 from ..body.damage import Damage
 from ..body.mjcf import BELLY_SENSOR, Physics
-from ..engine.plant import Plant, damaged, rated
+from ..engine.plant import Plant, apply_damages, build_rated_plant
 from ..engine.readings import TOUCH_HEIGHT
-from ..engine.walk import PERIOD, SAMPLE, Walks, clearance, simulate
+from ..engine.walk import PERIOD, SAMPLE, Walks, compute_clearance, simulate_walks
 from ..recording import Episode, Recording, Signal
 
 # Chosen. Rated limits are missed by up to 20 %; hobby servos answer a pulse of 20 ms
@@ -20,11 +20,11 @@ _WOBBLE = np.radians(0.7)  # of every servo, other in each trial, drifting in a 
 _UP, _GAP, _ANGLE, _PLACE = 0.005, 0.0005, np.radians(0.3), 0.002  # sensor noise
 
 
-def hidden_plant(
+def draw_hidden_plant(
     physics: Physics, body: Bodies, offset: Floats, rng: np.random.Generator
 ) -> Plant:
     """The plant behind a simulated robot: off the rated one by up to a fifth."""
-    stated = rated(body)
+    stated = build_rated_plant(body)
     off = rng.uniform(1 - _RATED, 1 + _RATED, 2)
     ends = rng.uniform(1 - _RATED, 1 + _RATED, 2)
     return replace(
@@ -45,7 +45,7 @@ def hidden_plant(
     )
 
 
-def move(
+def simulate_move(
     plant: Plant,
     commands: Floats,
     damage: tuple[Damage, ...],
@@ -54,18 +54,18 @@ def move(
     name: str,
 ) -> Recording:
     """What `base.Walker.move` says; the damage sets in `onset` seconds into it."""
-    sent = commands + _wobble(commands.shape, rng)
-    after = damaged(plant, *damage)
+    sent = commands + _draw_wobble(commands.shape, rng)
+    after = apply_damages(plant, *damage)
     every = round(SAMPLE / PERIOD)
     switch = min(round(onset / SAMPLE) * every, len(commands))
     pieces: list[tuple[Plant, Walks]] = []
     start = None
     for one, part in ((plant, sent[:switch]), (after, sent[switch:])):
         if len(part):
-            walks = simulate([one], part[None], start)
+            walks = simulate_walks([one], part[None], start)
             start = (walks.state, walks.set_point)
             pieces.append((one, walks))
-    signals = [_signals(one, walks[0], rng) for one, walks in pieces]
+    signals = [_make_signals(one, walks[0], rng) for one, walks in pieces]
     joined = {
         key: replace(signal, values=np.concatenate([s[key].values for s in signals]))
         for key, signal in signals[0].items()
@@ -80,7 +80,7 @@ def move(
     return Recording({"move": episode}, name, "simulated")
 
 
-def _wobble(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
+def _draw_wobble(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
     """(T, P) [rad] what the servos add of their own, smooth over a second."""
     knots = rng.normal(0, _WOBBLE, (round(shape[0] * PERIOD) + 2, shape[1]))
     at = np.arange(shape[0]) * PERIOD
@@ -88,19 +88,28 @@ def _wobble(shape: tuple[int, ...], rng: np.random.Generator) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def _signals(plant: Plant, walk: Walks, rng: np.random.Generator) -> dict[str, Signal]:
+def _make_signals(
+    plant: Plant, walk: Walks, rng: np.random.Generator
+) -> dict[str, Signal]:
     """The noisy signals of one piece (S) of a walk."""
     anatomy = plant.body.anatomy
-    gap = clearance(walk, anatomy.torso_half[2])
+    gap = compute_clearance(walk, anatomy.torso_half[2])
     values: dict[str, tuple[Floats, str, str, str]] = {
-        "vertical": (_unit(_noisy(walk.up, _UP, rng)), "sensor", "vertical", "1"),
-        "clearance": (
-            np.maximum(_noisy(gap, _GAP, rng), 0) + BELLY_SENSOR,
-            "sensor", "clearance", "m",
+        "vertical": (
+            _normalize_vectors(_add_noise(walk.up, _UP, rng)),
+            "sensor",
+            "vertical",
+            "1",
         ),
-    }  # fmt: skip
+        "clearance": (
+            np.maximum(_add_noise(gap, _GAP, rng), 0) + BELLY_SENSOR,
+            "sensor",
+            "clearance",
+            "m",
+        ),
+    }
     for joint, angle in zip(anatomy.joints, walk.angles.T, strict=True):
-        noisy = _noisy(angle, _ANGLE, rng)
+        noisy = _add_noise(angle, _ANGLE, rng)
         values[f"{joint}_position"] = (noisy, "joint_position", joint, "rad")
     for foot, tip in zip(anatomy.feet, walk.tips.T, strict=True):
         part = anatomy.parts[foot - 1]
@@ -109,18 +118,18 @@ def _signals(plant: Plant, walk: Walks, rng: np.random.Generator) -> dict[str, S
     for sensor in plant.dead:
         dead, *rest = values[sensor]
         values[sensor] = (0 * dead, *rest)  # type: ignore[assignment]
-    seen = _noisy(walk.position, _PLACE, rng)
+    seen = _add_noise(walk.position, _PLACE, rng)
     values["torso_position"] = (seen, "body_position", "torso", "m")
     turn = walk.orientation
     values["torso_orientation"] = (turn, "body_orientation", "torso", "quaternion")
     return {key: Signal(*value) for key, value in values.items()}
 
 
-def _noisy(values: Floats, size: float, rng: np.random.Generator) -> Floats:
+def _add_noise(values: Floats, size: float, rng: np.random.Generator) -> Floats:
     """Values with noise of a standard deviation."""
     return values + rng.normal(0, size, values.shape)
 
 
-def _unit(vectors: Floats) -> Floats:
+def _normalize_vectors(vectors: Floats) -> Floats:
     """Vectors of length one."""
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -17,7 +17,7 @@ _CROSSES, _STEP, _ANEW = 0.9, 0.1, 0.2
 Errors = Callable[[Floats], Floats]
 
 
-def children(genes: Floats, rng: np.random.Generator) -> Floats:
+def breed_children(genes: Floats, rng: np.random.Generator) -> Floats:
     """(N, G) children of N parents (N, G), N even; rows k and k + N / 2 are a pair."""
     first, second = np.split(genes, 2)
     count = genes.shape[1]
@@ -32,7 +32,7 @@ def children(genes: Floats, rng: np.random.Generator) -> Floats:
     return np.where(changed, drawn, made)
 
 
-def generation(
+def run_generation(
     genes: Floats, errors: Floats, score: Errors, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """The population after a generation: a child takes the place of the nearer parent.
@@ -45,7 +45,7 @@ def generation(
     """
     order = rng.permutation(len(genes))
     genes, errors = genes[order], errors[order]
-    made = children(genes, rng)
+    made = breed_children(genes, rng)
     found = score(made)
     half = len(genes) // 2
 

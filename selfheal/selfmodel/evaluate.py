@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats, Ints, centers_in_torso
-from ..body.genome import Genomes, build
+from ..body.body import Anatomy, Bodies, Floats, Ints, count_centers_in_torso
+from ..body.genome import Genomes, build_bodies
 from ..engine.readings import Readings
 
 
@@ -26,7 +26,7 @@ class Engine(Protocol):
         ...
 
 
-def channels(readings: Readings) -> Floats:
+def stack_channels(readings: Readings) -> Floats:
     """(N, 3) the channels compared: two tilts [deg] and clearance [mm]."""
     return np.column_stack([np.degrees(readings.tilt), 1000 * readings.clearance])
 
@@ -69,14 +69,14 @@ class Evidence:
     """
 
     tried: tuple[int, ...] = ()
-    felt: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    measured: Floats = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __len__(self) -> int:
         return len(self.tried)
 
     def add(self, action: int, felt: Floats) -> "Evidence":
         """This and one more action."""
-        return Evidence((*self.tried, action), np.vstack([self.felt, felt]))
+        return Evidence((*self.tried, action), np.vstack([self.measured, felt]))
 
 
 class Evaluator:
@@ -107,57 +107,59 @@ class Evaluator:
         self.progress = progress or (lambda count: None)
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
         self.loss = loss
-        self.spent, self.chosen, self.failed = 0, 0, 0
-        self._aside = False
+        self.spent, self.spent_choosing, self.failed = 0, 0, 0
+        self._counts_as_choice = False
         self.hardness = np.full(len(actions), np.inf)
 
     @contextmanager
-    def aside(self) -> Iterator[None]:
+    def count_as_choice(self) -> Iterator[None]:
         """Count what is simulated meanwhile as `chosen`, not as `spent`."""
-        self._aside = True
+        self._counts_as_choice = True
         try:
             yield
         finally:
-            self._aside = False
+            self._counts_as_choice = False
 
     def _count(self, simulated: int) -> None:
         """Count simulations, and tell of those of the search."""
-        if self._aside:
-            self.chosen += simulated
+        if self._counts_as_choice:
+            self.spent_choosing += simulated
             return
         self.spent += simulated
         self.progress(self.spent)
 
-    def hardest_first(self, evidence: Evidence) -> Ints:
+    def order_by_hardness(self, evidence: Evidence) -> Ints:
         """Positions in the evidence, hardest action first; untested ones lead."""
         return np.argsort(-self.hardness[list(evidence.tried)], kind="stable")
 
-    def simulate(self, bodies: Bodies, actions: Ints) -> Floats:
+    def simulate_actions(self, bodies: Bodies, actions: Ints) -> Floats:
         """(N, 3) channels of N bodies, each under an action (N); NaN where diverged."""
         readings = self.engine.simulate(bodies, self.actions[actions])
         self._count(len(actions))
         self.failed += int(readings.failed.sum())
-        return channels(readings)
+        return stack_channels(readings)
 
-    def table(self, genomes: Genomes) -> Floats:
+    def compute_table(self, genomes: Genomes) -> Floats:
         """(N, A, 3) channels of N genomes under every action; NaN where diverged."""
-        return self.table_of(build(self.anatomy, genomes))
+        return self.compute_body_table(build_bodies(self.anatomy, genomes))
 
-    def table_of(self, bodies: Bodies) -> Floats:
+    def compute_body_table(self, bodies: Bodies) -> Floats:
         """(N, A, 3) channels of N bodies under every action; NaN where diverged."""
         count = len(self.actions)
         rows = np.repeat(np.arange(len(bodies)), count)
-        flat = self.simulate(bodies[rows], np.tile(np.arange(count), len(bodies)))
+        flat = self.simulate_actions(
+            bodies[rows], np.tile(np.arange(count), len(bodies))
+        )
         return flat.reshape(len(bodies), count, 3)
 
-    def losses(
+    def compute_losses(
         self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> tuple[Floats, Floats]:
         """Losses of genomes; see `losses_of`."""
-        bodies = build(self.anatomy, genomes)
-        return self.losses_of(bodies, evidence, bound=bound, order=order)
+        bodies = build_bodies(self.anatomy, genomes)
+        return self.compute_body_losses(bodies, evidence, bound=bound, order=order)
 
-    def losses_of(
+    def compute_body_losses(
         self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> tuple[Floats, Floats]:
         """Losses over the evidence, abandoned once they reach a bound.
@@ -179,20 +181,20 @@ class Evaluator:
         order = np.ascontiguousarray(np.broadcast_to(order, shape))
         bound = np.broadcast_to(bound if bound.ndim == 2 else bound[:, None], shape)
         each = np.full(shape, np.nan)
-        sound = np.flatnonzero(centers_in_torso(bodies) == 0)  # papers.md 1.1
+        sound = np.flatnonzero(count_centers_in_torso(bodies) == 0)  # papers.md 1.1
         if len(sound):
-            each[sound] = self._race(
+            each[sound] = self._race_bodies(
                 bodies[sound], evidence, bound=bound[sound], order=order[sound]
             )
         run = np.cumsum(np.take_along_axis(each, order, axis=1), axis=1)
         complete = (run < bound).all(axis=1)  # false where anything is not known
         return np.where(complete, run[:, -1], np.inf), each
 
-    def _race(
+    def _race_bodies(
         self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> Floats:
         """(N, n) losses by position, NaN from where a body has reached its bound."""
-        tried, felt = np.asarray(evidence.tried), evidence.felt
+        tried, felt = np.asarray(evidence.tried), evidence.measured
         race = getattr(self.engine, "race", None)
         if race:
             # the bound before an action is the one after the action before
@@ -204,11 +206,11 @@ class Evaluator:
             self._count(int((~np.isnan(each)).sum()))
             self.failed += int(np.isinf(each).sum())
         else:
-            each = self._waves(bodies, evidence, bound=bound, order=order)
-        self._note(tried, each)
+            each = self._race_in_batches(bodies, evidence, bound=bound, order=order)
+        self._update_hardness(tried, each)
         return each
 
-    def _waves(
+    def _race_in_batches(
         self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> Floats:
         """The race on an engine of fixed batch size: several actions at once."""
@@ -219,10 +221,10 @@ class Evaluator:
             batch = getattr(self.engine, "batch", 1)
             now = order[alive, place : place + max(1, batch // len(alive))]
             width = now.shape[1]
-            seen = self.simulate(
+            seen = self.simulate_actions(
                 bodies[np.repeat(alive, width)], tried[now].reshape(-1)
             )
-            gap = self.loss(seen, evidence.felt[now].reshape(-1, 3))
+            gap = self.loss(seen, evidence.measured[now].reshape(-1, 3))
             gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap).reshape(now.shape)
             each[alive[:, None], now] = gap
             place += width
@@ -230,7 +232,7 @@ class Evaluator:
             alive = alive[total[alive] < bound[alive, place - 1]]
         return each
 
-    def _note(self, actions: Ints, gap: Floats) -> None:
+    def _update_hardness(self, actions: Ints, gap: Floats) -> None:
         """Keep a running mean of the loss (N, w) under each of w actions."""
         seen = np.isfinite(gap)
         count = seen.sum(axis=0)

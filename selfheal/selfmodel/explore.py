@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..body.body import Floats, Ints
-from .kin import Hypotheses
-from .symmetry import Twins
+from .neighborhood import Hypotheses
+from .symmetry import SymmetryGroup
 
 _VOTERS = 384  # bodies that vote, drawn by belief; chosen
 # Chosen: two degrees (or 4 mm) apart is well told apart, given the half degree by
@@ -13,23 +13,23 @@ _VOTERS = 384  # bodies that vote, drawn by belief; chosen
 _RESOLUTION, _TEMPERATURE = 2.0, 1.0
 # Of disagreement. Chosen on runs of other seeds (from 200 on) than the results': what a
 # model misses by is much the same in many actions, so that belief is too sure of it.
-DOUBT = 4.0
+DISAGREEMENT_TEMPERATURE = 4.0
 # Chosen on simulated robots; from 0.05 to 0.2 there is no difference.
 _EVENNESS = 0.1
 _SCALE = np.array([1.0, 1.0, 0.5])  # mm of clearance count half, as in the loss
 # [deg], [deg], [mm] by which a reading tells two bodies apart; chosen: more than a
 # sensor's noise and less than what servos add to it.
 TOLD_APART = np.array([1.0, 1.0, 2.0])
-_AT_ONCE = 4096  # tables compared at a time, some 20 MB; chosen
+_TABLES_AT_ONCE = 4096  # tables compared at a time, some 20 MB; chosen
 
 
-def plausibility(costs: Floats, temperature: float = _TEMPERATURE) -> Floats:
+def compute_plausibility(costs: Floats, temperature: float = _TEMPERATURE) -> Floats:
     """(M) share of belief in bodies of these costs, sum 1 (a Laplace likelihood)."""
     weight = np.exp(-(costs - costs.min()) / temperature)
     return weight / weight.sum()
 
 
-def disagreement(tables: Floats, belief: Floats) -> float:
+def measure_disagreement(tables: Floats, belief: Floats) -> float:
     """Mean standard deviation of what bodies foretell, each as far as it is believed.
 
     Args:
@@ -46,20 +46,20 @@ def disagreement(tables: Floats, belief: Floats) -> float:
     return float(np.sqrt(square).mean()) if square.size else 0.0
 
 
-def never_told_apart(found: Hypotheses, table: Floats) -> Hypotheses:
+def find_indistinguishable(found: Hypotheses, table: Floats) -> Hypotheses:
     """Those that no action tells from the body of a table (A, 3).
 
     An action under which a body's channels are not known, NaN, tells nothing.
     """
     rows = np.arange(len(found))
     alike = [np.empty(0, np.int64)]
-    for some in np.array_split(rows, 1 + len(rows) // _AT_ONCE):
+    for some in np.array_split(rows, 1 + len(rows) // _TABLES_AT_ONCE):
         gap = np.nan_to_num(np.abs(found[some].tables - table))
         alike.append(some[(gap <= TOLD_APART).all(axis=(1, 2))])
     return found[np.concatenate(alike)]
 
 
-def voters(
+def draw_voters(
     found: Hypotheses, rng: np.random.Generator, temperature: float = _TEMPERATURE
 ) -> tuple[Hypotheses, Floats]:
     """Bodies drawn by belief at even distances, each once; the belief each stands for.
@@ -69,14 +69,14 @@ def voters(
         rng: for where the first distance begins.
         temperature: loss that makes a body e times less likely.
     """
-    sums = np.cumsum(plausibility(found.costs, temperature))
+    sums = np.cumsum(compute_plausibility(found.costs, temperature))
     marks = (rng.random() + np.arange(_VOTERS)) / _VOTERS
     drawn = np.searchsorted(sums, marks * sums[-1])
     rows, count = np.unique(np.minimum(drawn, len(sums) - 1), return_counts=True)
     return found[rows], count / count.sum()
 
 
-def belief_left(tables: Floats, parent: Ints, belief: Floats) -> Floats:
+def predict_belief(tables: Floats, parent: Ints, belief: Floats) -> Floats:
     """(A, M) belief in its own tree that each action would leave if a body is right.
 
     P(tree of k | reading of k), where a reading of body k leaves to body l
@@ -100,7 +100,7 @@ def belief_left(tables: Floats, parent: Ints, belief: Floats) -> Floats:
     return left
 
 
-def worth(left: Floats, belief: Floats) -> Floats:
+def score_actions(left: Floats, belief: Floats) -> Floats:
     """(A) worth of each action: the belief expected in the right tree, and evenness.
 
     Of two questions with as many answers, the one whose answers are about equally
@@ -113,7 +113,7 @@ def worth(left: Floats, belief: Floats) -> Floats:
     return left @ belief + _EVENNESS * (np.log(left) @ belief)
 
 
-def contrasts(twins: Twins, actions: Floats) -> Floats:
+def count_contrasts(twins: SymmetryGroup, actions: Floats) -> Floats:
     """(A) number of pairs of like parts whose joints each action sends apart.
 
     Two parts that are alike can trade places, unnoticed, as long as every action
@@ -131,20 +131,24 @@ def contrasts(twins: Twins, actions: Floats) -> Floats:
     return apart.sum(axis=1).astype(float)
 
 
-def first_action(twins: Twins, actions: Floats, rng: np.random.Generator) -> int:
+def choose_first_action(
+    twins: SymmetryGroup, actions: Floats, rng: np.random.Generator
+) -> int:
     """One of those that send most like parts apart, all equally likely."""
-    apart = contrasts(twins, actions)
+    apart = count_contrasts(twins, actions)
     return int(rng.choice(np.flatnonzero(apart == apart.max())))
 
 
-def choose(score: Floats, tried: tuple[int, ...]) -> int:
+def choose_action(score: Floats, tried: tuple[int, ...]) -> int:
     """The untried action of the highest score."""
     score = np.array(score, float)
     score[list(tried)] = -np.inf
     return int(np.argmax(score))
 
 
-def random_action(count: int, tried: tuple[int, ...], rng: np.random.Generator) -> int:
+def choose_random_action(
+    count: int, tried: tuple[int, ...], rng: np.random.Generator
+) -> int:
     """An untried action, all equally likely."""
     left: Ints = np.setdiff1d(np.arange(count), tried)
     return int(left[rng.integers(len(left))])

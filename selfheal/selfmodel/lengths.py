@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.genome import LENGTH_RANGE, Genomes, build
-from .crowding import generation
-from .schema import CHANNELS, Judge, lengths_plan, with_lengths
+from ..body.genome import LENGTH_RANGE, Genomes, build_bodies
+from .crowding import run_generation
+from .schema import CHANNELS, PoseEvaluator, make_lengths_plan, set_lengths
 
 # Servos of 2006 miss by 1.2 degrees on average (papers.md 1.1), chosen: by standard
 # deviations of a degree that stays and one that is new in every pose [deg]; sensors
@@ -35,13 +35,13 @@ _SPREAD = 55.0  # [mm] standard deviation of lengths before anything is known
 _MODELS, _GENERATIONS, _CAP = 60, 20, 0.5
 _STARTS, _STEPS, _ROBUST, _FAILED = 5, 25, 2.0, 50.0
 _NUDGE = (2.0, 1.0)
-_OTHERWISE = 2.0
-_MAYBE = 8  # bodies that might be it, for choosing poses; chosen
+_TOUCH_COST = 2.0
+_PLAUSIBLE_MODELS = 8  # bodies that might be it, for choosing poses; chosen
 
 Ask = Callable[[int], Floats]
 
 
-def lengths(
+def estimate_lengths(
     known: Genomes,
     like: Bodies,
     offers: Floats,
@@ -66,21 +66,23 @@ def lengths(
     Returns:
         The best model (1), and the simulations, those for choosing poses included.
     """
-    plan = replace(lengths_plan(known, sensors), population=_MODELS, cap=_CAP)
-    search = _Search(known, Judge(like, plan), rng)
+    plan = replace(make_lengths_plan(known, sensors), population=_MODELS, cap=_CAP)
+    search = _LengthSearch(known, PoseEvaluator(like, plan), rng)
     tried, felt = list[int](), list[Floats]()
     for count in stages:
-        new = search.chosen(offers, tried, count)
+        new = search.choose_poses(offers, tried, count)
         tried += new
         felt += [ask(k) for k in new]
-        search.learn(offers[tried], np.array(felt))
-    return search.genomes(search.best[None]), search.judge.spent
+        search.update(offers[tried], np.array(felt))
+    return search.build_genomes(search.best[None]), search.judge.spent
 
 
-class _Search:
+class _LengthSearch:
     """The search; a model is its lengths [mm], then its zeros [deg]."""
 
-    def __init__(self, known: Genomes, judge: Judge, rng: np.random.Generator) -> None:
+    def __init__(
+        self, known: Genomes, judge: PoseEvaluator, rng: np.random.Generator
+    ) -> None:
         """Nothing known yet."""
         self.known, self.judge, self.rng = known, judge, rng
         self.size = known.parent.shape[1]
@@ -90,50 +92,56 @@ class _Search:
         self.feet = [c for c in heard if c >= len(_SENSORS)]
         self.best = np.zeros(0)
 
-    def genomes(self, models: Floats) -> Genomes:
+    def build_genomes(self, models: Floats) -> Genomes:
         """Bodies of models (N)."""
         low, high = LENGTH_RANGE
         genes = (models[:, : self.size] / 1000 - low) / (high - low)
-        return with_lengths(self.known, genes)
+        return set_lengths(self.known, genes)
 
-    def predict(self, models: Floats, poses: Floats) -> Floats:
+    def predict_channels(self, models: Floats, poses: Floats) -> Floats:
         """(N, n, 7) channels of N models in n poses."""
-        bodies = build(self.judge.like.anatomy, self.genomes(models))
+        bodies = build_bodies(self.judge.like.anatomy, self.build_genomes(models))
         targets = poses + np.radians(models[:, None, self.size :])
-        return self.judge.sense(bodies, targets)
+        return self.judge.simulate_poses(bodies, targets)
 
-    def slopes(self, models: Floats, poses: Floats) -> Floats:
+    def compute_slopes(self, models: Floats, poses: Floats) -> Floats:
         """(N, n, C, 2 P) slopes of the smooth channels that are heard."""
         step = np.repeat(_NUDGE, self.size)
         moved = models[:, None] + np.vstack([0 * step, np.diag(step)])
         shape = (*moved.shape[:2], len(poses), -1)
-        seen = self.predict(moved.reshape(-1, moved.shape[2]), poses)
+        seen = self.predict_channels(moved.reshape(-1, moved.shape[2]), poses)
         seen = np.nan_to_num(seen.reshape(shape)[..., self.smooth], nan=_FAILED)
         slope = (seen[:, 1:] - seen[:, :1]) / step[:, None, None]
         return slope.transpose(0, 2, 3, 1)
 
-    def covariance(self, slopes: Floats) -> Floats:
+    def compute_covariance(self, slopes: Floats) -> Floats:
         """(..., C, C) of readings, from what servos and sensors miss by."""
         most = _EDGES[1, self.smooth][:, None]
         joints = np.clip(slopes[..., self.size :], -most, most)
         sensors = np.diag(_SENSORS[self.smooth] ** 2)
         return _SERVO**2 * joints @ joints.swapaxes(-1, -2) + sensors
 
-    def known_by(self, models: Floats, poses: Floats) -> Floats:
+    def compute_information(self, models: Floats, poses: Floats) -> Floats:
         """(N, n, 2 P, 2 P) what each pose tells if a model is right (Fisher's)."""
-        slope = self.slopes(models, poses)
-        told = slope.swapaxes(-1, -2) @ np.linalg.solve(self.covariance(slope), slope)
+        slope = self.compute_slopes(models, poses)
+        told = slope.swapaxes(-1, -2) @ np.linalg.solve(
+            self.compute_covariance(slope), slope
+        )
         most = np.repeat(_EDGES[:, self.smooth], self.size, axis=0).T
         edge = np.any(np.abs(slope) > most, axis=(-1, -2))
         return np.where(edge[..., None, None], 0.0, told)
 
-    def chosen(self, offers: Floats, tried: Sequence[int], count: int) -> list[int]:
+    def choose_poses(
+        self, offers: Floats, tried: Sequence[int], count: int
+    ) -> list[int]:
         """The next poses, which leave the least expected error of a length."""
         left = np.setdiff1d(np.arange(len(offers)), tried)
         if not self.smooth or len(left) <= count:
             return self.rng.permutation(left)[:count].tolist()
-        told = self.known_by(self.maybe(offers[list(tried)]), offers)
-        sums = self.prior() + told[:, list(tried)].sum(axis=1)
+        told = self.compute_information(
+            self.draw_plausible_models(offers[list(tried)]), offers
+        )
+        sums = self.build_prior() + told[:, list(tried)].sum(axis=1)
         found = list[int]()
         for _ in range(count):
             spread = np.linalg.inv(sums[:, None] + told[:, left])
@@ -144,34 +152,34 @@ class _Search:
             left = np.delete(left, place)
         return found
 
-    def prior(self) -> Floats:
+    def build_prior(self) -> Floats:
         """(2 P, 2 P) precision before any reading."""
         return np.diag(np.repeat([_SPREAD**-2, _ZERO**-2], self.size))
 
-    def maybe(self, poses: Floats) -> Floats:
+    def draw_plausible_models(self, poses: Floats) -> Floats:
         """Models that might be right: about the best, as far as poses leave it open."""
-        low, high = self.bounds()
+        low, high = self.list_bounds()
         if not len(poses):
             zeros = np.repeat([False, True], self.size)
-            drawn = self.rng.normal(0, _ZERO, (_MAYBE, len(low)))
+            drawn = self.rng.normal(0, _ZERO, (_PLAUSIBLE_MODELS, len(low)))
             return np.where(zeros, drawn, self.rng.uniform(low, high, drawn.shape))
-        told = self.known_by(self.best[None], poses)[0].sum(axis=0)
-        spread = np.linalg.inv(self.prior() + told)
-        drawn = self.rng.multivariate_normal(self.best, spread, _MAYBE)
+        told = self.compute_information(self.best[None], poses)[0].sum(axis=0)
+        spread = np.linalg.inv(self.build_prior() + told)
+        drawn = self.rng.multivariate_normal(self.best, spread, _PLAUSIBLE_MODELS)
         return np.clip(drawn, low, high)
 
-    def bounds(self) -> tuple[Floats, Floats]:
+    def list_bounds(self) -> tuple[Floats, Floats]:
         """Lowest and highest model."""
         low, high = 1000 * np.array(LENGTH_RANGE)
         far = 5 * _ZERO
         return np.repeat([low, -far], self.size), np.repeat([high, far], self.size)
 
-    def learn(self, poses: Floats, felt: Floats) -> None:
+    def update(self, poses: Floats, felt: Floats) -> None:
         """Crowding goes on with all poses so far; then least squares from its best."""
-        score = partial(self.judge.errors, poses, felt)
+        score = partial(self.judge.compute_errors, poses, felt)
         found = score(self.genes)
         for _ in range(_GENERATIONS):
-            self.genes, found = generation(self.genes, found, score, self.rng)
+            self.genes, found = run_generation(self.genes, found, score, self.rng)
         order = np.argsort(found, kind="stable")[:_STARTS]
         low, high = LENGTH_RANGE
         starts = 1000 * (low + self.genes[order] * (high - low))
@@ -180,49 +188,51 @@ class _Search:
             self.best = models[0]
             return
         models += [self.best] if len(self.best) else []
-        models = [self.squares(model, poses, felt) for model in models]
-        costs = [self.cost(model, poses, felt) for model in models]
+        models = [self.fit_least_squares(model, poses, felt) for model in models]
+        costs = [self.compute_cost(model, poses, felt) for model in models]
         self.best = models[int(np.argmin(costs))]
 
-    def weights(self, model: Floats, poses: Floats) -> Floats:
+    def compute_weights(self, model: Floats, poses: Floats) -> Floats:
         """(n, C, C) that make gaps of a right model independent, of variance 1."""
-        spread = self.covariance(self.slopes(model[None], poses)[0])
+        spread = self.compute_covariance(self.compute_slopes(model[None], poses)[0])
         return np.linalg.inv(np.linalg.cholesky(spread))
 
-    def gaps(
+    def compute_residuals(
         self, model: Floats, poses: Floats, felt: Floats, weights: Floats
     ) -> Floats:
         """(M) what a model misses by, its zeros too."""
-        seen = self.predict(model[None], poses)[0] - felt
+        seen = self.predict_channels(model[None], poses)[0] - felt
         seen = np.nan_to_num(seen[:, self.smooth], nan=_FAILED)
         zeros = model[self.size :] / _ZERO
         return np.append((weights @ seen[..., None]).ravel(), zeros)
 
-    def squares(self, start: Floats, poses: Floats, felt: Floats) -> Floats:
+    def fit_least_squares(self, start: Floats, poses: Floats, felt: Floats) -> Floats:
         """The model at the foot of the hill where a model stands."""
         from scipy.optimize import least_squares
 
-        low, high = self.bounds()
-        weights = self.weights(start, poses)
+        low, high = self.list_bounds()
+        weights = self.compute_weights(start, poses)
         zeros = np.eye(len(low))[self.size :] / _ZERO
 
         def slopes(x: Floats) -> Floats:
-            rows = weights @ self.slopes(x[None], poses)[0]
+            rows = weights @ self.compute_slopes(x[None], poses)[0]
             return np.vstack([rows.reshape(-1, len(x)), zeros])
 
         found = least_squares(
-            lambda x: self.gaps(x, poses, felt, weights),
+            lambda x: self.compute_residuals(x, poses, felt, weights),
             np.clip(start, low + 1e-6, high - 1e-6), slopes, bounds=(low, high),
             x_scale=np.repeat([10.0, 1.0], self.size), loss="cauchy",
             f_scale=_ROBUST, max_nfev=_STEPS,
         )  # fmt: skip
         return found.x
 
-    def cost(self, model: Floats, poses: Floats, felt: Floats) -> float:
+    def compute_cost(self, model: Floats, poses: Floats, felt: Floats) -> float:
         """How badly a model explains all: robust squares, and feet that are wrong."""
-        gap = self.gaps(model, poses, felt, self.weights(model, poses))
+        gap = self.compute_residuals(
+            model, poses, felt, self.compute_weights(model, poses)
+        )
         loss = _ROBUST**2 * np.log1p((gap / _ROBUST) ** 2).sum() / 2
         if self.feet:
-            touch = self.predict(model[None], poses)[0][:, self.feet]
-            loss += _OTHERWISE * np.abs(touch - felt[:, self.feet]).sum()
+            touch = self.predict_channels(model[None], poses)[0][:, self.feet]
+            loss += _TOUCH_COST * np.abs(touch - felt[:, self.feet]).sum()
         return float(loss)

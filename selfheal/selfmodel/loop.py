@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Floats, Ints
-from ..body.genome import Genomes, build
+from ..body.genome import Genomes, build_bodies
 from ..engine import ENGINES, make_engine
 from ..errors import InputError, RecordingError, UnknownNameError, check_seed
 from ..recording import Recording
 from ..robot.base import Robot
-from .evaluate import Evaluator, Evidence, channels
-from .explore import disagreement
+from .attachment_probability import compute_sureness
+from .evaluate import Evaluator, Evidence, stack_channels
+from .explore import measure_disagreement
 from .paper import PaperSearch
 from .run import Cycle, Run, Settings
-from .space import genome_key, others, space_of
-from .strategy import METHODS, Released, Rivals, Strategy
-from .sureness import sureness
+from .space import find_space, keep_others, make_genome_key
+from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
 
 BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
 _CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
@@ -28,12 +28,12 @@ _SHOWN = 16  # rivals kept in a cycle's record; chosen
 # Chosen on simulated robots: until reading n of N the search spends a share of its
 # simulations of ((n^2 + n) / (N^2 + N)) to this power, the second one where hinges are
 # unknown: what is found on few readings seldom lasts, and there hardly ever.
-_LATE, _LATER = 2, 5
+_LATE_POWER, _HINGE_LATE_POWER = 2, 5
 
 Progress = Callable[[int], None]
 
 
-def felt(recording: Recording) -> Floats:
+def read_rest_channels(recording: Recording) -> Floats:
     """(3) channels of a recording of one action: tilts [deg], clearance [mm].
 
     Raises:
@@ -55,7 +55,7 @@ def felt(recording: Recording) -> Floats:
     )
 
 
-def check(settings: Settings, robot: Robot) -> None:
+def check_settings(settings: Settings, robot: Robot) -> None:
     """Refuse settings that make no sense, before any work.
 
     Raises:
@@ -65,7 +65,7 @@ def check(settings: Settings, robot: Robot) -> None:
         raise UnknownNameError("method", settings.method, METHODS)
     if settings.engine not in ENGINES:
         raise UnknownNameError("engine", settings.engine, ENGINES)
-    space_of(settings.space)
+    find_space(settings.space)
     count = len(robot.actions)
     if not 1 <= settings.cycles <= count:
         raise InputError(
@@ -89,7 +89,7 @@ def check(settings: Settings, robot: Robot) -> None:
         )
 
 
-def check_same(run: Run, robot: Robot) -> None:
+def check_same_robot(run: Run, robot: Robot) -> None:
     """Refuse to go on with a run on a robot that is not the one it began with.
 
     Readings are asked for again only where they come from a recording.
@@ -104,7 +104,7 @@ def check_same(run: Run, robot: Robot) -> None:
     ):
         raise InputError(f"{name} has other parts or actions than when the run began")
     for k, cycle in enumerate(run.cycles if run.settings.recordings else ()):
-        again = felt(robot.act(cycle.action))
+        again = read_rest_channels(robot.act(cycle.action))
         if not np.array_equal(again, cycle.felt, equal_nan=True):
             raise InputError(
                 f"{name} answers otherwise than when the run began, first in cycle "
@@ -112,7 +112,7 @@ def check_same(run: Run, robot: Robot) -> None:
             )
 
 
-class _Judge:
+class _SecondEngine:
     """A second engine's view of the best rivals; every prediction is made once."""
 
     def __init__(self, engine: Any, evaluator: Evaluator) -> None:
@@ -120,34 +120,36 @@ class _Judge:
         self.known: dict[bytes, Floats] = {}
         self.spent = 0
 
-    def losses(self, genomes: Genomes, tables: Floats, evidence: Evidence) -> Floats:
+    def compute_losses(
+        self, genomes: Genomes, tables: Floats, evidence: Evidence
+    ) -> Floats:
         """(N) where the engines differ, the one nearer to the reading counts.
 
         Such a pose is a coin's toss for the robot too; a right body must not lose by
         it.
         """
         keys = [
-            (row, action, genome_key(genomes, row) + action.to_bytes(4, "little"))
+            (row, action, make_genome_key(genomes, row) + action.to_bytes(4, "little"))
             for row in range(len(genomes))
             for action in evidence.tried
         ]
         new = [k for k in keys if k[2] not in self.known]
         if new:
             rows, actions, names = zip(*new, strict=True)
-            bodies = build(self.evaluator.anatomy, genomes)[np.array(rows)]
+            bodies = build_bodies(self.evaluator.anatomy, genomes)[np.array(rows)]
             seen = self.engine.simulate(bodies, self.evaluator.actions[list(actions)])
             self.spent += len(new)
-            self.known.update(zip(names, channels(seen), strict=True))
+            self.known.update(zip(names, stack_channels(seen), strict=True))
         shape = (len(genomes), len(evidence), 3)
         second = np.array([self.known[k] for _, _, k in keys]).reshape(shape)
         first = tables[:, list(evidence.tried)]
-        loss, measured = self.evaluator.loss, evidence.felt
+        loss, measured = self.evaluator.loss, evidence.measured
         pair = [np.where(np.isnan(x).any(axis=2), np.inf, loss(x, measured))
                 for x in (first, second)]  # fmt: skip
         return np.minimum(*pair).sum(axis=1)
 
 
-class _Loop:
+class _IdentifyLoop:
     """One run in progress: the parts of it that a run file does not hold."""
 
     def __init__(self, robot: Robot, settings: Settings, progress: Progress) -> None:
@@ -159,53 +161,68 @@ class _Loop:
             actions=robot.actions,
             progress=progress,
         )
-        self.strategy = _strategy(settings, self.evaluator)
+        self.strategy = _make_strategy(settings, self.evaluator)
         self.evaluator.loss = self.strategy.loss
         self.rng = np.random.default_rng([settings.seed, 10])
-        self.judge: _Judge | None = None
+        self.second: _SecondEngine | None = None
         if name == "auto" and settings.method == "default":
-            self.judge = _Judge(make_engine("mjx"), self.evaluator)
+            self.second = _SecondEngine(make_engine("mjx"), self.evaluator)
         self.evidence = Evidence()
 
-    def turn(self, run: Run, before: float) -> Run:
+    def run_cycle(self, run: Run, before: float) -> Run:
         """The run and one more cycle; `before` seconds were spent earlier."""
         start = time.perf_counter()
-        action, why = self.strategy.choose(self.evidence, self.rng)
-        reading = felt(self.robot.act(action))
+        action, why = self.strategy.choose_action(self.evidence, self.rng)
+        reading = read_rest_channels(self.robot.act(action))
         self.evidence = self.evidence.add(action, reading)
         n, cycles = len(self.evidence), self.settings.cycles
-        late = _LATER if space_of(self.settings.space).hinges else _LATE
+        late = (
+            _HINGE_LATE_POWER if find_space(self.settings.space).hinges else _LATE_POWER
+        )
         share = (n * (n + 1)) ** late, (cycles * (cycles + 1)) ** late
         limit = self.settings.budget * share[0] // share[1]
-        self.strategy.search(self.evidence, limit, self.rng)
-        believed = self._believed()
+        self.strategy.search_bodies(self.evidence, limit, self.rng)
+        believed = self._rank_rivals()
         seconds = before + time.perf_counter() - start
-        cycle = self._cycle(run, action, why, reading, *believed, seconds)
-        return run.after(cycle, counts=self.counts(), state=self.state())
+        cycle = self._make_cycle(run, action, why, reading, *believed, seconds)
+        return run.with_cycle(
+            cycle, counts=self.count_simulations(), state=self.capture_state()
+        )
 
-    def _believed(self) -> tuple[Genomes, Floats, Floats]:
+    def _rank_rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The rivals, best first, confirmed by a second engine if there is one."""
-        genomes, tables, losses = self.strategy.rivals()
+        genomes, tables, losses = self.strategy.list_rivals()
         order = np.arange(min(_SHOWN, len(losses)))
-        if self.judge:
+        if self.second:
             top = order[:_CONFIRMED]
             losses = losses.copy()
-            losses[top] = self.judge.losses(genomes[top], tables[top], self.evidence)
-            costs = losses[top] + self.strategy.prior(genomes[top])
+            losses[top] = self.second.compute_losses(
+                genomes[top], tables[top], self.evidence
+            )
+            costs = losses[top] + self.strategy.compute_prior(genomes[top])
             order[: len(top)] = top[np.argsort(costs, kind="stable")]
         if np.isnan(tables[order[:1]]).any():  # a method that keeps no tables
             tables = tables.copy()
-            with self.evaluator.aside():
-                tables[order[:5]] = self.evaluator.table(genomes[order[:5]])
+            with self.evaluator.count_as_choice():
+                tables[order[:5]] = self.evaluator.compute_table(genomes[order[:5]])
         return genomes[order], tables[order], losses[order]
 
-    def _cycle(self, run: Run, action: int, why: str, reading: Floats, genomes: Genomes,
-               tables: Floats, losses: Floats, seconds: float) -> Cycle:  # fmt: skip
+    def _make_cycle(
+        self,
+        run: Run,
+        action: int,
+        why: str,
+        reading: Floats,
+        genomes: Genomes,
+        tables: Floats,
+        losses: Floats,
+        seconds: float,
+    ) -> Cycle:
         """The record of a cycle."""
         tried = list(self.evidence.tried)
-        gap = np.abs(tables[0, tried, :2] - self.evidence.felt[:, :2])
+        gap = np.abs(tables[0, tried, :2] - self.evidence.measured[:, :2])
         left = np.setdiff1d(np.arange(len(self.robot.actions)), tried)
-        foreseen, belief = self.strategy.foreseen()
+        foreseen, belief = self.strategy.predict_tables()
         return Cycle(
             action=action,
             why=why,
@@ -213,86 +230,90 @@ class _Loop:
             genomes=genomes,
             tables=tables,
             losses=losses,
-            sureness=sureness(
-                *self.strategy.candidates(),
+            sureness=compute_sureness(
+                *self.strategy.list_candidates(),
                 genomes.parent[0],
-                survived=_survived(run, genomes),
+                survived=_count_survived(run, genomes),
             ),
             tilt_error=float(gap.sum(axis=1).mean()),
-            disagreement=disagreement(foreseen[:, left, :2], belief),
+            disagreement=measure_disagreement(foreseen[:, left, :2], belief),
             spent=self.evaluator.spent,
             seconds=seconds,
         )
 
-    def counts(self) -> dict[str, int]:
+    def count_simulations(self) -> dict[str, int]:
         """Simulations by engine; "choice" and "failed" apart."""
         e = self.evaluator
-        counts = {e.engine.name: e.spent, "choice": e.chosen, "failed": e.failed}
-        return counts | ({"mjx": self.judge.spent} if self.judge else {})
+        counts = {
+            e.engine.name: e.spent,
+            "choice": e.spent_choosing,
+            "failed": e.failed,
+        }
+        return counts | ({"mjx": self.second.spent} if self.second else {})
 
-    def state(self) -> dict[str, Any]:
+    def capture_state(self) -> dict[str, Any]:
         """What `restore` needs besides the cycles."""
         # copies: the search goes on, and what was yielded must not
-        kept = {f"strategy_{k}": v for k, v in self.strategy.state().items()}
+        kept = {f"strategy_{k}": v for k, v in self.strategy.capture_state().items()}
         kept["hardness"] = self.evaluator.hardness
         state: dict[str, Any] = {k: np.array(v) for k, v in kept.items()}
         state["random"] = json.dumps(self.rng.bit_generator.state)
-        if self.judge:
-            keys = np.frombuffer(b"".join(self.judge.known), np.uint8)
-            state["judge_keys"] = keys.reshape(len(self.judge.known), -1)
-            state["judge_values"] = np.array(list(self.judge.known.values()))
+        if self.second:
+            keys = np.frombuffer(b"".join(self.second.known), np.uint8)
+            state["judge_keys"] = keys.reshape(len(self.second.known), -1)
+            state["judge_values"] = np.array(list(self.second.known.values()))
         return state
 
-    def restore(self, run: Run) -> None:
+    def restore_state(self, run: Run) -> None:
         """Stand where a run stopped."""
         state, e = run.state, self.evaluator
         for cycle in run.cycles:
             self.evidence = self.evidence.add(cycle.action, cycle.felt)
         start = "strategy_"
-        self.strategy.restore(
+        self.strategy.restore_state(
             {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)},
             self.evidence,
         )
         self.rng.bit_generator.state = json.loads(state["random"])
         e.hardness = state["hardness"].copy()
-        e.spent, e.chosen = run.counts[e.engine.name], run.counts["choice"]
+        e.spent, e.spent_choosing = run.counts[e.engine.name], run.counts["choice"]
         e.failed = run.counts["failed"]
-        if self.judge:
+        if self.second:
             rows = zip(state["judge_keys"], state["judge_values"], strict=True)
-            self.judge.known = {key.tobytes(): value for key, value in rows}
-            self.judge.spent = run.counts["mjx"]
+            self.second.known = {key.tobytes(): value for key, value in rows}
+            self.second.spent = run.counts["mjx"]
 
 
-def _survived(run: Run, genomes: Genomes) -> int:
+def _count_survived(run: Run, genomes: Genomes) -> int:
     """How many actions in a row the tree of the best body has been the best."""
     trees = [cycle.genomes.parent[0] for cycle in reversed(run.cycles)]
     same = [bool((tree == genomes.parent[0]).all()) for tree in trees]
     return (*same, False).index(False)
 
 
-def _strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
+def _make_strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
     """The method asked for."""
     if settings.method == "default":
-        return Rivals(
+        return RivalStrategy(
             evaluator,
             space=settings.space,
             known_lengths=settings.known_lengths,
             random_actions=settings.random_actions,
         )
     finder = PaperSearch(evaluator)
-    return Released(finder, method=settings.method, cycles=settings.cycles)
+    return ReleasedStrategy(finder, method=settings.method, cycles=settings.cycles)
 
 
-def _nothing(count: int) -> None:
+def _ignore_progress(count: int) -> None:
     """No progress is shown."""
 
 
-def identify(
+def identify_body(
     robot: Robot,
     settings: Settings,
     *,
     run: Run | None = None,
-    progress: Progress = _nothing,
+    progress: Progress = _ignore_progress,
 ) -> Iterator[Run]:
     """Find out what a robot's body is, a yield a cycle; the last one has the result.
 
@@ -305,36 +326,38 @@ def identify(
     Raises:
         InputError: settings or recordings that make no sense.
     """
-    check(settings, robot)
+    check_settings(settings, robot)
     run = run or Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
-    check_same(run, robot)
+    check_same_robot(run, robot)
     if run.result:
         yield run
         return
-    loop = _Loop(robot, settings, progress)
+    loop = _IdentifyLoop(robot, settings, progress)
     if run.cycles:
-        loop.restore(run)
+        loop.restore_state(run)
     while len(run.cycles) < settings.cycles:
         before = run.cycles[-1].seconds if run.cycles else 0.0
-        run = loop.turn(run, before)
+        run = loop.run_cycle(run, before)
         yield run
-    yield replace(run, **_finish(loop, run))
+    yield replace(run, **_finish_run(loop, run))
 
 
-def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
+def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
     """Check the best body on the reference engine: what is new in the run."""
     last, settings, robot = run.cycles[-1], run.settings, loop.robot
     every = np.arange(len(robot.actions))
-    best = build(robot.anatomy, last.genomes[:1])
-    seen = channels(
+    best = build_bodies(robot.anatomy, last.genomes[:1])
+    seen = stack_channels(
         make_engine("mujoco").simulate(best[np.zeros_like(every)], robot.actions)
     )
     counts = dict(run.counts)
     counts["mujoco"] = counts.get("mujoco", 0) + len(every)
     tried = list(loop.evidence.tried)
-    gap = np.abs(seen[tried, :2] - loop.evidence.felt[:, :2]).sum(axis=1)
+    gap = np.abs(seen[tried, :2] - loop.evidence.measured[:, :2]).sum(axis=1)
     gap = gap[np.isfinite(gap)]
-    alike = others(loop.strategy.alike(last.tables[0]), last.genomes[:1])
+    alike = keep_others(
+        loop.strategy.list_indistinguishable(last.tables[0]), last.genomes[:1]
+    )
     result = {
         "format": "selfheal-identify",
         "version": 1,
@@ -345,13 +368,13 @@ def _finish(loop: _Loop, run: Run) -> dict[str, Any]:
         "sureness": np.round(last.sureness, 4).tolist(),
         "length": np.round(best.length[0], 6).tolist(),
         "tilt_error": float(gap.mean()) if len(gap) else last.tilt_error,
-        "actions": [_as_said(robot.actions, a) for a in tried],
+        "actions": [_format_action(robot.actions, a) for a in tried],
         "simulations": counts,
     }
     return {"counts": counts, "result": result, "alike": alike.parent}
 
 
-def _as_said(actions: Floats, action: int) -> list[int] | list[float]:
+def _format_action(actions: Floats, action: int) -> list[int] | list[float]:
     """An action as the joints that go down, or as joint angles if it is no 2006 one."""
     target = actions[action]
     if np.allclose(np.abs(actions), np.abs(actions).max()):

@@ -8,16 +8,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, concatenate
-from ..body.genome import Genomes, build, from_unit
+from ..body.body import Bodies, Floats, concatenate_bodies
+from ..body.genome import Genomes, build_bodies, decode_unit_genes
 from .evaluate import Evaluator, Evidence
 
-CLIMBERS, GENERATIONS, JUDGES = 15, 200, 5
+CLIMBERS, GENERATIONS, VOTING_CLIMBERS = 15, 200, 5
 CEILING = 408_000  # 15 x 200 x (1 + 2 + ... + 16) simulations
 
 
 @dataclass(frozen=True)
-class Slips:
+class ReleasedQuirks:
     """What the released program does and its paper does not say.
 
     Attributes:
@@ -29,7 +29,9 @@ class Slips:
     pair: bool = True
 
 
-def mutated(genes: Floats, slips: Slips, rng: np.random.Generator) -> Floats:
+def mutate_genes(
+    genes: Floats, slips: ReleasedQuirks, rng: np.random.Generator
+) -> Floats:
     """(P) genes in [0, 1] after one mutation of the rule."""
     genes = genes.copy()
     if slips.idle_copies and rng.random() < 0.5:
@@ -68,47 +70,49 @@ class Climbers(ABC):
         self.losses = np.zeros(0)
 
     @abstractmethod
-    def bodies(self, genes: Floats) -> Bodies:
+    def build_bodies(self, genes: Floats) -> Bodies:
         """(N) the bodies that genes (N, P) stand for."""
 
     @abstractmethod
-    def first(self, rng: np.random.Generator) -> Floats:
+    def draw_first(self, rng: np.random.Generator) -> Floats:
         """(15, P) genes to start from."""
 
     @abstractmethod
-    def child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+    def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
         """(P) genes near those of a parent (P)."""
 
     @abstractmethod
-    def shaken(self, genes: Floats, rng: np.random.Generator) -> Bodies:
+    def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
         """(N) the bodies with every placement multiplied by U(0.9, 1.1)."""
 
-    def run(
+    def climb(
         self, evidence: Evidence, generations: int, rng: np.random.Generator
     ) -> None:
         """Climb for some generations, the newest action first."""
         if not len(self.genes):
-            self.genes = self.first(rng)
+            self.genes = self.draw_first(rng)
         order = np.arange(len(evidence))[::-1]
         never = np.full(len(self.genes), np.inf)
-        self.losses, _ = self.evaluator.losses_of(
-            self.bodies(self.genes), evidence, bound=never, order=order
+        self.losses, _ = self.evaluator.compute_body_losses(
+            self.build_bodies(self.genes), evidence, bound=never, order=order
         )
         for _ in range(generations):
-            children = np.array([self.child(row, rng) for row in self.genes])
-            losses, _ = self.evaluator.losses_of(
-                self.bodies(children), evidence, bound=self.losses, order=order
+            children = np.array([self.draw_child(row, rng) for row in self.genes])
+            losses, _ = self.evaluator.compute_body_losses(
+                self.build_bodies(children), evidence, bound=self.losses, order=order
             )
             better = losses < self.losses
             self.genes = np.where(better[:, None], children, self.genes)
             self.losses = np.where(better, losses, self.losses)
-            self._sort()
+            self._sort_climbers()
 
-    def _sort(self) -> None:
+    def _sort_climbers(self) -> None:
         order = np.argsort(self.losses, kind="stable")
         self.genes, self.losses = self.genes[order], self.losses[order]
 
-    def score(self, weight: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    def score_actions(
+        self, weight: float, rng: np.random.Generator
+    ) -> tuple[Floats, Floats]:
         """How worthwhile each action is: disagreement, less its unreliability.
 
         Args:
@@ -119,18 +123,25 @@ class Climbers(ABC):
             (A) (1 - w) V - w S, so that the highest is chosen, and the tables
             (5, A, 3) of the best models.
         """
-        best = self.genes[:JUDGES]
-        both = concatenate(self.bodies(best), self.shaken(best, rng))
-        with self.evaluator.aside():
-            table = self.evaluator.table_of(both)
-        tables, moved = np.nan_to_num(table[:JUDGES]), np.nan_to_num(table[JUDGES:])
+        best = self.genes[:VOTING_CLIMBERS]
+        both = concatenate_bodies(
+            self.build_bodies(best), self.perturb_bodies(best, rng)
+        )
+        with self.evaluator.count_as_choice():
+            table = self.evaluator.compute_body_table(both)
+        tables, moved = (
+            np.nan_to_num(table[:VOTING_CLIMBERS]),
+            np.nan_to_num(table[VOTING_CLIMBERS:]),
+        )
         scale = np.array([1, 1, 0.01])  # clearance in units of 10 cm, as in the loss
         sensitivity = (np.abs(tables - moved) * scale).sum(axis=(0, 2))
         disagreement = (tables.std(axis=0) * scale).sum(axis=1)
-        return (1 - weight) * disagreement - weight * sensitivity, table[:JUDGES]
+        return (1 - weight) * disagreement - weight * sensitivity, table[
+            :VOTING_CLIMBERS
+        ]
 
 
-def shaken(genomes: Genomes, rng: np.random.Generator) -> Genomes:
+def perturb_placements(genomes: Genomes, rng: np.random.Generator) -> Genomes:
     """Genomes with every placement multiplied by U(0.9, 1.1)."""
     moved = genomes.placement * rng.uniform(0.9, 1.1, genomes.placement.shape)
     return replace(genomes, placement=moved % 1.0)
@@ -144,29 +155,31 @@ class PaperSearch(Climbers):
         slips: of the released program.
     """
 
-    slips: Slips = field(default_factory=Slips)
+    quirks: ReleasedQuirks = field(default_factory=ReleasedQuirks)
 
     @property
     def genomes(self) -> Genomes:
         """(15) the models."""
-        return from_unit(self.evaluator.anatomy, self.genes)
+        return decode_unit_genes(self.evaluator.anatomy, self.genes)
 
-    def bodies(self, genes: Floats) -> Bodies:
+    def build_bodies(self, genes: Floats) -> Bodies:
         """Trees."""
         anatomy = self.evaluator.anatomy
-        return build(anatomy, from_unit(anatomy, genes))
+        return build_bodies(anatomy, decode_unit_genes(anatomy, genes))
 
-    def first(self, rng: np.random.Generator) -> Floats:
+    def draw_first(self, rng: np.random.Generator) -> Floats:
         """Random trees."""
         return rng.random((CLIMBERS, self.evaluator.anatomy.size))
 
-    def child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+    def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
         """One to four mutations."""
         for _ in range(rng.integers(1, 5)):
-            genes = mutated(genes, self.slips, rng)
+            genes = mutate_genes(genes, self.quirks, rng)
         return genes
 
-    def shaken(self, genes: Floats, rng: np.random.Generator) -> Bodies:
+    def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
         """Trees with other placements."""
         anatomy = self.evaluator.anatomy
-        return build(anatomy, shaken(from_unit(anatomy, genes), rng))
+        return build_bodies(
+            anatomy, perturb_placements(decode_unit_genes(anatomy, genes), rng)
+        )

@@ -4,27 +4,27 @@ import numpy as np
 
 from ..body.body import Anatomy, Floats
 from ..body.genome import Genomes
-from .symmetry import kinds
+from .symmetry import classify_parts
 
 # Chosen on simulated robots: each further kind of limb costs as much as half a degree
 # of loss. Readings outweigh it soon, and it says nothing of which part hangs where
 # among parts that are alike: it only breaks what would be ties.
-_A_LIMB = 0.5
+_LIMB_COST = 0.5
 
 
-def limbs(anatomy: Anatomy, genomes: Genomes) -> Floats:
+def count_limbs(anatomy: Anatomy, genomes: Genomes) -> Floats:
     """(N) number of different limbs of each body.
 
     A limb is a part and all that hangs on it; two are the same if their parts are
     alike and hang on each other at the same sides by the same hinges. The starfish
     has two: a lower leg, and an upper leg with a lower one.
     """
-    kind = kinds(anatomy)
+    kind = classify_parts(anatomy)
     rows = zip(genomes.parent, genomes.side, genomes.hinge, strict=True)
-    return np.array([_limbs(kind, *row) for row in rows], float)
+    return np.array([_count_limbs_of_body(kind, *row) for row in rows], float)
 
 
-def _limbs(kind, parent, side, hinge) -> int:  # type: ignore[no-untyped-def]
+def _count_limbs_of_body(kind, parent, side, hinge) -> int:  # type: ignore[no-untyped-def]
     """Number of different limbs of one body, each named by what hangs on it."""
     hanging: list[list] = [[] for _ in range(len(parent) + 1)]
     found = set()
@@ -35,6 +35,6 @@ def _limbs(kind, parent, side, hinge) -> int:  # type: ignore[no-untyped-def]
     return len(found)
 
 
-def cost(anatomy: Anatomy, genomes: Genomes) -> Floats:
+def compute_prior_cost(anatomy: Anatomy, genomes: Genomes) -> Floats:
     """(N) what the prior adds to each body's loss."""
-    return _A_LIMB * limbs(anatomy, genomes)
+    return _LIMB_COST * count_limbs(anatomy, genomes)

@@ -112,21 +112,25 @@ class Run:
     counts: Mapping[str, int] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)
     result: Mapping[str, Any] = field(default_factory=dict)
-    alike: Ints = field(default_factory=lambda: np.empty((0, 0), np.int64))
+    indistinguishable: Ints = field(default_factory=lambda: np.empty((0, 0), np.int64))
 
     @property
-    def alike_trees(self) -> int:
+    def indistinguishable_trees(self) -> int:
         """How many trees other than the best one the bodies of `alike` have."""
         best = self.cycles[-1].genomes.parent[0]
-        other = self.alike[(self.alike != best).any(axis=1)] if len(self.alike) else ()
+        other = (
+            self.indistinguishable[(self.indistinguishable != best).any(axis=1)]
+            if len(self.indistinguishable)
+            else ()
+        )
         return len(np.unique(other, axis=0))
 
-    def after(self, cycle: Cycle, **changes: Any) -> "Run":
+    def with_cycle(self, cycle: Cycle, **changes: Any) -> "Run":
         """This run and one more cycle."""
         return replace(self, cycles=(*self.cycles, cycle), **changes)
 
 
-def save(run: Run, path: str | os.PathLike[str]) -> None:
+def save_run(run: Run, path: str | os.PathLike[str]) -> None:
     """Write a run whole or not at all.
 
     Raises:
@@ -139,20 +143,20 @@ def save(run: Run, path: str | os.PathLike[str]) -> None:
         file.attrs["settings"] = json.dumps(asdict(run.settings))
         file.attrs["counts"] = json.dumps(dict(run.counts))
         file.attrs["result"] = json.dumps(dict(run.result))
-        file["actions"], file["alike"] = run.actions, run.alike
-        _put(file.create_group("anatomy"), run.anatomy)
+        file["actions"], file["alike"] = run.actions, run.indistinguishable
+        _write_dataclass(file.create_group("anatomy"), run.anatomy)
         if run.truth is not None:
-            _put(file.create_group("truth"), run.truth, skip=("anatomy",))
+            _write_dataclass(file.create_group("truth"), run.truth, skip=("anatomy",))
         for k, cycle in enumerate(run.cycles):
             group = file.create_group(f"cycles/{k:03d}")
-            _put(group, cycle, skip=("genomes",))
-            _put(group.create_group("genomes"), cycle.genomes)
+            _write_dataclass(group, cycle, skip=("genomes",))
+            _write_dataclass(group.create_group("genomes"), cycle.genomes)
         state = file.create_group("state")
         for name, value in run.state.items():
             state[name] = value
 
 
-def _put(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
+def _write_dataclass(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
     """A dataclass of arrays, numbers and texts as a group."""
     for f in fields(data):
         if f.name not in skip:
@@ -160,7 +164,7 @@ def _put(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
             group[f.name] = json.dumps(value) if isinstance(value, tuple) else value
 
 
-def _get(group: Any, kind: type, **known: Any) -> Any:
+def _read_dataclass(group: Any, kind: type, **known: Any) -> Any:
     """The dataclass that `_put` wrote; members listed in `known` come from there."""
     values = dict(known)
     for f in fields(kind):
@@ -175,7 +179,7 @@ def _get(group: Any, kind: type, **known: Any) -> Any:
     return kind(**values)
 
 
-def load(path: str | os.PathLike[str]) -> Run:
+def load_run(path: str | os.PathLike[str]) -> Run:
     """Read a run.
 
     Raises:
@@ -183,17 +187,23 @@ def load(path: str | os.PathLike[str]) -> Run:
             another version.
     """
     with open_run(path, "run file", form=FORMAT, version=VERSION) as file:
-        return _read(file)
+        return _read_run(file)
 
 
-def _read(file: Any) -> Run:
+def _read_run(file: Any) -> Run:
     """The run in an open file."""
-    anatomy = _get(file["anatomy"], Anatomy)
+    anatomy = _read_dataclass(file["anatomy"], Anatomy)
     cycles = tuple(
-        _get(group, Cycle, genomes=_get(group["genomes"], Genomes))
+        _read_dataclass(
+            group, Cycle, genomes=_read_dataclass(group["genomes"], Genomes)
+        )
         for _, group in sorted(file.get("cycles", {}).items())
     )
-    truth = _get(file["truth"], Bodies, anatomy=anatomy) if "truth" in file else None
+    truth = (
+        _read_dataclass(file["truth"], Bodies, anatomy=anatomy)
+        if "truth" in file
+        else None
+    )
     state = {k: v[()] for k, v in file["state"].items()}
     texts = {k: v.decode() if isinstance(v, bytes) else v for k, v in state.items()}
     return Run(
@@ -205,12 +215,12 @@ def _read(file: Any) -> Run:
         counts=json.loads(file.attrs["counts"]),
         state=texts,
         result=json.loads(file.attrs["result"]),
-        alike=file["alike"][()],
+        indistinguishable=file["alike"][()],
     )
 
 
 @contextmanager
-def held(path: str | os.PathLike[str]) -> Iterator[None]:
+def lock_run(path: str | os.PathLike[str]) -> Iterator[None]:
     """Keep a run file to this process while it works on it.
 
     Raises:
@@ -229,7 +239,7 @@ def held(path: str | os.PathLike[str]) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise RunFileError(busy) from error
-        if not _is_at(file, lock):  # another process has just let go of it
+        if not _is_same_file(file, lock):  # another process has just let go of it
             raise RunFileError(busy)
         try:
             yield
@@ -237,7 +247,7 @@ def held(path: str | os.PathLike[str]) -> Iterator[None]:
             lock.unlink(missing_ok=True)
 
 
-def _is_at(file: IO[str], path: Path) -> bool:
+def _is_same_file(file: IO[str], path: Path) -> bool:
     """Whether an open file is still the one at a path."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())

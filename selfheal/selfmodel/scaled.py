@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Bodies, Floats, scale_parts
-from ..body.genome import Genomes, build
+from ..body.genome import Genomes, build_bodies
 from ..engine import make_engine
 from ..robot.base import Robot
 from .evaluate import PAPER_LOSS, Evaluator, Evidence
-from .loop import felt
-from .paper import CLIMBERS, Climbers, shaken
-from .strategy import Rule
+from .loop import read_rest_channels
+from .paper import CLIMBERS, Climbers, perturb_placements
+from .strategy import ReleasedRule
 
 SCALES = (0.1, 2.0)
 
@@ -30,15 +30,15 @@ class ScaleSearch(Climbers):
 
     known: Genomes = field(kw_only=True)
 
-    def bodies(self, genes: Floats) -> Bodies:
+    def build_bodies(self, genes: Floats) -> Bodies:
         """The known body with other parts."""
-        return self._scaled(self._copies(len(genes)), genes)
+        return self._scale_bodies(self._copy_known(len(genes)), genes)
 
-    def first(self, rng: np.random.Generator) -> Floats:
+    def draw_first(self, rng: np.random.Generator) -> Floats:
         """The known body, fifteen times."""
         return np.ones((CLIMBERS, self.evaluator.anatomy.size))
 
-    def child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+    def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
         """One factor is multiplied by 1 +- e^b, b uniform in (-5, 0), or drawn anew."""
         genes = genes.copy()
         k = int(rng.integers(len(genes)))
@@ -48,19 +48,21 @@ class ScaleSearch(Climbers):
             genes[k] = rng.uniform(*SCALES)
         return np.clip(genes, *SCALES)
 
-    def shaken(self, genes: Floats, rng: np.random.Generator) -> Bodies:
+    def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
         """The known body with other parts at other places."""
-        return self._scaled(shaken(self._copies(len(genes)), rng), genes)
+        return self._scale_bodies(
+            perturb_placements(self._copy_known(len(genes)), rng), genes
+        )
 
-    def _copies(self, count: int) -> Genomes:
+    def _copy_known(self, count: int) -> Genomes:
         return self.known[np.zeros(count, np.int64)]
 
-    def _scaled(self, genomes: Genomes, genes: Floats) -> Bodies:
-        return scale_parts(build(self.evaluator.anatomy, genomes), genes)
+    def _scale_bodies(self, genomes: Genomes, genes: Floats) -> Bodies:
+        return scale_parts(build_bodies(self.evaluator.anatomy, genomes), genes)
 
 
 @dataclass(frozen=True)
-class Scaled:
+class ScaleEstimate:
     """What is believed after an action.
 
     Attributes:
@@ -73,12 +75,12 @@ class Scaled:
     action: int
     scale: Floats
     spent: int
-    chosen: int
+    spent_choosing: int
 
 
-def rescale(
+def estimate_scales(
     robot: Robot, known: Genomes, *, method: str, cycles: int, seed: int
-) -> Iterator[Scaled]:
+) -> Iterator[ScaleEstimate]:
     """Find out how long a damaged robot's parts are, a yield an action.
 
     Args:
@@ -91,11 +93,13 @@ def rescale(
     engine = make_engine("statics")
     evaluator = Evaluator(robot.anatomy, engine, actions=robot.actions, loss=PAPER_LOSS)
     finder = ScaleSearch(evaluator, known=known)
-    rule, evidence = Rule(finder, method, cycles), Evidence()
+    rule, evidence = ReleasedRule(finder, method, cycles), Evidence()
     rng = np.random.default_rng([seed, 11])
     while len(evidence) < cycles:
-        action, _ = rule.choose(evidence, rng)
-        evidence = evidence.add(action, felt(robot.act(action)))
-        rule.search(evidence, rng)
+        action, _ = rule.choose_action(evidence, rng)
+        evidence = evidence.add(action, read_rest_channels(robot.act(action)))
+        rule.search_bodies(evidence, rng)
         best = finder.genes[int(np.argmin(finder.losses))]
-        yield Scaled(action, best.copy(), evaluator.spent, evaluator.chosen)
+        yield ScaleEstimate(
+            action, best.copy(), evaluator.spent, evaluator.spent_choosing
+        )

@@ -12,9 +12,9 @@ from itertools import chain, combinations
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.genome import LENGTH_RANGE, Genomes, build, from_matrix
+from ..body.genome import LENGTH_RANGE, Genomes, build_bodies, decode_matrix
 from ..engine.statics import Statics
-from .crowding import generation
+from .crowding import run_generation
 
 CHANNELS = {"tilt": (0, 1), "clearance": (2,), "touch": (3, 4, 5, 6)}
 SENSOR_SETS = tuple(
@@ -27,14 +27,14 @@ _SCALE = np.array([10.0, 10.0, 20.0, 2.0, 2.0, 2.0, 2.0])
 Decode = Callable[[Floats], Genomes]
 
 
-def sense(bodies: Bodies, targets: Floats, engine: Statics) -> Floats:
+def simulate_channels(bodies: Bodies, targets: Floats, engine: Statics) -> Floats:
     """(N, 7) what N bodies sense, each under its own joint targets (N, P) [rad]."""
     seen = engine.simulate(bodies, targets)
     tilt, gap = np.degrees(seen.tilt), 1000 * seen.clearance[:, None]
     return np.hstack([tilt, gap, seen.touch])
 
 
-def with_lengths(known: Genomes, genes: Floats) -> Genomes:
+def set_lengths(known: Genomes, genes: Floats) -> Genomes:
     """Bodies of a known tree (1) with the lengths of genes (N, P) in [0, 1]."""
     low, high = LENGTH_RANGE
     copies = known[np.zeros(len(genes), np.int64)]
@@ -44,7 +44,7 @@ def with_lengths(known: Genomes, genes: Floats) -> Genomes:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SearchPlan:
     """How models are searched for.
 
     Attributes:
@@ -64,40 +64,42 @@ class Plan:
     cap: float = np.inf
 
 
-def lengths_plan(known: Genomes, sensors: tuple[str, ...]) -> Plan:
+def make_lengths_plan(known: Genomes, sensors: tuple[str, ...]) -> SearchPlan:
     """Eight lengths: 100 models, 10 generations (papers.md 2, C)."""
     count = known.parent.shape[1]
-    return Plan(count, lambda g: with_lengths(known, g), 100, 10, sensors)
+    return SearchPlan(count, lambda g: set_lengths(known, g), 100, 10, sensors)
 
 
-def matrix_plan(bodies: Bodies, sensors: tuple[str, ...]) -> Plan:
+def make_matrix_plan(bodies: Bodies, sensors: tuple[str, ...]) -> SearchPlan:
     """The 8 x 4 matrix: 300 models, 40 generations (papers.md 2, C)."""
     anatomy = bodies.anatomy
 
     def decode(genes: Floats) -> Genomes:
-        return from_matrix(anatomy, genes.reshape(len(genes), anatomy.size, 4))
+        return decode_matrix(anatomy, genes.reshape(len(genes), anatomy.size, 4))
 
-    return Plan(4 * anatomy.size, decode, 300, 40, sensors)
+    return SearchPlan(4 * anatomy.size, decode, 300, 40, sensors)
 
 
-class Judge:
+class PoseEvaluator:
     """How badly models explain poses; counts what it simulates."""
 
-    def __init__(self, like: Bodies, plan: Plan) -> None:
+    def __init__(self, like: Bodies, plan: SearchPlan) -> None:
         """`like` is any body of the robot's anatomy."""
         self.like, self.plan = like, plan
         self.engine, self.spent = Statics(), 0
-        self.heard = [c for name in plan.sensors for c in CHANNELS[name]]
+        self.columns = [c for name in plan.sensors for c in CHANNELS[name]]
 
-    def sense(self, bodies: Bodies, targets: Floats) -> Floats:
+    def simulate_poses(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, n, 7) what N bodies sense in n poses, targets (n, P) or (N, n, P)."""
         shape = len(bodies), *targets.shape[-2:]
         rows = np.repeat(np.arange(shape[0]), shape[1])
         flat = np.broadcast_to(targets, shape).reshape(-1, shape[2])
         self.spent += len(rows)
-        return sense(bodies[rows], flat, self.engine).reshape(*shape[:2], -1)
+        return simulate_channels(bodies[rows], flat, self.engine).reshape(
+            *shape[:2], -1
+        )
 
-    def errors(self, poses: Floats, felt: Floats, genes: Floats) -> Floats:
+    def compute_errors(self, poses: Floats, felt: Floats, genes: Floats) -> Floats:
         """(N) mean over poses of the sum of channels, see `_SCALE`; infinite: failed.
 
         Args:
@@ -105,14 +107,20 @@ class Judge:
             felt: (n, 7) channels measured there.
             genes: (N, G) of models.
         """
-        bodies = build(self.like.anatomy, self.plan.decode(genes))
-        gap = (self.sense(bodies, poses) - felt)[..., self.heard] / _SCALE[self.heard]
+        bodies = build_bodies(self.like.anatomy, self.plan.decode(genes))
+        gap = (self.simulate_poses(bodies, poses) - felt)[..., self.columns] / _SCALE[
+            self.columns
+        ]
         far = np.minimum(np.abs(gap), self.plan.cap)
         return np.nan_to_num(far, nan=np.inf).sum(axis=2).mean(axis=1)
 
 
-def estimate(
-    like: Bodies, poses: Floats, felt: Floats, plan: Plan, rng: np.random.Generator
+def estimate_models(
+    like: Bodies,
+    poses: Floats,
+    felt: Floats,
+    plan: SearchPlan,
+    rng: np.random.Generator,
 ) -> Iterator[tuple[Genomes, float, int]]:
     """The estimation of paper C, a yield a pose; poses come in the order given.
 
@@ -127,12 +135,12 @@ def estimate(
         The best model (1), its error (mean over poses, see `_SCALE`) and the
         simulations so far.
     """
-    judge = Judge(like, plan)
+    judge = PoseEvaluator(like, plan)
     genes = rng.random((plan.population, plan.genes))
     for count in range(1, len(poses) + 1):
-        score = partial(judge.errors, poses[:count], felt[:count])
+        score = partial(judge.compute_errors, poses[:count], felt[:count])
         found = score(genes)
         for _ in range(plan.generations):
-            genes, found = generation(genes, found, score, rng)
+            genes, found = run_generation(genes, found, score, rng)
         best = int(np.argmin(found))
         yield plan.decode(genes[best : best + 1]), float(found[best]), judge.spent

@@ -11,9 +11,9 @@ from ..body.genome import (
     HINGE_NAMES,
     LENGTH_RANGE,
     Genomes,
-    at_sides,
-    concatenate,
-    random_genomes,
+    center_on_sides,
+    concatenate_genomes,
+    draw_genomes,
 )
 from ..errors import UnknownNameError
 
@@ -22,7 +22,7 @@ _NUDGE_DECADES = (-3.0, -0.7)  # their size: 10^uniform, in rounds or lengths; c
 
 
 @dataclass(frozen=True)
-class Space:
+class BodySpace:
     """Which genes of a body are unknown.
 
     Attributes:
@@ -41,14 +41,14 @@ class Space:
 SPACES = {
     s.name: s
     for s in (
-        Space("free", sides=False, hinges=False, lengths=False),
-        Space("sides", sides=True, hinges=False, lengths=False),
-        Space("full", sides=True, hinges=True, lengths=True),
+        BodySpace("free", sides=False, hinges=False, lengths=False),
+        BodySpace("sides", sides=True, hinges=False, lengths=False),
+        BodySpace("full", sides=True, hinges=True, lengths=True),
     )
 }
 
 
-def space_of(name: str, *, known_lengths: bool = False) -> Space:
+def find_space(name: str, *, known_lengths: bool = False) -> BodySpace:
     """The space of a name; `known_lengths` takes lengths out of "full".
 
     Raises:
@@ -60,11 +60,11 @@ def space_of(name: str, *, known_lengths: bool = False) -> Space:
     return replace(space, lengths=space.lengths and not known_lengths)
 
 
-def random_bodies(
-    anatomy: Anatomy, space: Space, count: int, rng: np.random.Generator
+def draw_space_genomes(
+    anatomy: Anatomy, space: BodySpace, count: int, rng: np.random.Generator
 ) -> Genomes:
     """`count` random genomes of the space, uniform in every unknown gene."""
-    genomes = random_genomes(anatomy, count, rng, space.sides)
+    genomes = draw_genomes(anatomy, count, rng, space.sides)
     shape = genomes.parent.shape
     if space.hinges:
         genomes = replace(genomes, hinge=rng.integers(0, len(HINGE_NAMES), shape))
@@ -73,12 +73,12 @@ def random_bodies(
     return genomes
 
 
-def _copies(genome: Genomes, count: int) -> Genomes:
+def _copy_genome(genome: Genomes, count: int) -> Genomes:
     """`count` copies of a batch of one."""
     return genome[np.zeros(count, np.int64)]
 
 
-def _reattached(genome: Genomes, kinds: Ints) -> Genomes:
+def _reattach_parts(genome: Genomes, kinds: Ints) -> Genomes:
     """Every part at the middle of every side of every possible parent.
 
     Args:
@@ -88,14 +88,14 @@ def _reattached(genome: Genomes, kinds: Ints) -> Genomes:
     p = genome.parent.shape[1]
     spots = [(i, k, s) for i in range(p) for k in range(i + 1) for s in range(4)]
     part, parent, side = np.repeat(spots, max(1, len(kinds)), axis=0).T
-    out, row = _copies(genome, len(part)), np.arange(len(part))
+    out, row = _copy_genome(genome, len(part)), np.arange(len(part))
     out.parent[row, part], out.placement[row, part] = parent, (side + 0.5) / 4
     if len(kinds):
         out.hinge[row, part] = np.tile(kinds, len(spots))
     return out
 
 
-def _moved(genome: Genomes, orders: Ints) -> Genomes:
+def _permute_attachments(genome: Genomes, orders: Ints) -> Genomes:
     """Attachments handed from part to part: part i takes that of orders[., i]."""
     out = Genomes(
         genome.parent[0][orders],
@@ -106,9 +106,9 @@ def _moved(genome: Genomes, orders: Ints) -> Genomes:
     return out
 
 
-def _relabeled(genome: Genomes, orders: Ints) -> Genomes:
+def _relabel_parts(genome: Genomes, orders: Ints) -> Genomes:
     """Parts trade places, children and all: part i becomes part orders[., i]."""
-    out, row = _copies(genome, len(orders)), np.arange(len(orders))[:, None]
+    out, row = _copy_genome(genome, len(orders)), np.arange(len(orders))[:, None]
     label = np.hstack([np.zeros((len(orders), 1), np.int64), orders + 1])
     out.parent[row, orders] = np.take_along_axis(
         label, np.repeat(genome.parent, len(orders), axis=0), axis=1
@@ -119,7 +119,7 @@ def _relabeled(genome: Genomes, orders: Ints) -> Genomes:
 
 
 @lru_cache
-def _orders(p: int) -> tuple[Ints, Ints]:
+def _list_orders(p: int) -> tuple[Ints, Ints]:
     """All trades of two parts, and all cycles of three."""
     pairs = np.tile(np.arange(p), (p * (p - 1) // 2, 1))
     for row, (i, j) in zip(pairs, combinations(range(p), 2), strict=True):
@@ -131,12 +131,12 @@ def _orders(p: int) -> tuple[Ints, Ints]:
     return pairs, cycles
 
 
-def _nudged(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
+def _nudge_gene(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
     """One gene of one part shifted a little, several sizes for every part."""
     p = genome.parent.shape[1]
     part = np.repeat(np.arange(p), _NUDGES)
     size = rng.normal(size=len(part)) * 10 ** rng.uniform(*_NUDGE_DECADES, len(part))
-    out = _copies(genome, len(part))
+    out = _copy_genome(genome, len(part))
     values, row = getattr(out, gene), np.arange(len(part))
     if gene == "placement":
         values[row, part] = (values[row, part] + size) % 1.0
@@ -146,7 +146,7 @@ def _nudged(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
     return out
 
 
-def changes(space: Space, genome: Genomes) -> Genomes:
+def list_changes(space: BodySpace, genome: Genomes) -> Genomes:
     """All discrete changes of a body, the k-th the same change whatever the body.
 
     Some make no valid body, or no other one: see `others`. Where hinges are unknown a
@@ -157,42 +157,42 @@ def changes(space: Space, genome: Genomes) -> Genomes:
         space: which genes may change.
         genome: a batch of one.
     """
-    pairs, cycles = _orders(genome.parent.shape[1])
+    pairs, cycles = _list_orders(genome.parent.shape[1])
     kinds = np.arange(len(HINGE_NAMES) if space.hinges else 0)
-    return concatenate(
-        _reattached(genome, kinds),
-        _moved(genome, pairs),
-        _relabeled(genome, pairs),
-        _moved(genome, cycles),
+    return concatenate_genomes(
+        _reattach_parts(genome, kinds),
+        _permute_attachments(genome, pairs),
+        _relabel_parts(genome, pairs),
+        _permute_attachments(genome, cycles),
     )
 
 
-def neighbors(space: Space, genome: Genomes) -> Genomes:
+def list_neighbors(space: BodySpace, genome: Genomes) -> Genomes:
     """The other bodies one discrete change away from a body (1)."""
-    return others(changes(space, genome), genome)
+    return keep_others(list_changes(space, genome), genome)
 
 
-def nudges(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
+def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> Genomes:
     """Bodies one small continuous change away; none where every gene is discrete."""
     batches = [genome[:0]]
     if not space.sides:
-        batches.append(_nudged(genome, "placement", rng))
+        batches.append(_nudge_gene(genome, "placement", rng))
     if space.lengths:
-        batches.append(_nudged(genome, "length", rng))
-    return concatenate(*batches)
+        batches.append(_nudge_gene(genome, "length", rng))
+    return concatenate_genomes(*batches)
 
 
-def others(around: Genomes, genome: Genomes) -> Genomes:
+def keep_others(around: Genomes, genome: Genomes) -> Genomes:
     """The valid ones that differ from the genome (1)."""
-    return around[valid(around) & ~same(around, genome)]
+    return around[is_valid(around) & ~is_same(around, genome)]
 
 
-def valid(genomes: Genomes) -> np.ndarray:
+def is_valid(genomes: Genomes) -> np.ndarray:
     """(N) whether every parent comes before its child."""
     return np.all(genomes.parent <= np.arange(genomes.parent.shape[1]), axis=1)
 
 
-def same(genomes: Genomes, other: Genomes) -> np.ndarray:
+def is_same(genomes: Genomes, other: Genomes) -> np.ndarray:
     """(N) whether a genome equals `other` (1) to a thousandth of a round and 0.1 mm."""
     turn = np.abs(genomes.placement - other.placement)
     return (
@@ -203,7 +203,7 @@ def same(genomes: Genomes, other: Genomes) -> np.ndarray:
     ).all(axis=1)
 
 
-def crossed(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genomes:
+def cross_genomes(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genomes:
     """Uniform crossover: each part's genes from one of two genomes (1 each)."""
     pick = rng.random(first.parent.shape) < 0.5
     names = ("parent", "placement", "hinge", "length")
@@ -211,15 +211,17 @@ def crossed(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genome
     return Genomes(*(np.where(pick, a, b) for a, b in pairs))
 
 
-def kicked(space: Space, genome: Genomes, rng: np.random.Generator) -> Genomes:
+def perturb_genome(
+    space: BodySpace, genome: Genomes, rng: np.random.Generator
+) -> Genomes:
     """The genome (1) after two to four random small changes in a row."""
     for _ in range(rng.integers(2, 5)):
-        around = neighbors(space, genome)
+        around = list_neighbors(space, genome)
         genome = around[rng.integers(len(around), size=1)]
-    return at_sides(genome) if space.sides else genome
+    return center_on_sides(genome) if space.sides else genome
 
 
-def genome_key(genomes: Genomes, row: int) -> bytes:
+def make_genome_key(genomes: Genomes, row: int) -> bytes:
     """A hashable name of one genome, equal for bodies equal to a thousandth."""
     numbers: list[Floats | Ints] = [
         genomes.parent[row], np.round(genomes.placement[row] * 1000).astype(int) % 1000,

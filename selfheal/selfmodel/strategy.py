@@ -10,22 +10,22 @@ from ..body.body import Floats, Ints
 from ..body.genome import Genomes
 from .evaluate import CAPPED_LOSS, PAPER_LOSS, Evaluator, Evidence, Loss
 from .explore import (
-    DOUBT,
-    belief_left,
-    choose,
-    first_action,
-    never_told_apart,
-    plausibility,
-    random_action,
-    voters,
-    worth,
+    DISAGREEMENT_TEMPERATURE,
+    choose_action,
+    choose_first_action,
+    choose_random_action,
+    compute_plausibility,
+    draw_voters,
+    find_indistinguishable,
+    predict_belief,
+    score_actions,
 )
-from .kin import Hypotheses, Kin
-from .paper import CEILING, GENERATIONS, JUDGES, Climbers, PaperSearch
-from .prior import cost
-from .search import Crowd, RivalSearch
-from .space import space_of
-from .symmetry import Twins
+from .neighborhood import Hypotheses, Neighborhood
+from .paper import CEILING, GENERATIONS, VOTING_CLIMBERS, Climbers, PaperSearch
+from .prior import compute_prior_cost
+from .search import RivalSearch, RivalSet
+from .space import find_space
+from .symmetry import SymmetryGroup
 
 METHODS = {
     "default": "rivals climbed from many starts; actions that tell their trees apart",
@@ -37,7 +37,7 @@ METHODS = {
 BUDGETS = {name: CEILING for name in METHODS} | {"default": 262_000}
 
 # Chosen: of the vote, for bodies that are not known; bodies the search is told of.
-_UNKNOWN, _TOLD = 0.05, 8
+_UNKNOWN_SHARE, _SEEDED = 0.05, 8
 
 
 class Strategy(Protocol):
@@ -45,149 +45,162 @@ class Strategy(Protocol):
 
     loss: Loss
 
-    def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
+    def choose_action(
+        self, evidence: Evidence, rng: np.random.Generator
+    ) -> tuple[int, str]:
         """The next action, and one sentence on why."""
         ...
 
-    def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+    def search_bodies(
+        self, evidence: Evidence, limit: int, rng: np.random.Generator
+    ) -> None:
         """Look for bodies until about `limit` simulations were spent in all."""
         ...
 
-    def rivals(self) -> tuple[Genomes, Floats, Floats]:
+    def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
         """Genomes (K), tables (K, A, 3) and losses (K), best first."""
         ...
 
-    def candidates(self) -> tuple[Ints, Floats]:
+    def list_candidates(self) -> tuple[Ints, Floats]:
         """Trees (M, P) of the bodies that might be the right one, and belief (M)."""
         ...
 
-    def foreseen(self) -> tuple[Floats, Floats]:
+    def predict_tables(self) -> tuple[Floats, Floats]:
         """Tables (M, A, 3) of bodies that might be right, and weights (M) of them."""
         ...
 
-    def alike(self, table: Floats) -> Genomes:
+    def list_indistinguishable(self, table: Floats) -> Genomes:
         """Bodies that might be right and that no action tells from one of a table."""
         ...
 
-    def prior(self, genomes: Genomes) -> Floats:
+    def compute_prior(self, genomes: Genomes) -> Floats:
         """(N) what a prior adds to the losses of bodies; rivals are ranked by both."""
         ...
 
-    def state(self) -> dict[str, Any]:
+    def capture_state(self) -> dict[str, Any]:
         """Arrays from which `restore` goes on."""
         ...
 
-    def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
+    def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state, and what was felt until then."""
         ...
 
 
-class Rivals:
+class RivalStrategy:
     """Our method; see `search` and `explore`."""
 
     def __init__(self, evaluator: Evaluator, *, space: str, known_lengths: bool,
                  random_actions: bool) -> None:  # fmt: skip
         """`random_actions` leaves the choice to chance, for comparison."""
         self.loss, self.evaluator = CAPPED_LOSS, evaluator
-        twins = Twins.of(evaluator.anatomy, evaluator.actions)
-        where = space_of(space, known_lengths=known_lengths)
+        twins = SymmetryGroup.from_actions(evaluator.anatomy, evaluator.actions)
+        where = find_space(space, known_lengths=known_lengths)
         self.finder = RivalSearch(where, evaluator, twins)
-        self.kin = Kin(where, evaluator, twins)
+        self.neighborhood = Neighborhood(where, evaluator, twins)
         self.found: Hypotheses | None = None  # on the evidence so far
         self.random_actions = random_actions
 
-    def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
+    def choose_action(
+        self, evidence: Evidence, rng: np.random.Generator
+    ) -> tuple[int, str]:
         """The action that best tells the trees of the hypotheses apart."""
         actions = self.evaluator.actions
         if self.random_actions:
-            action = random_action(len(actions), evidence.tried, rng)
+            action = choose_random_action(len(actions), evidence.tried, rng)
             return action, "random: asked to be random"
         if not self.found:
-            action = first_action(self.finder.twins, actions, rng)
+            action = choose_first_action(self.finder.twins, actions, rng)
             return action, "random, of those that move like parts differently"
-        some, belief = voters(self.found, rng)
+        some, belief = draw_voters(self.found, rng)
         # a part of the vote is the same for all: those known are not all there are
-        belief = (1 - _UNKNOWN) * belief + _UNKNOWN / len(belief)
-        left = belief_left(some.tables, some.genomes.parent, belief)
-        action = choose(worth(left, belief), evidence.tried)
+        belief = (1 - _UNKNOWN_SHARE) * belief + _UNKNOWN_SHARE / len(belief)
+        left = predict_belief(some.tables, some.genomes.parent, belief)
+        action = choose_action(score_actions(left, belief), evidence.tried)
         return action, (
             f"of {len(self.found):,} bodies that might be it, leaves "
             f"{100 * left[action] @ belief:.0f} % belief in the right tree"
         )
 
-    def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+    def search_bodies(
+        self, evidence: Evidence, limit: int, rng: np.random.Generator
+    ) -> None:
         """Climb (see `RivalSearch.run`), and look at what is near the peaks."""
-        self.finder.run(evidence, limit, rng)
-        self.kin.learn(self.finder.crowd, evidence, rng)
-        self.found = self.kin.hypotheses(evidence)
-        self._tell()
+        self.finder.search(evidence, limit, rng)
+        self.neighborhood.update(self.finder.rivals, evidence, rng)
+        self.found = self.neighborhood.list_hypotheses(evidence)
+        self._seed_search()
 
-    def _tell(self) -> None:
+    def _seed_search(self) -> None:
         """Let the search go on from the best hypotheses too."""
         assert self.found is not None
-        best = self.found[np.arange(min(_TOLD, len(self.found)))]
-        genomes, tables, crowd = best.genomes, best.tables, self.finder.crowd
+        best = self.found[np.arange(min(_SEEDED, len(self.found)))]
+        genomes, tables, crowd = best.genomes, best.tables, self.finder.rivals
         for k, loss in enumerate(best.losses):
-            crowd.add(genomes[[k]], tables[k], float(loss))
-        crowd.cut(self.finder.size + _TOLD)
+            crowd.add_rival(genomes[[k]], tables[k], float(loss))
+        crowd.keep_best(self.finder.size + _SEEDED)
 
-    def rivals(self) -> tuple[Genomes, Floats, Floats]:
+    def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The crowd, by loss and prior."""
-        crowd = self.finder.crowd
-        order = np.argsort(crowd.losses + self.prior(crowd.genomes), kind="stable")
+        crowd = self.finder.rivals
+        order = np.argsort(
+            crowd.losses + self.compute_prior(crowd.genomes), kind="stable"
+        )
         return crowd.genomes[order], crowd.tables[order], crowd.losses[order]
 
-    def candidates(self) -> tuple[Ints, Floats]:
+    def list_candidates(self) -> tuple[Ints, Floats]:
         """The rivals, their kin and all their twins."""
         if not self.found:
-            crowd = self.finder.crowd
+            crowd = self.finder.rivals
             return crowd.genomes.parent, np.full(len(crowd), 1 / len(crowd))
-        return self.found.genomes.parent, plausibility(self.found.costs)
+        return self.found.genomes.parent, compute_plausibility(self.found.costs)
 
-    def foreseen(self) -> tuple[Floats, Floats]:
+    def predict_tables(self) -> tuple[Floats, Floats]:
         """Of some of the candidates, the same ones whenever asked."""
         if not self.found:
-            return self.finder.crowd.tables, np.ones(len(self.finder.crowd))
-        some, belief = voters(self.found, np.random.default_rng(0), DOUBT)
+            return self.finder.rivals.tables, np.ones(len(self.finder.rivals))
+        some, belief = draw_voters(
+            self.found, np.random.default_rng(0), DISAGREEMENT_TEMPERATURE
+        )
         return some.tables, belief
 
-    def alike(self, table: Floats) -> Genomes:
+    def list_indistinguishable(self, table: Floats) -> Genomes:
         """Of the hypotheses."""
         assert self.found is not None
-        return never_told_apart(self.found, table).genomes
+        return find_indistinguishable(self.found, table).genomes
 
-    def prior(self, genomes: Genomes) -> Floats:
+    def compute_prior(self, genomes: Genomes) -> Floats:
         """Bodies of few kinds of limbs are likelier."""
-        return cost(self.evaluator.anatomy, genomes)
+        return compute_prior_cost(self.evaluator.anatomy, genomes)
 
-    def state(self) -> dict[str, Any]:
+    def capture_state(self) -> dict[str, Any]:
         """The arrays of the crowd and of its kin."""
-        return _arrays(self.finder.crowd) | {
-            f"kin_{name}": value for name, value in _arrays(self.kin.crowd).items()
+        return _to_arrays(self.finder.rivals) | {
+            f"kin_{name}": value
+            for name, value in _to_arrays(self.neighborhood.crowd).items()
         }
 
-    def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
+    def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
-        self.finder.crowd = _crowd(state, "")
-        kin = _crowd(state, "kin_")
-        self.kin.take(kin.genomes, kin.tables)
-        self.found = self.kin.hypotheses(evidence)
+        self.finder.rivals = _from_arrays(state, "")
+        kin = _from_arrays(state, "kin_")
+        self.neighborhood.add_bodies(kin.genomes, kin.tables)
+        self.found = self.neighborhood.list_hypotheses(evidence)
 
 
-def _arrays(crowd: Crowd) -> dict[str, Floats | Ints]:
+def _to_arrays(crowd: RivalSet) -> dict[str, Floats | Ints]:
     """The arrays of a crowd by name."""
     genes = {f.name: getattr(crowd.genomes, f.name) for f in fields(Genomes)}
     return genes | {name: getattr(crowd, name) for name in ("tables", "losses")}
 
 
-def _crowd(state: Mapping[str, Any], prefix: str) -> Crowd:
+def _from_arrays(state: Mapping[str, Any], prefix: str) -> RivalSet:
     """The crowd whose arrays stand under a prefix."""
     genomes = Genomes(*(state[prefix + f.name] for f in fields(Genomes)))
-    return Crowd(genomes, state[prefix + "tables"], state[prefix + "losses"])
+    return RivalSet(genomes, state[prefix + "tables"], state[prefix + "losses"])
 
 
 @dataclass
-class Rule:
+class ReleasedRule:
     """When climbers climb, and which action is next, in 2006.
 
     Attributes:
@@ -202,81 +215,92 @@ class Rule:
     cycles: int
     weight: float = 0.5
 
-    def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
+    def choose_action(
+        self, evidence: Evidence, rng: np.random.Generator
+    ) -> tuple[int, str]:
         """By the released score, by disagreement, or at random in the baselines."""
         if self.method.startswith("random") or not len(evidence):
             count = len(self.finder.evaluator.actions)
-            return random_action(count, evidence.tried, rng), "random"
+            return choose_random_action(count, evidence.tried, rng), "random"
         if self.method == "disagreement":
-            score, _ = self.finder.score(0.0, rng)
-            action = choose(score, evidence.tried)
-            return action, f"disagreement of the {JUDGES} best: {score[action]:.1f}"
+            score, _ = self.finder.score_actions(0.0, rng)
+            action = choose_action(score, evidence.tried)
+            return (
+                action,
+                f"disagreement of the {VOTING_CLIMBERS} best: {score[action]:.1f}",
+            )
         self.weight /= 1.5
-        score, _ = self.finder.score(self.weight, rng)
-        action = choose(score, evidence.tried)
+        score, _ = self.finder.score_actions(self.weight, rng)
+        action = choose_action(score, evidence.tried)
         return action, (
-            f"disagreement of the {JUDGES} best less its unreliability: "
+            f"disagreement of the {VOTING_CLIMBERS} best less its unreliability: "
             f"{score[action]:.1f} degrees"
         )
 
-    def search(self, evidence: Evidence, rng: np.random.Generator) -> None:
+    def search_bodies(self, evidence: Evidence, rng: np.random.Generator) -> None:
         """200 generations; in the batch, all of them after the last action."""
         if self.method != "random-batch":
-            self.finder.run(evidence, GENERATIONS, rng)
+            self.finder.climb(evidence, GENERATIONS, rng)
         elif len(evidence) == self.cycles:
             # as many simulations as 200 generations after each action, at most
-            self.finder.run(evidence, GENERATIONS * (self.cycles + 1) // 2, rng)
+            self.finder.climb(evidence, GENERATIONS * (self.cycles + 1) // 2, rng)
         else:
-            self.finder.run(evidence, 0, rng)
+            self.finder.climb(evidence, 0, rng)
 
 
-class Released:
+class ReleasedStrategy:
     """The 2006 rule, with plain disagreement, and its two random baselines."""
 
     def __init__(self, finder: PaperSearch, *, method: str, cycles: int) -> None:
         """`method` is any of `METHODS` but "default"."""
         self.loss, self.finder = PAPER_LOSS, finder
-        self.rule = Rule(finder, method, cycles)
+        self.rule = ReleasedRule(finder, method, cycles)
 
-    def choose(self, evidence: Evidence, rng: np.random.Generator) -> tuple[int, str]:
+    def choose_action(
+        self, evidence: Evidence, rng: np.random.Generator
+    ) -> tuple[int, str]:
         """By the rule."""
-        return self.rule.choose(evidence, rng)
+        return self.rule.choose_action(evidence, rng)
 
-    def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+    def search_bodies(
+        self, evidence: Evidence, limit: int, rng: np.random.Generator
+    ) -> None:
         """By the rule, whatever the limit."""
-        self.rule.search(evidence, rng)
+        self.rule.search_bodies(evidence, rng)
 
-    def rivals(self) -> tuple[Genomes, Floats, Floats]:
+    def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The climbers; their tables are not simulated, for the rule has none."""
         genomes = self.finder.genomes
         shape = (len(genomes), len(self.finder.evaluator.actions), 3)
         return genomes, np.full(shape, np.nan), self.finder.losses
 
-    def candidates(self) -> tuple[Ints, Floats]:
+    def list_candidates(self) -> tuple[Ints, Floats]:
         """The climbers."""
-        return self.finder.genomes.parent, plausibility(self.finder.losses)
+        return self.finder.genomes.parent, compute_plausibility(self.finder.losses)
 
-    def foreseen(self) -> tuple[Floats, Floats]:
+    def predict_tables(self) -> tuple[Floats, Floats]:
         """Of the climbers."""
         evaluator = self.finder.evaluator
-        with evaluator.aside():
-            tables = evaluator.table(self.finder.genomes)
-        return tables, plausibility(self.finder.losses, DOUBT)
+        with evaluator.count_as_choice():
+            tables = evaluator.compute_table(self.finder.genomes)
+        return tables, compute_plausibility(
+            self.finder.losses, DISAGREEMENT_TEMPERATURE
+        )
 
-    def alike(self, table: Floats) -> Genomes:
+    def list_indistinguishable(self, table: Floats) -> Genomes:
         """None: the climbers' tables are not simulated."""
         return self.finder.genomes[:0]
 
-    def prior(self, genomes: Genomes) -> Floats:
+    def compute_prior(self, genomes: Genomes) -> Floats:
         """The rule knows none."""
         return np.zeros(len(genomes))
 
-    def state(self) -> dict[str, Any]:
+    def capture_state(self) -> dict[str, Any]:
         """The climbers."""
         return {"genes": self.finder.genes, "losses": self.finder.losses,
                 "weight": self.rule.weight}  # fmt: skip
 
-    def restore(self, state: Mapping[str, Any], evidence: Evidence) -> None:
+    def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
         self.finder.genes, self.finder.losses = state["genes"], state["losses"]
         self.rule.weight = float(state["weight"])

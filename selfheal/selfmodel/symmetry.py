@@ -23,7 +23,7 @@ _MIRRORED_HINGE = np.array([1, 0, 2, 3, 5, 4])
 
 
 @dataclass(frozen=True)
-class Twins:
+class SymmetryGroup:
     """The group of a robot's trades (T), turns and mirrors (G).
 
     Attributes:
@@ -40,25 +40,25 @@ class Twins:
     tilt: Floats
 
     @classmethod
-    def of(cls, anatomy: Anatomy, actions: Floats) -> "Twins":
+    def from_actions(cls, anatomy: Anatomy, actions: Floats) -> "SymmetryGroup":
         """The group for an anatomy and its actions (A, P) [rad]."""
-        trade = _trades(anatomy)
-        known = {a.tobytes(): k for k, a in enumerate(_rounded(actions))}
-        moved = _rounded(actions)[:, trade]  # (A, T, P)
+        trade = _list_trades(anatomy)
+        known = {a.tobytes(): k for k, a in enumerate(_round_actions(actions))}
+        moved = _round_actions(actions)[:, trade]  # (A, T, P)
         found = [[known.get(row.tobytes(), -1) for row in rows] for rows in moved]
         square = np.isclose(anatomy.torso_half[0], anatomy.torso_half[1])
         square &= np.isclose(anatomy.rim[0], anatomy.rim[1])
         turns = np.array([(k, m) for m in (0, 1) for k in range(4)])
         turns = turns if square else turns[[0, 2, 4, 6]]
-        tilt = np.array([_tilt_map(k, m) for k, m in turns])
+        tilt = np.array([_build_tilt_map(k, m) for k, m in turns])
         return cls(trade, np.array(found).T.copy(), turns, tilt)
 
-    def valid(self, parent: Ints) -> np.ndarray:
+    def find_valid_trades(self, parent: Ints) -> np.ndarray:
         """(T) whether a body's parents (P) still come before children once traded."""
         label = np.hstack([np.zeros((len(self.trade), 1), np.int64), self.trade + 1])
         return np.all(label[:, parent] <= self.trade, axis=1)
 
-    def losses(
+    def compute_losses(
         self,
         parent: Ints,
         table: Floats,
@@ -80,25 +80,25 @@ class Twins:
         each = np.where(np.any(np.isnan(twins), axis=2)[:, None], np.inf, each)
         source = self.action[:, tried]  # (T, n)
         total = each[:, np.arange(len(tried)), source].sum(axis=2)
-        unknown = (source < 0).any(axis=1) | ~self.valid(parent)
+        unknown = (source < 0).any(axis=1) | ~self.find_valid_trades(parent)
         return np.where(unknown, np.inf, total)
 
-    def table(self, table: Floats, turn: int, trade: int) -> Floats:
+    def map_table(self, table: Floats, turn: int, trade: int) -> Floats:
         """(A, 3) channels of one twin under every action; NaN where not known."""
-        return self.tables(table[None], np.array([turn]), np.array([trade]))[0]
+        return self.map_tables(table[None], np.array([turn]), np.array([trade]))[0]
 
-    def tables(self, tables: Floats, turn: Ints, trade: Ints) -> Floats:
+    def map_tables(self, tables: Floats, turn: Ints, trade: Ints) -> Floats:
         """(N, A, 3) channels of a twin (turn, trade) of each body, from its table."""
         source = self.action[trade]  # (N, A)
         found = np.take_along_axis(tables, np.maximum(source, 0)[..., None], axis=1)
         twins = found @ self.tilt[turn].transpose(0, 2, 1)
         return np.where((source < 0)[..., None], np.nan, twins)
 
-    def genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
+    def map_genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
         """The genome (1) of one twin of a row."""
-        return self.genomes(genomes[[row]], np.array([turn]), np.array([trade]))
+        return self.map_genomes(genomes[[row]], np.array([turn]), np.array([trade]))
 
-    def genomes(self, genomes: Genomes, turn: Ints, trade: Ints) -> Genomes:
+    def map_genomes(self, genomes: Genomes, turn: Ints, trade: Ints) -> Genomes:
         """The genomes (N) of a twin (turn, trade) of each of N bodies."""
         to = self.trade[trade]
         quarters, mirrored = self.turns[turn].T[..., None]
@@ -111,32 +111,32 @@ class Twins:
         old = np.argsort(to, axis=1)  # part i of the twin was part old[i]
         return Genomes(
             np.take_along_axis(parent, old, axis=1),
-            np.take_along_axis(_wrapped(placement), old, axis=1),
+            np.take_along_axis(_wrap_placement(placement), old, axis=1),
             np.take_along_axis(hinge, old, axis=1),
             np.take_along_axis(genomes.length, old, axis=1),
         )
 
 
-def _wrapped(placement: Floats) -> Floats:
+def _wrap_placement(placement: Floats) -> Floats:
     """Placements in [0, 1), free of the rounding that would split equal bodies."""
     return np.round(placement - np.floor(placement), 12) % 1.0
 
 
-def _rounded(actions: Floats) -> Floats:
+def _round_actions(actions: Floats) -> Floats:
     """Actions rounded to microradians, so that equal ones compare equal."""
     return np.round(np.asarray(actions, float), 6) + 0.0
 
 
-def kinds(anatomy: Anatomy) -> Ints:
+def classify_parts(anatomy: Anatomy) -> Ints:
     """(P) a number for each part, the same for parts that are alike."""
     a = anatomy
     kind = np.column_stack([a.length, a.radius, a.mass, a.block_half, a.block_mass])
     return np.unique(np.round(kind, 9), axis=0, return_inverse=True)[1].ravel()
 
 
-def _trades(anatomy: Anatomy) -> Ints:
+def _list_trades(anatomy: Anatomy) -> Ints:
     """(T, P) relabelings among parts that are alike."""
-    a, group = anatomy, kinds(anatomy)
+    a, group = anatomy, classify_parts(anatomy)
     groups = [np.flatnonzero(group == g) for g in range(group.max() + 1)]
     base = np.arange(a.size)
     if prod(factorial(len(g)) for g in groups) > _MOST_TRADES:
@@ -154,7 +154,7 @@ def _trades(anatomy: Anatomy) -> Ints:
     return np.array(rows)
 
 
-def _tilt_map(quarters: int, mirrored: int) -> Floats:
+def _build_tilt_map(quarters: int, mirrored: int) -> Floats:
     """(3, 3) channels (lr, fb, clearance) of a body mirrored, then turned left."""
     matrix = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
     # up = (sin fb, -sin lr) turns with the body: fb' = lr, lr' = -fb

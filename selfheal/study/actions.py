@@ -5,18 +5,18 @@ from statistics import median
 from typing import Any
 
 from ..errors import InputError
-from .calibration import diagram, reliability
-from .methods import METHODS, OURS, by_method, played, tests
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task
-from .statistics import share, spread
-from .trees import REAL, WHERE, column, gauge, statements
+from .calibration import make_reliability_picture, make_reliability_table
+from .methods import METHODS, OURS, group_by_method, make_test_table, run_method
+from .plan import Outcome, Picture, Record, Study, StudyRequest, Table, Task
+from .statistics import format_mean_std, format_share
+from .trees import REAL, WHERE, extract_column, list_statements, make_correlation_table
 
 CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify-few-actions.md
 # the batch of 2006 asks the same as its other baseline: random actions, no score
 _METHODS = tuple(method for method in METHODS if method != "random-batch")
 
 
-def _tasks(asked: Asked) -> list[Task]:
+def _list_tasks(asked: StudyRequest) -> list[Task]:
     if asked.recordings is None:
         raise InputError(
             "study 'actions' asks the robot of 2006; give --recordings FOLDER"
@@ -28,18 +28,24 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _play(settings: Mapping[str, Any]) -> Outcome:
-    return played(settings, cycles=CYCLES, budget=BUDGET)
+def _run_task(settings: Mapping[str, Any]) -> Outcome:
+    return run_method(settings, cycles=CYCLES, budget=BUDGET)
 
 
-def _tables(records: Sequence[Record]) -> list[Table]:
-    found = by_method(records)
+def _make_tables(records: Sequence[Record]) -> list[Table]:
+    found = group_by_method(records)
     rows = [
-        (METHODS[method], f"{len(rs):,}", spread(column(rs, "evaluations"), 0),
-         share(sum(column(rs, "success")), len(rs)), spread(column(rs, "error")),
-         spread(column(rs, "edge_f1")), f"{median(r['seconds'] for r in rs):.1f}")
+        (
+            METHODS[method],
+            f"{len(rs):,}",
+            format_mean_std(extract_column(rs, "evaluations"), 0),
+            format_share(sum(extract_column(rs, "success")), len(rs)),
+            format_mean_std(extract_column(rs, "error")),
+            format_mean_std(extract_column(rs, "edge_f1")),
+            f"{median(r['seconds'] for r in rs):.1f}",
+        )
         for method, rs in found.items()
-    ]  # fmt: skip
+    ]
     text = (
         f"{WHERE[REAL].capitalize()}, {CYCLES} actions, attachments looked for "
         "anywhere. Baseline 2 is the search of 2006 with random actions: it, the 2006 "
@@ -58,26 +64,30 @@ def _tables(records: Sequence[Record]) -> list[Table]:
     ours = [record for m in OURS for record in found.get(m, ())]
     return [
         Table(f"Chosen against random actions, {CYCLES} of them", text, head, rows),
-        tests("Tests", found),
-        gauge("Disagreement and error", [(METHODS[m], rs) for m, rs in found.items()]),
-        reliability("How sure, stated against true", told, statements(ours)),
+        make_test_table("Tests", found),
+        make_correlation_table(
+            "Disagreement and error", [(METHODS[m], rs) for m, rs in found.items()]
+        ),
+        make_reliability_table(
+            "How sure, stated against true", told, list_statements(ours)
+        ),
     ]
 
 
-def _pictures(records: Sequence[Record]) -> list[Picture]:
-    found = by_method(records)
-    errors = {METHODS[m]: column(rs, "error") for m, rs in found.items()}
+def _make_pictures(records: Sequence[Record]) -> list[Picture]:
+    found = group_by_method(records)
+    errors = {METHODS[m]: extract_column(rs, "error") for m, rs in found.items()}
     boxes = [Picture("Error", "box", errors, "error [cm]")] if errors else []
-    told = {METHODS[m]: statements(found.get(m, ())) for m in OURS}
-    return [*boxes, diagram("How sure, stated against true", told)]
+    told = {METHODS[m]: list_statements(found.get(m, ())) for m in OURS}
+    return [*boxes, make_reliability_picture("How sure, stated against true", told)]
 
 
 STUDY = Study(
     about=f"Do chosen actions beat random ones, and by which score? {CYCLES} actions, "
     "the methods of Table 3, the readings of 2006.",
-    tasks=_tasks,
-    play=_play,
-    tables=_tables,
-    pictures=_pictures,
-    given=("recordings",),
+    list_tasks=_list_tasks,
+    run_task=_run_task,
+    make_tables=_make_tables,
+    make_pictures=_make_pictures,
+    inputs=("recordings",),
 )

@@ -5,18 +5,27 @@ from typing import Any
 
 import numpy as np
 
-from ..body.legged import LEGGED, legged
-from ..recovery.recover import named, recover
-from ..recovery.recover_run import RecoverSettings
-from ..robot.scenarios import SCENARIOS, TABLE, scenario
+from ..body.legged import LEGGED, load_legged_robot
+from ..recovery.recover import recover_robot
+from ..recovery.recover_run import RecoverSettings, is_damage_named
+from ..robot.scenarios import SCENARIOS, TABLE, draw_scenario
 from ..robot.simulated_legs import SimulatedLegs
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
-from .statistics import share, spread
+from .plan import (
+    Outcome,
+    Picture,
+    Record,
+    Study,
+    StudyRequest,
+    Table,
+    Task,
+    select_records,
+)
+from .statistics import format_mean_std, format_share
 
 ENOUGH = 0.9  # of the way when whole, to count as recovered; chosen
 
 
-def _tasks(asked: Asked) -> list[Task]:
+def _list_tasks(asked: StudyRequest) -> list[Task]:
     return [
         Task(f"{robot} {number} {seed}",
              {"robot": robot, "scenario": number, "seed": seed})
@@ -24,22 +33,22 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _play(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: Mapping[str, Any]) -> Outcome:
     robot, number, seed = (settings[k] for k in ("robot", "scenario", "seed"))
-    body = legged(robot)
-    asked = RecoverSettings(robot, number, scenario(number, body, seed), seed=seed)
-    *_, run = recover(SimulatedLegs(body, seed), asked)
+    body = load_legged_robot(robot)
+    asked = RecoverSettings(robot, number, draw_scenario(number, body, seed), seed=seed)
+    *_, run = recover_robot(SimulatedLegs(body, seed), asked)
     kept = ("damage", "hypotheses", "actions", "distance")
-    return {"named": named(run), **{key: run.result[key] for key in kept}}
+    return {"named": is_damage_named(run), **{key: run.result[key] for key in kept}}
 
 
-def _share(record: Record) -> float:
+def _compute_recovered_share(record: Record) -> float:
     """How much of the way when whole was recovered; 0 where the robot went nowhere."""
     ways = record["outcome"]["distance"]
     return (ways["healed"] or 0.0) / ways["intact"]
 
 
-def _tables(records: Sequence[Record]) -> list[Table]:
+def _make_tables(records: Sequence[Record]) -> list[Table]:
     rows = []
     for robot in LEGGED:
         for number in TABLE:
@@ -52,8 +61,8 @@ def _tables(records: Sequence[Record]) -> list[Table]:
                 )
             ]
             if rs:
-                rows.append((robot, f"{number}: {SCENARIOS[number]}", *_row(rs)))
-    ways = [_share(r) for r in records]
+                rows.append((robot, f"{number}: {SCENARIOS[number]}", *_format_row(rs)))
+    ways = [_compute_recovered_share(r) for r in records]
     text = (
         "Ways after 1,000 steps by our method: whole, broken with the same controller, "
         f"and after three trials. Recovered: at least {100 * ENOUGH:.0f} % of the way "
@@ -70,23 +79,26 @@ def _tables(records: Sequence[Record]) -> list[Table]:
     return [Table("Recoveries", text, head, rows)]
 
 
-def _row(rs: Sequence[Record]) -> tuple[str, ...]:
+def _format_row(rs: Sequence[Record]) -> tuple[str, ...]:
     """The cells of one robot and scenario."""
     ways = [[r["outcome"]["distance"][k] or 0.0 for r in rs]
             for k in ("intact", "damaged", "healed")]  # fmt: skip
     told = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
     return (
         f"{len(rs):,}",
-        *(spread(way) for way in ways),
-        share(sum(_share(r) >= ENOUGH for r in rs), len(rs)),
-        share(sum(told), len(told)) if told else "",
-        spread([r["outcome"]["actions"] for r in rs], 1),
+        *(format_mean_std(way) for way in ways),
+        format_share(sum(_compute_recovered_share(r) >= ENOUGH for r in rs), len(rs)),
+        format_share(sum(told), len(told)) if told else "",
+        format_mean_std([r["outcome"]["actions"] for r in rs], 1),
     )
 
 
-def _pictures(records: Sequence[Record]) -> list[Picture]:
+def _make_pictures(records: Sequence[Record]) -> list[Picture]:
     series = {
-        robot: [_share(r) for r in chosen(records, robot=robot)] for robot in LEGGED
+        robot: [
+            _compute_recovered_share(r) for r in select_records(records, robot=robot)
+        ]
+        for robot in LEGGED
     }
     series = {name: values for name, values in series.items() if values}
     axis = "way recovered / way when whole"
@@ -95,8 +107,8 @@ def _pictures(records: Sequence[Record]) -> list[Picture]:
 
 STUDY = Study(
     about="The table of 2004: two legged robots, ten scenarios, our recoveries.",
-    tasks=_tasks,
-    play=_play,
-    tables=_tables,
-    pictures=_pictures,
+    list_tasks=_list_tasks,
+    run_task=_run_task,
+    make_tables=_make_tables,
+    make_pictures=_make_pictures,
 )

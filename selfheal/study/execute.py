@@ -18,7 +18,7 @@ _AHEAD, _LEAST = 4, 64
 _EVERY = 1.0  # [s] the scheduler is asked for its workers; chosen
 
 
-def execute(
+def execute_tasks(
     client: "Client", study: Study, tasks: Sequence[Task]
 ) -> Iterator[tuple[list[Record], int]]:
     """Do runs on a client's workers.
@@ -39,7 +39,7 @@ def execute(
     """
     from distributed import as_completed
 
-    from .worker import perform
+    from .worker import perform_task
 
     # several studies may share a scheduler. Names of one family: the scheduler keeps
     # such tasks back until a worker is free, instead of sharing them out at once
@@ -52,19 +52,23 @@ def execute(
             name = (family, number)
             running[name] = task
             settings = dict(task.settings)
-            done.add(client.submit(perform, study.play, task.key, settings, key=name))
+            done.add(
+                client.submit(
+                    perform_task, study.run_task, task.key, settings, key=name
+                )
+            )
 
     workers, asked = len(client.nthreads()), time.monotonic()
     more(max(_LEAST, _AHEAD * workers))
     for batch in done.batches():
         if time.monotonic() > asked + _EVERY:
             workers, asked = len(client.nthreads()), time.monotonic()
-        records = [_record(running.pop(f.key), f, result) for f, result in batch]
+        records = [_make_record(running.pop(f.key), f, result) for f, result in batch]
         more(max(_LEAST, _AHEAD * workers) - len(running))
         yield records, workers
 
 
-def _record(task: Task, future: "Future", result: Any) -> Record:
+def _make_record(task: Task, future: "Future", result: Any) -> Record:
     """The record of a run that has ended one way or another."""
     if future.status == "finished":
         return result

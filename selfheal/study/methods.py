@@ -5,9 +5,9 @@ from itertools import combinations
 from typing import Any
 
 from ..selfmodel.run import Settings
-from .plan import Outcome, Record, Table, chosen
-from .statistics import fisher, permuted
-from .trees import column, identified, opened
+from .plan import Outcome, Record, Table, select_records
+from .statistics import run_fisher_test, run_permutation_test
+from .trees import evaluate_identification, extract_column, open_study_robot
 
 METHODS = {
     "random-batch": "baseline 1",
@@ -20,7 +20,7 @@ METHODS = {
 OURS = ("ours", "ours, random")
 
 
-def played(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outcome:
+def run_method(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outcome:
     """A self-modeling by "method" of the settings; attachments are looked for anywhere.
 
     Args:
@@ -39,23 +39,28 @@ def played(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outcome:
         budget=budget,
         seed=settings["seed"],
     )
-    return identified(opened(settings), asked)
+    return evaluate_identification(open_study_robot(settings), asked)
 
 
-def by_method(records: Sequence[Record], **wanted: str) -> dict[str, list[Record]]:
+def group_by_method(
+    records: Sequence[Record], **wanted: str
+) -> dict[str, list[Record]]:
     """Method -> its runs with these settings, of methods that have any."""
-    found = {m: chosen(records, method=m, **wanted) for m in METHODS}
+    found = {m: select_records(records, method=m, **wanted) for m in METHODS}
     return {method: rs for method, rs in found.items() if rs}
 
 
-def tests(title: str, found: Mapping[str, Sequence[Record]]) -> Table:
+def make_test_table(title: str, found: Mapping[str, Sequence[Record]]) -> Table:
     """Each method against each."""
     rows = []
     for one, other in combinations(found, 2):
-        wins = [(sum(column(found[m], "success")), len(found[m])) for m in (one, other)]
-        errors = [column(found[m], "error") for m in (one, other)]
-        rows.append((METHODS[one], METHODS[other], f"{fisher(*wins):.2g}",
-                     f"{permuted(*errors):.2g}"))  # fmt: skip
+        wins = [
+            (sum(extract_column(found[m], "success")), len(found[m]))
+            for m in (one, other)
+        ]
+        errors = [extract_column(found[m], "error") for m in (one, other)]
+        rows.append((METHODS[one], METHODS[other], f"{run_fisher_test(*wins):.2g}",
+                     f"{run_permutation_test(*errors):.2g}"))  # fmt: skip
     text = (
         "p of successes by Fisher's exact test, of errors by a permutation test of the "
         "means (of 9,999 draws: 0.0002 is the least it can say); both two-sided, none "

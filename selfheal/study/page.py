@@ -6,10 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..report.page import Section, page, paragraph, table
-from ..report.picture import BLUE, INK, LINE, MUTED, WIDTH, figure, label, style
-from .calibration import binned
-from .plan import Picture, Table, study_of
+from ..report.page import Section, make_page, make_paragraph, make_table
+from ..report.picture import (
+    BLUE,
+    INK,
+    LINE,
+    MUTED,
+    WIDTH,
+    embed_figure,
+    shorten_label,
+    use_page_style,
+)
+from .calibration import bin_statements
+from .plan import Picture, Table, find_study
 from .store import Results
 
 if TYPE_CHECKING:
@@ -18,7 +27,7 @@ if TYPE_CHECKING:
 _LIBRARIES = ("mujoco", "jax", "numba", "numpy", "scipy", "distributed")
 
 
-def standing(results: Results) -> str:
+def describe_progress(results: Results) -> str:
     """How much of a study was done, in a sentence."""
     spent = sum(record["seconds"] for record in results.records.values())
     most = max((r["megabytes"] for r in results.records.values()), default=0)
@@ -28,76 +37,76 @@ def standing(results: Results) -> str:
     return f"{told}; {spent:,.0f} s of workers' time, a worker's peak {most:,} MB."
 
 
-def _made_with(results: Results) -> str:
+def _describe_versions(results: Results) -> str:
     """What another person needs to make the same."""
-    asked = ", ".join(f"{k} {v}" for k, v in results.asked.items() if v is not None)
+    asked = ", ".join(f"{k} {v}" for k, v in results.request.items() if v is not None)
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
     return f"Study {results.study}: {asked}; program {results.code}; {libraries}."
 
 
-def study_page(results: Results, tables: Sequence[Table]) -> str:
+def make_study_page(results: Results, tables: Sequence[Table]) -> str:
     """The page of a study: its pictures and tables."""
-    study, records = study_of(results.study), results.finished
-    with style():
-        drawn = [_drawn(picture) for picture in study.pictures(records)]
-    sections = [Section(t.title, _body(t)) for t in tables]
+    study, records = find_study(results.study), results.finished
+    with use_page_style():
+        drawn = [_draw_picture(picture) for picture in study.make_pictures(records)]
+    sections = [Section(t.title, _format_table(t)) for t in tables]
     failed = [(t.key, results.records[t.key]["error"]) for t in results.failed]
     if failed:
-        body = table(("run", "error"), failed, "ll")
+        body = make_table(("run", "error"), failed, "ll")
         sections.append(Section("Runs that failed", (body,)))
-    told = paragraph(standing(results), " ", _made_with(results))
+    told = make_paragraph(describe_progress(results), " ", _describe_versions(results))
     sections.append(Section("How it was made", (told,)))
-    return page(f"Study: {results.study}", [*sections[:1], *drawn, *sections[1:]],
+    return make_page(f"Study: {results.study}", [*sections[:1], *drawn, *sections[1:]],
                 lead=study.about)  # fmt: skip
 
 
-def _body(shown: Table) -> tuple[str, ...]:
+def _format_table(shown: Table) -> tuple[str, ...]:
     """What a table shows, and itself."""
     if not shown.rows:
         return (shown.text,)
     align = "l" + "r" * (len(shown.head) - 1)
-    return (shown.text, table(shown.head, shown.rows, align))
+    return (shown.text, make_table(shown.head, shown.rows, align))
 
 
-def markdown(results: Results, tables: Sequence[Table]) -> str:
+def format_markdown(results: Results, tables: Sequence[Table]) -> str:
     """The same in Markdown, without pictures."""
-    study = study_of(results.study)
-    parts = [f"# Study: {results.study}", study.about, standing(results)]
+    study = find_study(results.study)
+    parts = [f"# Study: {results.study}", study.about, describe_progress(results)]
     for shown in tables:
         parts += [f"## {shown.title}", shown.text]
         if shown.rows:
             lines = [shown.head, ["---"] * len(shown.head), *shown.rows]
             parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
-    return "\n\n".join([*parts, _made_with(results)]) + "\n"
+    return "\n\n".join([*parts, _describe_versions(results)]) + "\n"
 
 
-def _drawn(picture: Picture) -> Section:
+def _draw_picture(picture: Picture) -> Section:
     """A picture as a section."""
     from matplotlib.figure import Figure
 
     fig = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     ax = fig.add_subplot()
     if picture.kind == "box":
-        _boxes(ax, picture)
+        _draw_boxes(ax, picture)
         caption = (
             "A box from the first to the third quartile with the median; whiskers "
             "reach to the farthest run within 1.5 times its length, dots are the "
             "runs beyond."
         )
     else:
-        _reliability(ax, picture)
+        _draw_reliability(ax, picture)
         caption = (
             "Statements in tenths of the stated probability, against the share that "
             "was true; dots larger where there are more of them. On the line they "
             "are as sure as they say."
         )
     ax.grid(True)
-    return Section(picture.title, (figure(fig, caption),))
+    return Section(picture.title, (embed_figure(fig, caption),))
 
 
-def _boxes(ax: "Axes", picture: Picture) -> None:
+def _draw_boxes(ax: "Axes", picture: Picture) -> None:
     """A box a series."""
-    names = [label(name) for name in picture.series]
+    names = [shorten_label(name) for name in picture.series]
     shown: Sequence = [np.asarray(values, float) for values in picture.series.values()]
     ink = {"color": INK}
     ax.boxplot(shown, tick_labels=names, orientation="horizontal", boxprops=ink,
@@ -107,14 +116,14 @@ def _boxes(ax: "Axes", picture: Picture) -> None:
     ax.set_xlabel(picture.axis)
 
 
-def _reliability(ax: "Axes", picture: Picture) -> None:
+def _draw_reliability(ax: "Axes", picture: Picture) -> None:
     """Stated against true."""
     ax.plot([0, 1], [0, 1], color=LINE, lw=1.2)
     for name, pairs in picture.series.items():
-        _, counts, x, y = zip(*binned(pairs), strict=True)
+        _, counts, x, y = zip(*bin_statements(pairs), strict=True)
         sizes = [10 + 90 * count / len(pairs) for count in counts]
         ax.plot(x, y, lw=0.8)
-        ax.scatter(x, y, s=sizes, label=label(name))
+        ax.scatter(x, y, s=sizes, label=shorten_label(name))
     ax.set_xlabel(picture.axis or "stated probability")
     ax.set_ylabel("share that is true")
     ax.legend()

@@ -32,7 +32,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Asked:
+class StudyRequest:
     """What a user asked a study for.
 
     Attributes:
@@ -103,20 +103,20 @@ class Study:
     """
 
     about: str
-    tasks: Callable[[Asked], Sequence[Task]]
-    play: Callable[[Mapping[str, Any]], Outcome]
-    tables: Callable[[Sequence[Record]], Sequence[Table]]
-    pictures: Callable[[Sequence[Record]], Sequence[Picture]] = lambda records: ()
-    given: tuple[str, ...] = ()
+    list_tasks: Callable[[StudyRequest], Sequence[Task]]
+    run_task: Callable[[Mapping[str, Any]], Outcome]
+    make_tables: Callable[[Sequence[Record]], Sequence[Table]]
+    make_pictures: Callable[[Sequence[Record]], Sequence[Picture]] = lambda records: ()
+    inputs: tuple[str, ...] = ()
 
 
-def chosen(records: Sequence[Record], **wanted: str) -> list[Record]:
+def select_records(records: Sequence[Record], **wanted: str) -> list[Record]:
     """Those with these settings."""
     return [r for r in records
             if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
 
 
-def study_of(name: str) -> Study:
+def find_study(name: str) -> Study:
     """The study of a name.
 
     Raises:

@@ -6,11 +6,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ..errors import InputError, check_seed
-from ..selfmodel.run import held
-from .execute import execute
-from .plan import Asked, study_of
-from .store import code, create, load, writing
-from .workers import Place, check, connected
+from ..selfmodel.run import lock_run
+from .execute import execute_tasks
+from .plan import StudyRequest, find_study
+from .store import create_study, digest_code, load_study, open_journal
+from .workers import Workplace, check_workplace, connect_workers
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Progress:
     workers: int
 
 
-def begin(path: Path, name: str, asked: Asked) -> None:
+def begin_study(path: Path, name: str, asked: StudyRequest) -> None:
     """Make a study's file, with all its runs left.
 
     Raises:
@@ -41,13 +41,13 @@ def begin(path: Path, name: str, asked: Asked) -> None:
     if asked.runs < 1:
         raise InputError(f"the runs must be positive; not {asked.runs}")
     check_seed(asked.seed)
-    tasks = study_of(name).tasks(asked)
+    tasks = find_study(name).list_tasks(asked)
     told = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(asked).items()}
-    create(path, name, told, tasks)
+    create_study(path, name, told, tasks)
 
 
-def proceed(
-    path: Path, place: Place, *, only_failed: bool = False
+def continue_study(
+    path: Path, place: Workplace, *, only_failed: bool = False
 ) -> Iterator[Progress]:
     """Do what is left of a study, a yield whenever there is news.
 
@@ -60,26 +60,26 @@ def proceed(
         InputError: the place makes no sense or does not answer, or the study was begun
             with other program code, so that old and new runs would not belong together.
     """
-    check(place)
+    check_workplace(place)
     with ExitStack() as stack:
-        stack.enter_context(held(path))
-        results = load(path)
-        if results.records and results.code != code():
+        stack.enter_context(lock_run(path))
+        results = load_study(path)
+        if results.records and results.code != digest_code():
             raise InputError(
                 f"{path} was begun with other program code ({results.code}, now "
-                f"{code()}); start over by --force"
+                f"{digest_code()}); start over by --force"
             )
         tasks = results.failed if only_failed else results.left
-        study, total, session = study_of(results.study), len(results.tasks), 0
+        study, total, session = find_study(results.study), len(results.tasks), 0
         done, failed = set(results.records), {task.key for task in results.failed}
         del results  # of a long study it is most of the memory
         yield Progress(len(done), total, len(failed), 0, 0)
         if not tasks:
             return
-        client = stack.enter_context(connected(place, path.with_name("jobs")))
+        client = stack.enter_context(connect_workers(place, path.with_name("jobs")))
         client.wait_for_workers(1)
-        journal = stack.enter_context(writing(path))
-        for records, workers in execute(client, study, tasks):
+        journal = stack.enter_context(open_journal(path))
+        for records, workers in execute_tasks(client, study, tasks):
             journal.add(records)
             keys = {record["key"] for record in records}
             done |= keys

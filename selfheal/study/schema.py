@@ -7,24 +7,33 @@ from typing import Any
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, edge_f1
-from ..body.genome import Genomes, build, from_unit
+from ..body.body import Bodies, Floats, compute_edge_f1
+from ..body.genome import Genomes, build_bodies, decode_unit_genes
 from ..engine.statics import Statics
 from ..errors import InputError
-from ..robot.actions import published
+from ..robot.actions import load_published_body
 from ..robot.simulated import SimulatedRobot
-from ..selfmodel.lengths import Ask, lengths
-from ..selfmodel.loop import felt
+from ..selfmodel.lengths import Ask, estimate_lengths
+from ..selfmodel.loop import read_rest_channels
 from ..selfmodel.schema import (
     SENSOR_SETS,
-    estimate,
-    lengths_plan,
-    matrix_plan,
-    sense,
+    estimate_models,
+    make_lengths_plan,
+    make_matrix_plan,
+    simulate_channels,
 )
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
-from .statistics import share, spread
-from .trees import HIDDEN, REAL, WHERE, column
+from .plan import (
+    Outcome,
+    Picture,
+    Record,
+    Study,
+    StudyRequest,
+    Table,
+    Task,
+    select_records,
+)
+from .statistics import format_mean_std, format_share
+from .trees import HIDDEN, REAL, WHERE, extract_column
 
 # papers.md 1.3 and 2, C
 _TRUE = (0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469)
@@ -36,7 +45,7 @@ _NEW = 100  # poses that models are asked for and were not fitted to; chosen
 _TOLD = 2.0  # [deg], by which such a pose is told apart; chosen
 
 
-def _tasks(asked: Asked) -> list[Task]:
+def _list_tasks(asked: StudyRequest) -> list[Task]:
     places = [HIDDEN] if asked.recordings is None else [REAL, HIDDEN]
     if REAL in places and not (Path(str(asked.recordings)) / _FILE).is_file():
         raise InputError(f"--recordings {asked.recordings}: no {_FILE} there")
@@ -51,14 +60,14 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _poses(count: int, rng: np.random.Generator) -> Floats:
+def _draw_poses(count: int, rng: np.random.Generator) -> Floats:
     """(count, P) random angles of the hips [rad]."""
     targets = np.zeros((count, len(_TRUE)))
     targets[:, :_HIPS] = rng.uniform(-_SWING, _SWING, (count, _HIPS))
     return targets
 
 
-def _corners() -> Floats:
+def _list_corners() -> Floats:
     """(256, P) every joint at an end of paper C's range [rad].
 
     A leg that slants more tells more of its length.
@@ -66,13 +75,15 @@ def _corners() -> Floats:
     return np.array(list(product((-_SWING, _SWING), repeat=len(_TRUE))))
 
 
-def _hidden(targets: Floats, seed: int) -> tuple[Floats, Ask]:
+def _offer_hidden(targets: Floats, seed: int) -> tuple[Floats, Ask]:
     """Poses that a hidden robot offers, and what asks it for one."""
-    robot = SimulatedRobot(HIDDEN, published(), seed, offers=targets)
-    return targets, lambda k: np.array([*felt(robot.act(k)), *robot.touch(k)])
+    robot = SimulatedRobot(HIDDEN, load_published_body(), seed, offers=targets)
+    return targets, lambda k: np.array(
+        [*read_rest_channels(robot.act(k)), *robot.read_touch(k)]
+    )
 
 
-def _real(folder: str, seed: int) -> tuple[Floats, Ask]:
+def _offer_real(folder: str, seed: int) -> tuple[Floats, Ask]:
     """The ten poses of the robot itself, in random order."""
     rows = np.genfromtxt(Path(folder) / _FILE, delimiter=",", skip_header=1)
     rows = np.random.default_rng([seed, 14]).permutation(rows)
@@ -82,34 +93,34 @@ def _real(folder: str, seed: int) -> tuple[Floats, Ask]:
     return targets, lambda k: seen[k]
 
 
-def _play(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: Mapping[str, Any]) -> Outcome:
     seed, what, real = settings["seed"], settings["what"], settings["robot"] == REAL
     if real:
-        offers, ask = _real(settings["recordings"], seed)
+        offers, ask = _offer_real(settings["recordings"], seed)
     elif what == "ours":
-        offers, ask = _hidden(_corners(), seed)
+        offers, ask = _offer_hidden(_list_corners(), seed)
     else:
-        some = _poses(_POSES[what], np.random.default_rng([seed, 13]))
-        offers, ask = _hidden(some, seed)
+        some = _draw_poses(_POSES[what], np.random.default_rng([seed, 13]))
+        offers, ask = _offer_hidden(some, seed)
     sensors = tuple(settings["sensors"].split("+"))
-    truth, rng = published(), np.random.default_rng([seed, 15])
-    known = from_unit(truth.anatomy, np.array([_TRUE]))
+    truth, rng = load_published_body(), np.random.default_rng([seed, 15])
+    known = decode_unit_genes(truth.anatomy, np.array([_TRUE]))
     if what == "ours":
         stages = (len(offers),) if real else _STAGES
-        best, spent = lengths(
+        best, spent = estimate_lengths(
             known, truth, offers, ask, sensors=sensors, stages=stages, rng=rng
         )
-        return _lengths(best, truth) | {"evaluations": spent}
+        return _measure_lengths(best, truth) | {"evaluations": spent}
     poses = offers[: _POSES[what]]
     seen = np.array([ask(k) for k in range(len(poses))])
-    plan = (lengths_plan(known, sensors) if what == "lengths"
-            else matrix_plan(truth, sensors))  # fmt: skip
-    *_, (best, error, spent) = estimate(truth, poses, seen, plan, rng)
-    told = _lengths(best, truth) | {"fit": error, "evaluations": spent}
-    return told | _tree(best, truth, seed) if what == "matrix" else told
+    plan = (make_lengths_plan(known, sensors) if what == "lengths"
+            else make_matrix_plan(truth, sensors))  # fmt: skip
+    *_, (best, error, spent) = estimate_models(truth, poses, seen, plan, rng)
+    told = _measure_lengths(best, truth) | {"fit": error, "evaluations": spent}
+    return told | _measure_tree(best, truth, seed) if what == "matrix" else told
 
 
-def _lengths(model: Genomes, truth: Bodies) -> dict[str, float]:
+def _measure_lengths(model: Genomes, truth: Bodies) -> dict[str, float]:
     """How far lengths are off, of parts, of straight legs, and how uneven [mm]."""
     legs = [(i, i + _HIPS) for i in range(_HIPS)]
     made, true = 1000 * model.length[0], 1000 * truth.length[0]
@@ -121,15 +132,15 @@ def _lengths(model: Genomes, truth: Bodies) -> dict[str, float]:
     }
 
 
-def _tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, Any]:
+def _measure_tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, Any]:
     """How right a tree is, and how well it tells poses that it was not fitted to."""
-    body = build(truth.anatomy, model)
-    poses = _poses(_NEW, np.random.default_rng([seed, 16]))
+    body = build_bodies(truth.anatomy, model)
+    poses = _draw_poses(_NEW, np.random.default_rng([seed, 16]))
     rows, engine = np.zeros(_NEW, np.int64), Statics()
-    seen = [sense(b[rows], poses, engine)[:, :2] for b in (body, truth)]
+    seen = [simulate_channels(b[rows], poses, engine)[:, :2] for b in (body, truth)]
     gap = np.abs(seen[0] - seen[1]).max(axis=1)
     return {
-        "edge_f1": float(edge_f1(body, truth)[0]),
+        "edge_f1": float(compute_edge_f1(body, truth)[0]),
         "success": bool((body.parent == truth.parent).all()),
         "hips": bool((body.parent[0, :_HIPS] == 0).all()),
         "foretold": float((gap <= _TOLD).mean()),
@@ -137,30 +148,39 @@ def _tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, Any]:
     }
 
 
-def _by_sensors(
+def _group_by_sensors(
     records: Sequence[Record], robot: str, what: str
 ) -> dict[str, list[Record]]:
     """Sensor set -> its runs of lengths."""
     names = ["+".join(s) for s in SENSOR_SETS]
-    found = {n: chosen(records, robot=robot, what=what, sensors=n) for n in names}
+    found = {
+        n: select_records(records, robot=robot, what=what, sensors=n) for n in names
+    }
     return {name: rs for name, rs in found.items() if rs}
 
 
-def _tables(records: Sequence[Record]) -> list[Table]:
+def _make_tables(records: Sequence[Record]) -> list[Table]:
     tables = []
     for robot in (REAL, HIDDEN):
         for what, (title, text) in _WAYS.items():
-            found = _by_sensors(records, robot, what)
+            found = _group_by_sensors(records, robot, what)
             rows = [
-                (name, f"{len(rs):,}", spread(column(rs, "evaluations"), 0),
-                 *(spread(column(rs, k), 1) for k in ("part", "leg", "uneven")))
+                (
+                    name,
+                    f"{len(rs):,}",
+                    format_mean_std(extract_column(rs, "evaluations"), 0),
+                    *(
+                        format_mean_std(extract_column(rs, k), 1)
+                        for k in ("part", "leg", "uneven")
+                    ),
+                )
                 for name, rs in found.items()
-            ]  # fmt: skip
+            ]
             if rows:
                 told = f"{text} {_LENGTHS}"
                 tables.append(Table(f"{title}, {WHERE[robot]}", told, _HEAD, rows))
-        if matrix := chosen(records, robot=robot, what="matrix"):
-            tables.append(_matrix(robot, matrix))
+        if matrix := select_records(records, robot=robot, what="matrix"):
+            tables.append(_make_matrix_table(robot, matrix))
     return tables
 
 
@@ -185,7 +205,7 @@ _LENGTHS = (
 )
 
 
-def _matrix(robot: str, rs: Sequence[Record]) -> Table:
+def _make_matrix_table(robot: str, rs: Sequence[Record]) -> Table:
     """The 8 x 4 matrix."""
     count = len(rs)
     text = (
@@ -196,24 +216,26 @@ def _matrix(robot: str, rs: Sequence[Record]) -> Table:
     )
     row = (
         f"{count:,}",
-        spread(column(rs, "evaluations"), 0),
-        share(sum(column(rs, "success")), count),
-        share(sum(column(rs, "hips")), count),
-        spread(column(rs, "edge_f1")),
-        spread([100 * x for x in column(rs, "foretold")], 0),
-        spread(column(rs, "tilt_gap"), 1),
+        format_mean_std(extract_column(rs, "evaluations"), 0),
+        format_share(sum(extract_column(rs, "success")), count),
+        format_share(sum(extract_column(rs, "hips")), count),
+        format_mean_std(extract_column(rs, "edge_f1")),
+        format_mean_std([100 * x for x in extract_column(rs, "foretold")], 0),
+        format_mean_std(extract_column(rs, "tilt_gap"), 1),
     )
     head = ("runs", "evaluations", "every part on its true parent", "hips on the torso",
             "edge F1", "foretold [%]", "median tilt gap [deg]")  # fmt: skip
     return Table(f"The 8 x 4 matrix, {WHERE[robot]}", text, head, [row])
 
 
-def _pictures(records: Sequence[Record]) -> list[Picture]:
+def _make_pictures(records: Sequence[Record]) -> list[Picture]:
     pictures = []
     for robot in (REAL, HIDDEN):
         for what, (title, _) in _WAYS.items():
-            if found := _by_sensors(records, robot, what):
-                series = {name: column(rs, "part") for name, rs in found.items()}
+            if found := _group_by_sensors(records, robot, what):
+                series = {
+                    name: extract_column(rs, "part") for name, rs in found.items()
+                }
                 axis = "mean error of a part [mm]"
                 title = f"{title}, {WHERE[robot]}"
                 pictures.append(Picture(title, "box", series, axis))
@@ -222,9 +244,9 @@ def _pictures(records: Sequence[Record]) -> list[Picture]:
 
 STUDY = Study(
     about="Paper C: eight lengths from seven sets of sensors, then the 8 x 4 matrix.",
-    tasks=_tasks,
-    play=_play,
-    tables=_tables,
-    pictures=_pictures,
-    given=("recordings",),
+    list_tasks=_list_tasks,
+    run_task=_run_task,
+    make_tables=_make_tables,
+    make_pictures=_make_pictures,
+    inputs=("recordings",),
 )

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..api import diagnose
 from ..errors import InputError
-from .plan import Asked, Outcome, Record, Study, Table, Task
-from .statistics import share, spread
+from .plan import Outcome, Record, Study, StudyRequest, Table, Task
+from .statistics import format_mean_std, format_share
 
 _SHOWN = ("given", "refit", "patched", "explainable_removed")
 GIVEN = ("model.xml", "recording.h5")  # files of a case
@@ -35,7 +35,7 @@ def find_cases(folder: Path) -> list[Path]:
     return found
 
 
-def _tasks(asked: Asked) -> list[Task]:
+def _list_tasks(asked: StudyRequest) -> list[Task]:
     if asked.cases is None:
         raise InputError(
             "study 'sealed' needs --cases FOLDER, of folders with "
@@ -48,7 +48,7 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _play(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: Mapping[str, Any]) -> Outcome:
     case = Path(settings["case"])
     found = diagnose(*(case / name for name in GIVEN), seed=settings["seed"])
     found.save(case / FOUND, force=True)
@@ -60,7 +60,7 @@ def _play(settings: Mapping[str, Any]) -> Outcome:
     }
 
 
-def _tables(records: Sequence[Record]) -> list[Table]:
+def _make_tables(records: Sequence[Record]) -> list[Table]:
     outcomes = [record["outcome"] for record in records]
     counts = Counter(outcome["verdict"] for outcome in outcomes)
     rows = []
@@ -68,13 +68,13 @@ def _tables(records: Sequence[Record]) -> list[Table]:
         fits = [o["fit"] for o in outcomes if o["verdict"] == verdict]
         errors = [[fit[k] for fit in fits if fit[k] is not None] for k in _SHOWN]
         middles = [f"{np.median(e):.3f}" if e else "" for e in errors]
-        rows.append((verdict, share(count, len(outcomes)), *middles))
+        rows.append((verdict, format_share(count, len(outcomes)), *middles))
     head = ("verdict", "cases (95 %)", "given", "refit", "patched", "removed")
     text = (
         "Held-out errors (normalized) and explainable error removed, medians. Whether "
         "what was named is true is not known here: `python -m benchmarks.sealed score` "
         f"tells it who has the keys. Seconds a case: "
-        f"{spread([record['seconds'] for record in records], 0)}."
+        f"{format_mean_std([record['seconds'] for record in records], 0)}."
     )
     effects = Counter(effect for o in outcomes for effect, _ in o["named"])
     named = [(effect, f"{count:,}") for effect, count in effects.most_common()]
@@ -86,8 +86,8 @@ def _tables(records: Sequence[Record]) -> list[Table]:
 
 STUDY = Study(
     about="Sealed cases of diagnose: a model and a recording each.",
-    tasks=_tasks,
-    play=_play,
-    tables=_tables,
-    given=("cases",),
+    list_tasks=_list_tasks,
+    run_task=_run_task,
+    make_tables=_make_tables,
+    inputs=("cases",),
 )

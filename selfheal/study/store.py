@@ -42,7 +42,7 @@ class Results:
     """
 
     study: str
-    asked: dict[str, Any]
+    request: dict[str, Any]
     code: str
     tasks: tuple[Task, ...]
     records: dict[str, Record]
@@ -65,7 +65,7 @@ class Results:
         return [record for record in found if record and not record["error"]]
 
 
-def code() -> str:
+def digest_code() -> str:
     """A name of the program code that outcomes depend on."""
     digest = hashlib.sha256()
     for room in _ROOMS:
@@ -77,12 +77,12 @@ def code() -> str:
     return digest.hexdigest()[:12]
 
 
-def journal_of(path: Path) -> Path:
+def find_journal(path: Path) -> Path:
     """Where records stand until they are in the file itself."""
     return path.with_name(f"{path.name}.journal")
 
 
-def create(
+def create_study(
     path: Path, study: str, asked: dict[str, Any], tasks: Sequence[Task]
 ) -> None:
     """Begin a study's file.
@@ -90,10 +90,10 @@ def create(
     Raises:
         InputError: nothing can be written there.
     """
-    _save(path, Results(study, asked, code(), tuple(tasks), {}))
+    _save_results(path, Results(study, asked, digest_code(), tuple(tasks), {}))
 
 
-def load(path: str | os.PathLike[str]) -> Results:
+def load_study(path: str | os.PathLike[str]) -> Results:
     """Read a study, the records of its journal included.
 
     Raises:
@@ -106,23 +106,23 @@ def load(path: str | os.PathLike[str]) -> Results:
         kept = [json.loads(text) for text in file["records"].asstr()[()]]
         results = Results(
             study=str(file.attrs["study"]),
-            asked=json.loads(file.attrs["asked"]),
+            request=json.loads(file.attrs["asked"]),
             code=str(file.attrs["code"]),
             tasks=tasks,
             records={record["key"]: record for record in kept},
         )
-    journal = journal_of(path)
+    journal = find_journal(path)
     if journal.is_file():
         lines = journal.read_bytes().split(b"\n")[:-1]  # what has no end is torn
         known = {task.key for task in tasks}
         for line in lines:
-            record = _line(line, journal)
+            record = _parse_line(line, journal)
             if record["key"] in known:
                 results.records[record["key"]] = record
     return results
 
 
-def _line(line: bytes, journal: Path) -> Record:
+def _parse_line(line: bytes, journal: Path) -> Record:
     """The record of a line."""
     try:
         record = json.loads(line)
@@ -132,7 +132,7 @@ def _line(line: bytes, journal: Path) -> Record:
     return record
 
 
-def _save(path: Path, results: Results) -> None:
+def _save_results(path: Path, results: Results) -> None:
     """Write all of a study, whole or not at all."""
     import h5py
 
@@ -141,7 +141,7 @@ def _save(path: Path, results: Results) -> None:
     text = h5py.string_dtype()
     with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
         file.attrs.update(format=FORMAT, version=VERSION, study=results.study)
-        file.attrs["asked"] = json.dumps(results.asked)
+        file.attrs["asked"] = json.dumps(results.request)
         file.attrs["code"] = results.code
         tasks = [{"key": t.key, "settings": dict(t.settings)} for t in results.tasks]
         for name, rows in (("tasks", tasks), ("records", records)):
@@ -166,24 +166,24 @@ class Journal:
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[Journal]:
+def open_journal(path: Path) -> Iterator[Journal]:
     """A journal beside a study's file; in the end its records are in the file.
 
     Also after an exception; of a killed process they are when it is resumed.
     """
-    journal = journal_of(path)
-    merge(path)
+    journal = find_journal(path)
+    merge_journal(path)
     file = os.open(journal, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     try:
         yield Journal(file)
     finally:
         os.close(file)
-        merge(path)
+        merge_journal(path)
 
 
-def merge(path: Path) -> None:
+def merge_journal(path: Path) -> None:
     """Take a journal into its study's file; killed at any point, it can be repeated."""
-    journal = journal_of(path)
+    journal = find_journal(path)
     if journal.exists():
-        _save(path, load(path))
+        _save_results(path, load_study(path))
         journal.unlink()

@@ -7,12 +7,33 @@ from typing import Any
 
 import numpy as np
 
-from .after import CYCLES, after
-from .calibration import Pairs, brier, diagram, reliability
-from .methods import METHODS, OURS, by_method, played, tests
-from .plan import Asked, Outcome, Picture, Record, Study, Table, Task, chosen
-from .statistics import share, spread
-from .trees import HIDDEN, REAL, WHERE, column, gauge, statements
+from .after_damage import CYCLES, run_after_damage
+from .calibration import (
+    Pairs,
+    compute_brier_score,
+    make_reliability_picture,
+    make_reliability_table,
+)
+from .methods import METHODS, OURS, group_by_method, make_test_table, run_method
+from .plan import (
+    Outcome,
+    Picture,
+    Record,
+    Study,
+    StudyRequest,
+    Table,
+    Task,
+    select_records,
+)
+from .statistics import format_mean_std, format_share
+from .trees import (
+    HIDDEN,
+    REAL,
+    WHERE,
+    extract_column,
+    list_statements,
+    make_correlation_table,
+)
 
 _BUDGET = 262_000  # simulations of our search: the mean of the 2006 rule's
 # the 2006 paper's successes of 30, and errors [cm] before and after damage
@@ -25,7 +46,7 @@ _2006 = {
 _PHASES = ("before", "after")
 
 
-def _tasks(asked: Asked) -> list[Task]:
+def _list_tasks(asked: StudyRequest) -> list[Task]:
     real = [] if asked.recordings is None else [REAL]
     folder = str(asked.recordings or "")
     return [
@@ -37,24 +58,27 @@ def _tasks(asked: Asked) -> list[Task]:
     ]  # fmt: skip
 
 
-def _play(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: Mapping[str, Any]) -> Outcome:
     if settings["phase"] == "after":
-        return after(settings)
-    return played(settings, cycles=CYCLES, budget=_BUDGET)
+        return run_after_damage(settings)
+    return run_method(settings, cycles=CYCLES, budget=_BUDGET)
 
 
-def _tables(records: Sequence[Record]) -> list[Table]:
+def _make_tables(records: Sequence[Record]) -> list[Table]:
     tables = []
     for robot in (REAL, HIDDEN):
         for phase in _PHASES:
-            if found := by_method(records, robot=robot, phase=phase):
+            if found := group_by_method(records, robot=robot, phase=phase):
                 title = f"Tests, {phase} damage, {WHERE[robot]}"
-                tables += [_results(robot, phase, found), tests(title, found)]
-    sure = [*_sure_of_trees(records), *_sure_of_lengths(records)]
-    return [*tables, *_correlations(records), *sure]
+                tables += [
+                    _make_results_table(robot, phase, found),
+                    make_test_table(title, found),
+                ]
+    sure = [*_make_tree_calibration(records), *_make_length_calibration(records)]
+    return [*tables, *_make_correlation_tables(records), *sure]
 
 
-def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
+def _make_results_table(robot: str, phase: str, found: Mapping[str, list]) -> Table:
     """Table 3's rows, a method a row."""
     rows = []
     for method, rs in found.items():
@@ -62,9 +86,9 @@ def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
         lucky = f"{paper}/30" if paper and phase == "before" else ""
         rows.append(
             (METHODS[method], f"{len(rs):,}", f"{len(rs[0]['outcome']['actions'])}",
-             spread(column(rs, "evaluations"), 0),
-             share(sum(column(rs, "success")), len(rs)), lucky,
-             spread(column(rs, "error")), errors[_PHASES.index(phase)],
+             format_mean_std(extract_column(rs, "evaluations"), 0),
+             format_share(sum(extract_column(rs, "success")), len(rs)), lucky,
+             format_mean_std(extract_column(rs, "error")), errors[_PHASES.index(phase)],
              f"{median(r['seconds'] for r in rs):.1f}")
         )  # fmt: skip
     success, error = {
@@ -87,40 +111,46 @@ def _results(robot: str, phase: str, found: Mapping[str, list]) -> Table:
     return Table(f"{phase.capitalize()} damage, {WHERE[robot]}", text, head, rows)
 
 
-def _correlations(records: Sequence[Record]) -> list[Table]:
+def _make_correlation_tables(records: Sequence[Record]) -> list[Table]:
     """Does disagreement among models tell how wrong they are?"""
     rows = [
         (f"{WHERE[robot]}, {METHODS[method]}", rs)
         for robot in (REAL, HIDDEN)
-        for method, rs in by_method(records, robot=robot, phase="before").items()
+        for method, rs in group_by_method(records, robot=robot, phase="before").items()
     ]
-    return [gauge("Disagreement and error, before damage", rows)] if rows else []
+    return (
+        [make_correlation_table("Disagreement and error, before damage", rows)]
+        if rows
+        else []
+    )
 
 
-def _told(records: Sequence[Record], robot: str) -> Pairs:
+def _list_tree_statements(records: Sequence[Record], robot: str) -> Pairs:
     """Statements of our runs before damage."""
-    found = [chosen(records, robot=robot, phase="before", method=m) for m in OURS]
-    return statements([record for rs in found for record in rs])
+    found = [
+        select_records(records, robot=robot, phase="before", method=m) for m in OURS
+    ]
+    return list_statements([record for rs in found for record in rs])
 
 
-def _sure_of_trees(records: Sequence[Record]) -> list[Table]:
+def _make_tree_calibration(records: Sequence[Record]) -> list[Table]:
     """Calibration of attachments."""
     text = (
         "Our runs, with chosen and with random actions: the stated probability "
         "of each attachment but part 1's, which cannot be wrong."
     )
     return [
-        reliability(f"How sure of attachments, {WHERE[robot]}", text, pairs)
+        make_reliability_table(f"How sure of attachments, {WHERE[robot]}", text, pairs)
         for robot in (REAL, HIDDEN)
-        if (pairs := _told(records, robot))
+        if (pairs := _list_tree_statements(records, robot))
     ]
 
 
-def _sure_of_lengths(records: Sequence[Record]) -> list[Table]:
+def _make_length_calibration(records: Sequence[Record]) -> list[Table]:
     """Calibration of lengths."""
     rows = []
     for robot, method in product((REAL, HIDDEN), OURS):
-        rs = chosen(records, robot=robot, phase="after", method=method)
+        rs = select_records(records, robot=robot, phase="after", method=method)
         said = [part for r in rs for part in r["outcome"]["lengths"]]
         short = [part for part in said if part[3] != 1.0]
         for kind, parts in (("all", said), ("the shortened one", short)):
@@ -129,8 +159,8 @@ def _sure_of_lengths(records: Sequence[Record]) -> list[Table]:
                 stated, inside = np.mean(pairs, axis=0)
                 rows.append((WHERE[robot], METHODS[method], kind,
                              f"{100 * stated:.1f} %",
-                             share(round(inside * len(pairs)), len(pairs)),
-                             f"{brier(pairs):.4f}"))  # fmt: skip
+                             format_share(round(inside * len(pairs)), len(pairs)),
+                             f"{compute_brier_score(pairs):.4f}"))  # fmt: skip
     text = (
         "The values of each part's length that hold 90 % of belief after 16 "
         "actions, or more where one value does (they are a grid), and how often "
@@ -143,26 +173,30 @@ def _sure_of_lengths(records: Sequence[Record]) -> list[Table]:
     return [Table(title, text, head, rows)] if rows else []
 
 
-def _pictures(records: Sequence[Record]) -> list[Picture]:
+def _make_pictures(records: Sequence[Record]) -> list[Picture]:
     pictures = []
     for robot in (REAL, HIDDEN):
         for phase in _PHASES:
-            if found := by_method(records, robot=robot, phase=phase):
-                series = {METHODS[m]: column(rs, "error")
+            if found := group_by_method(records, robot=robot, phase=phase):
+                series = {METHODS[m]: extract_column(rs, "error")
                           for m, rs in found.items()}  # fmt: skip
                 title = f"Error {phase} damage, {WHERE[robot]}"
                 pictures.append(Picture(title, "box", series, "error [cm]"))
-    told = {WHERE[robot]: _told(records, robot) for robot in (REAL, HIDDEN)}
+    told = {
+        WHERE[robot]: _list_tree_statements(records, robot) for robot in (REAL, HIDDEN)
+    }
     if any(told.values()):
-        pictures.append(diagram("Stated against true, attachments", told))
+        pictures.append(
+            make_reliability_picture("Stated against true, attachments", told)
+        )
     return pictures
 
 
 STUDY = Study(
     about="Table 3 of 2006: actions, successes and errors, before and after damage.",
-    tasks=_tasks,
-    play=_play,
-    tables=_tables,
-    pictures=_pictures,
-    given=("recordings",),
+    list_tasks=_list_tasks,
+    run_task=_run_task,
+    make_tables=_make_tables,
+    make_pictures=_make_pictures,
+    inputs=("recordings",),
 )

@@ -7,45 +7,45 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..body.body import center_distance, edge_f1
-from ..body.genome import build
+from ..body.body import compute_edge_f1, measure_center_distance
+from ..body.genome import build_bodies
 from ..robot.base import Robot, open_robot
-from ..selfmodel.loop import identify
+from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings
 from .calibration import Pairs
 from .plan import Outcome, Record, Table
-from .statistics import pooled, ranked
+from .statistics import format_pooled_correlation, format_rank_correlation
 
 REAL, HIDDEN = "starfish-2006", "starfish"
 WHERE = {REAL: "real readings", HIDDEN: "hidden robot"}
 
 
-def opened(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
+def open_study_robot(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
     """The robot of a run: the readings of 2006, or a hidden one of the run's seed."""
     name, seed = settings["robot"], settings["seed"]
     recordings = Path(settings["recordings"]) / file if name == REAL else None
     return open_robot(name, seed=seed, recordings=recordings)
 
 
-def identified(robot: Robot, settings: Settings) -> Outcome:
+def evaluate_identification(robot: Robot, settings: Settings) -> Outcome:
     """How right a whole run was, in the terms of papers.md 1.6.
 
     `disagreement` [deg] and `error` [cm] have a number a cycle; `stated` and `right`
     one an attachment.
     """
-    *_, run = identify(robot, settings)
+    *_, run = identify_body(robot, settings)
     truth = robot.truth
     assert truth is not None
     last = run.cycles[-1]
-    best = build(run.anatomy, last.genomes[:1])
+    best = build_bodies(run.anatomy, last.genomes[:1])
     right = best.parent[0] == truth.parent[0]
     return {
         "success": bool(right.all()),
-        "error": _errors(run, robot),
+        "error": _measure_errors(run, robot),
         "disagreement": [round(c.disagreement, 4) for c in run.cycles],
-        "edge_f1": float(edge_f1(best, truth)[0]),
+        "edge_f1": float(compute_edge_f1(best, truth)[0]),
         "actions": [cycle.action for cycle in run.cycles],
-        "evaluations": _searched(run.counts),
+        "evaluations": _count_searched(run.counts),
         "choice": run.counts["choice"],
         "stated": last.sureness.round(4).tolist(),
         "right": right.tolist(),
@@ -53,20 +53,20 @@ def identified(robot: Robot, settings: Settings) -> Outcome:
     }
 
 
-def _errors(run: Run, robot: Robot) -> list[float]:
+def _measure_errors(run: Run, robot: Robot) -> list[float]:
     """Distance of the best body to the true one after each cycle [cm]."""
     assert robot.truth is not None
-    bodies = [build(run.anatomy, cycle.genomes[:1]) for cycle in run.cycles]
-    return [round(float(center_distance(b, robot.truth)[0]), 4) for b in bodies]
+    bodies = [build_bodies(run.anatomy, cycle.genomes[:1]) for cycle in run.cycles]
+    return [round(float(measure_center_distance(b, robot.truth)[0]), 4) for b in bodies]
 
 
-def _searched(counts: Mapping[str, int]) -> int:
+def _count_searched(counts: Mapping[str, int]) -> int:
     """Simulations of the search alone: not of choosing, nor of the last check."""
     outside = ("choice", "failed", "mujoco")
     return sum(n for name, n in counts.items() if name not in outside)
 
 
-def statements(records: Sequence[Record]) -> Pairs:
+def list_statements(records: Sequence[Record]) -> Pairs:
     """What runs said of each attachment: stated probability, whether it is right.
 
     Part 1 has nothing but the torso to hang on, and is left out.
@@ -79,13 +79,15 @@ def statements(records: Sequence[Record]) -> Pairs:
     ]  # fmt: skip
 
 
-def column(records: Sequence[Record], name: str) -> list[Any]:
+def extract_column(records: Sequence[Record], name: str) -> list[Any]:
     """An outcome's entry of each run; of a list its last one."""
     values = [record["outcome"][name] for record in records]
     return [v[-1] if isinstance(v, list) else v for v in values]
 
 
-def gauge(title: str, rows: Sequence[tuple[str, Sequence[Record]]]) -> Table:
+def make_correlation_table(
+    title: str, rows: Sequence[tuple[str, Sequence[Record]]]
+) -> Table:
     """Does disagreement among models tell how wrong they are? Name and runs a row."""
     text = (
         "Spearman's rank correlation of disagreement and the best body's error. "
@@ -96,7 +98,9 @@ def gauge(title: str, rows: Sequence[tuple[str, Sequence[Record]]]) -> Table:
     )
     cells = []
     for name, rs in rows:
-        last = [column(rs, what) for what in ("disagreement", "error")]
+        last = [extract_column(rs, what) for what in ("disagreement", "error")]
         every = [[r["outcome"][what] for r in rs] for what in ("disagreement", "error")]
-        cells.append((name, ranked(*last), pooled(*every)))
+        cells.append(
+            (name, format_rank_correlation(*last), format_pooled_correlation(*every))
+        )
     return Table(title, text, ("runs", "last cycle", "all cycles pooled"), cells)

@@ -15,7 +15,7 @@ from .plan import Outcome, Record
 _LINES = 6  # last ones of a traceback that are kept; chosen
 
 
-class Pinned(WorkerPlugin):
+class PinnedWorker(WorkerPlugin):
     """Keeps what a worker computes to one thread.
 
     Libraries read the variable when they first start threads, after this; those that
@@ -40,7 +40,7 @@ class Pinned(WorkerPlugin):
                 os.sched_setaffinity(int(thread), {core})
 
 
-def perform(
+def perform_task(
     play: Callable[[Mapping[str, Any]], Outcome],
     key: str,
     settings: Mapping[str, Any],

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine._jax import cores
+from ..engine._jax import count_cores
 from ..errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ DEATHS = 10
 
 
 @dataclass(frozen=True)
-class Place:
+class Workplace:
     """Where runs are to be done.
 
     Attributes:
@@ -44,7 +44,7 @@ class Place:
     cluster: str = ""
 
 
-def check(place: Place) -> None:
+def check_workplace(place: Workplace) -> None:
     """Refuse a place that makes no sense, before anything is started.
 
     Raises:
@@ -64,7 +64,7 @@ def check(place: Place) -> None:
 
 
 @contextmanager
-def connected(place: Place, logs: Path) -> Iterator["Client"]:
+def connect_workers(place: Workplace, logs: Path) -> Iterator["Client"]:
     """A client of workers at a place, which are let go of in the end.
 
     Args:
@@ -78,36 +78,36 @@ def connected(place: Place, logs: Path) -> Iterator["Client"]:
     import dask
     from distributed import Client
 
-    from .worker import Pinned
+    from .worker import PinnedWorker
 
-    check(place)
+    check_workplace(place)
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "error",
     }
     with dask.config.set(settings), ExitStack() as stack:
         if place.scheduler:
-            client = stack.enter_context(_reached(place.scheduler))
+            client = stack.enter_context(_reach_scheduler(place.scheduler))
             own: tuple[int, ...] = ()
         else:
-            made = _cluster(place, logs) if place.cluster else _local(place)
+            made = _start_cluster(place, logs) if place.cluster else _start_local(place)
             client = stack.enter_context(Client(stack.enter_context(made)))
             own = () if place.cluster else tuple(sorted(os.sched_getaffinity(0)))
         try:
-            client.register_plugin(Pinned(own))
+            client.register_plugin(PinnedWorker(own))
         except Exception as error:  # whatever they raise when they load it
             raise InputError(f"the workers cannot load selfheal: {error}") from error
         yield client
 
 
-def _local(place: Place) -> Any:
+def _start_local(place: Workplace) -> Any:
     """Worker processes on this machine."""
     import logging
 
     from distributed import LocalCluster
 
     return LocalCluster(
-        n_workers=place.workers or cores(),
+        n_workers=place.workers or count_cores(),
         threads_per_worker=1,
         host="127.0.0.1",
         dashboard_address=_ANY_PORT,
@@ -115,7 +115,7 @@ def _local(place: Place) -> Any:
     )
 
 
-def _cluster(place: Place, logs: Path) -> Any:
+def _start_cluster(place: Workplace, logs: Path) -> Any:
     """Jobs of a batch system, one worker on one core each; lost ones are replaced."""
     try:
         import dask_jobqueue
@@ -139,7 +139,7 @@ def _cluster(place: Place, logs: Path) -> Any:
     return made
 
 
-def _reached(address: str) -> Any:
+def _reach_scheduler(address: str) -> Any:
     """A client of a scheduler that is there already."""
     from distributed import Client
 

@@ -1,4 +1,4 @@
-"""Recordings made ready to be compared: takes episodes, gives arrays on a grid."""
+"""Sampled episodes: takes recordings, gives channels, and arrays on a grid of steps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import RecordingError
 from ...recording import Episode, Recording
-from ...recording.data import Floats, Place
+from ...recording.data import Floats, Location
 from .local_polynomial import (
     LocalPolynomials,
     find_nearest,
@@ -17,25 +17,38 @@ from .local_polynomial import (
 )
 from .robot_summary import NOT_PREDICTED, Channel
 
-LARGEST = 1e10  # of any number, in SI units: beyond it MuJoCo calls a state lost
-LONGEST = 2e7  # steps of an episode; chosen: 0.2 GB an actuator
+MAX_MAGNITUDE = 1e10  # of any number in SI units; MuJoCo's mjMAXVAL of a state
+MAX_EPISODE_STEPS = 2e7  # of an episode; chosen: 0.2 GB for each actuator
+MIN_SPREAD = 1e-9  # [unit] of a signal that does not move; chosen: not zero
+# of rounded readings: least count of different values, quantile of the gaps between
+# them that is the quantum, how far a gap may be off a multiple of it [quanta], share of
+# the gaps that must not be, and how many times a value must occur; chosen
+MIN_QUANTIZED_VALUES, QUANTUM_QUANTILE = 5, 0.1
+MAX_OFF_QUANTUM, MIN_QUANTIZED_SHARE, MIN_VALUE_REPEATS = 0.05, 0.98, 3
+MIN_RELATIVE_QUANTUM = 1e-12  # of the largest reading; chosen: the rounding of a float
+# times the median of squared scatters, above which one does not count more; chosen: a
+# jolt is no noise
+MAX_SQUARED_SCATTER_RATIO = 20
 
 
 @dataclass(frozen=True, eq=False)
 class SampledEpisode:
-    """One episode.
+    """An episode with T samples, on a grid of G simulation steps.
 
     Attributes:
         id: of the episode; `file:id` where several files were given.
         start: time of its first sample [s].
-        at: (T) sample times since then, in steps of the simulation.
-        readings: (T, C) of all channels; NaN where missing.
-        sent: (T, nu) commands, each held to the next sample.
-        ctrl: (G, nu) mean command of each step of the grid.
-        centered: (G, nu) mean command from half a step before to half a step after.
-        near: through the neighbors of each sample.
-        qpos0, qvel0: given state at the first sample, or None.
-        number: of the episode, among all that were recorded.
+        sample_steps: (T) sample times since the first one [steps].
+        readings: (T, C) of all channels [each channel's unit]; NaN where missing.
+        sent_ctrl: (T, nu) commands [each actuator's control unit], each held to the
+            next sample.
+        ctrl: (G, nu) mean command of each step.
+        ctrl_centered: (G, nu) mean command from half a step before to half a step
+            after each step's begin.
+        polynomials: through the neighbors of each sample.
+        qpos0: (nq) given position at the first sample, or None.
+        qvel0: (nv) given velocity at the first sample, or None.
+        number: of the episode among all that were recorded.
     """
 
     id: str
@@ -51,23 +64,31 @@ class SampledEpisode:
     number: int = 0
 
     def interpolate(self, at: Floats, step: float) -> tuple[Floats, Floats]:
-        """Value and slope (..., C) of all channels at times `at` [steps]."""
+        """Value and slope of all channels, by the polynomial of the nearest sample.
+
+        Args:
+            at: (W) times [steps].
+            step: of the simulation [s].
+
+        Returns:
+            (W, C) [unit] and (W, C) [unit/s].
+        """
         rows = find_nearest(self.sample_steps, at)
         return self.polynomials.evaluate(rows, (at - self.sample_steps[rows]) * step)
 
     @property
     def with_half_step(self) -> "SampledEpisode":
-        """The same, counted in steps of half the size."""
+        """This episode on a grid of steps of half the size."""
         at = 2 * self.sample_steps
         return replace(self, sample_steps=at, **_grid_commands(at, self.sent_ctrl))
 
     def with_late_commands(self, steps: float) -> "SampledEpisode":
-        """The same with all commands but the first sent so many steps later."""
+        """This episode with all commands but the first sent so many steps later."""
         at = np.append(self.sample_steps[0], self.sample_steps[1:] + steps)
         return replace(self, **_grid_commands(at, self.sent_ctrl))
 
     def truncate(self, step: int) -> "SampledEpisode":
-        """The same with the commands of no more than so many steps."""
+        """This episode with the commands of its first steps only."""
         return replace(
             self, ctrl=self.ctrl[:step], ctrl_centered=self.ctrl_centered[:step]
         )
@@ -76,146 +97,167 @@ class SampledEpisode:
 def build_channels(
     recordings: Sequence[Recording], *, empty: bool = False
 ) -> tuple[Channel, ...]:
-    """The signals that a model predicts; those without a reading only if `empty`."""
+    """Make a channel of each signal that a model predicts, in the order of names.
+
+    Args:
+        recordings: with one meaning of each signal's name.
+        empty: whether signals without a reading count.
+    """
     episodes = [e for r in recordings for e in r.episodes.values()]
-    found = collect_signal_meanings(recordings)
-    out, first = [], 0
-    for name, (kind, target, unit, width) in sorted(found.items()):
+    meanings = collect_signal_meanings(recordings)
+    channels, first = [], 0
+    for name, (kind, target, unit, width) in sorted(meanings.items()):
         values = [
             e.signals[name].values.reshape(e.time.size, -1)
             for e in episodes
             if name in e.signals
         ]
-        stack = np.concatenate(values)
-        if not np.isfinite(stack).any():
+        readings = np.concatenate(values)
+        if not np.isfinite(readings).any():
             if not empty:
                 continue
-            stack = np.ones_like(stack)
+            readings = np.ones_like(readings)
         scatter = np.sqrt(_pool_scatter(episodes, name))
-        out.append(
+        channels.append(
             Channel(
                 name, kind, target, unit, width, first,
-                spread=float(np.sqrt(np.nanvar(stack, axis=0).sum())) or 1e-9,
-                max_abs=float(np.nanmax(np.abs(stack))) or 1e-9,
-                quantum=_find_quantum(stack) if width == 1 else 0.0,
+                spread=float(np.sqrt(np.nanvar(readings, axis=0).sum())) or MIN_SPREAD,
+                max_abs=float(np.nanmax(np.abs(readings))) or MIN_SPREAD,
+                quantum=_find_quantum(readings) if width == 1 else 0.0,
                 scatter=scatter, noise=scatter, ar1=np.zeros(width),
             )
         )  # fmt: skip
         first += width
-    return tuple(out)
+    return tuple(channels)
 
 
 def collect_signal_meanings(
     recordings: Sequence[Recording],
 ) -> dict[str, tuple[str, str, str, int]]:
-    """Kind, target, unit and width of each signal that a model predicts, by name.
+    """Collect kind, target, unit and width of each signal that a model predicts.
+
+    Returns:
+        By the signals' names.
 
     Raises:
         RecordingError: two episodes mean different things by one name, or a number is
             none that a robot has.
     """
-    found: dict[str, tuple[str, str, str, int]] = {}
+    meanings: dict[str, tuple[str, str, str, int]] = {}
     for recording in recordings:
         for key, episode in recording.episodes.items():
-            _check_magnitude(episode, Place(recording.file, key))
+            _check_magnitude(episode, Location(recording.file, key))
             for name, signal in episode.signals.items():
                 if signal.kind in NOT_PREDICTED:
                     continue
                 width = 1 if signal.values.ndim == 1 else signal.values.shape[1]
-                its = signal.kind, signal.target, signal.unit, width
-                if found.setdefault(name, its) != its:
+                meaning = signal.kind, signal.target, signal.unit, width
+                known = meanings.setdefault(name, meaning)
+                if known != meaning:
                     words = [
-                        f"{k} of {t!r} in {u!r}" for k, t, u, _ in (its, found[name])
+                        f"{k} of {t!r} in {u!r}" for k, t, u, _ in (meaning, known)
                     ]
-                    raise Place(recording.file, key, name).error(
+                    raise Location(recording.file, key, name).make_error(
                         f"{words[0]} here and {words[1]} in another episode; would "
                         "fit: a name for each"
                     )
-    return found
+    return meanings
 
 
-def _check_magnitude(episode: Episode, place: Place) -> None:
-    held = {"time": episode.time, "ctrl": episode.ctrl, "qpos0": episode.qpos0,
+def _check_magnitude(episode: Episode, place: Location) -> None:
+    """Refuse an episode with a number beyond `MAX_MAGNITUDE`."""
+    arrays = {"time": episode.time, "ctrl": episode.ctrl, "qpos0": episode.qpos0,
             "qvel0": episode.qvel0}  # fmt: skip
-    held |= {f"signal {name!r}": s.values for name, s in episode.signals.items()}
-    for name, values in held.items():
-        if values is not None and (np.abs(values) > LARGEST).any():
-            value = values[np.abs(values) > LARGEST][0]
-            raise place.error(
+    arrays |= {f"signal {name!r}": s.values for name, s in episode.signals.items()}
+    for name, values in arrays.items():
+        if values is not None and (np.abs(values) > MAX_MAGNITUDE).any():
+            value = values[np.abs(values) > MAX_MAGNITUDE][0]
+            raise place.make_error(
                 f"{name} holds {value:.4g}; would fit: SI units, and no number beyond "
-                f"{LARGEST:g}"
+                f"{MAX_MAGNITUDE:g}"
             )
 
 
 def _find_quantum(values: Floats) -> float:
-    """The step of values that lie on a lattice, 0 where they do not."""
-    seen = np.unique(values[np.isfinite(values)])
-    if seen.size < 5:
+    """Find the quantum of rounded values, 0 where they are not rounded."""
+    different = np.unique(values[np.isfinite(values)])
+    if different.size < MIN_QUANTIZED_VALUES:
         return 0.0
-    gaps = np.diff(seen)
-    step = float(np.quantile(gaps, 0.1))
-    if step <= 1e-12 * max(np.abs(seen).max(), 1e-300):
+    gaps = np.diff(different)
+    quantum = float(np.quantile(gaps, QUANTUM_QUANTILE))
+    if quantum <= MIN_RELATIVE_QUANTUM * max(np.abs(different).max(), 1e-300):
         return 0.0
-    ratio = gaps / step
-    on = np.abs(ratio - np.round(ratio)) < 0.05
-    return step if on.mean() > 0.98 and seen.size < values.size / 3 else 0.0
+    ratio = gaps / quantum
+    is_multiple = np.abs(ratio - np.round(ratio)) < MAX_OFF_QUANTUM
+    is_quantized = is_multiple.mean() > MIN_QUANTIZED_SHARE
+    repeats = different.size < values.size / MIN_VALUE_REPEATS
+    return quantum if is_quantized and repeats else 0.0
 
 
 def _pool_scatter(episodes: Sequence[Episode], name: str) -> Floats:
-    """Variance (width) of a reading about its neighbors' parabola, robustly."""
-    scatter = []
+    """Variance (width) of a signal about its local parabolas [unit^2], robustly.
+
+    It is a mean, of which outliers are clipped: a median would take the noise of a
+    robot at rest for the noise of the robot.
+    """
+    squares = []
     for episode in episodes:
         if name in episode.signals:
             values = episode.signals[name].values.reshape(episode.time.size, -1)
-            found = fit_polynomials(episode.time, values)
-            scatter.append(np.where(found.is_borrowed, np.nan, found.scatter**2))
-    both = np.concatenate(scatter)
-    if not np.isfinite(both).any():
-        return np.full(both.shape[1], np.nan)
-    # a median would call the noise of a robot at rest the robot's
-    return np.nanmean(np.clip(both, 0, 20 * np.nanmedian(both, axis=0)), axis=0)
+            fit = fit_polynomials(episode.time, values)
+            squares.append(np.where(fit.is_borrowed, np.nan, fit.scatter**2))
+    square = np.concatenate(squares)
+    if not np.isfinite(square).any():
+        return np.full(square.shape[1], np.nan)
+    limit = MAX_SQUARED_SCATTER_RATIO * np.nanmedian(square, axis=0)
+    return np.nanmean(np.clip(square, 0, limit), axis=0)
 
 
 def sample_episode(
-    name: str, episode: Episode, signals: Sequence[Channel], step: float
+    name: str, episode: Episode, channels: Sequence[Channel], step: float
 ) -> SampledEpisode:
-    """An episode on a grid of `step` s.
+    """Put an episode on a grid of simulation steps.
+
+    Args:
+        name: of the episode.
+        episode: with T samples, and commands in the model's order.
+        channels: of which its readings are taken.
+        step: of the simulation [s].
 
     Raises:
         RecordingError: it lasts longer than can be simulated.
     """
     time = episode.time
-    if (time[-1] - time[0]) / step > LONGEST:
+    if (time[-1] - time[0]) / step > MAX_EPISODE_STEPS:
         raise RecordingError(
             f"episode {name!r} lasts {time[-1] - time[0]:.4g} s, which are "
             f"{(time[-1] - time[0]) / step:.2g} steps of the model's {step:g} s; would "
-            f"fit: at most {LONGEST:.0e} steps: times in s, several episodes, or a "
-            "larger timestep"
+            f"fit: at most {MAX_EPISODE_STEPS:.0e} steps: times in s, several "
+            "episodes, or a larger timestep"
         )
-    readings = np.full((time.size, sum(c.width for c in signals)), np.nan)
-    for c in signals:
+    readings = np.full((time.size, sum(c.width for c in channels)), np.nan)
+    for c in channels:
         if c.name in episode.signals:
             values = episode.signals[c.name].values.reshape(time.size, -1)
             readings[:, c.columns] = values
             if c.kind == "body_orientation":
                 readings[:, c.columns] = _remove_sign_jumps(values)
-    at = (time - time[0]) / step
-    parts = [fit_polynomials(time, readings[:, :0])]  # of no signal, if there is none
-    for c in signals:
-        own = readings[:, c.columns]
+    sample_steps = (time - time[0]) / step
+    parts = [fit_polynomials(time, readings[:, :0])]  # of no channel, if there is none
+    for c in channels:
+        values = readings[:, c.columns]
         if c.kind == "body_orientation":
-            parts.append(fit_rotations(time, own))
-        else:
-            parts.append(
-                fit_polynomials(time, own).refit_first_samples(time, own, c.scatter)
-            )
+            parts.append(fit_rotations(time, values))
+            continue
+        fit = fit_polynomials(time, values)
+        parts.append(fit.refit_first_samples(time, values, c.scatter))
     return SampledEpisode(
         id=name,
         start=float(time[0]),
-        sample_steps=at,
+        sample_steps=sample_steps,
         readings=readings,
         sent_ctrl=episode.ctrl,
-        **_grid_commands(at, episode.ctrl),
+        **_grid_commands(sample_steps, episode.ctrl),
         polynomials=LocalPolynomials.concatenate(parts),
         qpos0=episode.qpos0,
         qvel0=episode.qvel0,
@@ -223,7 +265,7 @@ def sample_episode(
 
 
 def _remove_sign_jumps(quaternion: Floats) -> Floats:
-    """The same orientations (T, 4) without jumps of sign."""
+    """Choose signs of quaternions (T, 4) so that none jumps: q and -q turn alike."""
     out = quaternion.copy()
     known = np.flatnonzero(np.isfinite(out).all(axis=1))
     dots = np.sum(out[known[1:]] * out[known[:-1]], axis=1)
@@ -232,7 +274,7 @@ def _remove_sign_jumps(quaternion: Floats) -> Floats:
 
 
 def _grid_commands(at: Floats, ctrl: Floats) -> dict[str, Any]:
-    """The two grids of `Log` that hold what is sent at times `at`."""
+    """Both grids of `SampledEpisode` of commands (T, nu) sent at times `at` [steps]."""
     return {
         "ctrl": _average_over_steps(at, ctrl),
         "ctrl_centered": _average_centered(at, ctrl),
@@ -240,7 +282,18 @@ def _grid_commands(at: Floats, ctrl: Floats) -> dict[str, Any]:
 
 
 def _average_over_steps(at: Floats, ctrl: Floats) -> Floats:
-    """Mean (G, nu) over each step of commands held from their sample to the next."""
+    """Average commands, each held from its sample to the next, over each step.
+
+    Means are differences of the commands' integral at the steps' edges, divided by
+    their distance of 1 step.
+
+    Args:
+        at: (T) sample times, from 0 [steps].
+        ctrl: (T, nu) commands sent then.
+
+    Returns:
+        (G, nu); G is two more than the steps to the last sample.
+    """
     steps = int(np.ceil(at[-1])) + 2
     ends = np.append(at[1:], max(at[-1] + 1, steps + 1.0))
     total = np.vstack(
@@ -253,5 +306,5 @@ def _average_over_steps(at: Floats, ctrl: Floats) -> Floats:
 
 
 def _average_centered(at: Floats, ctrl: Floats) -> Floats:
-    """As `_means`, half a step earlier; before the first sample its command holds."""
+    """Average over steps that begin half a step earlier; the first holds before 0."""
     return _average_over_steps(np.append(-0.5, at[1:]) + 0.5, ctrl)

@@ -1,4 +1,4 @@
-"""What was read around a sample: takes readings, gives parabolas through neighbors."""
+"""Local polynomials: takes readings, gives a parabola through each one's neighbors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -9,27 +9,42 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ...recording.data import Floats
 
-# half width [s] of the parabola that says where the robot was and how fast, and the
-# least of samples on each side; chosen: 50 ms in all, as the contract's score has it
-HALF_WIDTH, LEAST = 0.022, 2
-MOST = 300  # samples on each side, as of 14 kHz: memory grows with them; chosen
-REACH = 3.0  # times that, the farthest that irregular samples may lie; chosen
-INSTANT = 1e-4  # [s] over which a turn's rate is told
-SAFE = 0.6  # of the neighbors that one seems to fit: what is not seen is bent too
-JOLTED = 4.0  # standard deviations of a scatter, with which no parabola fits; chosen
+# [s] on each side of a sample, in which its neighbors lie; chosen: about 50 ms in all,
+# as the contract's score has it
+HALF_WIDTH_SECONDS = 0.022
+MIN_HALF_WIDTH = 2  # samples on each side; chosen: five points, two more than unknowns
+MAX_HALF_WIDTH = 300  # samples on each side; chosen: those of 14 kHz, memory grows
+MIN_FITTED_SAMPLES = 4  # at least, for a parabola; chosen: one more than unknowns
+# half widths to the farthest neighbor; chosen: what lies beyond a pause tells nothing
+MAX_NEIGHBOR_DISTANCE = 3.0
+# half widths to the nearest whole parabola that one may borrow; chosen: an episode's
+# end and a few missing readings
+MAX_BORROWING_DISTANCE = 1.5
+RIDGE = 1e-9  # added to the normal equations [1]; chosen: far below any curvature
+# [s] over which a rotation's rate is differenced; chosen: far below any sampling time,
+# far above rounding
+ROTATION_RATE_STEP = 1e-4
+# share of the half width that a jolt allows, that is used; chosen: the curve that it
+# seems to fit is bent, too
+SAFE_HALF_WIDTH_SHARE = 0.6
+# standard deviations of a scatter, above which no parabola fits; chosen: never by noise
+MAX_SCATTER_DEVIATION = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class LocalPolynomials:
-    """One through the neighbors of each of T samples, in C columns.
+    """A parabola through the neighbors of each of T samples, in C columns.
+
+    A local polynomial regression of degree two with a uniform kernel (Savitzky, Golay
+    1964): y(t) = a0 + a1 (t - t0) + a2 (t - t0)^2 about a sample at t0.
 
     Attributes:
-        coefficients: (T, C, 3) value, slope [1/s], half the curvature; NaN where too
-            few readings are near.
-        scatter: (T, C) standard deviation of the neighbors about it.
-        sides: (T, C) how many neighbors it looks at on each side.
-        borrowed: (T, C) whether that of a sample beside it speaks for it: near an
-            episode's ends, and around missing readings.
+        coefficients: (T, C, 3) a0 [unit], a1 [unit/s], a2 [unit/s^2]; NaN where too few
+            readings are near.
+        scatter: (T, C) standard deviation of the neighbors about it [unit].
+        half_width: (T, C) how many neighbors it is fitted to on each side.
+        is_borrowed: (T, C) whether it is the parabola of another sample, near an
+            episode's ends and around missing readings.
     """
 
     coefficients: Floats
@@ -38,58 +53,64 @@ class LocalPolynomials:
     is_borrowed: np.ndarray
 
     def evaluate(self, rows: np.ndarray, dt: Floats) -> tuple[Floats, Floats]:
-        """Value and slope (W, C), `dt` (W) [s] from the samples `rows` (W)."""
+        """Value (W, C) and slope (W, C), at `dt` (W) [s] from samples `rows` (W)."""
         return _evaluate(self.coefficients[rows], dt[:, None])
 
     @classmethod
     def concatenate(cls, parts: Sequence["LocalPolynomials"]) -> "LocalPolynomials":
-        """Those of several signals, side by side."""
+        """Put the polynomials of several signals side by side."""
         return cls(*(
             np.concatenate([getattr(p, f.name) for p in parts], axis=1)
             for f in fields(cls)
         ))  # fmt: skip
 
     def refit_first_samples(
-        self, time: Floats, readings: Floats, usual: Floats
+        self, time: Floats, readings: Floats, usual_scatter: Floats
     ) -> "LocalPolynomials":
-        """The same, whose first ones look at fewer neighbors where a jolt begins.
+        """Refit the first samples to fewer neighbors where an episode begins in a jolt.
 
-        A robot that is let go, or sent far away, moves otherwise before 50 ms are over:
-        a parabola through them, extrapolated to where they began, tells a wrong speed.
+        A robot that is let go, or sent far away, changes its motion within 50 ms. A
+        parabola through these, extrapolated to the first sample, has a wrong slope.
 
         Args:
-            time: (T) [s].
-            readings: (T, C).
-            usual: (C) scatter.
+            time: (T) sample times [s].
+            readings: (T, C) [each channel's unit].
+            usual_scatter: (C) of the whole recording [each channel's unit].
         """
-        anew = ("coefficients", "scatter", "half_width")
-        found = replace(self, **{name: getattr(self, name).copy() for name in anew})
-        for c in np.flatnonzero(
-            self.scatter[0] > _scatter_limit(self.half_width[0]) * usual
-        ):
-            own, m, scatter = readings[:, [c]], int(self.half_width[0, c]), np.inf
-            while m > LEAST and not scatter <= _scatter_limit(m) * usual[c]:
+        refitted = ("coefficients", "scatter", "half_width")
+        out = replace(self, **{name: getattr(self, name).copy() for name in refitted})
+        limit = _scatter_limit(self.half_width[0]) * usual_scatter
+        for c in np.flatnonzero(self.scatter[0] > limit):
+            values, m, scatter = readings[:, [c]], int(self.half_width[0, c]), np.inf
+            while (
+                m > MIN_HALF_WIDTH
+                and not scatter <= _scatter_limit(m) * usual_scatter[c]
+            ):
                 m -= 1
-                scatter = _fit_first_samples(time, own, m).scatter[0, 0]
-            few = _fit_first_samples(time, own, max(LEAST, round(SAFE * m)))
-            rows = np.flatnonzero(np.isfinite(few.scatter[:, 0]))
-            for name in anew:
-                getattr(found, name)[rows, c] = getattr(few, name)[rows, 0]
-        return found
+                scatter = _fit_first_samples(time, values, m).scatter[0, 0]
+            m = max(MIN_HALF_WIDTH, round(SAFE_HALF_WIDTH_SHARE * m))
+            fit = _fit_first_samples(time, values, m)
+            rows = np.flatnonzero(np.isfinite(fit.scatter[:, 0]))
+            for name in refitted:
+                getattr(out, name)[rows, c] = getattr(fit, name)[rows, 0]
+        return out
 
 
-def _scatter_limit(sides):
-    """Times the usual scatter, that of neighbors on each side that a parabola fits."""
-    return np.sqrt(1 + JOLTED * np.sqrt(2 / (2 * sides - 2)))  # of a mean of squares
+def _scatter_limit(half_width):
+    """Largest scatter about a parabola that fits, over the usual scatter [1].
+
+    The mean of f = 2 m - 2 squares of a unit normal has the variance 2 / f.
+    """
+    return np.sqrt(1 + MAX_SCATTER_DEVIATION * np.sqrt(2 / (2 * half_width - 2)))
 
 
 def _evaluate(a: Floats, dt: Floats) -> tuple[Floats, Floats]:
-    """Value and slope (...) of parabolas (..., 3), `dt` [s] from where they stand."""
+    """Value (...) and slope (...) of parabolas (..., 3), `dt` [s] from their origin."""
     return a[..., 0] + dt * (a[..., 1] + dt * a[..., 2]), a[..., 1] + 2 * dt * a[..., 2]
 
 
 def find_nearest(times: Floats, at: Floats) -> np.ndarray:
-    """Number of the sample nearest in time."""
+    """Numbers (W) of the samples of `times` (T) nearest to times `at` (W)."""
     right = np.clip(np.searchsorted(times, at), 1, max(len(times) - 1, 1))
     right = np.minimum(right, len(times) - 1)
     left = np.maximum(right - 1, 0)
@@ -97,65 +118,71 @@ def find_nearest(times: Floats, at: Floats) -> np.ndarray:
 
 
 def choose_half_width(time: Floats) -> tuple[float, int]:
-    """Usual distance [s] of samples, and how many on each side a parabola looks at."""
+    """Usual distance of samples at `time` (T) [s], and half width of a parabola."""
     gaps = np.diff(time) if time.size > 1 else np.ones(1)
     gap = float(np.median(gaps))
-    if HALF_WIDTH / gap > MOST:  # perhaps of samples that come in bursts
+    if HALF_WIDTH_SECONDS / gap > MAX_HALF_WIDTH:  # perhaps samples in bursts
         gap = float(gaps.mean())
-    return gap, int(np.clip(round(HALF_WIDTH / gap), LEAST, MOST))
+    m = round(HALF_WIDTH_SECONDS / gap)
+    return gap, int(np.clip(m, MIN_HALF_WIDTH, MAX_HALF_WIDTH))
 
 
 @cache
-def ar1_error_factors(memory: float, m: int) -> tuple[float, float, float]:
-    """What noise of first order does to a parabola through m neighbors on each side.
+def ar1_error_factors(ar1: float, m: int) -> tuple[float, float, float]:
+    """Errors that first-order autoregressive noise causes in a local parabola.
+
+    With covariance S[i, j] = ar1^|i - j| of the noise, and P the pseudoinverse of the
+    parabola's basis B, the estimate's covariance is P S P'. The residuals' variance is
+    that of tr(S - P S B') over the degrees of freedom.
 
     Args:
-        memory: correlation with the sample before.
-        m: on each side.
+        ar1: correlation of the noise with that of the sample before [1].
+        m: half width [samples].
 
     Returns:
-        The error of the parabola's value and of its slope, over that of white noise as
-        large; and the share of the noise's variance that is left about it.
+        Standard errors of the value and of the slope, each over that of white noise of
+        the same variance [1]; share of the noise's variance that is left about the
+        parabola [1].
     """
     t = np.arange(-m, m + 1.0)
     basis = np.stack([t**0, t, t**2], axis=1)
     rows = np.linalg.pinv(basis)
-    cov = memory ** np.abs(t[:, None] - t)
+    cov = ar1 ** np.abs(t[:, None] - t)
     value, slope, _ = np.sqrt(np.diag(rows @ cov @ rows.T) / np.diag(rows @ rows.T))
-    left = (len(t) - np.trace(rows @ cov @ basis)) / (len(t) - 3)
-    return float(value), float(slope), float(left)
+    share = (len(t) - np.trace(rows @ cov @ basis)) / (len(t) - 3)
+    return float(value), float(slope), float(share)
 
 
 def fit_polynomials(time: Floats, readings: Floats) -> LocalPolynomials:
-    """Through the neighbors of each sample (T) of readings (T, C)."""
+    """Fit readings (T, C) at `time` (T) [s] through the neighbors of each sample."""
     return _fit_half_width(time, readings, choose_half_width(time)[1])
 
 
 def _fit_half_width(time: Floats, readings: Floats, m: int) -> LocalPolynomials:
-    """The same, through m neighbors on each side."""
-    found = _make_empty(readings, m)
+    """Fit readings (T, C) at `time` (T) [s] through m neighbors on each side."""
+    fit = _make_empty(readings, m)
     if len(time) < 2 * m + 1:
-        return found
+        return fit
     for c in range(readings.shape[1]):
         y = sliding_window_view(readings[:, c], 2 * m + 1)
-        own, variance = _fit_quadratics(time, y)
-        lost, source, dt = _find_borrowers(time, own, m)
-        a = own[source]
-        own[lost] = np.stack([*_evaluate(a, dt), a[:, 2]], axis=1)
-        variance[lost] = variance[source]
-        found.coefficients[:, c], found.scatter[:, c] = own, np.sqrt(variance)
-        found.is_borrowed[lost, c] = True
-    return found
+        coefficients, variance = _fit_quadratics(time, y)
+        rows, source, dt = _find_borrowers(time, coefficients, m)
+        a = coefficients[source]
+        coefficients[rows] = np.stack([*_evaluate(a, dt), a[:, 2]], axis=1)
+        variance[rows] = variance[source]
+        fit.coefficients[:, c], fit.scatter[:, c] = coefficients, np.sqrt(variance)
+        fit.is_borrowed[rows, c] = True
+    return fit
 
 
 def _fit_first_samples(time: Floats, readings: Floats, m: int) -> LocalPolynomials:
-    """The same of an episode's first readings alone, up to the one in the middle."""
-    found = _fit_half_width(time[: 2 * m + 1], readings[: 2 * m + 1], m)
-    return LocalPolynomials(*(getattr(found, f.name)[: m + 1] for f in fields(found)))
+    """Fit an episode's first 2 m + 1 readings; polynomials of the first m + 1."""
+    fit = _fit_half_width(time[: 2 * m + 1], readings[: 2 * m + 1], m)
+    return LocalPolynomials(*(getattr(fit, f.name)[: m + 1] for f in fields(fit)))
 
 
 def _make_empty(readings: Floats, m: int) -> LocalPolynomials:
-    """None for any reading (T, C) yet."""
+    """Polynomials of readings (T, C), all of them unknown."""
     shape = readings.shape
     return LocalPolynomials(
         np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, m),
@@ -164,48 +191,74 @@ def _make_empty(readings: Floats, m: int) -> LocalPolynomials:
 
 
 def fit_rotations(time: Floats, quaternion: Floats) -> LocalPolynomials:
-    """As `parabolas` of an orientation (T, 4), through rotations from each sample.
+    """Fit an orientation by rotation vectors from each sample to its neighbors.
 
-    Those of a body that turns evenly lie on a line, however fast it turns; quaternions
-    do not.
+    Rotation vectors of a body that turns evenly lie on a line, however fast it turns;
+    quaternions do not.
+
+    Args:
+        time: (T) sample times [s].
+        quaternion: (T, 4), w first; NaN where missing.
+
+    Returns:
+        Polynomials (T, 4) of the quaternion's components.
+    """
+    _, m = choose_half_width(time)
+    fit = _make_empty(quaternion, m)
+    is_known = np.asarray(np.isfinite(quaternion).all(axis=1))
+    if len(time) < 2 * m + 1:
+        return fit
+    whole = np.where(is_known[:, None], quaternion, [1.0, 0, 0, 0])
+    vectors = _rotation_vectors(whole, is_known, m)
+    parts = [_fit_quadratics(time, vectors[..., k]) for k in range(3)]
+    coefficients = np.stack([a for a, _ in parts], axis=1)  # (T, 3, 3)
+    # a quaternion's vector part is half a small rotation vector
+    square = np.stack([v for _, v in parts], axis=1) / 4
+    variance = np.column_stack([square.mean(axis=1), square])
+    borrowers, source, dt = _find_borrowers(time, coefficients[:, 0], m)
+    variance[borrowers], fit.is_borrowed[borrowers] = variance[source], True
+    fit.scatter[:] = np.sqrt(variance)
+    fitted = np.flatnonzero(np.isfinite(coefficients[:, 0, 0]))
+    rows, source = np.append(fitted, borrowers), np.append(fitted, source)
+    dt = np.append(np.zeros(len(fitted)), dt)
+    h = ROTATION_RATE_STEP
+    before, middle, after = (
+        _rotate(
+            whole[source],
+            _evaluate(coefficients[source], (dt + k * h)[:, None])[0],
+        )
+        for k in (-1, 0, 1)
+    )
+    slope = (after - before) / (2 * h)
+    half_curvature = (after - 2 * middle + before) / (2 * h**2)
+    fit.coefficients[rows] = np.stack([middle, slope, half_curvature], axis=-1)
+    return fit
+
+
+def _rotation_vectors(quaternion: Floats, is_known: np.ndarray, m: int) -> Floats:
+    """Rotation vectors from each sample to its neighbors, in the sample's frame [rad].
+
+    Args:
+        quaternion: (T, 4), w first.
+        is_known: (T) whether each was read.
+        m: half width [samples].
+
+    Returns:
+        (T - 2 m, 2 m + 1, 3), of each sample but the first and last m; NaN unknown.
     """
     from scipy.spatial.transform import Rotation
 
-    _, m = choose_half_width(time)
-    found = _make_empty(quaternion, m)
-    known = np.asarray(np.isfinite(quaternion).all(axis=1))
-    if len(time) < 2 * m + 1:
-        return found
-    whole = np.where(known[:, None], quaternion, [1.0, 0, 0, 0])
-    near = sliding_window_view(np.arange(len(time)), 2 * m + 1)
+    near = sliding_window_view(np.arange(len(quaternion)), 2 * m + 1)
     width = near.shape[1]
     origin = np.repeat(near[:, m], width)
-    turn = Rotation.from_quat(whole, scalar_first=True)
-    away = (turn[origin].inv() * turn[near.ravel()]).as_rotvec()
-    predicted = known[near] & known[near[:, m]][:, None]
-    away = np.where(predicted[..., None], away.reshape(len(near), width, 3), np.nan)
-    parts = [_fit_quadratics(time, away[..., k]) for k in range(3)]
-    own = np.stack([a for a, _ in parts], axis=1)  # (T, 3, 3)
-    each = np.stack([v for _, v in parts], axis=1) / 4  # of a quaternion's vector part
-    variance = np.column_stack([each.mean(axis=1), each])
-    lost, source, dt = _find_borrowers(time, own[:, 0], m)
-    variance[lost], found.is_borrowed[lost] = variance[source], True
-    found.scatter[:] = np.sqrt(variance)
-    good = np.flatnonzero(np.isfinite(own[:, 0, 0]))
-    rows, source = np.append(good, lost), np.append(good, source)
-    dt = np.append(np.zeros(len(good)), dt)
-    before, now, after = (
-        _rotate(whole[source], _evaluate(own[source], (dt + k * INSTANT)[:, None])[0])
-        for k in (-1, 0, 1)
-    )
-    slope = (after - before) / (2 * INSTANT)
-    bend = (after - 2 * now + before) / (2 * INSTANT**2)
-    found.coefficients[rows] = np.stack([now, slope, bend], axis=-1)
-    return found
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
+    vectors = (rotation[origin].inv() * rotation[near.ravel()]).as_rotvec()
+    both = is_known[near] & is_known[near[:, m]][:, None]
+    return np.where(both[..., None], vectors.reshape(len(near), width, 3), np.nan)
 
 
 def _rotate(quaternion: Floats, by: Floats) -> Floats:
-    """Orientations (n, 4) turned by rotation vectors (n, 3) of their own frames."""
+    """Turn orientations (n, 4) by rotation vectors (n, 3) in their own frames [rad]."""
     from scipy.spatial.transform import Rotation
 
     if not len(by):
@@ -216,51 +269,64 @@ def _rotate(quaternion: Floats, by: Floats) -> Floats:
 
 
 def _fit_quadratics(time: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Parabolas through neighbors: coefficients (T, 3), variance (T); NaN at the ends.
+    """Fit parabolas through neighbors by least squares.
+
+    By the normal equations (B'B + ridge) x = B'y, with times in half widths.
 
     Args:
-        time: (T) [s].
-        y: (T - 2 m, 2 m + 1), the neighbors of each sample but the first and last m.
+        time: (T) sample times [s].
+        y: (T - 2 m, 2 m + 1) neighbors of each sample but the first and last m; NaN
+            where missing.
+
+    Returns:
+        Coefficients (T, 3), and variance (T) about the parabola; NaN where too few
+        neighbors are known, and of the first and last m.
     """
     m = y.shape[1] // 2
     gap, _ = choose_half_width(time)
     coefficients, variance = np.full((len(time), 3), np.nan), np.full(len(time), np.nan)
     t = sliding_window_view(time, 2 * m + 1) - time[m : len(time) - m, None]
-    near = np.abs(t) <= REACH * gap * m  # what lies beyond a pause tells nothing here
+    is_near = np.abs(t) <= MAX_NEIGHBOR_DISTANCE * gap * m
     scale = np.array([1, gap * m, (gap * m) ** 2])
-    known = np.isfinite(y) & near
-    good = known.sum(axis=1) >= max(4, m)
-    if not good.any():
+    is_known = np.isfinite(y) & is_near
+    is_fitted = is_known.sum(axis=1) >= max(MIN_FITTED_SAMPLES, m)
+    if not is_fitted.any():
         return coefficients, variance
     basis = np.stack([np.ones_like(t), t, t**2], axis=-1) / scale
-    a = basis[good] * known[good][..., None]
-    y = np.where(known[good], y[good], 0.0)
-    normal = np.einsum("tki,tkj->tij", a, a) + 1e-9 * np.eye(3)
+    a = basis[is_fitted] * is_known[is_fitted][..., None]
+    y = np.where(is_known[is_fitted], y[is_fitted], 0.0)
+    normal = np.einsum("tki,tkj->tij", a, a) + RIDGE * np.eye(3)
     x = np.linalg.solve(normal, np.einsum("tki,tk->ti", a, y)[..., None])[..., 0]
-    left = y - np.einsum("tki,ti->tk", a, x)
-    free = known[good].sum(axis=1) - 3
-    rows = np.flatnonzero(good) + m
-    variance[rows] = (left**2).sum(axis=1) / np.maximum(free, 1)
+    residuals = y - np.einsum("tki,ti->tk", a, x)
+    freedom = is_known[is_fitted].sum(axis=1) - 3
+    rows = np.flatnonzero(is_fitted) + m
+    variance[rows] = (residuals**2).sum(axis=1) / np.maximum(freedom, 1)
     coefficients[rows] = x / scale
     return coefficients, variance
 
 
 def _find_borrowers(
-    time: Floats, own: Floats, m: int
+    time: Floats, coefficients: Floats, m: int
 ) -> tuple[np.ndarray, np.ndarray, Floats]:
-    """Samples without a parabola (T, 3) for which the nearest whole one may speak.
+    """Find samples without a parabola that may borrow that of another sample.
 
-    Those near an episode's ends, and those around which readings are missing.
+    They lie near an episode's ends, or readings around them are missing.
+
+    Args:
+        time: (T) sample times [s].
+        coefficients: (T, 3); NaN where there is no parabola.
+        m: half width [samples].
 
     Returns:
-        Which (n), the nearest one with a parabola (n), and how far it is (n) [s].
+        Numbers of the borrowers (n), of the nearest samples with a parabola (n), and
+        the times from these to the borrowers (n) [s].
     """
     gap, _ = choose_half_width(time)
-    whole = np.isfinite(own[:, 0])
-    good, lost = np.flatnonzero(whole), np.flatnonzero(~whole)
-    if not good.size:
-        return lost[:0], lost[:0], np.zeros(0)
-    source = good[find_nearest(time[good], time[lost])]
-    dt = time[lost] - time[source]
-    close = np.abs(dt) <= 1.5 * gap * m
-    return lost[close], source[close], dt[close]
+    is_fitted = np.isfinite(coefficients[:, 0])
+    fitted, rows = np.flatnonzero(is_fitted), np.flatnonzero(~is_fitted)
+    if not fitted.size:
+        return rows[:0], rows[:0], np.zeros(0)
+    source = fitted[find_nearest(time[fitted], time[rows])]
+    dt = time[rows] - time[source]
+    is_close = np.abs(dt) <= MAX_BORROWING_DISTANCE * gap * m
+    return rows[is_close], source[is_close], dt[is_close]

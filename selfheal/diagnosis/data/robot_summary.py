@@ -1,6 +1,6 @@
-"""What a diagnosis knows of a robot: its joints, actuators, bodies and signals."""
+"""Robot summaries: takes a compiled model and its motion, gives joints and bodies."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,28 +13,36 @@ if TYPE_CHECKING:
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 NOT_PREDICTED = ("supply_voltage", "temperature")  # the model does not predict them
-STOPS = 0.5  # [s] in which a torque that shows would stop a joint; chosen
-VAGUE = 2.0  # steps of a simulation, by which a contact may be off; chosen
+# [s] in which a torque that shows would stop a joint; chosen: below the length of a
+# segment
+STOPPING_SECONDS = 0.5
+CONTACT_TIMING_STEPS = 2.0  # by which contacts may be early or late; chosen
+# of a joint: typical torque [N m or N], speed [unit/s] and range [unit]; chosen: not
+# zero, for scales of parameters are made of them
+MIN_TORQUE, MIN_SPEED, MIN_RANGE = 1e-9, 1e-3, 1e-3
+MIN_LINK_LENGTH = 1e-6  # [m]; chosen: a shorter link has no direction
+MIN_BODY_SIZE, MIN_BODY_MASS = 1e-3, 1e-9  # [m], [kg]; chosen: not zero
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A signal that is compared, and its columns among all.
+    """A signal that is compared, and its columns among those of all signals.
 
     Attributes:
-        name: in the recording.
-        kind: of the contract.
-        target: joint, actuator, body or sensor.
+        name: of the signal, in the recording.
+        kind: as the contract has it.
+        target: name of the joint, actuator, body or sensor.
         unit: of the readings.
-        width: columns.
-        first: its first column.
-        spread: standard deviation of the readings [unit], over all columns.
-        reach: largest magnitude [unit].
-        lattice: the step of its values [unit] if they lie on one, else 0.
-        scatter: (width) of a reading about its neighbors' parabola [unit].
-        noise: (width) of a reading [unit]; larger where it is slow, for a parabola
-            takes that for motion.
-        memory: (width) correlation of that noise with the sample before; 0: white.
+        width: how many columns it has.
+        first_column: number of its first column.
+        spread: standard deviation of the readings, over all columns [unit].
+        max_abs: largest magnitude of a reading [unit].
+        quantum: to whose multiples its readings are rounded [unit]; 0: to none.
+        scatter: (width) standard deviation of readings about local parabolas [unit].
+        noise: (width) standard deviation of a reading's noise [unit]. It is larger than
+            the scatter where the noise is slow: a parabola takes that for motion.
+        ar1: (width) correlation of the noise with that of the sample before [1]; 0: it
+            is white.
     """
 
     name: str
@@ -52,12 +60,12 @@ class Channel:
 
     @property
     def columns(self) -> slice:
-        """Where it stands among all columns."""
+        """The signal's columns among those of all signals."""
         return slice(self.first_column, self.first_column + self.width)
 
     @property
     def free_columns(self) -> int:
-        """How many of its columns are free; a direction is as long as another."""
+        """How many columns are free: a quaternion or direction has a unit norm."""
         return self.width - (self.width > 1 and self.unit in ("1", "quaternion"))
 
     @property
@@ -66,9 +74,9 @@ class Channel:
         return self.kind in POSITION_LIKE
 
 
-def repeat_by_column(signals: Sequence[Channel], field: str) -> np.ndarray:
-    """(C) a signal's `field`, once for each of its columns."""
-    return np.concatenate([np.full(c.width, getattr(c, field)) for c in signals])
+def repeat_by_column(channels: Sequence[Channel], field: str) -> np.ndarray:
+    """(C) the value of a field of each channel, once for each of its columns."""
+    return np.concatenate([np.full(c.width, getattr(c, field)) for c in channels])
 
 
 @dataclass(frozen=True)
@@ -76,15 +84,17 @@ class Joint:
     """A hinge or slide, and how the recordings use it.
 
     Attributes:
-        id, dof, qpos: in the given model.
+        id: in the given model.
         name: of the joint.
-        unit: "rad" or "m".
-        torque: typical [N m or N].
-        speed: root mean square [unit/s].
-        fastest: largest speed [unit/s].
-        range: angles seen, from end to end [unit].
-        middle: of that range.
-        inertia: at the joint [kg m^2 or kg].
+        dof: index of its velocity in qvel.
+        qpos: index of its position in qpos.
+        unit: of its position, "rad" or "m".
+        torque: typical torque [N m or N].
+        speed: root mean square of its velocity [unit/s].
+        max_speed: largest speed [unit/s].
+        range: of the positions seen, from end to end [unit].
+        range_center: middle of that range [unit].
+        inertia: at the joint, as MuJoCo's dof_M0 [kg m^2 or kg].
         measured: whether its position is recorded.
     """
 
@@ -103,7 +113,7 @@ class Joint:
 
     @property
     def force(self) -> str:
-        """Unit of its torque."""
+        """Unit of the torque, "N m" or "N"."""
         return "N m" if self.unit == "rad" else "N"
 
 
@@ -112,13 +122,14 @@ class Actuator:
     """An actuator, and how the recordings use it.
 
     Attributes:
-        id: in the model.
+        id: in the given model.
         name: of the actuator.
-        dof, qpos: of the joint it drives; -1 where it drives none.
-        servo: it holds a position that is commanded.
-        most: largest torque that it was asked for [N m or N].
-        rate: largest rate of its command [unit/s].
-        unit: of the joint, "rad" or "m".
+        dof: index of its joint's velocity in qvel; -1: it drives no joint.
+        qpos: index of its joint's position in qpos; -1: it drives no joint.
+        servo: whether it holds a position that is commanded.
+        max_force: largest torque that it was asked for [N m or N].
+        max_rate: largest rate of its command [unit/s].
+        unit: of the joint's position, "rad" or "m".
         measured: whether the joint's position is recorded.
     """
 
@@ -134,7 +145,7 @@ class Actuator:
 
     @property
     def force(self) -> str:
-        """Unit of its torque."""
+        """Unit of the torque, "N m" or "N"."""
         return "N m" if self.unit == "rad" else "N"
 
 
@@ -143,18 +154,19 @@ class MovingBody:
     """A body that moves.
 
     Attributes:
-        id: in the model.
+        id: in the given model.
         name: of the body.
-        mass: [kg].
-        chain: mass of it and of all that hangs on it [kg].
+        mass: of the body alone [kg].
+        subtree_mass: of the body and all bodies below it [kg].
         size: typical extent [m].
-        far: (3) its far end in its frame [m].
-        com: (3) its center of mass in its frame [m].
-        box: (3, 2) where a payload may be in its frame [m].
-        length: of the link [m], 0 where it has none.
-        offset: from its parent's origin [m].
-        parent: body id.
-        free: floats.
+        far_end: (3) of the link, in the body's frame [m].
+        com: (3) center of mass, in the body's frame [m].
+        box: (3, 2) lowest and highest coordinates that a payload may have in the body's
+            frame [m].
+        length: of the link [m]; 0: it has none.
+        offset: distance of its origin from its parent's [m].
+        parent: id of the parent body.
+        is_floating: whether a free joint moves it.
     """
 
     id: int
@@ -173,17 +185,17 @@ class MovingBody:
 
 @dataclass(frozen=True, eq=False)
 class RobotSummary:
-    """All that an effect may ask before it says where it could be.
+    """A robot as effects see it when they propose where they could be.
 
     Attributes:
         model: as given, compiled.
-        step: of the simulation [s].
-        signals: those compared.
+        timestep: of the simulation [s].
+        channels: signals that are compared.
         joints: hinges and slides.
-        actuators: all.
-        bodies: those that move.
-        touches: whether anything touched the world.
-        is_posed: whether no motion was read, but poses.
+        actuators: all of the model.
+        bodies: those that move and have a name.
+        has_contact: whether anything touches something.
+        has_only_poses: whether single poses were read, and no motion.
     """
 
     model: "mujoco.MjModel"
@@ -197,19 +209,19 @@ class RobotSummary:
 
     @property
     def contact_timing_error(self) -> float:
-        """By how much contacts may begin early or late [s]: it hides such a delay."""
-        return VAGUE * self.timestep if self.has_contact else 0.0
+        """By how much contacts may be early or late [s]; no shorter delay shows."""
+        return CONTACT_TIMING_STEPS * self.timestep if self.has_contact else 0.0
 
     def joint_by_id(self, joint: int) -> Joint:
-        """The joint of that id."""
+        """The joint with an id in the given model."""
         return next(j for j in self.joints if j.id == joint)
 
     def joint_by_dof(self, dof: int) -> Joint:
-        """The joint of that degree of freedom."""
+        """The joint with an index in qvel."""
         return next(j for j in self.joints if j.dof == dof)
 
     def actuator_place(self, actuator: Actuator) -> dict[str, Any]:
-        """What an effect needs to act at an actuator."""
+        """Place of an effect that acts at an actuator."""
         return {
             "actuator": actuator.id,
             "dof": actuator.dof,
@@ -219,19 +231,19 @@ class RobotSummary:
 
 
 def has_affine_force(model: "mujoco.MjModel", actuator: int) -> bool:
-    """Whether a force is affine in length and speed, by numbers that a text states.
+    """Whether an actuator's force is affine in length and velocity, as MJCF states it.
 
     That of a muscle, of a DC motor and of a user's own law is not.
     """
-    law = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
-    return bool(max(law) <= 1)  # mjtGain: fixed, affine; mjtBias: none, affine
+    types = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
+    return bool(max(types) <= 1)  # mjtGain: fixed, affine; mjtBias: none, affine
 
 
 def min_stable_inertia(model, joint: int) -> float:
-    """Inertia [kg m^2 or kg] that the servos at a joint do not turn around in a step.
+    """Least inertia at which a joint's servos are stable [kg m^2 or kg].
 
-    MuJoCo holds a servo's stiffness for a step, and with the integrators Euler and RK4
-    its damping too: a lighter joint diverges.
+    MuJoCo holds a servo's stiffness k for a step h and, with the integrators Euler and
+    RK4, its damping d. A joint with less than sum gear^2 (k h + d) h diverges.
     """
     step = model.opt.timestep
     servos = (
@@ -245,22 +257,25 @@ def min_stable_inertia(model, joint: int) -> float:
 
 
 def find_link_axis(model: "mujoco.MjModel", body: int) -> tuple[Floats, float]:
-    """Direction (3) in which a body reaches from its origin, and how far [m].
+    """Unit vector (3) along a link from the body's origin, and the link's length [m].
 
-    To its only child, else to the far end of its geoms, else to its center of mass.
+    A link reaches to the only child, else to the far end of the geoms, else to the
+    center of mass.
     """
     ends = [model.body_pos[c] for c in _child_bodies(model, body)]
-    if len(ends) != 1 or np.linalg.norm(ends[0]) < 1e-6:
+    if len(ends) != 1 or np.linalg.norm(ends[0]) < MIN_LINK_LENGTH:
         ends = [*_geom_ends(model, body), model.body_ipos[body]]
     far = max(ends, key=np.linalg.norm)
     length = float(np.linalg.norm(far))
-    return (far / length, length) if length > 1e-6 else (np.array([1.0, 0, 0]), 0.0)
+    if length > MIN_LINK_LENGTH:
+        return far / length, length
+    return np.array([1.0, 0, 0]), 0.0
 
 
 def measure_extent(model: "mujoco.MjModel", body: int) -> Floats:
-    """How far (3) [m] a body's boxes and children reach along each axis of its frame.
+    """How far (3) a body's boxes and children reach along each axis of its frame [m].
 
-    A mesh keeps its size.
+    Meshes and other geoms do not count.
     """
     import mujoco
 
@@ -275,39 +290,50 @@ def measure_extent(model: "mujoco.MjModel", body: int) -> Floats:
     return np.max(far, axis=0) if far else np.zeros(3)
 
 
-def _child_bodies(model, body: int):
+def _child_bodies(model, body: int) -> list[np.integer]:
+    """Ids of a body's children."""
     return [c for c in np.flatnonzero(model.body_parentid == body) if c != body]
 
 
-def _geom_ends(model, body: int):
-    """Far ends of the geoms' axes, without their radius, in the body's frame."""
+def _geom_ends(model, body: int) -> Iterator[Floats]:
+    """Ends (3) of the geoms' axes, without their radius, in the body's frame [m]."""
     import mujoco
 
-    long = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
+    elongated = (
+        int(mujoco.mjtGeom.mjGEOM_CAPSULE),
+        int(mujoco.mjtGeom.mjGEOM_CYLINDER),
+    )
     for geom in np.flatnonzero(model.geom_bodyid == body):
         axis = np.zeros(3)
         mujoco.mju_rotVecQuat(axis, np.array([0.0, 0, 1]), model.geom_quat[geom])
-        half = model.geom_size[geom, 1] if int(model.geom_type[geom]) in long else 0.0
+        half = (
+            model.geom_size[geom, 1] if int(model.geom_type[geom]) in elongated else 0.0
+        )
         yield model.geom_pos[geom] + half * axis
         yield model.geom_pos[geom] - half * axis
 
 
-def summarize_joints(model, torque: Floats, motion, measured) -> tuple[Joint, ...]:
-    """The hinges and slides.
+def summarize_joints(
+    model: "mujoco.MjModel",
+    torque: Floats,
+    motion: Callable[[int], tuple[float, float, float, float]],
+    measured: Set[int],
+) -> tuple[Joint, ...]:
+    """Summarize the hinges and slides.
 
     Args:
         model: compiled.
-        torque: (nv) typical.
-        motion: gives, for a joint's id, its speeds' root mean square, largest speed,
-            lowest and highest position seen.
+        torque: (nv) typical [N m or N].
+        motion: gives, for a joint's id, the root mean square of its velocity, its
+            largest speed, and its lowest and highest position.
         measured: ids of joints whose position is recorded.
     """
-    found = []
+    joints = []
     for j in range(model.njnt):
         if model.jnt_type[j] not in (2, 3):  # slide, hinge
             continue
         dof = int(model.jnt_dofadr[j])
-        speed, fastest, low, high = motion(j)
+        speed, max_speed, low, high = motion(j)
         inertia = float(model.dof_M0[dof])
         joint = Joint(
             id=j,
@@ -316,21 +342,23 @@ def summarize_joints(model, torque: Floats, motion, measured) -> tuple[Joint, ..
             qpos=int(model.jnt_qposadr[j]),
             unit="m" if model.jnt_type[j] == 2 else "rad",
             # neither weight nor a motor acts on what a chain drives
-            torque=max(float(torque[dof]), inertia * speed / STOPS, 1e-9),
-            speed=max(speed, 1e-3),
-            max_speed=max(fastest, 1e-3),
-            range=max(high - low, 1e-3),
+            torque=max(
+                float(torque[dof]), inertia * speed / STOPPING_SECONDS, MIN_TORQUE
+            ),
+            speed=max(speed, MIN_SPEED),
+            max_speed=max(max_speed, MIN_SPEED),
+            range=max(high - low, MIN_RANGE),
             range_center=(high + low) / 2,
             inertia=inertia,
             measured=j in measured,
         )
-        found.append(joint)
-    return tuple(found)
+        joints.append(joint)
+    return tuple(joints)
 
 
 def summarize_bodies(model: "mujoco.MjModel") -> tuple[MovingBody, ...]:
-    """The bodies that move and have a name."""
-    found = []
+    """Summarize the bodies that move and have a name."""
+    bodies = []
     for b in range(1, model.nbody):
         if model.body_weldid[b] == 0 or not model.body(b).name:
             continue
@@ -352,13 +380,13 @@ def summarize_bodies(model: "mujoco.MjModel") -> tuple[MovingBody, ...]:
             parent=int(model.body_parentid[b]),
             is_floating=bool((model.jnt_type[model.jnt_bodyid == b] == 0).any()),
         )
-        found.append(moving)
-    return tuple(found)
+        bodies.append(moving)
+    return tuple(bodies)
 
 
 def _body_size(model, body: int, length: float) -> float:
-    """Extent [m] of a body, from its geoms or else its inertia."""
+    """Extent of a body [m]: the largest of link, geoms and radius of gyration."""
     bound = model.geom_rbound[model.geom_bodyid == body]
-    mass = max(float(model.body_mass[body]), 1e-9)
+    mass = max(float(model.body_mass[body]), MIN_BODY_MASS)
     gyration = float(np.sqrt(model.body_inertia[body].max() / mass))
-    return max([length, gyration, *bound, 1e-3])
+    return max([length, gyration, *bound, MIN_BODY_SIZE])

@@ -1,4 +1,4 @@
-"""Pieces of the recordings that are simulated each from its own start."""
+"""Segments: takes episodes, gives parts of them to simulate from their own states."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,20 +8,23 @@ import numpy as np
 from ...recording.data import Floats
 from .episodes import SampledEpisode
 
-FEW = 4  # readings in a window, fewer of which tell no correlation in time
+# readings in some segment; chosen: fewer tell no correlation in time
+MIN_CORRELATED_READINGS = 4
+# share by which segments may be longer than asked for; chosen: rather than cut anew
+MAX_SEGMENT_EXCESS = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """W pieces, and the M samples that lie in them.
+    """W segments of episodes, and the M samples that lie in them, in order.
 
     Attributes:
-        log: (W) which episode.
-        start: (W) in steps of its grid.
-        steps: (W) how many.
-        window: (M) of each sample.
-        at: (M) time of each sample in its window [steps].
-        readings: (M, C).
+        episode: (W) number of each segment's episode.
+        first_step: (W) where each begins on its episode's grid [steps].
+        lengths: (W) of each [steps].
+        segment_of_sample: (M) number of each sample's segment.
+        sample_steps: (M) time of each sample since its segment began [steps].
+        readings: (M, C) of all channels [each channel's unit]; NaN where missing.
     """
 
     episode: np.ndarray
@@ -32,20 +35,18 @@ class Segments:
     readings: Floats
 
     def __len__(self) -> int:
-        """How many windows."""
+        """How many segments."""
         return len(self.episode)
 
     @property
     def is_single_readings(self) -> bool:
-        """Whether they hold single readings, as those of a robot that takes poses."""
-        return (
-            bool(len(self.segment_of_sample))
-            and int(np.bincount(self.segment_of_sample).max()) < FEW
-        )
+        """Whether each holds single readings, as those of a robot that takes poses."""
+        counts = np.bincount(self.segment_of_sample)
+        return bool(len(counts)) and int(counts.max()) < MIN_CORRELATED_READINGS
 
     @property
     def with_half_step(self) -> "Segments":
-        """The same, counted in steps of half the size."""
+        """These segments, counted in steps of half the size."""
         return replace(
             self,
             first_step=2 * self.first_step,
@@ -54,30 +55,32 @@ class Segments:
         )
 
     def select(self, chosen: np.ndarray) -> "Segments":
-        """Some of them, by number."""
-        new = np.full(len(self), -1)
-        new[chosen] = np.arange(len(chosen))
-        rows = np.flatnonzero(new[self.segment_of_sample] >= 0)
-        rows = rows[np.argsort(new[self.segment_of_sample[rows]], kind="stable")]
+        """Select segments by number, in the order of `chosen` (w)."""
+        rows = self.find_sample_rows(chosen)
         return Segments(
             self.episode[chosen],
             self.first_step[chosen],
             self.lengths[chosen],
-            new[self.segment_of_sample[rows]],
+            self._renumber(chosen)[self.segment_of_sample[rows]],
             self.sample_steps[rows],
             self.readings[rows],
         )
 
     def find_sample_rows(self, chosen: np.ndarray) -> np.ndarray:
-        """Numbers of the samples of some windows, as `take` orders them."""
+        """Numbers (m) of the samples in some segments, as `select` orders them."""
+        new = self._renumber(chosen)[self.segment_of_sample]
+        rows = np.flatnonzero(new >= 0)
+        return rows[np.argsort(new[rows], kind="stable")]
+
+    def _renumber(self, chosen: np.ndarray) -> np.ndarray:
+        """(W) where each segment is among the chosen; -1 where it is not."""
         new = np.full(len(self), -1)
         new[chosen] = np.arange(len(chosen))
-        rows = np.flatnonzero(new[self.segment_of_sample] >= 0)
-        return rows[np.argsort(new[self.segment_of_sample[rows]], kind="stable")]
+        return new
 
     @classmethod
     def concatenate(cls, parts: Sequence["Segments"]) -> "Segments":
-        """Several as one."""
+        """Put several sets of segments into one."""
         first = np.cumsum([0, *(len(p) for p in parts)])
         each = zip(parts, first, strict=False)
         return cls(
@@ -91,33 +94,32 @@ class Segments:
 
 
 def cut_segments(
-    logs: Sequence[SampledEpisode],
+    episodes: Sequence[SampledEpisode],
     steps: int | None,
     *,
     only: int | None = None,
     empty: bool = False,
 ) -> Segments:
-    """Cut episodes into pieces of about `steps`; None: each episode is one piece.
+    """Cut episodes into segments of about equal length that hold a sample.
+
+    A sample at a cut belongs to the segment before it.
 
     Args:
-        logs: episodes.
-        steps: of a piece.
-        only: the one episode to cut; None: all.
-        empty: whether samples without a reading count.
+        episodes: E of them.
+        steps: of a segment; None: each episode is one segment.
+        only: number of the one episode to cut; None: all.
+        empty: whether a sample without a reading counts.
     """
-    log: list[int] = []
-    start: list[int] = []
-    length: list[int] = []
-    rows: list[np.ndarray] = []
-    at: list[Floats] = []
+    numbers: list[int] = []
+    first_steps: list[int] = []
+    lengths: list[int] = []
+    segment_of_sample: list[np.ndarray] = []
+    sample_steps: list[Floats] = []
     readings: list[Floats] = []
-    for i, episode in enumerate(logs):
+    for i, episode in enumerate(episodes):
         if only is not None and i != only:
             continue
-        last = episode.sample_steps[-1]
-        count = 1 if steps is None else max(1, int(np.ceil(last / steps - 0.3)))
-        cuts = np.linspace(0, last, count + 1)
-        cuts[1:-1] = np.round(cuts[1:-1])
+        cuts = _place_cuts(episode.sample_steps[-1], steps)
         for a, b in zip(cuts[:-1], cuts[1:], strict=True):
             inside = (episode.sample_steps > a) & (episode.sample_steps <= b)
             if a == 0:
@@ -126,14 +128,28 @@ def cut_segments(
                 inside &= np.isfinite(episode.readings).any(axis=1)
             if not inside.any():
                 continue
-            rows.append(np.full(int(inside.sum()), len(log)))
-            log.append(i)
-            start.append(int(a))
-            length.append(int(np.ceil(b - a)))
-            at.append(episode.sample_steps[inside] - a)
+            segment_of_sample.append(np.full(int(inside.sum()), len(numbers)))
+            numbers.append(i)
+            first_steps.append(int(a))
+            lengths.append(int(np.ceil(b - a)))
+            sample_steps.append(episode.sample_steps[inside] - a)
             readings.append(episode.readings[inside])
+    width = episodes[0].readings.shape[1]
     return Segments(
-        np.array(log, int), np.array(start, int), np.array(length, int),
-        np.concatenate([*rows, np.zeros(0, int)]), np.concatenate([*at, np.zeros(0)]),
-        np.concatenate([*readings, np.zeros((0, logs[0].readings.shape[1]))]),
-    )  # fmt: skip
+        np.array(numbers, int),
+        np.array(first_steps, int),
+        np.array(lengths, int),
+        np.concatenate([*segment_of_sample, np.zeros(0, int)]),
+        np.concatenate([*sample_steps, np.zeros(0)]),
+        np.concatenate([*readings, np.zeros((0, width))]),
+    )
+
+
+def _place_cuts(last: float, steps: int | None) -> Floats:
+    """Begins and ends [steps] of segments up to a last sample; whole steps inside."""
+    count = 1
+    if steps is not None:
+        count = max(1, int(np.ceil(last / steps - MAX_SEGMENT_EXCESS)))
+    cuts = np.linspace(0, last, count + 1)
+    cuts[1:-1] = np.round(cuts[1:-1])
+    return cuts

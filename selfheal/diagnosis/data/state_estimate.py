@@ -1,66 +1,89 @@
-"""The robot's state: takes what was read around some time, gives it and its error."""
+"""State estimates: takes readings around some times, gives states and their errors."""
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ...recording.data import Floats
+from .episodes import SampledEpisode
 from .local_polynomial import ar1_error_factors, choose_half_width, find_nearest
 from .robot_summary import Channel
 
-JOLT = 3.0  # times the neighbors' scatter, a state's error at a jolt; chosen
-HIDDEN = 2.0  # times the noise, a state's error by a jolt and not by noise; chosen
-GIVEN = 1e-6  # a stated state is as good as exact [rad, m, and their rates]
+ReadingChanges = Mapping[str, Mapping[str, Any]]
+
+# times the scatter beyond the usual one, the error of a state at a jolt; chosen: so
+# that a fit may move a state that no parabola gives
+JOLT_ERROR_FACTOR = 3.0
+USUAL_SCATTER_RATIO = 1.5  # times a channel's scatter; chosen: less is no jolt
+# times the noise, the error above which an episode's first reading is better than its
+# parabola; chosen: noise alone never makes it so large
+FIRST_READING_ERROR_RATIO = 2.0
+GIVEN_STATE_STD = 1e-6  # [rad, m, and per s] of a given state; chosen: as good as exact
+# n var(value) and n m^2 var(slope) of a parabola in the middle of n = 2 m + 1 samples
+# [of the noise's variance]; least squares for large n (Savitzky, Golay 1964)
+VALUE_VARIANCE, SLOPE_VARIANCE = 2.25, 3.0
+# by what share of them these errors are larger at an end of the samples; chosen: about
+# as least squares has it
+VALUE_ERROR_GROWTH, SLOPE_ERROR_GROWTH = 1, 3
 
 
 def estimate_state(
-    model, signals: tuple[Channel, ...], episode, at: Floats, step: float, reads
+    model,
+    channels: tuple[Channel, ...],
+    episode: SampledEpisode,
+    at: Floats,
+    step: float,
+    reading_changes: ReadingChanges,
 ) -> tuple[Floats, Floats, Floats]:
-    """State at times `at` (W) [steps] of one episode.
+    """Estimate the state at times of an episode from the readings around them.
+
+    A joint's position is the value of its local polynomial. Its velocity is the mean of
+    the polynomial's slope and of what a velocity sensor reads, by inverse variances.
 
     Args:
-        model: the given one.
-        signals: channels.
-        episode: of the episode.
-        at: (W).
-        step: [s].
-        reads: of a signal: gain, delay, each a number, and bias, one a column.
+        model: the given one, compiled.
+        channels: that were read.
+        episode: with the readings.
+        at: (W) times [steps].
+        step: of the simulation [s].
+        reading_changes: what a hypothesis says of sensors, by signal: "gain" [1] and
+            "delay" [s], each a number, and "bias" (width) [unit].
 
     Returns:
-        qpos (W, nq), qvel (W, nv); NaN where nothing tells. Its standard deviation
-        (W, 2 nv), of positions and then velocities.
+        qpos (W, nq) and qvel (W, nv) [rad or m, and per s]; NaN where nothing was read.
+        Their standard deviations (W, 2 nv), of positions and then velocities.
     """
-    shape = (len(at),)
-    qpos, qvel = (
-        np.full((*shape, model.nq), np.nan),
-        np.full((*shape, model.nv), np.nan),
-    )
-    std = np.full((*shape, 2 * model.nv), np.nan)
-    predicted = _SignalLookup(signals, episode, at, step, reads)
+    qpos = np.full((len(at), model.nq), np.nan)
+    qvel = np.full((len(at), model.nv), np.nan)
+    std = np.full((len(at), 2 * model.nv), np.nan)
+    look_up = _SignalLookup(channels, episode, at, step, reading_changes)
     for j in range(model.njnt):
         q, v = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
         name = model.joint(j).name
-        if model.jnt_type[j] in (2, 3):
-            value, slope, s, r = predicted("joint_position", name)
-            rate, _, t, _ = predicted("joint_velocity", name)
-            qpos[:, q], std[:, v] = value[:, 0], s[:, 0]
-            qvel[:, v], std[:, model.nv + v] = _combine_estimates(slope, r, rate, t)
-        elif model.jnt_type[j] == 0:
-            body = model.body(model.jnt_bodyid[j]).name
+        body = model.body(model.jnt_bodyid[j]).name
+        if model.jnt_type[j] in (2, 3):  # mjtJoint: slide, hinge
+            value, slope, value_std, slope_std = look_up("joint_position", name)
+            rate, _, rate_std, _ = look_up("joint_velocity", name)
+            qpos[:, q], std[:, v] = value[:, 0], value_std[:, 0]
+            qvel[:, v], std[:, model.nv + v] = _combine_estimates(
+                slope, slope_std, rate, rate_std
+            )
+        elif model.jnt_type[j] == 0:  # mjtJoint: free
             rates = slice(model.nv + v, model.nv + v + 6)
-            _fill_floating_body(predicted, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
+            _fill_floating_body(look_up, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
                   std[:, v : v + 6], std[:, rates])  # fmt: skip
         elif (frame := _parent_orientation(model, j)) is not None:
-            body = model.body(model.jnt_bodyid[j]).name
             rates = slice(model.nv + v, model.nv + v + 3)
-            _fill_orientation(predicted, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
+            _fill_orientation(look_up, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
                     std[:, v : v + 3], std[:, rates])  # fmt: skip
             qpos[:, q : q + 4] = _relative_rotation(frame, qpos[:, q : q + 4])
     return qpos, qvel, std
 
 
 def _parent_orientation(model, joint: int) -> Floats | None:
-    """Orientation (4) that a ball joint turns from, if nothing moves that."""
+    """Quaternion (4) of the frame that a ball joint turns from; None: it moves."""
     import mujoco
 
     body = int(model.jnt_bodyid[joint])
@@ -73,82 +96,122 @@ def _parent_orientation(model, joint: int) -> Floats | None:
 
 
 def _relative_rotation(frame: Floats, unit: Floats) -> Floats:
-    """Rotations (W, 4) from a frame (4) to orientations (W, 4)."""
+    """Rotations (W, 4) from a frame (4) to orientations (W, 4), all quaternions."""
     return np.hstack([unit @ frame[:, None], _body_rate(frame[None], unit)])
 
 
 class _SignalLookup:
-    """Values and slopes of signals at some times of an episode."""
+    """Values and slopes of signals at W times of an episode."""
 
-    def __init__(self, signals, episode, at, step, reads) -> None:
-        self.signals, self.log, self.at, self.step = signals, episode, at, step
-        self.reads = reads
-        self._smooth: dict[float, tuple[Floats, Floats]] = {}
+    def __init__(
+        self,
+        channels: Sequence[Channel],
+        episode: SampledEpisode,
+        at: Floats,
+        step: float,
+        reading_changes: ReadingChanges,
+    ) -> None:
+        """Arguments are those of `estimate_state`."""
+        self.channels, self.episode = channels, episode
+        self.at, self.step, self.reading_changes = at, step, reading_changes
+        self._by_delay: dict[float, tuple[Floats, Floats]] = {}
 
-    def __call__(self, kind: str, target: str):
-        """Value, slope [1/s] and their standard deviations, each (W, width)."""
-        for c in self.signals:
+    def __call__(self, kind: str, target: str) -> tuple[Floats, Floats, Floats, Floats]:
+        """Value [unit], slope [unit/s] and their standard errors, each (W, width).
+
+        All are NaN where no channel is of that kind and target.
+        """
+        for c in self.channels:
             if c.kind == kind and c.target == target:
-                said = self.reads.get(c.name, {})
-                late = said.get("delay", 0.0) / self.step
-                if late not in self._smooth:
-                    self._smooth[late] = self.log.interpolate(self.at + late, self.step)
-                value, slope = self._smooth[late]
-                gain = said.get("gain", 1.0)
-                value, (s, r) = value[:, c.columns], self._standard_errors(c)
-                if not late:
-                    value, s = self._use_first_reading(c, value, s)
-                value = (value - np.asarray(said.get("bias", 0.0))) / gain
-                return value, slope[:, c.columns] / gain, s, r
-        lost = np.full((len(self.at), 4), np.nan)
-        return lost, lost, lost, lost
+                return self._estimate(c)
+        unknown = np.full((len(self.at), 4), np.nan)
+        return unknown, unknown, unknown, unknown
 
-    def _use_first_reading(self, c: Channel, value: Floats, s: Floats):
-        """Values and errors; an episode's first ones as read, if a jolt hides them."""
-        first, noise = self.log.readings[0, c.columns], np.nan_to_num(c.noise)
-        own = (self.at == 0)[:, None] & np.isfinite(first) & (s > HIDDEN * noise)
-        return np.where(own, first, value), np.where(own, noise, s)
+    def _estimate(self, c: Channel) -> tuple[Floats, Floats, Floats, Floats]:
+        """Value, slope and their standard errors of a channel, each (W, width)."""
+        change = self.reading_changes.get(c.name, {})
+        delay = change.get("delay", 0.0) / self.step
+        if delay not in self._by_delay:
+            self._by_delay[delay] = self.episode.interpolate(self.at + delay, self.step)
+        value, slope = (x[:, c.columns] for x in self._by_delay[delay])
+        value_std, slope_std = self._standard_errors(c)
+        if not delay:
+            value, value_std = self._use_first_reading(c, value, value_std)
+        gain = change.get("gain", 1.0)
+        value = (value - np.asarray(change.get("bias", 0.0))) / gain
+        return value, slope / gain, value_std, slope_std
+
+    def _use_first_reading(
+        self, c: Channel, value: Floats, std: Floats
+    ) -> tuple[Floats, Floats]:
+        """Use the reading at 0 for a value and its error (W, width) if it is better."""
+        first, noise = self.episode.readings[0, c.columns], np.nan_to_num(c.noise)
+        is_first = (self.at == 0)[:, None] & np.isfinite(first)
+        is_better = is_first & (std > FIRST_READING_ERROR_RATIO * noise)
+        return np.where(is_better, first, value), np.where(is_better, noise, std)
 
     @cached_property
     def _sample_distances(self) -> tuple[float, Floats, np.ndarray]:
         """Distance of samples [s]; time to an end (W, 1) [s]; nearest samples (W)."""
-        times = self.log.sample_steps * self.step
+        times = self.episode.sample_steps * self.step
         gap, _ = choose_half_width(times)
-        inside = np.minimum(
+        to_end = np.minimum(
             self.at * self.step - times[0], times[-1] - self.at * self.step
         )
-        return gap, inside[:, None], find_nearest(self.log.sample_steps, self.at)
+        return gap, to_end[:, None], find_nearest(self.episode.sample_steps, self.at)
 
     def _standard_errors(self, c: Channel) -> tuple[Floats, Floats]:
-        """Standard deviations of a parabola's value and slope, larger at an end."""
-        gap, inside, rows = self._sample_distances
-        own = self.log.polynomials
-        scatter, sides, borrowed = (
-            x[rows, c.columns] for x in (own.scatter, own.half_width, own.is_borrowed)
+        """Standard errors of a channel's value [unit] and slope [unit/s], (W, width).
+
+        Of n = 2 m + 1 samples with distance h and noise s, in the middle of them,
+
+            std(value) = s sqrt(2.25 / n),   std(slope) = s sqrt(3 / n) / (m h),
+
+        times the factors of autocorrelated noise. They grow towards an episode's ends,
+        and where no parabola fits, at a jolt.
+        """
+        gap, to_end, rows = self._sample_distances
+        fit = self.episode.polynomials
+        scatter, m, is_borrowed = (
+            x[rows, c.columns] for x in (fit.scatter, fit.half_width, fit.is_borrowed)
         )
-        n = 2 * sides + 1
+        n = 2 * m + 1
         noise = np.where(np.isfinite(c.noise), c.noise, 0.0)[None]
-        near = np.clip(1 - inside / (sides * gap), 0, 1)  # 1 at an end
-        near = np.where(borrowed | np.isnan(scatter), 1, near)
-        # where no parabola fits, at a jolt, it tells the state less well
-        jolt = np.nan_to_num(scatter) - 1.5 * np.nan_to_num(c.scatter)
-        noise = noise + JOLT * np.maximum(jolt, 0)
-        more = np.ones((2, *sides.shape))
-        for m in np.unique(sides):
-            slow = [ar1_error_factors(float(a), int(m))[:2] for a in c.ar1]
-            more = np.where(sides == m, np.array(slow).T[:, None], more)
-        value = noise * more[0] * np.sqrt(2.25 / n) * (1 + near)
-        slope = noise * more[1] * np.sqrt(3.0 / n) / (sides * gap) * (1 + 3 * near)
-        return value, slope
+        nearness = np.clip(1 - to_end / (m * gap), 0, 1)  # 1 at an end
+        nearness = np.where(is_borrowed | np.isnan(scatter), 1, nearness)
+        usual_scatter = USUAL_SCATTER_RATIO * np.nan_to_num(c.scatter)
+        jolt = np.nan_to_num(scatter) - usual_scatter
+        noise = noise + JOLT_ERROR_FACTOR * np.maximum(jolt, 0)
+        factors = np.ones((2, *m.shape))
+        for width in np.unique(m):
+            of_width = [ar1_error_factors(float(a), int(width))[:2] for a in c.ar1]
+            factors = np.where(m == width, np.array(of_width).T[:, None], factors)
+        value = noise * factors[0] * np.sqrt(VALUE_VARIANCE / n)
+        slope = noise * factors[1] * np.sqrt(SLOPE_VARIANCE / n) / (m * gap)
+        return (
+            value * (1 + VALUE_ERROR_GROWTH * nearness),
+            slope * (1 + SLOPE_ERROR_GROWTH * nearness),
+        )
 
 
-def _combine_estimates(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
-    """Mean (W) of two columns (W, 1 or more), weighted by their errors, and its own.
+def _combine_estimates(
+    a: Floats, a_std: Floats, b: Floats, b_std: Floats
+) -> tuple[Floats, Floats]:
+    """Combine two estimates by inverse-variance weights; NaN does not count.
 
-    One that is NaN does not count.
+    Args:
+        a: (W, 1 or more), of which the first column counts, as of all arguments.
+        a_std: standard errors of `a`.
+        b: other estimates.
+        b_std: standard errors of `b`.
+
+    Returns:
+        Weighted mean (W) and its standard error (W); NaN and infinite where both are
+        NaN.
     """
     values = np.stack([a[:, 0], b[:, 0]])
-    weights = 1 / np.maximum(np.stack([of_a[:, 0], of_b[:, 0]]), GIVEN) ** 2
+    std = np.maximum(np.stack([a_std[:, 0], b_std[:, 0]]), GIVEN_STATE_STD)
+    weights = 1 / std**2
     weights = np.where(np.isfinite(values) & np.isfinite(weights), weights, 0.0)
     total = weights.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -157,37 +220,68 @@ def _combine_estimates(a: Floats, of_a: Floats, b: Floats, of_b: Floats):
 
 
 def _fill_floating_body(
-    predicted: _SignalLookup, body: str, qpos, qvel, std_q, std_v
+    look_up: _SignalLookup,
+    body: str,
+    qpos: Floats,
+    qvel: Floats,
+    qpos_std: Floats,
+    qvel_std: Floats,
 ) -> None:
-    """Fill in the state of a floating body."""
-    place, rate, s, r = predicted("body_position", body)
-    qpos[:, :3], qvel[:, :3] = place[:, :3], rate[:, :3]
-    std_q[:, :3], std_v[:, :3] = s[:, :3], r[:, :3]
-    linear, _, s, _ = predicted("body_linear_velocity", body)
-    known = np.isfinite(linear[:, :3]).all(axis=1)
-    qvel[known, :3], std_v[known, :3] = linear[known, :3], s[known, :3]
+    """Fill in the state of a floating body, from its pose and velocity sensors.
+
+    Args:
+        look_up: of the signals.
+        body: its name.
+        qpos: (W, 7) position and quaternion; changed.
+        qvel: (W, 6) linear and angular velocity; changed.
+        qpos_std: (W, 6) standard errors; changed.
+        qvel_std: (W, 6) standard errors; changed.
+    """
+    position, rate, position_std, rate_std = look_up("body_position", body)
+    qpos[:, :3], qvel[:, :3] = position[:, :3], rate[:, :3]
+    qpos_std[:, :3], qvel_std[:, :3] = position_std[:, :3], rate_std[:, :3]
+    linear, _, linear_std, _ = look_up("body_linear_velocity", body)
+    is_read = np.isfinite(linear[:, :3]).all(axis=1)
+    qvel[is_read, :3] = linear[is_read, :3]
+    qvel_std[is_read, :3] = linear_std[is_read, :3]
     _fill_orientation(
-        predicted, body, qpos[:, 3:7], qvel[:, 3:6], std_q[:, 3:6], std_v[:, 3:6]
+        look_up, body, qpos[:, 3:7], qvel[:, 3:6], qpos_std[:, 3:6], qvel_std[:, 3:6]
     )
 
 
 def _fill_orientation(
-    predicted: _SignalLookup, body: str, qpos, qvel, std_q, std_v
+    look_up: _SignalLookup,
+    body: str,
+    qpos: Floats,
+    qvel: Floats,
+    qpos_std: Floats,
+    qvel_std: Floats,
 ) -> None:
-    """Fill in the orientation and the angular velocity of a body."""
-    turn, slope, s, r = predicted("body_orientation", body)
-    length = np.linalg.norm(turn, axis=1, keepdims=True)
-    unit = turn / length
+    """Fill in the orientation and the angular velocity of a body.
+
+    In the body's frame the angular velocity is omega = 2 vec(conj(q) dq/dt).
+
+    Args:
+        look_up: of the signals.
+        body: its name.
+        qpos: (W, 4) quaternion; changed.
+        qvel: (W, 3) angular velocity in the body's frame; changed.
+        qpos_std: (W, 3) standard errors; changed.
+        qvel_std: (W, 3) standard errors; changed.
+    """
+    value, slope, value_std, slope_std = look_up("body_orientation", body)
+    norm = np.linalg.norm(value, axis=1, keepdims=True)
+    unit = value / norm
     qpos[:] = unit
-    qvel[:] = 2 * _body_rate(unit, slope / length)
-    std_q[:], std_v[:] = 2 * s[:, 1:4], 2 * r[:, 1:4]
-    angular, _, s, _ = predicted("body_angular_velocity", body)
-    known = np.isfinite(angular[:, :3]).all(axis=1)
-    qvel[known], std_v[known] = angular[known, :3], s[known, :3]
+    qvel[:] = 2 * _body_rate(unit, slope / norm)
+    qpos_std[:], qvel_std[:] = 2 * value_std[:, 1:4], 2 * slope_std[:, 1:4]
+    angular, _, angular_std, _ = look_up("body_angular_velocity", body)
+    is_read = np.isfinite(angular[:, :3]).all(axis=1)
+    qvel[is_read], qvel_std[is_read] = angular[is_read, :3], angular_std[is_read, :3]
 
 
 def _body_rate(unit: Floats, slope: Floats) -> Floats:
-    """Vector part of conj(unit) slope, both (W, 4), or one of them (1, 4)."""
+    """Vector part (W, 3) of conj(unit) slope, both (W, 4), or one of them (1, 4)."""
     w, x, y, z = (unit * [1, -1, -1, -1]).T
     a, b, c, d = slope.T
     return np.stack(
@@ -197,25 +291,32 @@ def _body_rate(unit: Floats, slope: Floats) -> Floats:
 
 
 def estimate_initial_state(
-    simulator, log: int, start, reads
+    system, episode: int, steps: np.ndarray, reading_changes: ReadingChanges
 ) -> tuple[Floats, Floats, Floats]:
-    """State at grid points `start` (W) of an episode: as given, read, or at rest.
+    """Estimate the state at steps of an episode: as given, as read, or at rest.
+
+    Args:
+        system: a `RecordedSystem`.
+        episode: number of the episode.
+        steps: (W) of its grid.
+        reading_changes: as `estimate_state` has them.
 
     Returns:
-        qpos (W, nq), qvel (W, nv), standard deviation (W, 2 nv).
+        qpos (W, nq), qvel (W, nv), and their standard deviations (W, 2 nv) [rad or m,
+        and per s]. What was neither given nor read is the model's qpos0, at rest.
     """
-    episode, model = simulator.episodes[log], simulator.compiler.nominal
-    at = np.asarray(start, float)
+    sampled, model = system.episodes[episode], system.compiler.nominal
+    at = np.asarray(steps, float)
     qpos, qvel, std = estimate_state(
-        model, simulator.channels, episode, at, simulator.timestep, reads
+        model, system.channels, sampled, at, system.timestep, reading_changes
     )
-    first = at == 0
-    if episode.qpos0 is not None:
-        qpos[first] = episode.qpos0
-        std[first, : model.nv] = GIVEN
-    if episode.qvel0 is not None:
-        qvel[first] = episode.qvel0
-        std[first, model.nv :] = GIVEN
+    is_first = at == 0
+    if sampled.qpos0 is not None:
+        qpos[is_first] = sampled.qpos0
+        std[is_first, : model.nv] = GIVEN_STATE_STD
+    if sampled.qvel0 is not None:
+        qvel[is_first] = sampled.qvel0
+        std[is_first, model.nv :] = GIVEN_STATE_STD
     qpos = np.where(np.isfinite(qpos), qpos, model.qpos0)
     qvel = np.where(np.isfinite(qvel), qvel, 0.0)
-    return qpos, qvel, np.where(np.isfinite(std), std, GIVEN)
+    return qpos, qvel, np.where(np.isfinite(std), std, GIVEN_STATE_STD)

@@ -1,84 +1,61 @@
-"""What lies between the command and the torque."""
+"""What lies between the command and the torque: delays, filters, limits, gains."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from ...mjcf.edit import Rename, Set, format_number
-from ..data.robot_summary import RobotSummary, has_affine_force
-from .base import Effect, Floats, Parameter, Term, extend_places
+from ...recording.data import Floats
+from ..data.robot_summary import has_affine_force
+from .base import Term, extend_places
+from .by_target import ActuatorEffect
+from .commands import (
+    delay_column,
+    filter_column,
+    limit_rate_of_column,
+    replace_column,
+)
+from .declaration import FindingField, ParameterSpec
 
-SLOW = 0.3  # of its scale, an integral gain that is hardly more than a torque; chosen
-
-
-class ActuatorEffect(Effect):
-    """What all of them share: an actuator, or all of them alike."""
-
-    group = "actuator"
-    is_shared = False  # may be one cause for all actuators, a bus or a supply
-
-    def make_parameters(self, robot: RobotSummary, actuator) -> tuple[Parameter, ...]:
-        """Its numbers at an actuator; `actuator` is a `scene.Actuator`."""
-        raise NotImplementedError
-
-    def make_initial_values(
-        self, robot: RobotSummary, actuator
-    ) -> tuple[tuple[float, ...], ...]:
-        """Values to begin a search at."""
-        raise NotImplementedError
-
-    def applies_to(self, robot: RobotSummary, actuator) -> bool:
-        """Whether it could be at this actuator."""
-        return True
-
-    def propose_terms(self, robot: RobotSummary) -> list[Term]:
-        """At each actuator and, where one cause can do that, at all alike."""
-        found = [
-            Term(
-                self,
-                (f"actuator:{actuator.name}",),
-                (robot.actuator_place(actuator),),
-                self.make_parameters(robot, actuator),
-                self.make_initial_values(robot, actuator),
-            )
-            for actuator in robot.actuators
-            if self.applies_to(robot, actuator)
-        ]
-        if self.is_shared and len(found) > 1:
-            targets = tuple(t.targets[0] for t in found)
-            places = tuple(t.places[0] for t in found)
-            found.append(replace(found[0], targets=targets, places=places))
-        return found
+# share of its scale below which an integral gain is no more than a torque; chosen
+INTEGRAL_GAIN_RESOLUTION = 0.3
+SETTLED = "settled"
 
 
 class CommandDelay(ActuatorEffect):
     """A delay beyond the one that the model states."""
 
     name = "command_delay"
-    is_common = True
     description = "A command takes effect some time after it is given."
     equation = "u(t) = ctrl(t - delay)"
     source = "MuJoCo actuator/delay (3.5)"
     separate_by = "move the joint by hand: a late sensor shows then, a late command not"
-    regime = "after_step"
+    phrase = "{at} acts on its commands {delay} late"
+    parameters = (ParameterSpec("delay", "s", nominal=0.0, nonnegative=True),)
+    is_common = True
     is_shared = True
     native_is_stepwise = True
 
     def make_parameters(self, robot, actuator):
         return (
-            Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, robot.contact_timing_error),
+            self.make_parameter(
+                "delay",
+                low=0.0,
+                high=0.3,
+                scale=0.01,
+                resolution=robot.contact_timing_error,
+            ),
         )
 
     def make_initial_values(self, robot, actuator):
         return ((0.005,), (0.02,), (0.06,))
 
     def transform_command(self, ctrl, step, place, values):
-        return _replace_column(
-            ctrl, place, _delay_column(ctrl[..., place["actuator"]], values / step)
-        )
+        u = ctrl[..., place["actuator"]]
+        return replace_column(ctrl, place, delay_column(u, values / step))
 
     def edit_model(self, model, place, values):
-        if place.get("there"):  # out of a patched model: `command` does it
+        if place.get("there"):  # out of a patched model: `transform_command` does it
             rest = model.actuator_delay[place["actuator"]] - values[0]
             least = 1e-6 * model.opt.timestep  # a text's last digit
             model.actuator_delay[place["actuator"]] = rest if rest > least else 0.0
@@ -86,49 +63,32 @@ class CommandDelay(ActuatorEffect):
     def edit_text(self, model, place, values):
         delay = float(model.actuator_delay[place["actuator"]]) + values[0]
         steps = int(np.ceil(delay / model.opt.timestep)) + 1
-        predicted = {
+        attributes = {
             "delay": format_number(delay),
             "nsample": str(max(steps, 2) + 1),
             "interp": "linear",
         }
-        return [Set("actuator", _name_or_id(model, place), predicted)]
+        return [Set("actuator", _name_or_id(model, place), attributes)]
 
 
 def _name_or_id(model, place):
+    """What the text's edits call an actuator."""
     return model.actuator(place["actuator"]).name or place["actuator"]
-
-
-def _replace_column(ctrl: Floats, place, column: Floats) -> Floats:
-    """Commands (N, G, nu) whose one column (N, G) is another."""
-    out = np.broadcast_to(ctrl, (len(column), *ctrl.shape[1:])).copy()
-    out[..., place["actuator"]] = column
-    return out
-
-
-def _delay_column(u: Floats, steps: Floats) -> Floats:
-    """Columns u (1 or N, G) later by a number of grid steps (N, 1), as means."""
-    grid = np.arange(u.shape[1])
-    at = grid - steps
-    low = np.floor(at).astype(int)
-    share = at - low
-    last = u.shape[1] - 1
-    rows = np.arange(len(u))[:, None]
-    before, after = (u[rows, np.clip(low + i, 0, last)] for i in (0, 1))
-    return (1 - share) * before + share * after
 
 
 class ActuatorLag(ActuatorEffect):
     name = "actuator_lag"
-    holds_previous_command = True
     description = "The actuator follows its command as a first-order filter does."
     equation = "timeconst du/dt = ctrl - u"
     source = "MuJoCo actuator/dyntype filterexact"
     separate_by = "command sines of rising frequency: a lag weakens them, a delay not"
-    regime = "after_step"
+    phrase = "{at} follows its commands with a time constant of {timeconst} {lacks}"
+    parameters = (ParameterSpec("timeconst", "s", nominal=0.0, nonnegative=True),)
     is_shared = True
+    holds_previous_command = True
 
     def make_parameters(self, robot, actuator):
-        return (Parameter("timeconst", "s", 0.0, 0.0, 1.0, 0.02),)
+        return (self.make_parameter("timeconst", low=0.0, high=1.0, scale=0.02),)
 
     def make_initial_values(self, robot, actuator):
         return ((0.01,), (0.05,), (0.2,))
@@ -138,29 +98,18 @@ class ActuatorLag(ActuatorEffect):
         return model.actuator_dyntype[a] == 0 and has_affine_force(model, a)
 
     def transform_command(self, ctrl, step, place, values):
-        u = ctrl[..., place["actuator"]]
         keep = np.exp(-step / np.maximum(values[:, 0], 1e-9))
-        out = np.empty((u.shape[1], len(values)))
-        now = np.broadcast_to(u[:, 0], len(values)).astype(float)
-        for k, goal in enumerate(u.T.copy()):
-            # the torque of a step comes from the state at its beginning
-            out[k] = now
-            now = goal + (now - goal) * keep
-        return _replace_column(ctrl, place, _keep_if_undelayed(out.T, u, keep))
+        column = filter_column(ctrl[..., place["actuator"]], keep)
+        return replace_column(ctrl, place, column)
 
     def edit_text(self, model, place, values):
-        return rename_to_general(model, place, dyntype="filterexact", dynprm=values[0])
+        return _rename_to_general(model, place, dyntype="filterexact", dynprm=values[0])
 
 
-def _keep_if_undelayed(out: Floats, u: Floats, keep: Floats) -> Floats:
-    """Exactly the command where there is no lag at all."""
-    return np.where(keep[:, None] == 0, u, out)
-
-
-def rename_to_general(model, place, **attributes) -> list[Rename]:
+def _rename_to_general(model, place, **attributes) -> list[Rename]:
     """The actuator as a <general> one of the same law, with more attributes."""
     a = place["actuator"]
-    predicted = {
+    law = {
         "gainprm": format_number(model.actuator_gainprm[a, :3]),
         "biasprm": format_number(model.actuator_biasprm[a, :3]),
         "biastype": "affine" if model.actuator_biastype[a] == 1 else "none",
@@ -170,15 +119,11 @@ def rename_to_general(model, place, **attributes) -> list[Rename]:
             for k, v in attributes.items()
         },
     }
-    if model.actuator_ctrllimited[a]:
-        predicted["ctrlrange"] = format_number(
-            model.actuator_ctrlrange[a]
-        )  # not inherited now
+    if model.actuator_ctrllimited[a]:  # a <general> inherits no range
+        law["ctrlrange"] = format_number(model.actuator_ctrlrange[a])
     own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")
     gone = dict.fromkeys(own)
-    return [
-        Rename("actuator", _name_or_id(model, place), "general", {**gone, **predicted})
-    ]
+    return [Rename("actuator", _name_or_id(model, place), "general", {**gone, **law})]
 
 
 class RateLimit(ActuatorEffect):
@@ -187,12 +132,16 @@ class RateLimit(ActuatorEffect):
     equation = "|du/dt| <= rate"
     source = "MuJoCo actuator/pid slewmax"
     separate_by = "step the command by several sizes"
-    regime = "after_step"
+    phrase = "{at} follows its commands at {rate} at most"
+    parameters = (ParameterSpec("rate", "rad/s", nominal=np.inf),)
 
     def make_parameters(self, robot, actuator):
         rate = actuator.max_rate
-        unit = f"{actuator.unit}/s"
-        return (Parameter("rate", unit, np.inf, 1e-2 * rate, 1e3 * rate, rate),)
+        return (
+            self.make_parameter(
+                "rate", actuator, low=1e-2 * rate, high=1e3 * rate, scale=rate
+            ),
+        )
 
     def make_initial_values(self, robot, actuator):
         return tuple((share * actuator.max_rate,) for share in (0.3, 1.0, 3.0))
@@ -204,16 +153,8 @@ class RateLimit(ActuatorEffect):
         return actuator.dof >= 0 and holds and actuator.max_rate > 0
 
     def transform_command(self, ctrl, step, place, values):
-        u = ctrl[..., place["actuator"]].T.copy()
-        most = values[:, 0] * step
-        least = -most
-        out = np.empty((len(u), len(values)))
-        now = np.broadcast_to(u[0], len(values)).astype(float)
-        for k, goal in enumerate(u):
-            # np.clip takes ten times as long
-            now = now + np.minimum(np.maximum(goal - now, least), most)
-            out[k] = now
-        return _replace_column(ctrl, place, out.T)
+        column = limit_rate_of_column(ctrl[..., place["actuator"]], values[:, 0] * step)
+        return replace_column(ctrl, place, column)
 
 
 class TorqueSaturation(ActuatorEffect):
@@ -224,12 +165,16 @@ class TorqueSaturation(ActuatorEffect):
     equation = "|tau| <= limit"
     source = "MuJoCo actuator/forcerange"
     separate_by = "command larger and larger steps"
-    regime = "saturated"
+    phrase = "{at} cannot give more than {limit}"
+    parameters = (ParameterSpec("limit", "N m", nominal=np.inf),)
 
     def make_parameters(self, robot, actuator):
         most = actuator.max_force
-        low, high = 0.005 * most, 20 * most
-        return (Parameter("limit", actuator.force, np.inf, low, high, 0.1 * most),)
+        return (
+            self.make_parameter(
+                "limit", actuator, low=0.005 * most, high=20 * most, scale=0.1 * most
+            ),
+        )
 
     def make_initial_values(self, robot, actuator):
         return tuple(
@@ -245,8 +190,8 @@ class TorqueSaturation(ActuatorEffect):
         a = place["actuator"]
         most = values[0] / abs(model.actuator_gear[a, 0])
         limited = model.actuator_forcelimited[a]
-        nominal_terms = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
-        model.actuator_forcerange[a] = np.clip(nominal_terms, -most, most)
+        given = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
+        model.actuator_forcerange[a] = np.clip(given, -most, most)
         model.actuator_forcelimited[a] = 1
 
 
@@ -256,18 +201,35 @@ class SpeedTorqueLimit(ActuatorEffect):
     equation = "tau sign(v) <= stall_torque (1 - |v| / no_load_speed)"
     source = "any motor's data sheet"
     separate_by = "command full torque from rest and watch the speed grow"
-    regime = "fast"
+    phrase = (
+        "{at} gives less torque the faster it turns: {stall_torque} at rest, none at "
+        "{no_load_speed}"
+    )
+    parameters = (
+        ParameterSpec("stall_torque", "N m", nominal=np.inf),
+        ParameterSpec("no_load_speed", "rad/s", nominal=np.inf),
+    )
     writes_forcerange = True
 
     def make_parameters(self, robot, actuator):
-        most, speed = actuator.max_force, robot.joint_by_dof(actuator.dof).max_speed
-        unit = f"{robot.joint_by_dof(actuator.dof).unit}/s"
+        joint = robot.joint_by_dof(actuator.dof)
+        most, speed = actuator.max_force, joint.max_speed
         return (
-            Parameter("stall_torque", actuator.force, np.inf, 0.01 * most,
-                      20 * most, 0.2 * most),
-            Parameter("no_load_speed", unit, np.inf, 0.2 * speed,
-                      100 * speed, 0.3 * speed),
-        )  # fmt: skip
+            self.make_parameter(
+                "stall_torque",
+                actuator,
+                low=0.01 * most,
+                high=20 * most,
+                scale=0.2 * most,
+            ),
+            self.make_parameter(
+                "no_load_speed",
+                joint,
+                low=0.2 * speed,
+                high=100 * speed,
+                scale=0.3 * speed,
+            ),
+        )
 
     def make_initial_values(self, robot, actuator):
         most, speed = actuator.max_force, robot.joint_by_dof(actuator.dof).max_speed
@@ -292,32 +254,35 @@ class SpeedTorqueLimit(ActuatorEffect):
 
 
 class ServoGain(ActuatorEffect):
+    """Gains of a servo, or the gain of a motor [N m/ctrl] alone."""
+
     name = "servo_gain"
-    restates_nominal = True
-    overrides = ("kp", "kv", "gain", "gear")
     description = (
         "The servo is stiffer or softer, a motor stronger or weaker than stated."
     )
     equation = "tau = kp (ctrl - q) - kv v; of a motor, tau = kp ctrl"
     source = "MuJoCo actuator/position"
     separate_by = "load the held joint with a known weight"
-    regime = "high_load"
+    phrase = "{at} has gains {other} ({all})"
+    parameters = (ParameterSpec("kp", "N m/rad"), ParameterSpec("kv", "N m s/rad"))
+    parameter_sets = (("kp", "kv"), ("kp",))
+    restates_nominal = True
+    overrides = ("kp", "kv", "gain", "gear")
 
     def make_parameters(self, robot, actuator):
         kp, kv = _servo_gains(robot.model, actuator.id)
-        unit = f"{actuator.force}/{actuator.unit if actuator.servo else 'ctrl'}"
-        stiffness = Parameter("kp", unit, kp, 0.05 * kp, 20 * kp, 0.2 * kp)
+        stiffness = self.make_parameter(
+            "kp", actuator, nominal=kp, low=0.05 * kp, high=20 * kp, scale=0.2 * kp
+        )
         if not actuator.servo:
-            return (stiffness,)
+            return (replace(stiffness, unit=f"{actuator.force}/ctrl"),)
         joint = robot.joint_by_dof(actuator.dof)
         high = 10 * kv + 0.5 * kp
         scale = 0.2 * kv + 0.05 * joint.torque / joint.speed
-        return (
-            stiffness,
-            Parameter(
-                "kv", f"{actuator.force} s/{actuator.unit}", kv, 0.0, high, scale
-            ),
+        damping = self.make_parameter(
+            "kv", actuator, nominal=kv, low=0.0, high=high, scale=scale
         )
+        return (stiffness, damping)
 
     def make_initial_values(self, robot, actuator):
         kp, *kv = (p.nominal for p in self.make_parameters(robot, actuator))
@@ -341,13 +306,13 @@ class ServoGain(ActuatorEffect):
 
 
 def _servo_gains(model, actuator: int) -> tuple[float, float]:
+    """The model's kp and kv [actuator's units]."""
     kp = float(model.actuator_gainprm[actuator, 0])
     return kp, -float(model.actuator_biasprm[actuator, 2])
 
 
 class IntegralAction(ActuatorEffect):
     name = "integral_action"
-    restates_nominal = True
     description = (
         "The servo sums up its error and pushes until it is gone; the sum begins at 0, "
         'or with `"begins": "settled"` at what each recording\'s first moments ask for.'
@@ -355,54 +320,75 @@ class IntegralAction(ActuatorEffect):
     equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
     source = "MuJoCo actuator/pid ki, imax"
     separate_by = "hold a loaded pose for ten seconds"
-    regime = "high_load"
+    phrase = "{at} sums up its error with a gain of {ki}"
+    parameters = (
+        ParameterSpec("ki", "N m/(rad s)", nominal=0.0),
+        ParameterSpec("imax", "N m"),
+    )
+    finding_fields = (
+        FindingField(
+            "begins",
+            (SETTLED,),
+            is_required=False,
+            note=": its sum had settled before each recording began.",
+        ),
+    )
+    restates_nominal = True
 
     def propose_terms(self, robot):
-        """At each servo; its sum begun at 0, or long before the recording."""
-        own = super().propose_terms(robot)
-        return [*own, *map(_begin_settled, own)]
+        """Two terms at each servo: its sum begun at 0, or long before the recording."""
+        found = super().propose_terms(robot)
+        return [*found, *map(_begin_settled, found)]
 
     def make_parameters(self, robot, actuator):
         kp, _ = _servo_gains(robot.model, actuator.id)
         most = actuator.max_force
+        make = self.make_parameter
         return (
-            Parameter("ki", f"{actuator.force}/({actuator.unit} s)", 0.0, 0.0, 50 * kp,
-                      0.3 * kp),
-            Parameter("imax", actuator.force, most, 0.0, 10 * most, 0.2 * most),
-        )  # fmt: skip
+            make("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
+            make(
+                "imax",
+                actuator,
+                nominal=most,
+                low=0.0,
+                high=10 * most,
+                scale=0.2 * most,
+            ),
+        )
 
     def make_initial_values(self, robot, actuator):
         kp, _ = _servo_gains(robot.model, actuator.id)
         most = actuator.max_force
-        # one that is often full: from a limit that is never met no slope leads there
+        # the last one is often at its limit: from a limit that is never met no slope
+        # of the error leads there
         return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
 
     def applies_to(self, robot, actuator):
-        # the sum of what was read is in the joint's unit, as the error without a gear
+        # the sum of the readings is in the joint's unit, as the error without a gear
         ungeared = robot.model.actuator_gear[actuator.id, 0] == 1
         return actuator.servo and actuator.measured and ungeared
 
     def apply_forces(self, state, place, values):
         # the sum since the episode began is that of the measured error up to the
-        # window's start, and of the simulated one from there
+        # segment's start, and of the simulated one from there
         error = state.ctrl[:, place["actuator"]] - state.qpos[:, place["qpos"]]
-        total, most = (
-            state.integral_errors[place["actuator"]],
-            self.max_integral(values),
-        )
+        total = state.integral_errors[place["actuator"]]
+        most = self.max_integral(values)
         state.applied_force[:, place["dof"]] += values[:, 0] * total
         total[:] = np.clip(total + error * state.timestep, -most, most)
 
     @staticmethod
     def max_integral(values: Floats) -> Floats:
-        """(n) sums [rad s] beyond which none goes, of values (n, 2)."""
+        """Largest magnitudes (n) of the sum [rad s or m s], of values (n, 2)."""
         ki, most = values.T
         return np.divide(most, ki, out=np.full(len(ki), np.inf), where=ki > 0)
 
 
 def _begin_settled(term: Term) -> Term:
-    """The same, its sum begun with what it bears; a slow one is a mere torque."""
+    """The term with a sum that begins at what the servo bears; a slow one is faint."""
     ki, most = term.parameters
-    own = replace(ki, resolution=SLOW * ki.scale), most
-    note = {"begins": "settled"}
-    return replace(extend_places(term, **note), parameters=own, finding_fields=note)
+    parameters = replace(ki, resolution=INTEGRAL_GAIN_RESOLUTION * ki.scale), most
+    begins = {"begins": SETTLED}
+    return replace(
+        extend_places(term, **begins), parameters=parameters, finding_fields=begins
+    )

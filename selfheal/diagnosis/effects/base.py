@@ -1,36 +1,43 @@
-"""What a hypothesis is made of: an effect, the places it acts at, its parameters."""
+"""The parts of a hypothesis: an effect, the places where it acts, its parameters.
+
+A `Term` is one effect at one place with the parameters to be fitted. A subclass of
+`Effect` says where the effect could be and how it changes a simulation.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ...recording.data import Floats
+from .declaration import FindingField, ParameterSpec, convert_unit
+from .places import Place, add_keys, locate_target
+from .step_state import StepState as StepState  # a simulation imports it from here
 
 if TYPE_CHECKING:
     import mujoco
 
     from ...mjcf.edit import Insert, Rename, Set
-    from ..data.robot_summary import RobotSummary
+    from ..data.robot_summary import Actuator, Channel, Joint, RobotSummary
 
-Floats = NDArray[np.float64]
-
-
-NIL = 1e-6  # of a parameter's scale: as good as absent
+# share of a parameter's scale within which it counts as its nominal value; chosen:
+# below any change that a fit tells from rounding
+ABSENT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One number of an effect, with its bounds on a robot.
 
     Attributes:
         name: MJCF's own where it has one.
-        unit: of the value; for a slide joint N and m stand for N m and rad.
-        absent: the value at which the effect is exactly not there.
+        unit: of the value; at a slide joint N and m stand for N m and rad.
+        nominal: the value at which the effect is exactly absent.
         low: the smallest value that makes sense.
         high: the largest.
         scale: a change that the robot would show; the unit of a search step.
-        least: distance from `absent` below which the simulation's own errors are.
+        resolution: distance from `nominal` that the simulation's own errors hide.
     """
 
     name: str
@@ -44,13 +51,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Onset:
-    """When something set in.
+    """When an effect set in.
 
     Attributes:
         number: of the episode, among all that were recorded.
         episode: its id.
-        time: in it [s].
-        low, high: where the 90 % interval of that ends, in the same episode [s].
+        time: since the episode began [s].
+        low, high: ends of the 90 % interval of `time`, in the same episode [s].
     """
 
     number: int
@@ -62,21 +69,21 @@ class Onset:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """An effect at one place, or at several that share its parameters.
+    """An effect at one place, or at several places that share its parameters.
 
     Attributes:
-        effect: what happens.
-        targets: where, as the contract writes it ("joint:knee"); one a place.
-        places: what the effect needs to act there (indices of the model); one a place.
-        parameters: in the order of the values.
-        starts: values a search may begin at, each (p).
-        note: what else a finding of it says.
-        onset: when it set in; None: it was there all the time.
+        effect: the physics that is added.
+        targets: where, as the contract writes it ("joint:knee"); one for each place.
+        places: indices of the given model that the effect needs; one for each target.
+        parameters: to be fitted, in the order of the values.
+        initial_values: values that a fit may begin at, each (p).
+        finding_fields: what a finding says beside the target and the parameters.
+        onset: when the effect set in; None: it was there all the time.
     """
 
     effect: "Effect"
     targets: tuple[str, ...]
-    places: tuple[Mapping[str, Any], ...]
+    places: tuple[Place, ...]
     parameters: tuple[Parameter, ...]
     initial_values: tuple[tuple[float, ...], ...]
     finding_fields: Mapping[str, Any] = field(default_factory=dict)
@@ -84,42 +91,43 @@ class Term:
 
     @property
     def low(self) -> Floats:
-        """Smallest values (p)."""
+        """Smallest values (p) [each parameter's unit]."""
         return np.array([p.low for p in self.parameters], float)
 
     @property
     def high(self) -> Floats:
-        """Largest values (p)."""
+        """Largest values (p) [each parameter's unit]."""
         return np.array([p.high for p in self.parameters], float)
 
     @property
     def scale(self) -> Floats:
-        """Values' natural steps (p)."""
+        """Natural steps of the values (p) [each parameter's unit]."""
         return np.array([p.scale for p in self.parameters], float)
 
     def is_negligible(self, values: Floats) -> bool:
-        """Whether values (p) are too near to absent to tell, or not what it says."""
+        """Whether values (p) are as good as nominal, or contradict the effect."""
         each = zip(self.parameters, values, strict=True)
         apart = [(abs(v - p.nominal), p) for p, v in each]
         near = any(off < p.resolution for off, p in apart)
-        near |= bool(apart) and all(off <= NIL * p.scale for off, p in apart)
-        # a wave as slow as may be is a bend, of something else
+        tiny = [off <= ABSENT_TOLERANCE * p.scale for off, p in apart]
+        near |= bool(tiny) and all(tiny)
+        # a wave at its lowest frequency is a bend within the range, of another effect
         bend = self.effect.is_periodic and values[1] < 1.01 * self.low[1]
         return bool(near or bend or not self.effect.is_consistent(values))
 
     @property
     def key(self) -> tuple:
-        """What tells it from other candidates, whatever its starts."""
+        """What tells it from other candidates, whatever its initial values."""
         return self.effect.name, self.targets, tuple(self.finding_fields.items())
 
     @property
     def label(self) -> str:
-        """As a person reads it."""
+        """Effect and targets in one line, for messages."""
         return f"{self.effect.name} at {', '.join(self.targets)}"
 
 
 def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
-    """Whether a term says something new beside those kept."""
+    """Whether no kept term has the term's effect at one of its targets."""
     return not any(
         term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
         for t in kept
@@ -127,19 +135,19 @@ def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
 
 
 def find_other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
-    """The same effect at the same place by other laws."""
-    own = term.effect.name, term.targets
-    same = [t for t in among if (t.effect.name, t.targets) == own]
+    """Terms of the same effect and targets that differ in their finding fields."""
+    name, targets = term.effect.name, term.targets
+    same = [t for t in among if (t.effect.name, t.targets) == (name, targets)]
     return [t for t in same if t.key != term.key]
 
 
-def extend_places(term: Term, **more) -> Term:
-    """The same term whose place says more."""
-    return replace(term, places=tuple({**place, **more} for place in term.places))
+def extend_places(term: Term, **more: Any) -> Term:
+    """The term with more keys in each of its places."""
+    return replace(term, places=tuple(add_keys(place, **more) for place in term.places))
 
 
 def restates_nominal_value(term: Term, nominal_terms: Sequence[Term]) -> bool:
-    """Whether an effect's parameters are those of the model, and one is stated."""
+    """Whether a term fits again a value of the model that a nominal term fits too."""
     if not np.isfinite([p.nominal for p in term.parameters]).all():
         return False
     said = {target for t in nominal_terms for target in t.targets}
@@ -148,134 +156,245 @@ def restates_nominal_value(term: Term, nominal_terms: Sequence[Term]) -> bool:
 
 
 def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
-    """Which of the stated values (one a term, the first ones) an effect overrides."""
+    """Which nominal terms have no influence beside a term, by their index."""
     own = {f"{at}/{name}" for at in term.targets for name in term.effect.overrides}
     return [i for i, t in enumerate(terms) if own & set(t.targets)]
 
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
-    """Values (n, P) with which no reading is rounded."""
+    """Values (n, P) in which those that round readings are nominal."""
     each = [(t.effect.rounds_readings, p.nominal) for t in terms for p in t.parameters]
     rounds = np.array([r for r, _ in each], bool)
-    return np.where(rounds, [absent for _, absent in each], values)
-
-
-@dataclass
-class StepState:
-    """What an effect may read and write at one step of N simulations.
-
-    Attributes:
-        time: (N) [s] since each episode began.
-        qpos: (N, nq) now.
-        qvel: (N, nv) now.
-        ctrl: (N, nu) command of this step.
-        actuator_torque: (N, nv) at the joints, of the step before.
-        bias: (N, nv) torque that weight and motion ask of the joints, of the same step.
-        applied: (N, nv) force of effects, to be added to.
-        frictionloss: (N, nv) dry friction of this step, to be changed.
-        forcerange: (N, nu, 2) of the actuators, to be changed; None where no effect
-            says that it does.
-        sums: (N) summed error of each integrating servo [rad s], to be added to.
-        step: of the simulation [s].
-    """
-
-    time: Floats
-    qpos: Floats
-    qvel: Floats
-    ctrl: Floats
-    actuator_torque: Floats
-    bias_torque: Floats
-    applied_force: Floats
-    frictionloss: Floats
-    forcerange: Floats | None
-    integral_errors: Mapping[int, Floats]
-    timestep: float
+    return np.where(rounds, [nominal for _, nominal in each], values)
 
 
 class Effect:
-    """A piece of physics that a model may lack; at its absent values it does nothing.
+    """Physics that a model may lack; at its nominal values it changes nothing.
 
-    A subclass says where it could be (`terms`) and overrides the one or two ways in
-    which it acts. Values are (p), or (N, p) where N simulations run at once.
+    A subclass declares the attributes, overrides `propose_terms`, and one or two of the
+    methods by which an effect acts: `edit_model`, `edit_spec`, `transform_command`,
+    `apply_forces`, `transform_reading`. Values are (p), or (N, p) where N simulations
+    run at once. The schema of diagnosis.json, the report and docs/effects.md are
+    derived from the attributes.
+
+    Attributes:
+        name: in diagnosis.json.
+        group: of the catalogue (`effects.GROUPS`).
+        description: one sentence on what happens.
+        equation: of the effect, in ASCII.
+        source: of the equation: a paper, or MuJoCo's element and attribute.
+        separate_by: an experiment that tells it from effects with like motions.
+        phrase: clause of the report. `{at}` stands for the target, a parameter's name
+            for its value, `{all}` for all values, `{lacks}` and `{other}` for the
+            difference to the model. Empty: "TARGET shows NAME that the model lacks".
+        target_kinds: of what a finding may name as its target; the first one is where
+            the effect is proposed.
+        parameters: that a finding states, in their order.
+        parameter_sets: names that a finding states together, one tuple for each form;
+            empty: all parameters, always.
+        finding_fields: what a finding says beside its target and parameters.
+        is_common: whether most robots have some of it at each single target.
+        rarity: a rank of how seldom a model lacks it, 0 to 2; chosen: people measure
+            lengths (2) better than loads (1), and those better than friction (0).
+        restates_nominal: whether it says that a value or law of the model is wrong.
+        overrides: names of nominal parameters at its target whose place it takes, so
+            that they have no influence beside it.
+        holds_previous_command: whether `transform_command` gives the command as it was
+            when a step began.
+        writes_forcerange: whether `apply_forces` writes `StepState.forcerange`.
+        native_is_stepwise: whether MuJoCo's native form acts by whole time steps, so
+            that a replay applies the effect itself.
+        rounds_readings: whether its readings jump, so that fits leave it out.
+        is_periodic: whether its parameters are amplitude, frequency and phase, and its
+            initial values come in pairs a quarter turn apart.
     """
 
+    # what it is
     name = ""
     group = ""
     description = ""
     equation = ""
     source = ""
     separate_by = ""
-    regime = "always"
-    is_common = False  # see `is_usual`
-    # people measure lengths (2) better than loads (1), those than friction (0)
+    phrase = ""
+    # what a finding of it states
+    target_kinds: tuple[str, ...] = ()
+    parameters: tuple[ParameterSpec, ...] = ()
+    parameter_sets: tuple[tuple[str, ...], ...] = ()
+    finding_fields: tuple[FindingField, ...] = ()
+    # how likely it is before any data
+    is_common = False
     rarity = 0
-    overrides: tuple[str, ...] = ()  # names of stated values whose place it takes
-    restates_nominal = (
-        False  # says that a number or a law which the model states is not so
-    )
-    holds_previous_command = False  # gives a command as it was when a step began
-    is_periodic = (
-        False  # amplitude, frequency, phase; starts in pairs, a quarter turn apart
-    )
-    writes_forcerange = False  # writes Moment.forcerange
-    native_is_stepwise = (
-        False  # MuJoCo does it by whole time steps, and a replay exactly
-    )
-    rounds_readings = False  # its readings jump; fits are made to what they were before
-    vector_parameter = (
-        ""  # the parameter that a finding states as one vector, of NAME_x, NAME_y
-    )
+    restates_nominal = False
+    overrides: tuple[str, ...] = ()
+    # what a simulation, a fit and a replay have to know of it
+    holds_previous_command = False
+    writes_forcerange = False
+    native_is_stepwise = False
+    rounds_readings = False
+    is_periodic = False
+
+    # ---- derived from the declaration
+
+    @property
+    def is_native(self) -> bool:
+        """Whether plain MuJoCo can do all that the effect does."""
+        ways = ("transform_command", "apply_forces", "transform_reading")
+        acts_outside = any(implements(self, way) for way in ways)
+        return implements(self, "edit_text") or not acts_outside
+
+    def list_parameter_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Names of parameters that a finding may state, one tuple for each form."""
+        return self.parameter_sets or (tuple(p.name for p in self.parameters),)
+
+    def make_parameter(
+        self,
+        name: str,
+        element: "Joint | Actuator | Channel | None" = None,
+        *,
+        low: float,
+        high: float,
+        scale: float,
+        nominal: float | None = None,
+        resolution: float = 0.0,
+        component: str = "",
+    ) -> Parameter:
+        """A declared parameter, with its bounds on a robot.
+
+        Args:
+            name: of a parameter that the effect declares.
+            element: at which the effect acts, whose unit counts; None: the declared
+                unit is the parameter's.
+            low: the smallest value that makes sense.
+            high: the largest.
+            scale: a change that the robot would show.
+            nominal: value at which the effect is absent, where none is declared.
+            resolution: distance from the nominal value that simulation errors hide.
+            component: of a parameter that is a vector; its name gets "_COMPONENT".
+
+        Raises:
+            TypeError: no nominal value is declared, and none is given.
+        """
+        spec = next(p for p in self.parameters if p.name == name)
+        absent = spec.nominal if nominal is None else nominal
+        if absent is None:
+            raise TypeError(f"{self.name}: {name} declares no nominal value; give one")
+        unit = spec.unit or ""
+        if element is not None:
+            unit = convert_unit(spec.unit, element.unit)
+        full_name = f"{name}_{component}" if component else name
+        return Parameter(full_name, unit, absent, low, high, scale, resolution)
+
+    # ---- where it could be
 
     def propose_terms(self, robot: "RobotSummary") -> list[Term]:
-        """Every place where it could be."""
+        """One term for each place where the effect could be."""
         raise NotImplementedError
+
+    def find_place(self, model: "mujoco.MjModel", finding: Mapping[str, Any]) -> Place:
+        """The place of a finding in any model, for a replay.
+
+        Raises:
+            InputError: the model lacks what the finding is about.
+        """
+        own = [f.name for f in self.finding_fields if f.name in finding]
+        place = locate_target(model, finding["target"])
+        return add_keys(place, **{name: finding[name] for name in own})
+
+    # ---- how likely it is
 
     def is_usual(self, term: Term) -> bool:
         """Whether most robots have some of it there, whatever else is missing."""
         return self.is_common and len(term.targets) == 1
 
     def is_directly_observed(self, term: Term) -> bool:
-        """Whether readings show just that, and not only what some size of it does."""
+        """Whether the readings themselves show it, and not only the fit."""
         return False
 
     def rate_rarity(self, term: Term, values: Floats) -> int:
-        """How rare (`rare`) what it says with values (p) is."""
+        """`rarity` of a term with values (p), by which equal fits are ranked."""
         return self.rarity
 
     def is_consistent(self, values: Floats) -> bool:
-        """Whether values (p) together are what its sentence says."""
+        """Whether values (p) agree with the effect's description."""
         return True
 
-    def edit_model(self, model: "mujoco.MjModel", place, values: Floats) -> None:
-        """Change a compiled model; values (p)."""
+    # ---- how it acts
 
-    def edit_spec(self, spec: "mujoco.MjSpec", place) -> None:
-        """Add to the model what an edit of numbers cannot."""
+    def edit_model(
+        self, model: "mujoco.MjModel", place: Mapping[str, Any], values: Floats
+    ) -> None:
+        """Change fields of a compiled model.
+
+        Args:
+            model: compiled, to be changed.
+            place: where the effect acts, in that model.
+            values: (p) of the parameters.
+        """
+
+    def edit_spec(self, spec: "mujoco.MjSpec", place: Mapping[str, Any]) -> None:
+        """Add elements to a model before it is compiled."""
 
     def transform_command(
-        self, ctrl: Floats, step: float, place, values: Floats
+        self, ctrl: Floats, step: float, place: Mapping[str, Any], values: Floats
     ) -> Floats:
-        """Commands (N, G, nu) on a grid of `step` s, as they reach the actuators."""
+        """Commands as they reach the actuators.
+
+        Args:
+            ctrl: (1 or N, G, nu) as they were sent, on a grid.
+            step: of the grid [s].
+            place: where the effect acts.
+            values: (N, p) of the parameters.
+
+        Returns:
+            (N, G, nu) on the same grid.
+        """
         return ctrl
 
-    def apply_forces(self, state: StepState, place, values: Floats) -> None:
-        """Add forces, or change limits, at one step; values (N, p)."""
+    def apply_forces(
+        self, state: StepState, place: Mapping[str, Any], values: Floats
+    ) -> None:
+        """Add forces, or change friction and limits, at one step.
 
-    def transform_reading(self, place, values: Floats) -> Mapping[str, Floats]:
-        """Of signal place["signal"] what it changes: bias (N, p), gain, delay (N)."""
+        Args:
+            state: of N simulations, to be read and changed.
+            place: where the effect acts, in the simulated model.
+            values: (N, p) of the parameters.
+        """
+
+    def transform_reading(
+        self, place: Mapping[str, Any], values: Floats
+    ) -> Mapping[str, Floats]:
+        """What a sensor makes of the true signal place["signal"], from values (N, p).
+
+        Returns:
+            Of the keys "bias" (N, width) [signal's unit], "gain" (N) [1], "delay" (N)
+            [s] and "step" (N) [signal's unit] those that it changes.
+        """
         return {}
 
     def compute_deflection(self, values: Floats, load: float) -> float:
-        """Where a joint that it adds rests under a load [N m or N]."""
+        """Rest position [rad or m] of the joint that `edit_spec` adds.
+
+        Args:
+            values: (p) of the parameters.
+            load: torque or force that the joint bears [N m or N].
+        """
         return 0.0
 
     def edit_text(
-        self, model: "mujoco.MjModel", place, values: Floats
+        self, model: "mujoco.MjModel", place: Mapping[str, Any], values: Floats
     ) -> "Sequence[Set | Insert | Rename] | None":
-        """The edit of the MJCF's text that is the same; None: MuJoCo has no such."""
+        """Edits of the MJCF's text with the same effect; None: the text cannot say it.
+
+        Args:
+            model: compiled, as given or with the joints that effects add.
+            place: where the effect acts, in that model.
+            values: (p) of the parameters.
+        """
         return None
 
 
-def implements(effect: Effect, verb: str) -> bool:
-    """Whether an effect acts in the way `verb` ("edit", "act", ...)."""
-    return getattr(type(effect), verb) is not getattr(Effect, verb)
+def implements(effect: Effect, method: str) -> bool:
+    """Whether an effect overrides a method ("edit_model", "apply_forces", ...)."""
+    return getattr(type(effect), method) is not getattr(Effect, method)

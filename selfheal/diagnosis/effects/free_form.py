@@ -1,46 +1,67 @@
-"""What a torque of any form could still explain: the ceiling, and it has no name."""
+"""A joint torque of any smooth form, which shows how much an effect could explain."""
 
 import numpy as np
 
-from ..data.robot_summary import RobotSummary
-from .base import Effect, Parameter, Term
-
-
-class FreeFormTorque(Effect):
-    """A joint torque that is a smooth function of position, velocity and load."""
-
-    name = "free_form"
-    group = "unlisted"
-
-    def propose_terms(self, robot: RobotSummary) -> list[Term]:
-        """One at each joint."""
-        return [
-            Term(
-                self,
-                (f"joint:{j.name}",),
-                ({"dof": j.dof, "qpos": j.qpos, "middle": j.range_center,
-                  "range": j.range, "speed": j.speed},),
-                tuple(
-                    Parameter(name, j.force, 0.0, -3 * j.torque, 3 * j.torque,
-                              0.1 * j.torque)
-                    for name in BASIS
-                ),
-                ((0.0,) * len(BASIS),),
-            )
-            for j in robot.joints
-        ]  # fmt: skip
-
-    def apply_forces(self, state, place, values):
-        x = 2 * (state.qpos[:, place["qpos"]] - place["middle"]) / place["range"]
-        x = np.clip(x, -2, 2)
-        v = np.clip(state.qvel[:, place["dof"]] / place["speed"], -4, 4)
-        dry = np.tanh(10 * v)
-        terms = (np.ones_like(x), x, x**2, x**3, v, v * np.abs(v), dry, dry * x, v * x)
-        state.applied_force[:, place["dof"]] += np.sum(
-            values * np.stack(terms, 1), axis=1
-        )
-
+from ..data.robot_summary import Joint, RobotSummary
+from .base import Parameter
+from .by_target import JointEffect
+from .declaration import ParameterSpec
+from .places import Place, add_keys
 
 BASIS = ("constant", "position", "position^2", "position^3", "velocity",
          "velocity |velocity|", "sign of velocity", "sign of velocity x position",
          "velocity x position")  # fmt: skip
+
+
+class FreeFormTorque(JointEffect):
+    """A joint torque that is a smooth function of position, velocity and load.
+
+    It is no effect of the catalogue: the share of the error that it removes is what
+    effects of the catalogue could explain.
+    """
+
+    name = "free_form"
+    group = "unlisted"
+    parameters = tuple(ParameterSpec(name, "N m", nominal=0.0) for name in BASIS)
+
+    def make_place(self, robot: RobotSummary, joint: Joint) -> Place:
+        place = super().make_place(robot, joint)
+        return add_keys(
+            place,
+            range_center=joint.range_center,
+            range=joint.range,
+            speed=joint.speed,
+        )
+
+    def make_parameters(
+        self, robot: RobotSummary, joint: Joint
+    ) -> tuple[Parameter, ...]:
+        reach = 3 * joint.torque
+        return tuple(
+            self.make_parameter(
+                name, joint, low=-reach, high=reach, scale=0.1 * joint.torque
+            )
+            for name in BASIS
+        )
+
+    def make_initial_values(
+        self, robot: RobotSummary, joint: Joint
+    ) -> tuple[tuple[float, ...], ...]:
+        return ((0.0,) * len(BASIS),)
+
+    def apply_forces(self, state, place, values):
+        """Add a weighted sum of the basis.
+
+        Args:
+            state: of N simulations.
+            place: of the joint.
+            values: (N, p) weights [N m or N].
+        """
+        middle, range_ = place["range_center"], place["range"]
+        x = np.clip(2 * (state.qpos[:, place["qpos"]] - middle) / range_, -2, 2)
+        v = np.clip(state.qvel[:, place["dof"]] / place["speed"], -4, 4)
+        dry = np.tanh(10 * v)
+        basis = (np.ones_like(x), x, x**2, x**3, v, v * np.abs(v), dry, dry * x, v * x)
+        state.applied_force[:, place["dof"]] += np.sum(
+            values * np.stack(basis, 1), axis=1
+        )

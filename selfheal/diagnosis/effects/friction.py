@@ -1,7 +1,7 @@
 """Friction in a joint, beyond what the model states.
 
 A parameter that MJCF has too (damping, frictionloss) is the joint's new total. It takes
-the place of what the model states, also of that value refitted.
+the place of what the model states, also of that value when it is fitted again.
 """
 
 from dataclasses import replace
@@ -9,48 +9,18 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.robot_summary import RobotSummary
-from .base import Effect, Parameter, Term, extend_places
+from .base import Term, extend_places
+from .by_target import JointEffect
+from .declaration import FindingField, ParameterSpec
 
 BOTH = "both"  # sides of a gear
-ALIKE = 0.05  # of a friction, by which its two directions may differ; chosen
-
-
-class JointEffect(Effect):
-    """What all of them share: a joint that moves."""
-
-    group = "friction"
-
-    def make_parameters(self, robot: RobotSummary, joint) -> tuple[Parameter, ...]:
-        """Its numbers at a joint; `joint` is a `scene.Joint`."""
-        raise NotImplementedError
-
-    def make_initial_values(
-        self, robot: RobotSummary, joint
-    ) -> tuple[tuple[float, ...], ...]:
-        """Values to begin a search at."""
-        return tuple(
-            tuple(
-                p.nominal + share * p.scale for p in self.make_parameters(robot, joint)
-            )
-            for share in (0.3, 1.0)
-        )
-
-    def propose_terms(self, robot: RobotSummary) -> list[Term]:
-        """At every hinge and slide."""
-        return [
-            Term(
-                self,
-                (f"joint:{joint.name}",),
-                ({"joint": joint.id, "dof": joint.dof},),
-                self.make_parameters(robot, joint),
-                self.make_initial_values(robot, joint),
-            )
-            for joint in robot.joints
-        ]
+# share of a friction by which its two directions have to differ; chosen: less is
+# Coulomb friction
+MIN_ASYMMETRY = 0.05
 
 
 def torque_scale(robot: RobotSummary, joint) -> float:
-    """What bounds of torques go by [N m or N].
+    """Torque [N m or N] in which bounds of a joint's torques are given.
 
     The joint's typical torque does not count what motors give, so a third of what they
     were asked for at most does.
@@ -59,22 +29,32 @@ def torque_scale(robot: RobotSummary, joint) -> float:
     return max([joint.torque, *asked])
 
 
-class ViscousFriction(JointEffect):
+class FrictionEffect(JointEffect):
+    """An effect at each hinge and slide, of its friction."""
+
+    group = "friction"
+
+
+class ViscousFriction(FrictionEffect):
     name = "viscous_friction"
-    is_common = True
-    overrides = ("damping",)
     description = "A torque against the motion, proportional to speed."
     equation = "tau = -damping v"
     source = "MuJoCo joint/damping"
     separate_by = "let the joint swing with the motor off"
-    regime = "fast"
+    phrase = "{at} has viscous friction of {damping} {lacks}"
+    parameters = (ParameterSpec("damping", "N m s/rad"),)
+    is_common = True
+    overrides = ("damping",)
 
     def make_parameters(self, robot, joint):
-        unit = f"{joint.force} s/{joint.unit}"
         scale = 0.2 * joint.torque / joint.speed
         now = float(robot.model.dof_damping[joint.dof])
         high = 10 * torque_scale(robot, joint) / joint.speed + 10 * now
-        return (Parameter("damping", unit, now, 0.0, high, scale),)
+        return (
+            self.make_parameter(
+                "damping", joint, nominal=now, low=0.0, high=high, scale=scale
+            ),
+        )
 
     def make_initial_values(self, robot, joint):
         (p,) = self.make_parameters(robot, joint)
@@ -88,38 +68,47 @@ class ViscousFriction(JointEffect):
         model.dof_damping[place["dof"]] = values[0]
 
 
-class QuadraticDamping(JointEffect):
+class QuadraticDamping(FrictionEffect):
     name = "quadratic_damping"
     description = "A torque against the motion that grows with the square of speed."
     equation = "tau = -damping2 v |v|"
     source = "MuJoCo joint/damping, second coefficient (3.7)"
     separate_by = "swing the joint once slowly and once at full speed"
-    regime = "fast"
+    phrase = "{at} has drag of {damping2} {lacks}"
+    parameters = (ParameterSpec("damping2", "N m s^2/rad^2"),)
 
     def make_parameters(self, robot, joint):
-        unit = f"{joint.force} s^2/{joint.unit}^2"
         scale = 0.2 * joint.torque / joint.speed**2
         now = float(robot.model.dof_dampingpoly[joint.dof, 0])
         high = 10 * torque_scale(robot, joint) / joint.speed**2 + 10 * now
-        return (Parameter("damping2", unit, now, 0.0, high, scale),)
+        return (
+            self.make_parameter(
+                "damping2", joint, nominal=now, low=0.0, high=high, scale=scale
+            ),
+        )
 
     def edit_model(self, model, place, values):
         model.dof_dampingpoly[place["dof"], 0] = values[0]
 
 
-class CoulombFriction(JointEffect):
+class CoulombFriction(FrictionEffect):
     name = "coulomb_friction"
-    is_common = True
-    overrides = ("frictionloss",)
     description = "A constant torque against the motion; at rest it holds."
     equation = "tau = -frictionloss sign(v)"
     source = "MuJoCo joint/frictionloss"
     separate_by = "move the joint back and forth at two constant speeds"
-    regime = "reversal"
+    phrase = "{at} has dry friction of {frictionloss} {lacks}"
+    parameters = (ParameterSpec("frictionloss", "N m"),)
+    is_common = True
+    overrides = ("frictionloss",)
 
     def make_parameters(self, robot, joint):
         now, scale, high = _dry_friction_bounds(robot, joint)
-        return (Parameter("frictionloss", joint.force, now, 0.0, high, scale),)
+        return (
+            self.make_parameter(
+                "frictionloss", joint, nominal=now, low=0.0, high=high, scale=scale
+            ),
+        )
 
     def make_initial_values(self, robot, joint):
         (p,) = self.make_parameters(robot, joint)
@@ -130,35 +119,44 @@ class CoulombFriction(JointEffect):
 
 
 def _dry_friction_bounds(robot: RobotSummary, joint) -> tuple[float, float, float]:
-    """Dry friction of a joint [N m or N]: as stated, a search's step, the largest."""
+    """Dry friction [N m or N] of a joint: the model's, a search's step, the largest."""
     now = float(robot.model.dof_frictionloss[joint.dof])
     return now, 0.1 * joint.torque, 3 * torque_scale(robot, joint) + 10 * now
 
 
-class StribeckFriction(JointEffect):
-    """A total, like `coulomb_friction`: absent, both torques are what is stated."""
+class StribeckFriction(FrictionEffect):
+    """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
     name = "stribeck_friction"
-    overrides = ("frictionloss",)
     description = (
         "Dry friction that is larger at rest and falls as the joint starts to move."
     )
     equation = "tau = -(coulomb + (static - coulomb) exp(-(v/v_s)^2)) sign(v)"
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30"
     separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
-    regime = "slow"
+    phrase = "{at} has dry friction {lacks}: {static} at rest, {coulomb} in motion"
+    parameters = (
+        ParameterSpec("coulomb", "N m"),
+        ParameterSpec("static", "N m"),
+        ParameterSpec("stribeck_velocity", "rad/s"),
+    )
+    overrides = ("frictionloss",)
 
     def make_parameters(self, robot, joint):
         now, scale, high = _dry_friction_bounds(robot, joint)
-        speed = f"{joint.unit}/s"
+        make = self.make_parameter
         return (
-            Parameter("coulomb", joint.force, now, 0.0, high, scale),
-            Parameter("static", joint.force, now, 0.0, 2 * high, scale),
-            Parameter(
-                "stribeck_velocity", speed, 0.1 * joint.speed, 1e-3 * joint.speed,
-                joint.speed, 0.1 * joint.speed,
+            make("coulomb", joint, nominal=now, low=0.0, high=high, scale=scale),
+            make("static", joint, nominal=now, low=0.0, high=2 * high, scale=scale),
+            make(
+                "stribeck_velocity",
+                joint,
+                nominal=0.1 * joint.speed,
+                low=1e-3 * joint.speed,
+                high=joint.speed,
+                scale=0.1 * joint.speed,
             ),
-        )  # fmt: skip
+        )
 
     def make_initial_values(self, robot, joint):
         (now, t, _), v = _dry_friction_bounds(robot, joint), joint.speed
@@ -180,14 +178,13 @@ class StribeckFriction(JointEffect):
         state.frictionloss[:, dof] += (static - coulomb) * slow
 
 
-class LoadDependentFriction(JointEffect):
-    """Of what the motor gives, or of that and what the load asks for in the mean.
+class LoadDependentFriction(FrictionEffect):
+    """Friction of what the motor gives, or of the mean of that and the load.
 
     The mean (BAM's gearbox torque, halved) is of a gear that the load drives as well.
     """
 
     name = "load_dependent_friction"
-    is_common = True
     description = (
         "Dry friction of a gear that grows with the torque it transmits: the motor's, "
         'or with `"side": "both"` the mean of the motor\'s and the load\'s.'
@@ -195,15 +192,27 @@ class LoadDependentFriction(JointEffect):
     equation = "tau = -(frictionloss + load_coefficient |tau_transmitted|) sign(v)"
     source = "Rhoban BAM (Duclusaud 2024), load-dependent models"
     separate_by = "repeat the same motion with another payload"
-    regime = "high_load"
+    phrase = (
+        "{at} has friction {lacks}: {load_coefficient} of the torque that it passes on"
+    )
+    parameters = (ParameterSpec("load_coefficient", "1", nominal=0.0),)
+    finding_fields = (FindingField("side", (BOTH,), is_required=False),)
+    is_common = True
 
     def make_parameters(self, robot, joint):
-        return (Parameter("load_coefficient", "1", 0.0, 0.0, 1.5, 0.1),)
+        return (self.make_parameter("load_coefficient", low=0.0, high=1.5, scale=0.1),)
+
+    def applies_to(self, robot, joint):
+        return any(a.dof == joint.dof for a in robot.actuators)
 
     def propose_terms(self, robot):
-        """At each driven joint; of both sides where nothing but its weight loads it."""
-        own = [term for term in super().propose_terms(robot) if _is_driven(robot, term)]
-        return own if robot.has_contact else [*own, *map(_use_both_sides, own)]
+        """One term at each driven joint, and one of both sides of its gear.
+
+        Of the motor's side alone where something touches the robot: contact forces
+        load its joints then, and the second side stands for weight and motion only.
+        """
+        found = super().propose_terms(robot)
+        return found if robot.has_contact else [*found, *map(_use_both_sides, found)]
 
     def is_usual(self, term):
         return super().is_usual(term) and not term.finding_fields
@@ -217,33 +226,33 @@ class LoadDependentFriction(JointEffect):
 
 
 def _use_both_sides(term: Term) -> Term:
+    """The term with the mean of both sides of the gear as its load."""
     return replace(extend_places(term, side=BOTH), finding_fields={"side": BOTH})
 
 
-def _is_driven(robot: RobotSummary, term: Term) -> bool:
-    return any(a.dof == term.places[0]["dof"] for a in robot.actuators)
-
-
-class AsymmetricFriction(JointEffect):
-    """A total, like `coulomb_friction`: absent, both torques are what is stated."""
+class AsymmetricFriction(FrictionEffect):
+    """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
     name = "asymmetric_friction"
-    overrides = ("frictionloss",)
     description = "Dry friction of different size in the two directions."
     equation = "tau = -positive where v > 0, +negative where v < 0"
     source = "Corke 1996, A Robotics Toolbox for MATLAB: Link.Tc"
     separate_by = "move at the same constant speed both ways, without gravity"
-    regime = "reversal"
+    phrase = "{at} has dry friction {lacks}: {positive} one way, {negative} the other"
+    parameters = (ParameterSpec("positive", "N m"), ParameterSpec("negative", "N m"))
+    overrides = ("frictionloss",)
 
     def make_parameters(self, robot, joint):
         now, scale, high = _dry_friction_bounds(robot, joint)
-        return (
-            Parameter("positive", joint.force, now, 0.0, high, scale),
-            Parameter("negative", joint.force, now, 0.0, high, scale),
+        return tuple(
+            self.make_parameter(
+                name, joint, nominal=now, low=0.0, high=high, scale=scale
+            )
+            for name in ("positive", "negative")
         )
 
     def is_consistent(self, values):
-        return bool(np.ptp(values) > ALIKE * np.max(values))
+        return bool(np.ptp(values) > MIN_ASYMMETRY * np.max(values))
 
     def make_initial_values(self, robot, joint):
         now, t, _ = _dry_friction_bounds(robot, joint)

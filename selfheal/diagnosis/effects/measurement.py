@@ -1,72 +1,20 @@
 """What a sensor makes of the truth: round to step (gain x true(t - delay) + bias)."""
 
-from dataclasses import replace
-
 from ..data.robot_summary import Channel, RobotSummary
-from .base import Effect, Parameter, Term
+from .by_target import SensorEffect
+from .declaration import ParameterSpec
 
-# of a step, a delay that is how recordings are made: who records a simulation, or a
-# control loop, reads what was computed a moment ago; chosen
-STALE = 0.5
-TRUE_TO = 0.005  # of a gain, as well as sensors are calibrated; chosen
-
-
-class SensorEffect(Effect):
-    """What all of them share: a signal that is compared."""
-
-    group = "measurement"
-
-    def make_parameter(self, robot, signal) -> Parameter:
-        """Its number at a signal; `signal` is a `scene.Channel`."""
-        raise NotImplementedError
-
-    def make_parameters(self, robot, signal) -> tuple[Parameter, ...]:
-        """Its numbers at a signal."""
-        return (self.make_parameter(robot, signal),)
-
-    def make_initial_values(self, robot, signal) -> tuple[tuple[float, ...], ...]:
-        """Values to begin a search at."""
-        every = self.make_parameters(robot, signal)
-        return (tuple(p.nominal + 0.3 * p.scale for p in every),)
-
-    def applies_to(self, robot, signal) -> bool:
-        """Whether it could be at this signal."""
-        return signal.width == 1
-
-    def propose_terms(self, robot):
-        """At every signal."""
-        return [
-            Term(
-                self,
-                (f"sensor:{signal.name}",),
-                ({"signal": signal.name, "kind": signal.kind},),
-                self.make_parameters(robot, signal),
-                self.make_initial_values(robot, signal),
-            )
-            for signal in robot.channels
-            if self.applies_to(robot, signal)
-        ]
-
-    def is_usual(self, term):
-        """Of positions a zero is often off; speeds are filtered, and so come late."""
-        speed = "velocity" in term.places[0]["kind"]
-        one = len(term.parameters) == 1
-        return super().is_usual(term) and one and speed == self.is_for_velocities
-
-    def transform_reading(self, place, values):
-        return {self.parameter_name: values[:, 0]}
-
-    parameter_name = ""
-    is_for_velocities = (
-        False  # whether it is usual at velocities, rather than at the others
-    )
+# share of a time step below which a delay is how recordings are made: who records a
+# simulation, or a control loop, reads what was computed a moment ago; chosen
+STALE_STEPS = 0.5
+GAIN_RESOLUTION = 0.005  # of a gain, as well as sensors are calibrated; chosen
 
 
 def has_vector_offset(robot: RobotSummary, signal: Channel) -> bool:
-    """Whether a signal's columns have each a zero, and a scale together.
+    """Whether each column of a vector signal has a zero, and all have one scale.
 
-    Those of a direction or a quaternion have none, and of where a robot that floats is
-    nobody knows the zero.
+    Directions and quaternions have none. The position of a robot that floats has none
+    either, as nobody knows its zero.
     """
     model = robot.model
     if signal.free_columns < signal.width or signal.width == 1:
@@ -79,33 +27,39 @@ def has_vector_offset(robot: RobotSummary, signal: Channel) -> bool:
 
 class SensorBias(SensorEffect):
     name = "sensor_bias"
-    is_common = True
-    parameter_name = vector_parameter = "bias"
     description = "The sensor's zero is off."
     equation = "reading = true + bias, of a vector signal one a column"
     source = "JCGM 200:2012 (VIM), instrumental bias"
     separate_by = "bring the joint to a mechanical stop of known angle"
-
-    def make_parameter(self, robot, signal):
-        return Parameter(
-            "bias",
-            signal.unit,
-            0.0,
-            -signal.max_abs,
-            signal.max_abs,
-            0.1 * signal.spread,
-        )
+    phrase = "{at} is off by {bias}"
+    parameters = (ParameterSpec("bias", None, nominal=0.0, size=None),)
+    is_common = True
 
     def make_parameters(self, robot, signal):
-        """One a column; of a vector they are called bias_x, bias_y, ..."""
-        one = self.make_parameter(robot, signal)
-        if signal.width == 1:
-            return (one,)
-        axes = "xyz"[: signal.width] if signal.width <= 3 else range(signal.width)
-        return tuple(replace(one, name=f"bias_{x}") for x in axes)
+        """One for each column; those of a vector are called bias_x, bias_y, ..."""
+        axes: tuple = ("",)
+        if signal.width > 1:
+            few = signal.width <= 3
+            axes = tuple("xyz"[: signal.width] if few else range(signal.width))
+        return tuple(
+            self.make_parameter(
+                "bias",
+                signal,
+                component=str(x),
+                low=-signal.max_abs,
+                high=signal.max_abs,
+                scale=0.1 * signal.spread,
+            )
+            for x in axes
+        )
 
     def applies_to(self, robot, signal):
         return super().applies_to(robot, signal) or has_vector_offset(robot, signal)
+
+    def is_usual(self, term):
+        """At what is no velocity: the zero of a position is often off."""
+        scalar = len(term.parameters) == 1
+        return super().is_usual(term) and scalar and not _is_velocity(term)
 
     def transform_reading(self, place, values):
         return {"bias": values}
@@ -113,14 +67,19 @@ class SensorBias(SensorEffect):
 
 class SensorGain(SensorEffect):
     name = "sensor_gain"
-    parameter_name = "gain"
     description = "The sensor's scale is off."
     equation = "reading = gain true"
     source = "JCGM 200:2012 (VIM), sensitivity"
     separate_by = "bring the joint to two known angles"
+    phrase = "{at} reads {gain} times what is true"
+    parameters = (ParameterSpec("gain", "1", nominal=1.0),)
 
-    def make_parameter(self, robot, signal):
-        return Parameter("gain", "1", 1.0, 0.3, 3.0, 0.05, resolution=TRUE_TO)
+    def make_parameters(self, robot, signal):
+        return (
+            self.make_parameter(
+                "gain", low=0.3, high=3.0, scale=0.05, resolution=GAIN_RESOLUTION
+            ),
+        )
 
     def applies_to(self, robot, signal):
         return super().applies_to(robot, signal) or has_vector_offset(robot, signal)
@@ -128,18 +87,21 @@ class SensorGain(SensorEffect):
 
 class SensorDelay(SensorEffect):
     name = "sensor_delay"
-    is_common = True
-    is_for_velocities = True
-    parameter_name = "delay"
     description = "The sensor says what was true a while ago."
     equation = "reading(t) = true(t - delay)"
     source = "MuJoCo sensor/delay (3.5)"
     separate_by = "let the joint swing with the motor off"
-    regime = "fast"
+    phrase = "{at} comes {delay} late"
+    parameters = (ParameterSpec("delay", "s", nominal=0.0, nonnegative=True),)
+    is_common = True
 
-    def make_parameter(self, robot, signal):
-        least = max(robot.contact_timing_error, STALE * robot.timestep)
-        return Parameter("delay", "s", 0.0, 0.0, 0.3, 0.01, resolution=least)
+    def make_parameters(self, robot, signal):
+        least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
+        return (
+            self.make_parameter(
+                "delay", low=0.0, high=0.3, scale=0.01, resolution=least
+            ),
+        )
 
     def make_initial_values(self, robot, signal):
         return ((0.005,), (0.03,))
@@ -147,23 +109,36 @@ class SensorDelay(SensorEffect):
     def applies_to(self, robot, signal):
         return True
 
+    def is_usual(self, term):
+        """At velocities: they are filtered, and so come late."""
+        return super().is_usual(term) and _is_velocity(term)
+
+
+def _is_velocity(term) -> bool:
+    """Whether a term's signal is a velocity."""
+    return "velocity" in term.places[0]["kind"]
+
 
 class Quantization(SensorEffect):
     name = "quantization"
-    parameter_name = "step"
     description = "The sensor knows only steps."
     equation = "reading = step round(true / step)"
     source = "JCGM 200:2012 (VIM), resolution"
     separate_by = "move slowly and look for a lattice of values"
-    regime = "slow"
+    phrase = "{at} comes in steps of {step}"
+    parameters = (ParameterSpec("step", None, nominal=0.0, nonnegative=True),)
     rounds_readings = True
 
-    def applies_to(self, robot, signal):
-        return super().applies_to(robot, signal) and signal.quantum > 0
-
-    def make_parameter(self, robot, signal):
+    def make_parameters(self, robot, signal):
         step = signal.quantum
-        return Parameter("step", signal.unit, 0.0, 0.0, 2 * step, 0.1 * step)
+        return (
+            self.make_parameter(
+                "step", signal, low=0.0, high=2 * step, scale=0.1 * step
+            ),
+        )
 
     def make_initial_values(self, robot, signal):
         return ((signal.quantum,),)
+
+    def applies_to(self, robot, signal):
+        return super().applies_to(robot, signal) and signal.quantum > 0

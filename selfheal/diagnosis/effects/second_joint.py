@@ -1,4 +1,8 @@
-"""A second joint between motor and link: takes a place, gives what it adds there."""
+"""A second joint between motor and link: takes a place, adds the joint to a model.
+
+The given joint becomes the motor's. A joint of the same axis behind it lets the link
+move against the motor (MuJoCo manual, Modeling: Backlash).
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -6,8 +10,12 @@ from typing import Any
 from ...mjcf.edit import Insert, Set, format_number
 from ..data.robot_summary import min_stable_inertia
 from .base import extend_places
-from .friction import JointEffect
+from .by_target import JointEffect
+from .declaration import FindingField
+from .places import Place, add_keys
 
+MOTOR, LINK = "motor", "link"  # where a joint's encoder sits
+# field of mjModel of each attribute that the second joint may have
 FIELDS = {
     "range": "jnt_range",
     "solreflimit": "jnt_solref",
@@ -15,7 +23,7 @@ FIELDS = {
     "stiffness": "jnt_stiffness",
     "damping": "dof_damping",
 }
-# what a default class may say of joints and the second one must not inherit
+# attributes that the second joint must not inherit from a default class
 ALONE: dict[str, Any] = {
     "damping": (0.0, 0.0, 0.0),
     "stiffness": (0.0, 0.0, 0.0),
@@ -28,23 +36,32 @@ ALONE: dict[str, Any] = {
 
 
 class SecondJointEffect(JointEffect):
-    """Effects that need a second joint behind the motor's.
+    """An effect that needs a second joint behind the motor's.
 
-    The motor's side is the rotor's armature; where the model states less than the time
-    step can carry, it gets that much.
+    The motor's side has the rotor's armature as its inertia. Where the model states
+    less than the time step can carry, it gets the least that does.
+
+    Attributes:
+        suffix: what the second joint's name has after the joint's.
+        min_inertia_share: least inertia of the motor's side, of the joint's; chosen.
     """
 
     group = "transmission"
-    suffix = ""
-    min_inertia_share = (
-        0.01  # least inertia of the motor's side, of the joint's; chosen
+    finding_fields = (
+        FindingField(
+            "measured",
+            (MOTOR, LINK),
+            note=": the joint's position is read at the {value}'s side.",
+        ),
     )
+    suffix = ""
+    min_inertia_share = 0.01
 
     def propose_terms(self, robot):
-        """Once for each side, motor's and link's, that the encoder may read.
+        """One term for each side, motor's and link's, where the encoder may sit.
 
-        At the last joint of a body only: MuJoCo would put the new one behind the others
-        and turn its axis with them. And where its name is not taken.
+        At the last joint of a body only, as MuJoCo puts a new joint behind the others
+        and turns its axis with them. Not where the new joint's name is taken.
         """
         found, body = [], robot.model.jnt_bodyid
         taken = {j.name for j in robot.joints}
@@ -53,23 +70,23 @@ class SecondJointEffect(JointEffect):
             last = body[joint.id] not in body[joint.id + 1 :]
             if not last or joint.name + self.suffix in taken:
                 continue
-            for side in ("motor", "link") if joint.measured else ("motor",):
-                more = {"suffix": self.suffix, "side": side, "qpos": joint.qpos}
-                more |= {"inertia": joint.inertia}
-                found.append(
-                    replace(
-                        extend_places(term, **more), finding_fields={"measured": side}
-                    )
-                )
+            for side in (MOTOR, LINK) if joint.measured else (MOTOR,):
+                term_of_side = extend_places(term, suffix=self.suffix, side=side)
+                found.append(replace(term_of_side, finding_fields={"measured": side}))
         return found
+
+    def find_place(self, model, finding) -> Place:
+        place = super().find_place(model, finding)
+        return add_keys(place, suffix=self.suffix, side=finding.get("measured"))
 
     def edit_spec(self, spec, place):
         """Add a joint of the same axis between the motor and the body it moves."""
         if place.get("there"):
             return  # a patched model's text has it already
-        joint = spec.joints[place["joint"]]  # those before it are as they were
+        # joints are added from the last one on, so that this id still holds
+        joint = spec.joints[place["joint"]]
         light = self.min_inertia_share * place["inertia"]
-        # what lies between two added ones has some inertia, or none could be computed
+        # between two added joints MuJoCo needs some inertia
         third = joint.parent.joints[-1].name != joint.name
         extra = joint.parent.add_joint(
             name=joint.name + self.suffix,
@@ -94,17 +111,17 @@ class SecondJointEffect(JointEffect):
             field[at] = value if field.ndim > 1 else value[0]
 
     def motor_inertia(self, model, place) -> float:
-        """Inertia of the motor's side [kg m^2 or kg]: as stated, or what computes.
+        """Inertia of the motor's side [kg m^2 or kg]: the model's, or the least stable.
 
-        A stop knows nothing of an implicit damping: beside a side so light that its
-        servo's damping stops it in one step, it is too soft.
+        A limit's constraint ignores implicit damping. It is too soft beside a side so
+        light that its servo's damping stops it in one step.
         """
-        nominal_terms = float(model.dof_armature[place["dof"]])
+        armature = float(model.dof_armature[place["dof"]])
         servo = min_stable_inertia(model, place["joint"])
-        return max(nominal_terms, servo, self.min_inertia_share * place["inertia"])
+        return max(armature, servo, self.min_inertia_share * place["inertia"])
 
     def joint_attributes(self, model, values) -> dict[str, tuple[float, ...]]:
-        """MJCF attributes of the second joint, angles in rad."""
+        """MJCF attributes of the second joint; angles [rad], slides [m]."""
         raise NotImplementedError
 
     def edit_text(self, model, place, values):

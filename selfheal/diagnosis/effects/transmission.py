@@ -1,41 +1,50 @@
-"""What lies between motor and link."""
+"""Physics of the transmission between motor and link: inertia, springs, stops, play."""
 
 import numpy as np
 
-from .base import Effect, Parameter, Term, extend_places
-from .friction import JointEffect, torque_scale
+from .base import Parameter, Term
+from .by_target import JointEffect
+from .declaration import FindingField, ParameterSpec
+from .friction import torque_scale
+from .places import Place, add_keys, locate_target
 from .second_joint import SecondJointEffect
 
-FREE = 1e6  # [rad or m] where a joint without a stop has it; chosen: none gets there
-# periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are those
-# of gravity, or of a spring
-FEWEST, ALONG = 4.0, 1.5
-SHUT = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
-REFERS = 0.3  # of a joint's range, what a spring's reference is known to; chosen
-STIFF = 5.0  # times the spring that shows, where another search begins; chosen
+# end of the range of a joint without a stop [rad or m]; chosen: no joint gets there
+UNLIMITED_RANGE = 1e6
+# fewest periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are
+# those of gravity, or of a spring
+MIN_POLES, MIN_PERIODS_OF_SLIDE = 4.0, 1.5
+MIN_HALF_GAP = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a range
+# share of a joint's range to which a spring's reference is known; chosen
+SPRINGREF_RESOLUTION = 0.3
+STIFFER_START = 5.0  # times the stiffness that shows, another start; chosen
 
 
 class TransmissionEffect(JointEffect):
-    """As friction, at every hinge and slide, but of the transmission."""
+    """An effect at each hinge and slide, of its transmission."""
 
     group = "transmission"
 
 
 class Armature(TransmissionEffect):
     name = "armature"
-    is_common = True
-    overrides = ("armature",)
     description = "Inertia of the rotor, seen through the gear."
     equation = "tau = -armature a"
     source = "MuJoCo joint/armature"
     separate_by = "repeat the motion with another payload"
-    regime = "fast"
+    phrase = "{at} has a rotor inertia of {armature}, {other}"
+    parameters = (ParameterSpec("armature", "kg m^2"),)
+    is_common = True
+    overrides = ("armature",)
 
     def make_parameters(self, robot, joint):
-        unit = "kg m^2" if joint.unit == "rad" else "kg"
         now = float(robot.model.dof_armature[joint.dof])
-        high = now * 10 + 20 * joint.inertia
-        return (Parameter("armature", unit, now, 0.0, high, 0.3 * joint.inertia),)
+        high, scale = now * 10 + 20 * joint.inertia, 0.3 * joint.inertia
+        return (
+            self.make_parameter(
+                "armature", joint, nominal=now, low=0.0, high=high, scale=scale
+            ),
+        )
 
     def make_initial_values(self, robot, joint):
         (p,) = self.make_parameters(robot, joint)
@@ -50,29 +59,34 @@ class Armature(TransmissionEffect):
 
 
 class JointSpring(TransmissionEffect):
-    """Stiffness and springref in the place of those that the model states."""
+    """A spring whose stiffness and springref take the place of the model's."""
 
     name = "joint_spring"
-    overrides = ("stiffness",)
     description = "A spring across the joint, a cable or a hose perhaps."
     equation = "tau = -stiffness (q - springref)"
     source = "MuJoCo joint/stiffness, springref"
     separate_by = "measure the torque at rest, or re-zero the encoder"
+    phrase = "{at} has a spring of {stiffness} {lacks}"
+    parameters = (
+        ParameterSpec("stiffness", "N m/rad"),
+        ParameterSpec("springref", "rad"),
+    )
+    overrides = ("stiffness",)
 
     def make_parameters(self, robot, joint):
-        unit = f"{joint.force}/{joint.unit}"
         scale = 0.2 * joint.torque / joint.range
         high = 10 * torque_scale(robot, joint) / joint.range
         reach = 5 * joint.range + 1
         now = float(robot.model.jnt_stiffness[joint.id])
         ref = float(robot.model.qpos_spring[joint.qpos])
+        first = min(ref, joint.range_center) - reach
+        last = max(ref, joint.range_center) + reach
+        most, known = high + 10 * now, SPRINGREF_RESOLUTION * joint.range
+        make = self.make_parameter
         return (
-            Parameter("stiffness", unit, now, 0.0, high + 10 * now, scale),
-            Parameter(
-                "springref", joint.unit, ref, min(ref, joint.range_center) - reach,
-                max(ref, joint.range_center) + reach, REFERS * joint.range,
-            ),
-        )  # fmt: skip
+            make("stiffness", joint, nominal=now, low=0.0, high=most, scale=scale),
+            make("springref", joint, nominal=ref, low=first, high=last, scale=known),
+        )
 
     def make_initial_values(self, robot, joint):
         stiffness, ref = self.make_parameters(robot, joint)
@@ -80,7 +94,7 @@ class JointSpring(TransmissionEffect):
         ends = (joint.range_center + joint.range, joint.range_center - joint.range)
         # a spring too stiff becomes softer in a few steps; one too soft puts its
         # reference so far off that it takes many to become stiffer
-        stiff = stiffness.nominal + STIFF * stiffness.scale
+        stiff = stiffness.nominal + STIFFER_START * stiffness.scale
         soft = tuple((k, q) for q in (ref.nominal, *ends))
         return (*soft, (stiff, ref.nominal), (stiff, joint.range_center))
 
@@ -88,7 +102,7 @@ class JointSpring(TransmissionEffect):
         """A reference far from where the joint was stands for a constant torque."""
         ref = term.parameters[1]
         off = abs(values[1] - (ref.low + ref.high) / 2)
-        return int(off > ref.scale / REFERS)
+        return int(off > ref.scale / SPRINGREF_RESOLUTION)
 
     def edit_model(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
@@ -103,9 +117,16 @@ class HardStop(TransmissionEffect):
     equation = "q <= range (or >=), as soft as timeconst says"
     source = "MuJoCo joint/range, joint/solreflimit"
     separate_by = "move slowly towards the angle from the free side"
-    regime = "near_limit"
+    phrase = "{at} has a hard stop at {range} {lacks}"
+    parameters = (
+        ParameterSpec("range", "rad"),
+        ParameterSpec("timeconst", "s", nonnegative=True),
+    )
+    parameter_sets = (("range",), ("range", "timeconst"))
+    finding_fields = (FindingField("side", (-1, 1)),)
 
     def propose_terms(self, robot):
+        """Two terms at each hinge and slide, one for each end of its range."""
         return [
             self._make_term(robot, joint, side)
             for joint in robot.joints
@@ -120,16 +141,26 @@ class HardStop(TransmissionEffect):
         model.jnt_range[joint], model.jnt_limited[joint] = inside, 1
 
     def _make_term(self, robot, joint, side: int) -> Term:
-        end = (
-            joint.range_center + side * joint.range / 2
-        )  # where the robot was seen to go
+        """The term of one end of a joint's range.
+
+        Args:
+            robot: with the joint.
+            joint: a hinge or slide.
+            side: -1 the lower or 1 the upper end.
+        """
+        # the farthest position that was seen
+        end = joint.range_center + side * joint.range / 2
         reach = 0.5 * joint.range
-        stop = Parameter(
-            "range", joint.unit, side * np.inf, end - reach, end + reach,
-            0.1 * joint.range,
-        )  # fmt: skip
+        stop = self.make_parameter(
+            "range",
+            joint,
+            nominal=side * np.inf,
+            low=end - reach,
+            high=end + reach,
+            scale=0.1 * joint.range,
+        )
         starts = end - side * 0.02 * joint.range, end - side * 0.1 * joint.range
-        place = {"joint": joint.id, "side": side, "dof": joint.dof}
+        place = add_keys(self.make_place(robot, joint), side=side)
         soft = self._make_softness(robot, joint)
         return Term(
             self, (f"joint:{joint.name}",), (place,), (stop, *soft),
@@ -138,16 +169,32 @@ class HardStop(TransmissionEffect):
         )  # fmt: skip
 
     def _make_softness(self, robot, joint) -> tuple[Parameter, ...]:
-        """How soon it stops, where solref says such a time and poses are not all."""
+        """The contact's time constant, where solref has one and motion was read."""
         time, hard = robot.model.jnt_solref[joint.id, 0], 2 * robot.timestep
         if time < hard or robot.has_only_poses:
             return ()
-        return (Parameter("timeconst", "s", float(time), hard, 0.2, 0.2 * time),)
+        return (
+            self.make_parameter(
+                "timeconst", nominal=float(time), low=hard, high=0.2, scale=0.2 * time
+            ),
+        )
 
 
 def _limit_range(model, place, value) -> tuple[float, float]:
+    """The model's range of a joint, cut off at a stop's position.
+
+    Args:
+        model: compiled.
+        place: of the joint, with the stop's side.
+        value: position of the stop [rad or m].
+
+    Returns:
+        Low and high end [rad or m].
+    """
     joint = place["joint"]
-    low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (-FREE, FREE)
+    low, high = -UNLIMITED_RANGE, UNLIMITED_RANGE
+    if model.jnt_limited[joint]:
+        low, high = model.jnt_range[joint]
     if place["side"] < 0:
         return max(low, value), high
     return low, min(high, value)
@@ -155,21 +202,29 @@ def _limit_range(model, place, value) -> tuple[float, float]:
 
 class Cogging(TransmissionEffect):
     name = "cogging"
-    rarity = 1
     description = "A torque that repeats with the angle, of magnets or a gear's teeth."
     equation = "tau = amplitude sin(poles q + phase)"
     source = "MuJoCo actuator/dcmotor, cogging (3.7)"
     separate_by = "turn the joint slowly through its whole range"
-    regime = "slow"
+    phrase = "{at} has a torque of {amplitude} {lacks}, rippling with its angle"
+    parameters = (
+        ParameterSpec("amplitude", "N m", nominal=0.0),
+        ParameterSpec("poles", "1"),
+        ParameterSpec("phase", "rad", nominal=0.0),
+    )
+    rarity = 1
     is_periodic = True
 
     def make_parameters(self, robot, joint):
         scale, high = 0.1 * joint.torque, 3 * torque_scale(robot, joint)
         least, apart = self._count_bounds(joint)
+        few, many, step = 2.5 * least, 50 * least, 0.5 * apart
+        make = self.make_parameter
         return (
-            Parameter("amplitude", joint.force, 0.0, 0.0, high, scale),
-            Parameter("poles", "1", 2.5 * least, least, 50 * least, 0.5 * apart),
-            Parameter("phase", "rad", 0.0, -10.0, 10.0, 0.5),
+            make("amplitude", joint, low=0.0, high=high, scale=scale),
+            make("poles", nominal=few, low=least, high=many, scale=step),
+            # an angle of the wave, also at a slide
+            make("phase", low=-10.0, high=10.0, scale=0.5),
         )
 
     def make_initial_values(self, robot, joint):
@@ -184,12 +239,13 @@ class Cogging(TransmissionEffect):
 
     @staticmethod
     def _count_bounds(joint) -> tuple[float, float]:
-        """The fewest poles, and how far others lie apart.
+        """The fewest poles, and the step to the next count that is tried.
 
-        So near each other that two waves part by two radians within the joint's range.
+        Two waves of neighboring counts part by two radians within the joint's range.
         """
         apart = 2.0 / max(joint.range, 0.05)
-        return (FEWEST if joint.unit == "rad" else ALONG * np.pi * apart), apart
+        least = MIN_PERIODS_OF_SLIDE * np.pi * apart
+        return MIN_POLES if joint.unit == "rad" else least, apart
 
     def apply_forces(self, state, place, values):
         amplitude, poles, phase = values.T
@@ -198,24 +254,23 @@ class Cogging(TransmissionEffect):
             poles * angle + phase
         )
 
-    def propose_terms(self, robot):
-        address = {j.id: j.qpos for j in robot.joints}
-        return [
-            extend_places(t, qpos=address[t.places[0]["joint"]])
-            for t in super().propose_terms(robot)
-        ]
 
-
-class JointCoupling(Effect):
+class JointCoupling(TransmissionEffect):
     name = "joint_coupling"
-    rarity = 1
-    group = "transmission"
     description = "A spring between two joints, a cable that runs over both perhaps."
     equation = "tau = -stiffness (q - ratio q_other), and ratio times its opposite"
     source = "MuJoCo tendon/fixed, stiffness"
     separate_by = "hold one joint and move the other"
+    phrase = "{at} is coupled to another joint by {stiffness} {lacks}"
+    parameters = (
+        ParameterSpec("stiffness", "N m/rad", nominal=0.0),
+        ParameterSpec("ratio", "1", nominal=1.0),
+    )
+    finding_fields = (FindingField("other", target_kind="joint"),)
+    rarity = 1
 
     def propose_terms(self, robot):
+        """One term for each pair of hinges and slides, at the first of them."""
         return [
             self._make_term(robot, a, b)
             for a in robot.joints
@@ -224,16 +279,21 @@ class JointCoupling(Effect):
         ]
 
     def _make_term(self, robot, a, b) -> Term:
+        """The term of a spring between two joints.
+
+        Args:
+            robot: with the joints.
+            a: the joint that the term is at.
+            b: the other joint.
+        """
         # what both bear: the weaker joint's, or a start is far from all that could be
         scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
         high = 10 * torque_scale(robot, a) / a.range
-        unit = f"{a.force}/{a.unit}"
         parameters = (
-            Parameter("stiffness", unit, 0.0, 0.0, high, scale),
-            Parameter("ratio", "1", 1.0, -5.0, 5.0, 0.3),
+            self.make_parameter("stiffness", a, low=0.0, high=high, scale=scale),
+            self.make_parameter("ratio", low=-5.0, high=5.0, scale=0.3),
         )
-        place = {"joint": a.id, "dof": a.dof, "qpos": a.qpos}
-        place |= {"other_dof": b.dof, "other_qpos": b.qpos}
+        place = _couple(self.make_place(robot, a), self.make_place(robot, b))
         sizes = (min(k * scale, high) for k in (0.2, 2.0, 15.0))
         starts = tuple((size, ratio) for size in sizes for ratio in (1.0, -1.0))
         return Term(
@@ -241,12 +301,21 @@ class JointCoupling(Effect):
             {"other": f"joint:{b.name}"},
         )  # fmt: skip
 
+    def find_place(self, model, finding):
+        other = locate_target(model, finding["other"])
+        return _couple(locate_target(model, finding["target"]), other)
+
     def apply_forces(self, state, place, values):
         stiffness, ratio = values.T
         q = state.qpos[:, place["qpos"]]
         pull = stiffness * (q - ratio * state.qpos[:, place["other_qpos"]])
         state.applied_force[:, place["dof"]] -= pull
         state.applied_force[:, place["other_dof"]] += ratio * pull
+
+
+def _couple(place: Place, other: Place) -> Place:
+    """The place of a joint that is coupled to another one."""
+    return add_keys(place, other_dof=other["dof"], other_qpos=other["qpos"])
 
 
 class Backlash(SecondJointEffect):
@@ -257,21 +326,26 @@ class Backlash(SecondJointEffect):
     equation = "|q_link - q_motor| <= gap / 2"
     source = "MuJoCo manual, Modeling: Backlash, as two hinges"
     separate_by = "rock the joint slowly about a pose without load"
-    regime = "reversal"
+    phrase = "{at} has play of {gap} {lacks}"
+    parameters = (ParameterSpec("gap", "rad", nominal=0.0),)
     suffix = "_play"
-    min_inertia_share = 0.003  # of 0.001 to 0.01 what shows least where the gap is shut
+    # compared between 0.001 and 0.01: changes least where the gap is shut
+    min_inertia_share = 0.003
 
     def make_parameters(self, robot, joint):
         scale = 0.03 * joint.range
-        return (Parameter("gap", joint.unit, 0.0, 0.0, joint.range, scale),)
+        return (
+            self.make_parameter("gap", joint, low=0.0, high=joint.range, scale=scale),
+        )
 
     def make_initial_values(self, robot, joint):
-        # one twice as wide as the robot's explains nothing, as does none
+        # a gap twice as wide as the true one explains as little as none
         return tuple((share * joint.range,) for share in (0.003, 0.008, 0.02, 0.05))
 
     def joint_attributes(self, model, values):
-        half = max(float(values[0]) / 2, SHUT)
-        # the shortest that MuJoCo computes; of 0.7 to 2 what shows least where shut
+        half = max(float(values[0]) / 2, MIN_HALF_GAP)
+        # the shortest time constant that MuJoCo computes; the damping ratio was
+        # compared between 0.7 and 2: this one changes least where the gap is shut
         hard = 2 * model.opt.timestep, 0.7
         soft = 0.9, 0.95, 0.001, 0.5, 2.0  # MuJoCo's default
         return {"range": (-half, half), "solreflimit": hard, "solimplimit": soft}
@@ -286,7 +360,11 @@ class Compliance(SecondJointEffect):
     equation = "tau = stiffness (q_motor - q_link) + damping (v_motor - v_link)"
     source = "Spong 1987, elastic joints"
     separate_by = "load the held joint with two known weights"
-    regime = "high_load"
+    phrase = "{at} gives way, with a stiffness of {stiffness} {lacks}"
+    parameters = (
+        ParameterSpec("stiffness", "N m/rad", nominal=np.inf),
+        ParameterSpec("damping", "N m s/rad"),
+    )
     suffix = "_flex"
 
     def make_parameters(self, robot, joint):
@@ -294,10 +372,10 @@ class Compliance(SecondJointEffect):
         damped = most * robot.timestep  # stops all that the joint does in one step
         k = min(joint.torque / (0.03 * joint.range), most / 5)
         d = min(0.3 * np.sqrt(k * joint.inertia), damped / 5)
-        unit = f"{joint.force}/{joint.unit}"
+        make = self.make_parameter
         return (
-            Parameter("stiffness", unit, np.inf, 0.02 * k, most, k),
-            Parameter("damping", f"{joint.force} s/{joint.unit}", d, 0.0, damped, d),
+            make("stiffness", joint, low=0.02 * k, high=most, scale=k),
+            make("damping", joint, nominal=d, low=0.0, high=damped, scale=d),
         )
 
     def _max_stiffness(self, robot, joint) -> float:
@@ -305,8 +383,7 @@ class Compliance(SecondJointEffect):
 
         MuJoCo takes a spring's torque as constant over a step: at three it diverges.
         """
-        place = {"joint": joint.id, "dof": joint.dof, "inertia": joint.inertia}
-        motor = self.motor_inertia(robot.model, place)
+        motor = self.motor_inertia(robot.model, self.make_place(robot, joint))
         link = joint.inertia - float(robot.model.dof_armature[joint.dof])
         link = max(link, self.min_inertia_share * joint.inertia)
         return motor * link / (motor + link) / robot.timestep**2

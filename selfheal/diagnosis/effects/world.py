@@ -1,27 +1,25 @@
-"""The robot's surroundings."""
+"""Physics of the robot's surroundings: gravity, the medium around it, the ground."""
 
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
+from ...errors import InputError
+from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
-from .base import Effect, Floats, Parameter, Term
+from .base import Term
+from .by_target import WorldEffect
+from .declaration import FindingField, ParameterSpec
+from .places import Place
 
-STEEPEST = 0.5  # [rad] of a slope that nobody saw; chosen
-FLAT = 1e-6  # of the largest torque of weight: no torque at all
-POSES = 16  # that tell it; chosen
-IN_LINE = 0.01  # [rad] by which a flat robot's slope may be off its plane; chosen
-
-
-class WorldEffect(Effect):
-    """What all of them share: one place, the world."""
-
-    group = "world"
-
-    def make_term(self, parameters, starts) -> Term:
-        """The term at the world."""
-        return Term(self, ("world",), ({},), parameters, starts)
+MAX_TILT = 0.5  # [rad] of a slope that nobody saw; chosen
+# share of the largest torque of weight below which a direction has none; chosen:
+# rounding of mj_rne
+MIN_WEIGHT_TORQUE_CHANGE = 1e-6
+RANDOM_POSES = 16  # random ones, whose torques of weight are compared; chosen
+# [rad] by which a flat robot's slope may be off its plane; chosen
+TILT_TOLERANCE = 0.01
 
 
 class Slope(WorldEffect):
@@ -30,28 +28,37 @@ class Slope(WorldEffect):
     equation = "gravity turned by tilt towards the downhill direction azimuth"
     source = "MuJoCo option/gravity"
     separate_by = "turn the robot by 180 degrees: a slope turns with the room"
+    phrase = "the ground slopes by {tilt}, {other}"
+    parameters = (
+        ParameterSpec("tilt", "rad", nominal=0.0),
+        ParameterSpec("azimuth", "rad", nominal=0.0),  # downhill, from +x towards +y
+    )
+    finding_fields = (FindingField("side", (1, -1), is_required=False),)
 
     def propose_terms(self, robot):
+        """One term of any azimuth, or two of a robot whose parts move in one plane."""
         if not np.linalg.norm(robot.model.opt.gravity):
             return []
-        tilt = Parameter("tilt", "rad", 0.0, 0.0, STEEPEST, 0.03)
+        tilt = self.make_parameter("tilt", low=0.0, high=MAX_TILT, scale=0.03)
         plane = _find_plane_azimuths(robot.model)
         if plane is None:
-            azimuth = Parameter("azimuth", "rad", 0.0, -10.0, 10.0, 0.5)
+            azimuth = self.make_parameter("azimuth", low=-10.0, high=10.0, scale=0.5)
             turns = np.deg2rad((0, 90, 180, -90))
             starts = tuple((0.05, float(a)) for a in turns)
             return [self.make_term((tilt, azimuth), starts)]
         # across its plane a slope would only seem to weaken the gravity
         found = []
         for side, a in enumerate(plane):
-            low, high = a - IN_LINE, a + IN_LINE
-            azimuth = Parameter("azimuth", "rad", a, low, high, IN_LINE)
+            low, high = a - TILT_TOLERANCE, a + TILT_TOLERANCE
+            azimuth = self.make_parameter(
+                "azimuth", nominal=a, low=low, high=high, scale=TILT_TOLERANCE
+            )
             term = self.make_term((tilt, azimuth), ((0.05, a),))
             found.append(replace(term, finding_fields={"side": 1 - 2 * side}))
         return found
 
     def is_consistent(self, values):
-        return bool(values[0] < 0.99 * STEEPEST)  # else it stands for another thing
+        return bool(values[0] < 0.99 * MAX_TILT)  # else it stands for another effect
 
     def edit_model(self, model, place, values):
         tilt, azimuth = values
@@ -64,26 +71,29 @@ class Slope(WorldEffect):
 
 
 def _find_plane_azimuths(model) -> tuple[float, ...] | None:
-    """Azimuths [rad] of the slopes that a robot feels; None: of all.
+    """Azimuths [rad] of the slopes that change a robot's torques of weight.
 
-    The two of its plane where its parts move in one, none where they move upright.
+    Returns:
+        The two of its plane where its parts move in one, none where they move upright
+        only; None: any azimuth.
     """
     import mujoco
 
     other, data, rng = copy(model), mujoco.MjData(model), np.random.default_rng(0)
     if np.abs(model.opt.gravity[:2]).any():
         return None
-    felt = np.zeros((3, POSES, model.nv))
-    for pose in range(POSES):
+    # torques, of gravity along each axis
+    weight = np.zeros((3, RANDOM_POSES, model.nv))
+    for pose in range(RANDOM_POSES):
         data.qpos[:] = model.qpos0 + rng.normal(size=model.nq)
         mujoco.mj_normalizeQuat(model, data.qpos)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        for torque, other.opt.gravity[:] in zip(felt, np.eye(3), strict=True):
+        for torque, other.opt.gravity[:] in zip(weight, np.eye(3), strict=True):
             mujoco.mj_rne(other, data, 0, torque[pose])
-    across = felt[:2].reshape(2, -1)
+    across = weight[:2].reshape(2, -1)
     turns, sizes, _ = np.linalg.svd(across, full_matrices=False)
-    flat = sizes < FLAT * np.linalg.norm(felt)
+    flat = sizes < MIN_WEIGHT_TORQUE_CHANGE * np.linalg.norm(weight)
     if not flat[1]:
         return None
     along = float(np.arctan2(turns[1, 0], turns[0, 0]))
@@ -93,26 +103,36 @@ def _find_plane_azimuths(model) -> tuple[float, ...] | None:
 
 class FluidDrag(WorldEffect):
     name = "fluid_drag"
-    rarity = 1
     description = "Air or water resists the parts that move through it."
     equation = "MuJoCo's inertia-box fluid model, of density or viscosity"
     source = "MuJoCo option/density, viscosity"
     separate_by = "change the area of a moving part"
-    regime = "fast"
+    phrase = "a fluid {lacks} drags at {at} ({all})"
+    parameters = (
+        ParameterSpec("density", "kg/m^3"),
+        ParameterSpec("viscosity", "Pa s"),
+    )
+    parameter_sets = (("density",), ("viscosity",))
+    rarity = 1
 
     def propose_terms(self, robot):
+        """Two terms, one of the density and one of the viscosity."""
         now = robot.model.opt
         return [
-            self._make_term("density", "kg/m^3", now.density, 1e4, (1.2, 50.0, 500.0)),
-            self._make_term(
-                "viscosity", "Pa s", now.viscosity, 100.0, (0.01, 0.3, 3.0)
-            ),
+            self._make_term("density", now.density, 1e4, (1.2, 50.0, 500.0)),
+            self._make_term("viscosity", now.viscosity, 100.0, (0.01, 0.3, 3.0)),
         ]
 
-    def _make_term(self, name: str, unit: str, now: float, high: float, starts) -> Term:
-        parameter = Parameter(name, unit, float(now), 0.0, high, starts[1])
-        begin = tuple((s,) for s in starts)
-        return Term(self, ("world",), ({"field": name},), (parameter,), begin)
+    def _make_term(self, name: str, now: float, high: float, starts) -> Term:
+        parameter = self.make_parameter(
+            name, nominal=float(now), low=0.0, high=high, scale=starts[1]
+        )
+        return self.make_term(
+            (parameter,), tuple((s,) for s in starts), {"field": name}
+        )
+
+    def find_place(self, model, finding) -> Place:
+        return {"field": finding["parameters"][0]["name"]}
 
     def edit_model(self, model, place, values):
         setattr(model.opt, place["field"], values[0])
@@ -120,19 +140,28 @@ class FluidDrag(WorldEffect):
 
 class Wind(WorldEffect):
     name = "wind"
-    rarity = 1
     description = "The air moves."
     equation = "drag of the velocity relative to (vx, vy, vz)"
     source = "MuJoCo option/wind"
     separate_by = "turn the robot by 180 degrees"
+    phrase = "a wind {lacks} blows ({all})"
+    parameters = tuple(ParameterSpec("v" + x, "m/s") for x in "xyz")
+    rarity = 1
 
     def propose_terms(self, robot):
+        """One term where the model has a medium that could blow."""
         if not (robot.model.opt.density or robot.model.opt.viscosity):
             return []
         speed, wind = _terminal_speed(robot), robot.model.opt.wind
         most = max(50.0, speed)
         axes = tuple(
-            Parameter("v" + x, "m/s", float(wind[i]), -most, most, 0.1 * speed)
+            self.make_parameter(
+                "v" + x,
+                nominal=float(wind[i]),
+                low=-most,
+                high=most,
+                scale=0.1 * speed,
+            )
             for i, x in enumerate("xyz")
         )
         starts = np.kron([[0.05], [0.5]], speed * np.eye(3)[:2])
@@ -143,8 +172,12 @@ class Wind(WorldEffect):
 
 
 def _terminal_speed(robot: RobotSummary) -> float:
-    """The least speed [m/s] at which the medium would carry a body's weight, or so."""
-    medium, g = robot.model.opt, 9.81
+    """The lowest terminal velocity [m/s] of the robot's bodies, to order of magnitude.
+
+    Of a body of size d: sqrt(2 g m / (density d^2)) in a dense medium, and
+    g m / (3 pi viscosity d) in a viscous one (Stokes 1851).
+    """
+    medium, g = robot.model.opt, 9.81  # [m/s^2]
     speeds = []
     for body in robot.bodies:
         if medium.density:
@@ -157,23 +190,37 @@ def _terminal_speed(robot: RobotSummary) -> float:
 
 
 class GroundEffect(WorldEffect):
-    """What happens where something touches the ground.
+    """An effect on contacts with the ground, or with one geom of it.
 
     MuJoCo takes the larger friction of two geoms and the mean of their solref, or both
     of the one with the higher priority. Where both count, both geoms' are scaled by one
-    factor, and so is the contact's: what the model states of each of them is kept.
+    factor, and so is the contact's. What the model states of each of them is kept.
     """
 
-    def find_place(self, robot: RobotSummary) -> dict | None:
-        """The place: the world's geoms that touch anything; None where nothing can."""
+    target_kinds = ("world", "geom")
+
+    def propose_place(self, robot: RobotSummary) -> Place | None:
+        """The geoms of the ground; None where nothing touched anything."""
         return find_ground_geoms(robot.model) if robot.has_contact else None
 
+    def find_place(self, model, finding) -> Place:
+        place = super().find_place(model, finding)
+        if "geom" in place:
+            return {"geoms": (place["geom"],)}
+        ground = find_ground_geoms(model)
+        if ground is None:
+            raise InputError(
+                f"the model has no ground, whose {self.name} the diagnosis names; "
+                "would fit: a geom of the world that something can touch"
+            )
+        return ground
 
-def find_ground_geoms(model) -> dict[str, tuple[int, ...]] | None:
+
+def find_ground_geoms(model) -> Place | None:
     """The world's geoms that something which moves can touch; None without any."""
     fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
     touch = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
-    place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
+    place: Place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
     return place if _find_contact_sides(model, place)[1].size else None
 
 
@@ -187,7 +234,7 @@ def _find_contact_sides(model, place) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _find_deciding_sides(model, place) -> tuple[np.ndarray, ...]:
-    """Of both sides, or of the one with the higher priority: what contacts go by."""
+    """Geoms whose parameters a contact has: both sides, or that of higher priority."""
     ground, moving = sides = _find_contact_sides(model, place)
     ours, theirs = (model.geom_priority[g] for g in sides)
     if ours.min() > theirs.max():
@@ -201,17 +248,21 @@ class GroundFriction(GroundEffect):
     equation = "|f_tangential| <= friction f_normal, where the contact is roughest"
     source = "MuJoCo geom/friction"
     separate_by = "push the resting robot until it slides"
-    regime = "contact"
+    phrase = "contact has a friction of {friction}, {other}"
+    parameters = (ParameterSpec("friction", "1"),)
 
     def propose_terms(self, robot):
-        place = self.find_place(robot)
+        """One term where the robot touched the ground."""
+        place = self.propose_place(robot)
         if place is None:
             return []
         sides = _find_deciding_sides(robot.model, place)
         now = _largest_friction(robot.model, sides)
-        parameter = Parameter("friction", "1", now, 0.0, max(5.0, 2 * now), 0.2)
+        parameter = self.make_parameter(
+            "friction", nominal=now, low=0.0, high=max(5.0, 2 * now), scale=0.2
+        )
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
-        return [Term(self, ("world",), (place,), (parameter,), starts)]
+        return [self.make_term((parameter,), starts, place)]
 
     def edit_model(self, model, place, values):
         sides = _find_deciding_sides(model, place)
@@ -224,7 +275,7 @@ class GroundFriction(GroundEffect):
 
 
 def _largest_friction(model, sides) -> float:
-    """Of the roughest contact."""
+    """The sliding friction [1] of the roughest geom."""
     return float(max(model.geom_friction[g, 0].max() for g in sides))
 
 
@@ -234,11 +285,19 @@ class GroundCompliance(GroundEffect):
     equation = "contact as a spring and damper of timeconst and dampratio, on average"
     source = "MuJoCo geom/solref"
     separate_by = "drop a part from two heights"
-    regime = "contact"
+    phrase = "contact gives way, {other} ({all})"
+    parameters = (
+        ParameterSpec("timeconst", "s", nonnegative=True),
+        ParameterSpec("dampratio", "1"),
+    )
 
     def propose_terms(self, robot):
-        """Where solref is a time and a ratio; its other form has no absent value."""
-        place = self.find_place(robot)
+        """One term where the robot touched the ground.
+
+        Not where solref is negative, that is, stiffness and damping: that form has no
+        nominal time constant.
+        """
+        place = self.propose_place(robot)
         if place is None:
             return []
         sides = _find_deciding_sides(robot.model, place)
@@ -246,13 +305,26 @@ class GroundCompliance(GroundEffect):
             return []
         time, ratio = map(float, _mean_solref(robot.model, sides))
         least = 2 * robot.timestep  # MuJoCo computes no shorter one
+        make = self.make_parameter
         parameters = (
-            Parameter("timeconst", "s", time, least, max(0.3, 2 * time), 0.005),
-            Parameter("dampratio", "1", ratio, 0.02, max(5.0, 2 * ratio), 0.1),
+            make(
+                "timeconst",
+                nominal=time,
+                low=least,
+                high=max(0.3, 2 * time),
+                scale=0.005,
+            ),
+            make(
+                "dampratio",
+                nominal=ratio,
+                low=0.02,
+                high=max(5.0, 2 * ratio),
+                scale=0.1,
+            ),
         )
         shares = ((1.0, 0.3), (0.5, 0.1), (2.5, 0.5), (3.0, 1.0))
         starts = tuple((max(a * time, least), b * ratio) for a, b in shares)
-        return [Term(self, ("world",), (place,), parameters, starts)]
+        return [self.make_term(parameters, starts, place)]
 
     def edit_model(self, model, place, values):
         sides = _find_deciding_sides(model, place)
@@ -262,5 +334,5 @@ class GroundCompliance(GroundEffect):
 
 
 def _mean_solref(model, sides) -> Floats:
-    """Time constant [s] and damping ratio [1] of a contact, on average."""
+    """Time constant [s] and damping ratio [1] (2) of a contact, mean over geoms."""
     return np.mean([model.geom_solref[g].mean(axis=0) for g in sides], axis=0)

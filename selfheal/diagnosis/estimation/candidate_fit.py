@@ -114,10 +114,8 @@ def fit_candidate(base: LinearizedFit, term: Term, *, rounds: int = 4) -> Fit:
     """
     base = base.release_overridden(term)
     found = base.fit
-    question = ("try", found.terms, found.values, found.residuals, found.jacobian,
-                term, rounds)  # fmt: skip
-    x, r, jac, move = base.problem.load_or_compute(
-        question, partial(_fit_candidate, base, term, rounds)
+    x, r, jac, move = base.problem.simulator.load_or_compute(
+        partial(_fit_candidate, base, term, rounds)
     )
     return Fit(
         (*found.terms, term), np.concatenate([found.values + move, x]),

@@ -146,9 +146,8 @@ def fit_parameters(
         known: (R, P), a Jacobian near the start if there is one.
     """
     terms = tuple(terms)
-    question = ("fit", terms, np.asarray(start, float), rounds, gain, known)
     work_out = partial(_run_gauss_newton, problem, terms, start, rounds, gain, known)
-    values, residuals, slopes = problem.load_or_compute(question, work_out)
+    values, residuals, slopes = problem.simulator.load_or_compute(work_out)
     return Fit(terms, values, residuals, slopes)
 
 

@@ -94,7 +94,7 @@ def fit_smoothed(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
         reestimated = marginalize_initial_states(problem, terms, values)
         hairs = reestimated.draw_antithetic_offsets(kicks, np.random.default_rng(i))
         work_out = partial(_take_smoothed_step, reestimated, terms, values, hairs)
-        new, slopes = reestimated.load_or_compute(("eased", terms, values, i), work_out)
+        new, slopes = reestimated.simulator.load_or_compute(work_out)
         problem, jac, values = reestimated, slopes, new
     reestimated = marginalize_initial_states(problem, terms, values)
     return reestimated, Fit(

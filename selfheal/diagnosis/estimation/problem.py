@@ -1,6 +1,6 @@
 """Windows whose residuals are to be small: takes hypotheses, gives residuals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,14 +11,13 @@ from ..data.robot_summary import repeat_by_column
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term, remove_rounding
-from ..simulation.checkpoint import Arrays
 from ..simulation.dataset import (
-    QUIET,
-    SHORT,
-    WINDOW,
+    MIN_SEGMENTS,
+    MIN_SNR,
+    SHORT_SEGMENT,
     Dataset,
-    _list_unmeasured_joints,
     cut_readable_segments,
+    list_unmeasured_joints,
 )
 from ..simulation.simulator import Simulator
 from .regime import Regime, find_regime
@@ -135,42 +134,6 @@ class Problem:
         plain = flat.reshape(len(flat), rows // width, width) * self.sigma
         return other.marginalize((plain / other.sigma).reshape(flat.shape)).T
 
-    def load_or_compute(
-        self, question: Sequence, work_out: Callable[[], Arrays]
-    ) -> Arrays:
-        """What `work_out` gives of this problem, from memory if it is there.
-
-        Args:
-            question: what else the answer depends on.
-            work_out: gives arrays.
-        """
-
-        def counting() -> Arrays:
-            before = counted[0]
-            return *work_out(), np.array(counted[0] - before)
-
-        segments, counted = self.segments, self.simulator.simulated_count
-        noise = [(c.noise, c.ar1) for c in self.simulator.channels]
-        own = (
-            segments.episode,
-            segments.first_step,
-            segments.lengths,
-            segments.segment_of_sample,
-            segments.sample_steps,
-            noise,
-            self.sigma,
-            list(self.marginal_bases),
-            self.initial_state_shift,
-            self.shift_response,
-            self.centered,
-        )
-        before = counted[0]
-        *answer, simulated = self.simulator.checkpoint.load_or_compute(
-            (*own, *question), counting
-        )
-        counted[0] = before + int(simulated)
-        return tuple(answer)
-
     def timestep_error(
         self, terms: Sequence[Term], values: Floats, at: Floats
     ) -> Floats:
@@ -282,21 +245,25 @@ def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
     Raises:
         RecordingError: too short, or nothing moved.
     """
-    if len(problem.segments) < SHORT and (lost := _list_unmeasured_joints(simulator)):
+    if len(problem.segments) < MIN_SEGMENTS and (
+        lost := list_unmeasured_joints(simulator)
+    ):
         raise RecordingError(
             f"no signal tells the position of {', '.join(lost)}, so that an episode is "
             f"one piece, and {len(simulator.episodes)} are too few to decide anything; "
             "would "
-            f"fit: record it, or at least {SHORT} episodes beside what is held out"
+            f"fit: record it, or at least {MIN_SEGMENTS} episodes beside what is held "
+            "out"
         )
-    if len(problem.segments) < SHORT:
+    if len(problem.segments) < MIN_SEGMENTS:
         raise RecordingError(
-            f"{len(problem.segments)} pieces of {WINDOW} s are too few to decide "
-            f"anything; would fit: at least {SHORT}, better 40, beside what is held out"
+            f"{len(problem.segments)} pieces of {SHORT_SEGMENT} s are too few to "
+            f"decide anything; would fit: at least {MIN_SEGMENTS}, better 40, beside "
+            "what is held out"
         )
     loud = [
         c.name for c in simulator.channels
-        if c.is_scored and not c.spread < QUIET * np.sqrt(np.nansum(c.noise**2))
+        if c.is_scored and not c.spread < MIN_SNR * np.sqrt(np.nansum(c.noise**2))
     ]  # fmt: skip
     if not loud:
         raise RecordingError(

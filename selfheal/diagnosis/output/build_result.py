@@ -1,4 +1,4 @@
-"""What a user is told: takes a proven naming, gives a Diagnosis."""
+"""The answer to a user: takes a hypothesis that was checked, gives a Diagnosis."""
 
 import os
 import time
@@ -13,11 +13,9 @@ from ...mjcf.edit import Edit, apply_edits, unified_diff
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
-from ..effects.base import Term
 from ..effects.nominal import is_unidentified
 from ..estimation.covariance import standard_errors
 from ..estimation.least_squares import Fit, refine_jacobian
-from ..estimation.problem import Problem
 from ..selection.hypotheses import Hypothesis
 from ..selection.verdict import HeldOutScores, RemainingStructure, explainable_removed
 from ..simulation import score
@@ -25,17 +23,21 @@ from ..simulation.checks import find_divergence
 from ..simulation.dataset import Dataset
 from ..simulation.simulator import Simulator
 from . import document as doc
-from . import localization
-from .mjcf_patch import ModelSource, build_edits, compile_patched
-from .result import Candidate, Diagnosis, Localization, SignalFit, Trace
+from .finding_location import localize_findings
+from .mjcf_patch import build_edits
+from .model_source import ModelSource, compile_patched
+from .result import Candidate, Diagnosis, SignalFit, Trace
 
-FEW = 6  # names that a remark lists; chosen
+MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
+MAX_TRACES = 4  # stretches that a page may draw; chosen
+# share of what is left that a torque of free form has to explain for a remark; chosen
+MIN_FREE_FORM_SHARE = 0.05
 UNPATCHED = (
     "patched.xml is the model as given, for its text cannot say what was found; "
     "selfheal replay applies all of it. {}. Of a model without such elements, as "
     "mujoco.MjSpec.to_xml writes one, a patch could be made: diagnose that."
 )
-STILL = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
+MIN_MOTION = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
 def build_diagnosis(
@@ -47,14 +49,24 @@ def build_diagnosis(
     refuted: Sequence[str],
     begun: float,
 ) -> Diagnosis:
-    """The document, the patched model, and what a page draws beside them."""
-    found, nominal_terms, numbers = proof.patched, proof.nominal, proof.numbers
-    located, where = _localize(dataset, hypothesis)
+    """The document, the patched model, and what a page draws beside them.
+
+    Args:
+        dataset: the recordings, parted in training and held out.
+        hypothesis: with the named effects.
+        verdict: of the contract.
+        proof: errors on the held-out recordings.
+        structure: what a torque of free form would still explain.
+        refuted: effects that the held-out recordings took back, as text.
+        begun: time.monotonic() at the beginning [s].
+    """
+    patched, numbers = proof.patched, proof.numbers
+    located, where = localize_findings(dataset, hypothesis)
     problem = hypothesis.problem
     errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
-    refit = doc.build_refit(found, errors)
+    refit = doc.build_refit(patched, errors)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
-    text, diff, changes, unpatched = patch_or_nominal(dataset, found)
+    text, diff, edits, unpatched = patch_or_nominal(dataset, patched)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -70,116 +82,25 @@ def build_diagnosis(
     return Diagnosis(
         os.path.abspath(dataset.compiler.path),
         doc.to_json_values(document),
-        changes,
+        edits,
         text,
         diff,
-        _make_traces(dataset, proof.segments, nominal_terms, found),
+        _make_traces(dataset, proof.segments, proof.nominal, patched),
         located,
         _fit_signals(dataset, proof.squares, proof.count),
         _list_candidates(hypothesis),
         remarks,
         time.monotonic() - begun,
-        int(dataset.training.simulated_count[0] + dataset.held_out.simulated_count[0]),
+        int(dataset.training.counter.count + dataset.held_out.counter.count),
         more_than_noise=structure.is_significant,
     )
 
 
-def _localize(dataset: Dataset, hypothesis: Hypothesis):
-    """The map of the re-fitted model's error, and where each finding acts."""
-    simulator, problem = dataset.training, hypothesis.problem
-    segments = problem.segments
-    nominal_terms, final = hypothesis.nominal.fit, hypothesis.final.fit
-    before = _square_residuals(problem, nominal_terms.terms, nominal_terms.values)
-    share, p = localization.localize_error(simulator, dataset.robot, segments, before)
-    located = Localization(
-        tuple(c.name for c in simulator.channels), localization.REGIMES, share, p
-    )
-    where: dict[int, dict[str, Any]] = {}
-    after = _square_residuals(problem, final.terms, final.values)
-    masks = localization.classify_samples(simulator, dataset.robot, segments)
-    for n, named in enumerate(hypothesis.named):
-        if named.term.effect.rounds_readings:
-            own = {"name": named.term.places[0]["signal"], "share_of_error": 1.0,
-                   "p_value": named.evidence.p_value}  # fmt: skip
-            where[n] = {"signals": [own], "regime": "always", "windows": []}
-            continue
-        less = _square_residuals(problem, *final.without_terms(named.term))
-        where[n] = _describe_location(dataset, segments, masks, less - after)
-        if onset := named.term.onset:
-            where[n]["onset"] = {
-                k: getattr(onset, k) for k in ("episode", "time", "low", "high")
-            }
-    return located, where
-
-
-def _square_residuals(
-    problem: Problem, terms: Sequence[Term], values: Floats
-) -> Floats:
-    """Squared residuals (M, S) in standard deviations, summed over columns."""
-    r = problem.unmarginalized.residuals_at(terms, values)
-    r = r.reshape(problem.segments.readings.shape)
-    return np.stack(
-        [(r[:, c.columns] ** 2).sum(axis=1) for c in problem.simulator.channels], axis=1
-    )
-
-
-def _describe_location(
-    dataset: Dataset, segments: Segments, masks, gain: Floats
-) -> dict[str, Any]:
-    simulator = dataset.training
-    by_signal = np.maximum(gain.sum(axis=0), 0)
-    by_signal = by_signal / max(by_signal.sum(), 1e-300)
-    order = np.argsort(-by_signal)
-    signals = [
-        {"name": simulator.channels[s].name, "share_of_error": by_signal[s],
-         "p_value": _improvement_p_value(segments, gain[:, s])}
-        for s in order if by_signal[s] > 0.02
-    ]  # fmt: skip
-    by_window = np.bincount(
-        segments.segment_of_sample, gain.sum(axis=1), minlength=len(segments)
-    )
-    worst = np.argsort(-by_window)[:3]
-    return {
-        "signals": signals,
-        "regime": _find_densest_regime(masks, gain),
-        "windows": [_describe_segment(simulator, segments, int(w)) for w in worst],
-    }
-
-
-def _improvement_p_value(segments: Segments, gain: Floats) -> float:
-    """p-value that an effect lowers a signal's error, over windows, few or many."""
-    from scipy.stats import wilcoxon
-
-    each = np.bincount(segments.segment_of_sample, gain, minlength=len(segments))
-    each = each[each != 0]
-    return float(wilcoxon(each, alternative="greater").pvalue) if len(each) else 1.0
-
-
-def _find_densest_regime(masks: np.ndarray, gain: Floats) -> str:
-    """Where the gain is densest, if anywhere."""
-    total, size = gain.sum(), gain.size
-    best, density = "always", 1.5
-    for r, name in enumerate(localization.REGIMES):
-        inside = masks[r]
-        if inside.sum() < localization.FEW or total <= 0:
-            continue
-        share = gain[inside].sum() / total
-        if share > 0.3 and share / (inside.sum() / size) > density:
-            best, density = name, share / (inside.sum() / size)
-    return best
-
-
-def _describe_segment(
-    simulator: Simulator, segments: Segments, w: int
-) -> dict[str, Any]:
-    episode = simulator.episodes[int(segments.episode[w])]
-    start = episode.start + segments.first_step[w] * simulator.timestep
-    return {"episode": episode.id, "start": start,
-            "end": start + segments.lengths[w] * simulator.timestep}  # fmt: skip
-
-
 def patch_or_nominal(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit], str]:
-    """What `patch_of` gives; or the given text, and why there is no patch."""
+    """Text, difference and edits of `build_patch`, and "".
+
+    Where the text cannot be patched, the text as given and the reason.
+    """
     try:
         return *build_patch(dataset, found), ""
     except ModelError as error:
@@ -189,6 +110,10 @@ def patch_or_nominal(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]
 
 def build_patch(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
     """Text of patched.xml beside the given model, its difference, and the edits.
+
+    Args:
+        dataset: with the model as given.
+        found: the fit whose terms become true.
 
     Raises:
         ModelError: what was found has no place in the text, or MuJoCo refuses it.
@@ -203,49 +128,78 @@ def build_patch(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
 
 
 def _make_traces(
-    dataset: Dataset, segments: Segments, nominal_terms: Fit, found: Fit
+    dataset: Dataset, segments: Segments, refit: Fit, patched: Fit
 ) -> tuple[Trace, ...]:
     """The worst stretches of the held-out episodes, by the re-fitted model.
 
-    Of poses that were read once, all of them in a row.
+    Of poses that were read once each, all of them in a row.
+
+    Args:
+        dataset: with the held-out episodes.
+        segments: of those, whole.
+        refit: of the nominal values alone.
+        patched: with the named effects.
     """
-    simulator, none = dataset.held_out, ((), np.zeros(0))
-    each = [
+    simulator, given = dataset.held_out, ((), np.zeros(0))
+    predicted = [
         simulator.simulate(terms, values[None], segments)[0]
-        for terms, values in (none, (nominal_terms.terms, nominal_terms.values),
-                              (found.terms, found.values))
+        for terms, values in (given, (refit.terms, refit.values),
+                              (patched.terms, patched.values))
     ]  # fmt: skip
     worst = []
     for c in simulator.channels:
         for k in range(c.first_column, c.first_column + c.width):
-            apart = (each[1][:, k] - segments.readings[:, k]) / c.spread
+            apart = (predicted[1][:, k] - segments.readings[:, k]) / c.spread
             square = np.nan_to_num(apart**2, nan=0.0, posinf=0.0)
-            by = np.bincount(
+            by_segment = np.bincount(
                 segments.segment_of_sample, square, minlength=len(segments)
             )
-            w = int(by.argmax())
-            worst.append((by[w] * (2 if c.is_scored else 1), c, k, w))
+            w = int(by_segment.argmax())
+            worst.append((by_segment[w] * (2 if c.is_scored else 1), c, k, w))
     worst.sort(key=lambda x: -x[0])
-    if segments.is_single_readings:
-        pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
-        return tuple(
-            Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
-                  *(e[:, k] for e in each))
-            for _, c, k, _ in worst[:4]
-        )  # fmt: skip
+    make = _make_pose_trace if segments.is_single_readings else _make_trace
     return tuple(
-        _make_trace(simulator, segments, each, c, k, w) for _, c, k, w in worst[:4]
+        make(simulator, segments, predicted, c, k, w)
+        for _, c, k, w in worst[:MAX_TRACES]
     )
 
 
 def _column_name(c: Channel, k: int) -> str:
-    """Name of one of all columns."""
+    """Name of a signal's column, by its number among those of all signals."""
     return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
 
 
-def _make_trace(
-    simulator: Simulator, segments: Segments, each, c, k: int, w: int
+def _make_pose_trace(
+    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
 ) -> Trace:
+    """A column of all poses, over their number.
+
+    Args:
+        simulator: with the poses.
+        segments: with M poses.
+        predicted: (3, M, C) by the model as given, re-fitted, and patched.
+        c: the signal.
+        k: the column, among those of all signals.
+        w: any pose; all are drawn.
+    """
+    pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
+    return Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
+                 *(e[:, k] for e in predicted))  # fmt: skip
+
+
+def _make_trace(
+    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
+) -> Trace:
+    """A column of one segment, over time.
+
+    Args:
+        simulator: with the segment's episode.
+        segments: with M samples.
+        predicted: (3, M, C) by the model as given, re-fitted, and patched.
+        c: the signal.
+        k: the column, among those of all signals.
+        w: the segment.
+    """
     rows = np.flatnonzero(segments.segment_of_sample == w)
     episode = simulator.episodes[int(segments.episode[w])]
     at = (
@@ -253,10 +207,19 @@ def _make_trace(
         + (segments.first_step[w] + segments.sample_steps[rows]) * simulator.timestep
     )
     return Trace(episode.id, _column_name(c, k), c.unit, at, segments.readings[rows, k],
-                 *(e[rows, k] for e in each))  # fmt: skip
+                 *(e[rows, k] for e in predicted))  # fmt: skip
 
 
-def _fit_signals(dataset: Dataset, squares, count) -> tuple[SignalFit, ...]:
+def _fit_signals(
+    dataset: Dataset, squares: Mapping[str, Floats], count: Floats
+) -> tuple[SignalFit, ...]:
+    """Held-out errors of each signal, with intervals over episodes.
+
+    Args:
+        dataset: with the held-out episodes.
+        squares: sums of squared errors of the models "given", "refit" and "patched".
+        count: readings that they sum over.
+    """
     simulator, noise = dataset.held_out, score.compute_noise_floor(dataset.held_out)
     return tuple(
         SignalFit(
@@ -273,6 +236,7 @@ def _fit_signals(dataset: Dataset, squares, count) -> tuple[SignalFit, ...]:
 
 
 def _list_candidates(hypothesis: Hypothesis) -> tuple[Candidate, ...]:
+    """The candidates of the search's first round, best first."""
     named = {(n.term.effect.name, n.term.targets) for n in hypothesis.named}
     return tuple(
         Candidate(t.effect.name, ", ".join(t.targets), left,
@@ -288,12 +252,20 @@ def _write_remarks(
     refuted: Sequence[str],
     refit: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
-    """What a reader should know before believing the rest."""
+    """Sentences that a reader should know before believing the rest.
+
+    Args:
+        dataset: the recordings.
+        hypothesis: with the named effects.
+        structure: what a torque of free form would still explain.
+        refuted: effects that the held-out recordings took back, as text.
+        refit: entries of diagnosis.json's "refit".
+    """
     found = [
-        f"Joint {j.name} moved by less than {STILL} {j.unit}: what is wrong with it, "
-        "if anything is, these recordings cannot show."
+        f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
+        "it, if anything is, these recordings cannot show."
         for j in dataset.robot.joints
-        if j.measured and j.range < STILL
+        if j.measured and j.range < MIN_MOTION
     ]
     segments = hypothesis.problem.segments
     count, episode, time = find_divergence(dataset.training, segments)
@@ -307,13 +279,18 @@ def _write_remarks(
             f"What also fitted, {'; '.join(refuted)}, did not help in the "
             "held-out episodes, so it is not named."
         )
-    if structure.is_significant and structure.share > 0.05:
+    if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
         found.append(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
             "what is left."
         )
-    loose = [e["parameter"] for e in refit if is_unidentified(e)]
-    if loose:
-        more = f" and {len(loose) - FEW} more" if len(loose) > FEW else ""
-        found.append(f"Not pinned down by these data: {', '.join(loose[:FEW])}{more}.")
+    unknown = [e["parameter"] for e in refit if is_unidentified(e)]
+    if unknown:
+        more = (
+            f" and {len(unknown) - MAX_LISTED_NAMES} more"
+            if len(unknown) > MAX_LISTED_NAMES
+            else ""
+        )
+        shown = ", ".join(unknown[:MAX_LISTED_NAMES])
+        found.append(f"Not pinned down by these data: {shown}{more}.")
     return tuple(found)

@@ -1,4 +1,4 @@
-"""From a naming to the contract's diagnosis.json (section 2)."""
+"""The contract's diagnosis.json (section 2): takes a hypothesis, gives the document."""
 
 import json
 from collections.abc import Mapping
@@ -10,75 +10,95 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.covariance import LEVEL, confidence_interval
 from ..estimation.least_squares import Fit
-from ..selection.hypotheses import Hypothesis
+from ..selection.hypotheses import Hypothesis, NamedEffect
 from ..simulation.model_variants import split_values
-from .mjcf_patch import is_native
+
+MAX_EQUIVALENTS = 3  # that a finding lists; chosen
 
 
 def build_findings(
     hypothesis: Hypothesis, errors: Floats, where: Mapping[int, Mapping]
 ) -> list[dict[str, Any]]:
-    """One entry an effect and place.
+    """One entry for each named effect and target.
 
     Args:
-        hypothesis: whose names are told.
-        errors: (P) standard ones of its values.
-        where: each acts, by the number of the finding.
+        hypothesis: with the named effects and their fit.
+        errors: (P) standard errors of the fit's values [each parameter's unit].
+        where: what each named effect acts on (contract's "where"), by its number.
     """
-    found, out = hypothesis.final.fit, []
-    spread = split_values(found.terms, errors)
-    values = split_values(found.terms, found.values)
+    fit, out = hypothesis.final.fit, []
+    errors_of_terms = split_values(fit.terms, errors)
+    values_of_terms = split_values(fit.terms, fit.values)
     for n, named in enumerate(hypothesis.named):
-        i = next(k for k, t in enumerate(found.terms) if t is named.term)
+        i = next(k for k, t in enumerate(fit.terms) if t is named.term)
+        effect = named.term.effect
         for target in named.term.targets:
+            parameters = list_parameters(
+                named.term, values_of_terms[i], errors_of_terms[i]
+            )
             out.append({
-                "effect": named.term.effect.name,
+                "effect": effect.name,
                 "target": target,
                 **named.term.finding_fields,
                 "equivalent": _list_equivalents(named),
-                "separate_by": named.term.effect.separate_by,
-                "parameters": _list_parameters(named.term, values[i], spread[i]),
+                "separate_by": effect.separate_by,
+                "parameters": parameters,
                 "where": where[n],
                 "evidence": {
                     "heldout_nll_gain": named.evidence.gain,
                     "p_value": named.evidence.p_value,
                     "stability": named.evidence.stability,
                 },
-                "native": is_native(named.term),
+                "native": effect.is_native,
             })  # fmt: skip
     return out
 
 
-def _list_equivalents(named) -> list[str]:
+def _list_equivalents(named: NamedEffect) -> list[str]:
+    """Names of other effects that explain as much, most likely first, each once."""
     names = [t.effect.name for t in named.equivalent]
     mine = named.term.effect.name
-    return [n for i, n in enumerate(names) if n != mine and n not in names[:i]][:3]
+    return [n for i, n in enumerate(names) if n != mine and n not in names[:i]][
+        :MAX_EQUIVALENTS
+    ]
 
 
-def _list_parameters(
-    term: Term, values: Floats, errors: Floats
-) -> list[dict[str, Any]]:
+def list_parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str, Any]]:
+    """A finding's parameters: name, value, 90 % interval and unit of each.
+
+    Args:
+        term: of the finding.
+        values: (p) of its parameters [each one's unit].
+        errors: (p) their standard errors.
+    """
     out = []
     for p, value, error in zip(term.parameters, values, errors, strict=True):
         low, high = confidence_interval(p, value, error)
         out.append({"name": p.name, "value": value, "low": low, "high": high,
                     "unit": p.unit})  # fmt: skip
-    return _merge_vector(term, out)
+    for spec in term.effect.parameters:
+        if spec.size != 1:
+            out = _merge_components(spec.name, out)
+    return out
 
 
-def _merge_vector(term: Term, entries: list[dict]) -> list[dict]:
-    """What is a vector (a payload's position) as one entry, the last."""
-    vector = term.effect.vector_parameter
-    axes = [e for e in entries if vector and e["name"].startswith(f"{vector}_")]
-    if not axes:
+def _merge_components(name: str, entries: list[dict]) -> list[dict]:
+    """Entries with the components of a vector (NAME_x, ...) as one, the last."""
+    components = [e for e in entries if e["name"].startswith(f"{name}_")]
+    if not components:
         return entries
-    joined = {k: [a[k] for a in axes] for k in ("value", "low", "high")}
-    own = {"name": vector, **joined, "unit": axes[0]["unit"]}
-    return [*(e for e in entries if e not in axes), own]
+    joined = {k: [e[k] for e in components] for k in ("value", "low", "high")}
+    merged = {"name": name, **joined, "unit": components[0]["unit"]}
+    return [*(e for e in entries if e not in components), merged]
 
 
 def build_refit(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
-    """What the model states, its value in the patched model, and its interval."""
+    """One entry for each nominal value: as given, as fitted again, and its interval.
+
+    Args:
+        patched: the fit of the patched model; its nominal terms count.
+        errors: (P) standard errors of its values.
+    """
     out = []
     each = (split_values(patched.terms, x) for x in (patched.values, errors))
     for term, value, error in zip(patched.terms, *each, strict=True):
@@ -97,7 +117,7 @@ def build_refit(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
 
 
 def to_json_values(thing: Any) -> Any:
-    """The same with nothing that JSON does not have: NaN and infinity become null."""
+    """A copy with what JSON has: arrays become lists, NaN and infinity become null."""
     if isinstance(thing, Mapping):
         return {k: to_json_values(v) for k, v in thing.items()}
     if isinstance(thing, list | tuple | np.ndarray):
@@ -110,5 +130,5 @@ def to_json_values(thing: Any) -> Any:
 
 
 def format_document(document: Mapping[str, Any]) -> str:
-    """diagnosis.json."""
+    """The text of diagnosis.json."""
     return json.dumps(to_json_values(document), indent=1, allow_nan=False) + "\n"

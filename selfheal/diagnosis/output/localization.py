@@ -1,43 +1,88 @@
-"""Where a model is wrong: takes residuals, gives signals, regimes and windows."""
+"""Where a model is wrong: takes squared residuals, gives their share by regime.
+
+A regime is a kind of motion that effects show in (contract section 2): after a
+reversal, at high load, in contact, ...
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...recording.data import Floats
-from ..data.robot_summary import Channel, RobotSummary
+from ..data.robot_summary import Channel, Joint, RobotSummary
 from ..data.segments import Segments
 from ..simulation.simulator import Simulator
 
 REGIMES = ("reversal", "slow", "fast", "high_load", "saturated", "contact",
            "near_limit", "after_step")  # fmt: skip
-AFTER = 0.25  # [s] that a reversal or a step counts for; chosen
-FEW = 20  # samples of a regime below which nothing is said of it; chosen
+EVENT_SECONDS = 0.25  # [s] that a reversal or a step counts for; chosen
+MIN_REGIME_SAMPLES = 20  # samples of a regime below which nothing is said of it; chosen
+# segments with a difference, below which there is no test; chosen: of 5 its least
+# p-value is 1/32
+MIN_TESTED_SEGMENTS = 6
+MAX_MOTION_STEPS = 400  # steps of an episode at which its motion is looked at; chosen
+# shares of the root mean square of a joint's speed: of rest, of slow and fast; chosen
+REST_SPEED_SHARE, SLOW_SPEED_SHARE, FAST_SPEED_SHARE = 0.02, 0.1, 1.3
+HIGH_LOAD_RATIO = 1.3  # times the root mean square of a load, a high one; chosen
+NEAR_LIMIT_SHARE = 0.45  # of a joint's range off its center, near a limit; chosen
+SATURATED_SHARE = 0.98  # of the largest force, a saturated one; chosen
+COMMAND_STEP_SHARE = 0.1  # of a command's range, a change of it that is a step; chosen
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """What a robot did at each time step of an episode.
+
+    Attributes:
+        position: (G, J) of hinges and slides [rad or m].
+        velocity: (G, J) [rad/s or m/s].
+        load: (G, J) torque of the actuators, or of weight and motion where there are
+            none, without its sign [N m or N].
+        contact: (G) whether anything touched.
+        ctrl: (G, nu) commands.
+    """
+
+    position: Floats
+    velocity: Floats
+    load: Floats
+    contact: np.ndarray
+    ctrl: Floats
 
 
 def classify_samples(
     simulator: Simulator, robot: RobotSummary, segments: Segments
 ) -> np.ndarray:
-    """Whether each sample of each signal (M, S) is in each regime: (R, M, S)."""
+    """Whether each sample of each signal is in each regime.
+
+    Args:
+        simulator: with the episodes and the signals.
+        robot: whose joints' typical motion tells what is slow, fast and near.
+        segments: with M samples.
+
+    Returns:
+        (R, M, S) of bool, in the order of `REGIMES` and of the signals.
+    """
     out = np.zeros(
         (len(REGIMES), len(segments.sample_steps), len(simulator.channels)), bool
     )
     at = segments.first_step[segments.segment_of_sample] + segments.sample_steps
-    log = segments.episode[segments.segment_of_sample]
-    for i, episode in enumerate(simulator.episodes):
-        rows = np.flatnonzero(log == i)
-        if len(rows):
-            motion = _compute_motion(simulator, robot, i)
-            near = np.clip(np.round(at[rows]).astype(int), 0, len(motion[0]) - 1)
-            for s, c in enumerate(simulator.channels):
-                joints = _find_joints(robot, c)
-                for r, name in enumerate(REGIMES):
-                    out[r, rows, s] = _is_in_regime(
-                        name, motion, joints, episode, robot
-                    )[near]
+    episode_of_sample = segments.episode[segments.segment_of_sample]
+    for i in range(len(simulator.episodes)):
+        rows = np.flatnonzero(episode_of_sample == i)
+        if not len(rows):
+            continue
+        motion = _compute_motion(simulator, robot, i)
+        last = len(motion.position) - 1
+        near = np.clip(np.round(at[rows]).astype(int), 0, last)
+        for s, c in enumerate(simulator.channels):
+            joints = _find_joints(robot, c)
+            for r, name in enumerate(REGIMES):
+                out[r, rows, s] = _is_in_regime(name, motion, joints, robot)[near]
     return out
 
 
 def _find_joints(robot: RobotSummary, c: Channel) -> list[int]:
-    """Which joints (by order) a signal is about: its own, or all."""
+    """Which joints, by their order, a signal is about: its own, or all."""
     own = [i for i, j in enumerate(robot.joints) if j.name == c.target]
     if c.kind == "joint_torque":
         at = [a.dof for a in robot.actuators if a.name == c.target]
@@ -45,78 +90,116 @@ def _find_joints(robot: RobotSummary, c: Channel) -> list[int]:
     return own or list(range(len(robot.joints)))
 
 
-def _compute_motion(simulator: Simulator, robot: RobotSummary, log: int):
-    """Position, speed, load (G, J) along an episode's grid, contact (G)."""
+def _compute_motion(simulator: Simulator, robot: RobotSummary, index: int) -> _Motion:
+    """The motion of an episode, from its readings and the nominal model.
+
+    Args:
+        simulator: with the episode.
+        robot: whose joints are looked at.
+        index: of the episode.
+    """
     import mujoco
 
     from ..data.state_estimate import estimate_initial_state
 
-    model, episode = simulator.compiler.nominal, simulator.episodes[log]
-    every = max(1, len(episode.ctrl) // 400)
+    model, episode = simulator.compiler.nominal, simulator.episodes[index]
+    every = max(1, len(episode.ctrl) // MAX_MOTION_STEPS)
     at = np.arange(0, len(episode.ctrl), every)
-    qpos, qvel, _ = estimate_initial_state(simulator, log, at, {})
+    qpos, qvel, _ = estimate_initial_state(simulator, index, at, {})
     data = mujoco.MjData(model)
-    load, touch = np.zeros((len(at), model.nv)), np.zeros(len(at), bool)
+    load, contact = np.zeros((len(at), model.nv)), np.zeros(len(at), bool)
     for k, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
         data.qpos[:], data.qvel[:] = q, v
         data.ctrl[:] = episode.ctrl[at[k]]
         mujoco.mj_forward(model, data)
         load[k] = np.abs(data.qfrc_bias) if not model.nu else np.abs(data.qfrc_actuator)
-        touch[k] = data.ncon > 0
+        contact[k] = data.ncon > 0
     grid = np.minimum(np.arange(len(episode.ctrl)) // every, len(at) - 1)
-    dofs, places = [j.dof for j in robot.joints], [j.qpos for j in robot.joints]
-    return qpos[grid][:, places], qvel[grid][:, dofs], load[grid][:, dofs], touch[grid]
+    dof, place = [j.dof for j in robot.joints], [j.qpos for j in robot.joints]
+    return _Motion(
+        qpos[grid][:, place],
+        qvel[grid][:, dof],
+        load[grid][:, dof],
+        contact[grid],
+        episode.ctrl,
+    )
 
 
 def _is_in_regime(
-    name: str, motion, joints, episode, robot: RobotSummary
+    name: str, motion: _Motion, joints: list[int], robot: RobotSummary
 ) -> np.ndarray:
-    """(G) whether any of the joints is in the regime."""
-    q, v, load, touch = motion
-    found = np.zeros(len(q), bool)
+    """Whether any of some joints is in a regime at each step.
+
+    Args:
+        name: of the regime.
+        motion: of an episode, at G steps.
+        joints: that are looked at, by their order.
+        robot: they belong to.
+
+    Returns:
+        (G) of bool.
+    """
+    out = np.zeros(len(motion.position), bool)
     if name == "contact":
-        return touch if robot.has_contact else found
-    after = max(1, round(AFTER / robot.timestep))
+        return motion.contact if robot.has_contact else out
+    steps = max(1, round(EVENT_SECONDS / robot.timestep))
     if name == "after_step":
-        jumps = np.zeros(len(q), bool)
-        if episode.ctrl.size:
-            change = np.abs(np.diff(episode.ctrl, axis=0, prepend=episode.ctrl[:1]))
-            large = 0.1 * (np.ptp(episode.ctrl, axis=0) + 1e-12)
-            jumps = (change > large).any(axis=1)
-        return _within_last_steps(jumps, after)
+        return _within_last_steps(_find_command_steps(motion.ctrl), steps)
     for j in joints:
         joint = robot.joints[j]
-        found |= _is_joint_in_regime(
-            name, joint, q[:, j], v[:, j], load[:, j], after, robot
-        )
-    return found
+        q, v, load = motion.position[:, j], motion.velocity[:, j], motion.load[:, j]
+        if name == "reversal":
+            is_moving = np.abs(v) > REST_SPEED_SHARE * joint.speed
+            sign = np.sign(np.where(is_moving, v, 0))
+            out |= _within_last_steps(_find_reversals(sign), steps)
+        else:
+            out |= _is_joint_in_regime(name, robot, joint, q, v, load)
+    return out
 
 
 def _is_joint_in_regime(
-    name, joint, q, v, load, after: int, robot: RobotSummary
+    name: str, robot: RobotSummary, joint: Joint, q: Floats, v: Floats, load: Floats
 ) -> np.ndarray:
-    if name == "reversal":
-        lively = np.abs(v) > 0.02 * joint.speed
-        sign = np.sign(np.where(lively, v, 0))
-        return _within_last_steps(_find_reversals(sign), after)
+    """Whether a joint is slow, fast, highly loaded, near a limit or saturated.
+
+    Args:
+        name: of the regime.
+        robot: the joint belongs to.
+        joint: of the robot.
+        q: (G) its position [rad or m].
+        v: (G) its velocity [rad/s or m/s].
+        load: (G) its load [N m or N].
+
+    Returns:
+        (G) of bool.
+    """
     if name == "slow":
-        return np.abs(v) < 0.1 * joint.speed
+        return np.abs(v) < SLOW_SPEED_SHARE * joint.speed
     if name == "fast":
-        return np.abs(v) > 1.3 * joint.speed
+        return np.abs(v) > FAST_SPEED_SHARE * joint.speed
     if name == "high_load":
-        return load > 1.3 * np.sqrt(np.mean(load**2)) + 1e-12
+        return load > HIGH_LOAD_RATIO * np.sqrt(np.mean(load**2)) + 1e-12
     if name == "near_limit":
-        return np.abs(q - joint.range_center) > 0.45 * joint.range
+        return np.abs(q - joint.range_center) > NEAR_LIMIT_SHARE * joint.range
     limits = [
         robot.model.actuator_forcerange[a.id, 1]
         for a in robot.actuators
         if a.dof == joint.dof and robot.model.actuator_forcelimited[a.id]
     ]
-    return load >= 0.98 * limits[0] if limits else np.zeros(len(q), bool)
+    return load >= SATURATED_SHARE * limits[0] if limits else np.zeros(len(q), bool)
+
+
+def _find_command_steps(ctrl: Floats) -> np.ndarray:
+    """Whether any command (G, nu) jumps, at each step (G)."""
+    if not ctrl.size:
+        return np.zeros(len(ctrl), bool)
+    change = np.abs(np.diff(ctrl, axis=0, prepend=ctrl[:1]))
+    large = COMMAND_STEP_SHARE * (np.ptp(ctrl, axis=0) + 1e-12)
+    return (change > large).any(axis=1)
 
 
 def _find_reversals(sign: Floats) -> np.ndarray:
-    """Where a sign, zeros passed over, becomes its opposite."""
+    """Where a sign (G) becomes its opposite, zeros in between left out; (G) of bool."""
     known = np.flatnonzero(sign)
     out = np.zeros(len(sign), bool)
     if len(known):
@@ -126,7 +209,7 @@ def _find_reversals(sign: Floats) -> np.ndarray:
 
 
 def _within_last_steps(events: np.ndarray, steps: int) -> np.ndarray:
-    """Whether one of the events was in the last so many steps."""
+    """Whether an event (G) was in the last so many steps, at each step (G)."""
     count = np.cumsum(events)
     before = np.zeros_like(count)
     before[steps:] = count[:-steps]
@@ -135,43 +218,69 @@ def _within_last_steps(events: np.ndarray, steps: int) -> np.ndarray:
 
 def localize_error(
     simulator: Simulator, robot: RobotSummary, segments: Segments, square: Floats
-):
-    """Share (S, R) of the squared error (M, S) in each regime, and its p-value.
+) -> tuple[Floats, Floats]:
+    """Share of the squared error in each regime, and its p-value.
 
-    The p-value is that the error is larger there than elsewhere, over windows
-    (Wilcoxon's signed ranks), corrected for the whole grid (Holm 1979).
+    Args:
+        simulator: with the episodes and the signals.
+        robot: whose joints' motion makes the regimes.
+        segments: with M samples.
+        square: (M, S) squared residuals [variances].
+
+    Returns:
+        share: (S, R) of all squared error; NaN where the regime was hardly seen.
+        p_value: (S, R) that the error is no larger there than elsewhere: Wilcoxon's
+            signed-rank test over segments, corrected for the whole grid (Holm 1979).
     """
-    from scipy.stats import wilcoxon
-
     where = classify_samples(simulator, robot, segments)
     total = np.nansum(square)
     share = np.full((len(simulator.channels), len(REGIMES)), np.nan)
     p = np.ones_like(share)
-    count = len(segments)
     for s in range(len(simulator.channels)):
         for r in range(len(REGIMES)):
             inside = where[r, :, s]
-            if inside.sum() < FEW or (~inside).sum() < FEW:
+            if (
+                inside.sum() < MIN_REGIME_SAMPLES
+                or (~inside).sum() < MIN_REGIME_SAMPLES
+            ):
                 continue
             share[s, r] = np.nansum(square[inside, s]) / max(total, 1e-300)
-            means = []
-            for mask in (inside, ~inside):
-                n = np.bincount(segments.segment_of_sample[mask], minlength=count)
-                e = np.bincount(
-                    segments.segment_of_sample[mask],
-                    np.nan_to_num(square[mask, s]),
-                    minlength=count,
-                )
-                means.append(np.where(n > 0, e / np.maximum(n, 1), np.nan))
-            apart = means[0] - means[1]
-            apart = apart[np.isfinite(apart) & (apart != 0)]
-            if len(apart) >= 6:
-                p[s, r] = wilcoxon(apart, alternative="greater").pvalue
+            p[s, r] = _larger_inside_p_value(segments, square[:, s], inside)
     return share, _correct_holm(p, np.isfinite(share))
 
 
+def _larger_inside_p_value(
+    segments: Segments, square: Floats, inside: np.ndarray
+) -> float:
+    """p-value that a squared error is no larger inside a regime than outside.
+
+    Args:
+        segments: with M samples, each segment with a mean of both.
+        square: (M) squared residuals of a signal [variances].
+        inside: (M) whether a sample is in the regime.
+    """
+    from scipy.stats import wilcoxon
+
+    means = []
+    for mask in (inside, ~inside):
+        segment = segments.segment_of_sample[mask]
+        n = np.bincount(segment, minlength=len(segments))
+        error = np.nan_to_num(square[mask])
+        total = np.bincount(segment, error, minlength=len(segments))
+        means.append(np.where(n > 0, total / np.maximum(n, 1), np.nan))
+    apart = means[0] - means[1]
+    apart = apart[np.isfinite(apart) & (apart != 0)]
+    if len(apart) < MIN_TESTED_SEGMENTS:
+        return 1.0
+    return float(wilcoxon(apart, alternative="greater").pvalue)
+
+
 def _correct_holm(p: Floats, tested: np.ndarray) -> Floats:
-    """Holm's correction over the cells that were tested."""
+    """p-values (S, R) corrected by Holm (1979) over the cells that were tested (S, R).
+
+    The i-th smallest of n is multiplied by n - i, i from 0, and is no smaller than
+    those before it.
+    """
     flat = np.flatnonzero(tested.ravel())
     order = flat[np.argsort(p.ravel()[flat])]
     out, worst = np.ones(p.size), 0.0

@@ -1,4 +1,8 @@
-"""A diagnosed model replayed: takes commands and initial states, gives the signals."""
+"""A replay of a diagnosis: takes commands and initial states, gives the signals.
+
+What patched.xml says, MuJoCo simulates. What it cannot say becomes terms again, which
+the diagnosis' own simulator applies.
+"""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, RecordingError
-from ...recording import Episode, ModelNames, Recording, check_against_model, names_of
+from ...recording import (
+    Episode,
+    ModelNames,
+    Recording,
+    check_against_model,
+    list_model_names,
+)
 from ...recording.data import Floats
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import RobotSummary, summarize_bodies, summarize_joints
@@ -17,7 +27,8 @@ from ..data.segments import cut_segments
 from ..effects import find_effect
 from ..effects.base import Parameter, Term
 from ..effects.nominal import build_nominal_terms
-from ..effects.world import GroundEffect, find_ground_geoms
+from ..effects.places import Place
+from ..effects.second_joint import LINK
 from ..simulation.build import (
     StateReconstruction,
     reorder_commands,
@@ -64,7 +75,13 @@ def replay_recording(
 def _build_terms(
     document: Mapping[str, Any], compiler: ModelCompiler, patched: bool
 ) -> tuple[list[Term], Floats]:
-    """What is true beyond the model, and its values in a row."""
+    """The terms that a diagnosis adds to a model, and all their values (P).
+
+    Args:
+        document: diagnosis.json.
+        compiler: of the model that is replayed.
+        patched: whether that is patched.xml, which has the native findings.
+    """
     terms: list[Term] = []
     values: list[Floats] = []
     if not patched:
@@ -81,16 +98,18 @@ def _build_terms(
 
 
 def _is_in_patch(finding: Mapping[str, Any]) -> bool:
-    """Whether a patched model says all of a finding without help."""
-    helped = (
-        finding.get("measured") == "link"
-        or find_effect(finding["effect"]).native_is_stepwise
-    )
-    return bool(finding.get("native") and not helped)
+    """Whether a patched model alone predicts what the diagnosis did of a finding.
+
+    Not where a signal is read behind the added joint, nor where MuJoCo acts by whole
+    time steps.
+    """
+    reads_link = finding.get("measured") == LINK
+    is_stepwise = find_effect(finding["effect"]).native_is_stepwise
+    return bool(finding.get("native") and not (reads_link or is_stepwise))
 
 
 def _restore_refit(document, compiler: ModelCompiler) -> Iterator[tuple[Term, float]]:
-    """What the diagnosis fitted anew, as factors of what this model states."""
+    """Terms of the re-fitted values that this model states too, and their factors."""
     nominal_terms = {
         t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(compiler))
     }
@@ -100,6 +119,7 @@ def _restore_refit(document, compiler: ModelCompiler) -> Iterator[tuple[Term, fl
 
 
 def _read_values(finding: Mapping[str, Any]) -> Floats:
+    """Values (p) of a finding's parameters, vectors by their components."""
     return np.concatenate([
         np.atleast_1d(np.array(p["value"], float)) for p in finding["parameters"]
     ] + [np.zeros(0)])  # fmt: skip
@@ -110,24 +130,28 @@ def restore_term(
 ) -> Term:
     """A finding as a term of a model.
 
+    Args:
+        finding: of diagnosis.json, as `check_entries` let it pass.
+        compiler: of the model that is replayed.
+        patched: whether that is patched.xml.
+
     Raises:
         InputError: the model does not have what the finding is about.
     """
-    kind = find_effect(finding["effect"])
-    names = [p["name"] for p in finding["parameters"]]
-    place = restore_place(compiler.nominal, finding, names)
+    effect = find_effect(finding["effect"])
+    place = effect.find_place(compiler.nominal, finding)
     if patched:
-        place["there"] = True  # the joint that it adds is in the text already
+        place["there"] = True
         if "suffix" in place:
             _check_added_joint(compiler, place)
     parameters = tuple(
         Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
         for i in range(len(_read_values(finding)))
     )
-    return Term(kind, (finding["target"],), (place,), parameters, ())
+    return Term(effect, (finding["target"],), (place,), parameters, ())
 
 
-def _check_added_joint(compiler: ModelCompiler, place: Mapping[str, Any]) -> None:
+def _check_added_joint(compiler: ModelCompiler, place: Place) -> None:
     """Refuse a patched model without the joint that a finding says is in it."""
     joint, model = place["joint"], compiler.nominal
     name = f"{model.joint(joint).name}{place['suffix']}"
@@ -138,56 +162,8 @@ def _check_added_joint(compiler: ModelCompiler, place: Mapping[str, Any]) -> Non
         )
 
 
-def restore_place(
-    model, finding: Mapping[str, Any], names: Sequence[str]
-) -> dict[str, Any]:
-    """What an effect needs to act where a finding says, in a given model."""
-    kind = find_effect(finding["effect"])
-    sort, _, name = finding["target"].partition(":")
-    side = finding.get("measured") or finding.get("side")
-    place: dict[str, Any] = {"side": side, "begins": finding.get("begins")}
-    try:
-        if sort == "joint":
-            place |= _joint_place(model, name)
-            if "other" in finding:
-                other = _joint_place(model, finding["other"].partition(":")[2])
-                place |= {"other_dof": other["dof"], "other_qpos": other["qpos"]}
-            if getattr(kind, "suffix", ""):
-                place["suffix"] = kind.suffix  # type: ignore[attr-defined]
-        elif sort == "actuator":
-            a = model.actuator(name).id
-            place |= {"actuator": a, "gear": float(model.actuator_gear[a, 0])}
-            if model.actuator_trntype[a] in (0, 1):
-                joint = model.joint(int(model.actuator_trnid[a, 0]))
-                place |= {"dof": int(joint.dofadr[0]), "qpos": int(joint.qposadr[0])}
-        elif sort == "body":
-            place["body"] = model.body(name).id
-        elif sort == "sensor":
-            place["signal"] = name
-        elif sort == "geom":
-            place |= {"geoms": (model.geom(name).id,), "field": (*names, "")[0]}
-        elif sort == "world":
-            place |= {"field": (*names, "")[0], **(find_ground_geoms(model) or {})}
-            if isinstance(kind, GroundEffect) and "geoms" not in place:
-                raise InputError(
-                    f"the model has no ground, whose {kind.name} the diagnosis names; "
-                    "would fit: a geom of the world that something can touch"
-                )
-    except KeyError as error:
-        raise InputError(f"the model has no {sort} {name!r}, which the diagnosis names"
-                         ) from error  # fmt: skip
-    return place
-
-
-def _joint_place(model, name: str) -> dict[str, Any]:
-    joint = model.joint(name)
-    dof = int(joint.dofadr[0])
-    return {"joint": joint.id, "dof": dof, "qpos": int(joint.qposadr[0]),
-            "inertia": float(model.dof_M0[dof])}  # fmt: skip
-
-
 def summarize_unrecorded(compiler: ModelCompiler) -> RobotSummary:
-    """A robot of which nothing was recorded."""
+    """The robot of a model, as a summary without any recording gives it."""
     model = compiler.nominal
     joints = summarize_joints(
         model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set()
@@ -207,7 +183,19 @@ def _replay_episode(
     values: Floats,
     added: Sequence[int],
 ) -> Episode:
-    """One episode, filled in; `added` joints are not in its state."""
+    """An episode with the signals as a model predicts them.
+
+    Args:
+        compiler: of the model that is replayed.
+        recording: with the episode.
+        name: of the episode.
+        terms: that a diagnosis adds to the model.
+        values: (P) of all their parameters.
+        added: ids of joints that a patch added, which the episode's state lacks.
+
+    Raises:
+        RecordingError: the episode has no initial state, or the model diverges.
+    """
     episode = recording.episodes[name]
     if episode.qpos0 is None:
         raise RecordingError(
@@ -239,25 +227,34 @@ def _replay_episode(
 
 
 def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
-    """Joints that a patch added to a model, each with one degree of freedom."""
-    names = {
-        finding["target"].partition(":")[2] + suffix
+    """Ids of the joints that a patch added to a model, hinges and slides."""
+    places = [
+        find_effect(finding["effect"]).find_place(model, finding)
         for finding in document["findings"]
-        if (suffix := getattr(find_effect(finding["effect"]), "suffix", ""))
+    ]
+    names = {
+        model.joint(place["joint"]).name + place["suffix"]
+        for place in places
+        if "suffix" in place
     }
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
 def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
-    """What a recording may say of the model, to which a patch added joints."""
-    names = names_of(compiler.nominal)
+    """Names and sizes of a model that a recording may have, without added joints."""
+    names = list_model_names(compiler.nominal)
     return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 
 def _extend_state(episode: Episode, model, added: Sequence[int]) -> Episode:
-    """The episode with a place in its state for joints that a patch added.
+    """The episode with an initial state that has joints that a patch added.
 
     They start at 0, and so does every velocity where none is given.
+
+    Args:
+        episode: with a qpos0.
+        model: compiled, with the added joints.
+        added: their ids.
     """
     qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
     qpos[np.delete(np.arange(model.nq), model.jnt_qposadr[added])] = episode.qpos0

@@ -1,4 +1,4 @@
-"""What a diagnosis says: the contract's document, and what a page draws beside it."""
+"""The result of a diagnosis: the contract's document, and what a page draws with it."""
 
 import os
 import tempfile
@@ -9,22 +9,24 @@ from typing import Any
 
 from ...errors import InputError
 from ...mjcf.edit import Edit, apply_edits
-from ...recording import Recording, opened
+from ...recording import Recording, open_recording
 from ...recording.data import Floats
 from .storage import check_folder, write_diagnosis
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One signal in one stretch of a held-out episode, read and predicted.
+    """One signal in one stretch of a held-out episode, measured and predicted.
 
     Attributes:
         episode: its name; empty where each of several was read once.
-        signal: name; of a vector signal one column ("cube_position[2]").
+        signal: its name; of a vector signal one column ("cube_position[2]").
         unit: of all values.
         time: (T) [s], or the number of the episode where each was read once.
-        read: (T) NaN where missing.
-        given, refit, patched: (T) by the model as given, re-fitted, with the findings.
+        read: (T) measured, NaN where missing [unit].
+        given: (T) predicted by the model as given [unit].
+        refit: (T) predicted by the re-fitted model [unit].
+        patched: (T) predicted by the model with the findings [unit].
     """
 
     episode: str
@@ -44,8 +46,10 @@ class Localization:
     Attributes:
         signals: (S) names.
         regimes: (R) of the contract.
-        share: (S, R) of the squared error that lies there; NaN where never seen.
-        p_value: (S, R) that it is no more than elsewhere, corrected for the grid.
+        share: (S, R) of the squared error that lies there; NaN where the regime was
+            hardly seen.
+        p_value: (S, R) that it is no larger there than elsewhere, corrected for the
+            grid.
     """
 
     signals: tuple[str, ...]
@@ -56,13 +60,15 @@ class Localization:
 
 @dataclass(frozen=True)
 class SignalFit:
-    """Normalized error of one signal on held-out episodes, with 90 % intervals.
+    """Normalized error [1] of one signal on held-out episodes, with 90 % intervals.
 
     Attributes:
         name: of the signal.
         scored: whether it counts in the contract's score.
-        given, refit, patched: (value, low, high) over episodes.
-        floor: the noise's.
+        given: value, low and high over episodes, of the model as given.
+        refit: value, low and high of the re-fitted model.
+        patched: value, low and high of the model with the findings.
+        floor: what the readings' noise alone leaves.
     """
 
     name: str
@@ -75,12 +81,12 @@ class SignalFit:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that was tried first.
+    """A candidate of the search's first round.
 
     Attributes:
         effect: its name.
-        target: where.
-        left: share of the squared error that it leaves, before anything else is named.
+        target: where it acts, as text.
+        left: share of the squared error that it alone leaves.
         named: whether it is among the findings.
     """
 
@@ -92,23 +98,23 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The answer.
+    """The result of a diagnosis.
 
     Attributes:
-        model: the file that was diagnosed.
+        model: path of the file that was diagnosed.
         document: diagnosis.json, contract section 2.
-        edits: of the model's text, that make it patched.xml.
+        edits: of the model's text, which make it patched.xml.
         patched: text of patched.xml, as it would stand beside the model.
         diff: of the given model's text to the patched one's.
         traces: the worst stretches, worst first.
-        located: where the error lies.
-        signals: held-out errors, one a signal.
-        candidates: what was tried first, best first.
+        located: where the re-fitted model is wrong.
+        signals: held-out errors, one for each signal.
+        candidates: of the search's first round, best first.
         remarks: sentences a user should read (never excited, not pinned down, ...).
-        seconds: that it took.
-        simulations: how many windows were simulated.
-        page: report.html; empty where none was drawn.
-        more_than_noise: whether the findings leave of short pieces more than noise.
+        seconds: that it took [s].
+        simulations: how many segments were simulated.
+        page: text of report.html; empty where none was drawn.
+        more_than_noise: whether the findings leave more than noise in short segments.
     """
 
     model: str
@@ -153,7 +159,7 @@ class Diagnosis:
         *,
         model: str | os.PathLike[str] | None = None,
     ) -> Recording:
-        """What the robot does by this diagnosis, as `selfheal replay` predicts it.
+        """The signals that this diagnosis predicts, as `selfheal replay` does.
 
         Args:
             recording: or its path: commands, initial states, and the signals that are
@@ -170,7 +176,7 @@ class Diagnosis:
         """
         from .replay import replay_recording
 
-        recording = opened(recording)
+        recording = open_recording(recording)
         with tempfile.TemporaryDirectory() as room:
             folder = Path(room) / "diagnosis"
             self.save(folder)

@@ -1,65 +1,27 @@
-"""Entries of diagnosis.json: takes them as read, refuses what no replay could use."""
+"""Entries of diagnosis.json: takes them as read, refuses what no replay could use.
+
+What a finding may state follows from what its effect declares.
+"""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...errors import InputError, UnknownNameError
 from ..effects import load_catalogue
+from ..effects.base import Effect
+from ..effects.declaration import FindingField, ParameterSpec
 
-# of each effect of contract section 4: what its target is, its parameters
-SAID: Mapping[str, tuple[str, str]] = {
-    "viscous_friction": ("joint", "damping"),
-    "coulomb_friction": ("joint", "frictionloss"),
-    "stribeck_friction": ("joint", "coulomb static stribeck_velocity"),
-    "load_dependent_friction": ("joint", "load_coefficient"),
-    "asymmetric_friction": ("joint", "positive negative"),
-    "quadratic_damping": ("joint", "damping2"),
-    "backlash": ("joint", "gap"),
-    "compliance": ("joint", "stiffness damping"),
-    "cogging": ("joint", "amplitude poles phase"),
-    "armature": ("joint", "armature"),
-    "joint_spring": ("joint", "stiffness springref"),
-    "joint_coupling": ("joint", "stiffness ratio"),
-    "hard_stop": ("joint", "range"),
-    "command_delay": ("actuator", "delay"),
-    "actuator_lag": ("actuator", "timeconst"),
-    "torque_saturation": ("actuator", "limit"),
-    "speed_torque_limit": ("actuator", "stall_torque no_load_speed"),
-    "rate_limit": ("actuator", "rate"),
-    "servo_gain": ("actuator", "kp kv"),
-    "integral_action": ("actuator", "ki imax"),
-    "payload": ("body", "mass position"),
-    "com_shift": ("body", "x y z"),
-    "link_length": ("body", "length"),
-    "mount_shift": ("body", "x y z"),
-    "limb_loss": ("body", ""),
-    "joint_jam": ("joint", "angle"),
-    "slope": ("world", "tilt azimuth"),
-    "fluid_drag": ("world", "density"),
-    "wind": ("world", "vx vy vz"),
-    "ground_friction": ("world geom", "friction"),
-    "ground_compliance": ("world geom", "timeconst dampratio"),
-    "sensor_bias": ("sensor", "bias"),
-    "sensor_gain": ("sensor", "gain"),
-    "sensor_delay": ("sensor", "delay"),
-    "quantization": ("sensor", "step"),
-}
-OR: Mapping[str, str] = {  # as well
-    "servo_gain": "kp", "fluid_drag": "viscosity", "hard_stop": "range timeconst",
-}  # fmt: skip
-TARGET_KINDS = "joint actuator body geom sensor world"
-# what else a finding must say, and what would fit
-MORE: Mapping[str, tuple[str, tuple[Any, ...]]] = {
-    "hard_stop": ("side", (-1, 1)),
-    "backlash": ("measured", ("motor", "link")),
-    "compliance": ("measured", ("motor", "link")),
-}
-NEVER_NEGATIVE = ("delay", "timeconst", "step")
+SIZE_WORDS = {2: "two", 3: "three", 4: "four", 6: "six"}  # sizes of vectors
+MAX_SHOWN_CHARACTERS = 60  # characters of a misfit that a message repeats; chosen
 
 
 def check_entries(path: object, document: Mapping[str, Any]) -> None:
     """Refuse findings and re-fitted values that say nothing a replay could use.
+
+    Args:
+        path: of diagnosis.json, for the message.
+        document: as read.
 
     Raises:
         InputError: the first one, by file and entry, and what would fit.
@@ -76,70 +38,100 @@ def check_entries(path: object, document: Mapping[str, Any]) -> None:
 
 
 def _check_finding(where: str, entry: Mapping[str, Any]) -> None:
+    """Refuse a finding that contradicts what its effect declares."""
     name = entry.get("effect")
     if not isinstance(name, str):
-        raise _misfit_error(
-            where, "effect", name, "a name that 'selfheal effects' lists"
-        )
-    if name not in load_catalogue():
-        raise UnknownNameError(f"effect in {where}:", name, load_catalogue())
-    sorts, names = SAID.get(name, (TARGET_KINDS, None))
-    _check_target(where, "target", entry.get("target"), sorts)
-    _check_parameters(
-        where, entry.get("parameters"), _list_parameter_names(name, names)
-    )
-    if name == "joint_coupling":
-        _check_target(where, "other", entry.get("other"), "joint")
-    if name in MORE and entry.get(MORE[name][0]) not in MORE[name][1]:
-        key, fits = MORE[name]
-        raise _misfit_error(where, key, entry.get(key), " or ".join(map(repr, fits)))
+        fits = "a name that 'selfheal effects' lists"
+        raise _misfit_error(where, "effect", name, fits)
+    catalogue = load_catalogue()
+    if name not in catalogue:
+        raise UnknownNameError(f"effect in {where}:", name, catalogue)
+    effect = catalogue[name]
+    _check_target(where, "target", entry.get("target"), effect.target_kinds)
+    _check_parameters(where, entry.get("parameters"), effect)
+    for field in effect.finding_fields:
+        if field.is_required:
+            _check_field(where, entry.get(field.name), field)
 
 
-def _list_parameter_names(effect: str, names: str | None) -> tuple[list[str], ...]:
-    """Names of parameters that an effect may have; none: any."""
-    either = () if names is None else (names, *filter(None, [OR.get(effect)]))
-    return tuple(each.split() for each in either)
+def _check_target(where: str, key: str, target: Any, kinds: Sequence[str]) -> None:
+    """Refuse what is no target ("joint:knee", "world").
+
+    Args:
+        where: file and entry, for the message.
+        key: of the entry.
+        target: its value there.
+        kinds: of what it may name.
+    """
+    kind, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
+    if kind not in kinds or (kind == "world") == bool(colon and name):
+        fits = [k if k == "world" else f"{k}: and a name" for k in kinds]
+        raise _misfit_error(where, key, target, ", ".join(fits))
 
 
-def _check_target(where: str, key: str, target: Any, sorts: str) -> None:
-    sort, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
-    if sort not in sorts.split() or (sort == "world") == bool(colon and name):
-        predicted = [s if s == "world" else f"{s}: and a name" for s in sorts.split()]
-        raise _misfit_error(where, key, target, ", ".join(predicted))
+def _check_field(where: str, value: Any, field: FindingField) -> None:
+    """Refuse a value that a finding's field cannot have.
+
+    Args:
+        where: file and entry, for the message.
+        value: of the field.
+        field: that the effect declares.
+    """
+    if field.target_kind:
+        _check_target(where, field.name, value, (field.target_kind,))
+    elif value not in field.values:
+        fits = " or ".join(map(repr, field.values))
+        raise _misfit_error(where, field.name, value, fits)
 
 
-def _check_parameters(where: str, predicted: Any, fits: tuple[list[str], ...]) -> None:
-    if not isinstance(predicted, list) or not all(
-        isinstance(p, dict) for p in predicted
-    ):
-        raise _misfit_error(
-            where, "parameters", predicted, "a list, each with name and value"
-        )
-    names = [p.get("name") for p in predicted]
-    if fits and names not in fits:
-        ways = " or ".join(", ".join(each) or "none" for each in fits)
-        raise _misfit_error(where, "names of parameters", names, ways)
-    for p in predicted:
-        value, what = p.get("value"), f"value of {p.get('name')}"
-        if p.get("name") == "position":
-            if not _is_position(value):
-                raise _misfit_error(where, what, value, "three numbers")
-        elif p.get("name") == "bias" and isinstance(value, list):
-            if not value or not all(map(_is_number, value)):
-                raise _misfit_error(
-                    where, what, value, "a number, or one for each column"
-                )
-        elif not _is_number(value):
-            raise _misfit_error(where, what, value, "a number")
-        elif p.get("name") in NEVER_NEGATIVE and value < 0:
-            raise _misfit_error(where, what, value, "0 or more")
+def _check_parameters(where: str, entries: Any, effect: Effect) -> None:
+    """Refuse parameters that the effect does not declare.
+
+    Args:
+        where: file and entry, for the message.
+        entries: "parameters" of a finding, as read.
+        effect: of the finding.
+    """
+    is_list = isinstance(entries, list)
+    if not is_list or not all(isinstance(p, dict) for p in entries):
+        fits = "a list, each with name and value"
+        raise _misfit_error(where, "parameters", entries, fits)
+    names = [p.get("name") for p in entries]
+    sets = effect.list_parameter_sets()
+    if tuple(names) not in sets:
+        fits = " or ".join(", ".join(each) or "none" for each in sets)
+        raise _misfit_error(where, "names of parameters", names, fits)
+    specs = {spec.name: spec for spec in effect.parameters}
+    for entry in entries:
+        _check_value(where, entry.get("value"), specs[entry["name"]])
 
 
-def _is_position(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
+def _check_value(where: str, value: Any, spec: ParameterSpec) -> None:
+    """Refuse a value of another size than declared, or of the wrong sign.
+
+    Args:
+        where: file and entry, for the message.
+        value: of a parameter, as read.
+        spec: that the effect declares.
+    """
+    what = f"value of {spec.name}"
+    is_list = isinstance(value, list)
+    if spec.size is None and is_list:
+        if not value or not all(map(_is_number, value)):
+            fits = "a number, or one for each column"
+            raise _misfit_error(where, what, value, fits)
+    elif spec.size not in (None, 1):
+        if not is_list or len(value) != spec.size or not all(map(_is_number, value)):
+            fits = f"{SIZE_WORDS.get(spec.size, spec.size)} numbers"
+            raise _misfit_error(where, what, value, fits)
+    elif not _is_number(value):
+        raise _misfit_error(where, what, value, "a number")
+    elif spec.nonnegative and value < 0:
+        raise _misfit_error(where, what, value, "0 or more")
 
 
 def _check_refit(where: str, entry: Mapping[str, Any]) -> None:
+    """Refuse a re-fitted value without a name and two numbers."""
     if not isinstance(entry.get("parameter"), str):
         fits = "a text such as 'joint:knee/damping'"
         raise _misfit_error(where, "parameter", entry.get("parameter"), fits)
@@ -149,7 +141,7 @@ def _check_refit(where: str, entry: Mapping[str, Any]) -> None:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it is one that a double holds."""
+    """Whether a value is a finite number that a double holds."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     try:
@@ -159,6 +151,18 @@ def _is_number(value: Any) -> bool:
 
 
 def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
+    """The error of a value that is wrong.
+
+    Args:
+        where: file and entry.
+        what: is wrong there.
+        value: that it has.
+        fits: what it might be.
+    """
     said = repr(value)
-    said = said if len(said) <= 60 else f"{said[:60]}..."
+    said = (
+        said
+        if len(said) <= MAX_SHOWN_CHARACTERS
+        else f"{said[:MAX_SHOWN_CHARACTERS]}..."
+    )
     return InputError(f"{where}: {what} is {said}; would fit: {fits}")

@@ -1,4 +1,4 @@
-"""A diagnosis on disk (contract section 2): whole, or not there."""
+"""A diagnosis on disk (contract section 2): takes its parts, writes all or nothing."""
 
 import json
 import os
@@ -17,7 +17,11 @@ FILES = ("diagnosis.json", "patched.xml", "report.html")
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
-    """Refuse a folder that cannot be written or would be lost.
+    """The folder, if a diagnosis can be written there and nothing else is lost.
+
+    Args:
+        folder: that a user names.
+        force: whether an earlier diagnosis there may be replaced.
 
     Raises:
         InputError: it cannot be written, or holds something and `force` is not set.
@@ -44,7 +48,7 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
 
 
 def unfinished_folder(folder: str | os.PathLike[str]) -> Path:
-    """The hidden folder beside it, in which a killed diagnosis goes on."""
+    """The hidden folder beside a folder, in which a killed diagnosis goes on."""
     real = Path(folder).resolve()  # "." has no name
     return real.with_name(f".{real.name}.unfinished")
 
@@ -72,8 +76,8 @@ def write_diagnosis(
 
 
 def _replace_folder(new: Path, folder: Path) -> None:
-    """Let a new folder take the place of one that may be there."""
-    if folder == Path.cwd():  # who stands in it would stand in a deleted one
+    """Put a new folder in the place of one that may be there."""
+    if folder == Path.cwd():  # a shell in it would be left in a deleted folder
         for name in FILES:
             os.replace(new / name, folder / name)
         return
@@ -85,10 +89,10 @@ def _replace_folder(new: Path, folder: Path) -> None:
 
 
 def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """diagnosis.json of a folder.
+    """The checked diagnosis.json of a folder.
 
     Raises:
-        InputError: there is none, or it is none.
+        InputError: the folder has none, or one that no replay could use.
     """
     path = Path(folder) / "diagnosis.json"
     try:

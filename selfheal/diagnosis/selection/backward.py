@@ -1,4 +1,8 @@
-"""Names taken away, or given to another: takes fits of several terms, gives fits."""
+"""Effects removed or exchanged: takes fits with several effects, gives fits.
+
+Backward elimination and exchange, the steps that follow each forward step of a stepwise
+regression (Efroymson 1960).
+"""
 
 from collections.abc import Sequence
 
@@ -8,88 +12,117 @@ from ..effects.base import Term, is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import Problem
-from .criteria import WORTH, is_plausible, is_rare_or_restating
+from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
 from .evidence import is_as_good
+from .settings import SELECTION
 
-BETTER = 0.97  # of the held-out error, below which another hypothesis is better; chosen
 
+def compute_removal_costs(base: LinearizedFit, nominal_count: int) -> dict[Term, float]:
+    """Cost without each effect, as a share of the cost with all, to first order.
 
-def compute_removal_costs(base: LinearizedFit, nominal_terms: int) -> dict[Term, float]:
-    """What each effect's absence would make of the cost, of 1, if all were linear.
+    The effect's values x_i move to their nominal ones while all others are re-fitted:
 
-    What is absent at infinity (a limit) is as good as absent at its bound.
+        r' = r + J_i (nominal - x_i)
+        cost' = min over steps of the others of |r' + J step|^2 + prior penalty
+
+    A value that is nominal at infinity (a limit) moves to its bound.
+
+    Args:
+        base: the fit with all effects.
+        nominal_count: number of nominal terms, which stand first.
+
+    Returns:
+        [1] of each effect.
     """
-    found = base.fit
-    ends = np.cumsum([0, *(len(t.parameters) for t in found.terms)])
-    prices = {}
-    for i, term in enumerate(found.terms[nominal_terms:], nominal_terms):
-        own = np.arange(ends[i], ends[i + 1])
+    fit = base.fit
+    ends = np.cumsum([0, *(len(t.parameters) for t in fit.terms)])
+    costs = {}
+    for i, term in enumerate(fit.terms[nominal_count:], nominal_count):
+        columns = np.arange(ends[i], ends[i + 1])
         absent = np.array([p.nominal for p in term.parameters])
         absent = np.clip(absent, term.low, term.high)
-        back = found.jacobian[:, own] @ (absent - found.values[own])
-        left, _ = base.minimize(found.residuals + back, hold=own)
-        prices[term] = left / found.cost
-    return prices
+        change = fit.jacobian[:, columns] @ (absent - fit.values[columns])
+        cost, _ = base.minimize(fit.residuals + change, hold=columns)
+        costs[term] = cost / fit.cost
+    return costs
 
 
-def eliminate_backward(problem: Problem, found: Fit, nominal_terms: int) -> Fit:
-    """Without the effects that cost next to nothing to take away, a half at a time."""
-    while len(found.terms) > nominal_terms:
-        prices = compute_removal_costs(
-            LinearizedFit.from_fit(problem, found), nominal_terms
-        )
-        order = sorted(prices, key=lambda t: prices[t])[: max(1, len(prices) // 2)]
-        gone = [t for t in order if prices[t] < 1 + WORTH]
-        if not gone:
+def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
+    """Remove effects that cost next to nothing to remove, up to half of them at a time.
+
+    Args:
+        problem: that was fitted.
+        fit: with all effects.
+        nominal_count: number of nominal terms, which stand first.
+    """
+    while len(fit.terms) > nominal_count:
+        base = LinearizedFit.from_fit(problem, fit)
+        costs = compute_removal_costs(base, nominal_count)
+        cheapest = sorted(costs, key=lambda t: costs[t])[: max(1, len(costs) // 2)]
+        removed = [t for t in cheapest if costs[t] < 1 + SELECTION.removal_tolerance]
+        if not removed:
             break
-        found = fit_parameters(
+        fit = fit_parameters(
             problem,
-            *found.without_terms(*gone),
+            *fit.without_terms(*removed),
             rounds=2,
-            known=found.jacobian_without(*gone),
+            known=fit.jacobian_without(*removed),
         )
-    return found
+    return fit
 
 
 def exchange_term(
-    problem, now: ScoredFit, term: Term, others: Sequence[Term]
+    problem: Problem, old: ScoredFit, term: Term, others: Sequence[Term]
 ) -> ScoredFit:
     """The fit with another term in one's place, if that predicts better.
 
-    What looked best alone need not do so beside a later effect; and where the data do
-    not tell, the usual effect with the least to choose is the one.
+    What looked best alone need not do so beside a later effect. Where the data do not
+    tell two terms apart, the simpler one stays.
+
+    Args:
+        problem: that was fitted.
+        old: the fit with the term.
+        term: that may be exchanged.
+        others: terms that may take its place.
     """
-    kept, _ = now.fit.without_terms(term)
+    kept, _ = old.fit.without_terms(term)
     others = [t for t in others if is_distinct(t, kept)]
     if not others:
-        return now
-    base = LinearizedFit.from_fit(problem, fit_without(problem, now.fit, term))
+        return old
+    base = LinearizedFit.from_fit(problem, fit_without(problem, old.fit, term))
     tried = [fit_candidate(base, other) for other in others]
     tried.sort(key=lambda f: predict_held_out(problem, f).sum())
-    for found in tried[:2]:
-        near = found.jacobian
-        full = fit_and_score(problem, found.terms, found.values, rounds=6, known=near)
-        if full.error < BETTER * now.error:
-            if is_rare_or_restating(term) or is_plausible(problem, now, full):
-                return full
-        elif is_simpler(full.candidate, term) and is_as_good(problem, full, now):
-            return full
-    return now
+    for fit in tried[: SELECTION.max_exchange_trials]:
+        new = fit_and_score(
+            problem, fit.terms, fit.values, rounds=6, known=fit.jacobian
+        )
+        if new.error < SELECTION.exchange_error_ratio * old.error:
+            if is_rare_or_restating(term) or is_plausible(problem, old, new):
+                return new
+        elif is_simpler(new.candidate, term) and is_as_good(problem, new, old):
+            return new
+    return old
 
 
 def is_simpler(new: Term, old: Term) -> bool:
-    """Whether an effect is to be preferred where the data do not tell."""
+    """Whether a term is less rare, or as rare with fewer parameters."""
     if new.effect.rarity != old.effect.rarity:
         return new.effect.rarity < old.effect.rarity
     return len(new.parameters) < len(old.parameters)
 
 
-def fit_without(problem: Problem, found: Fit, term: Term) -> Fit:
-    """The fit of all terms but one."""
+def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
+    """Fit all terms but one, from a fit with all of them.
+
+    Args:
+        problem: that was fitted.
+        fit: with all terms.
+        term: to leave out.
+    """
     return fit_parameters(
         problem,
-        *found.without_terms(term),
+        *fit.without_terms(term),
         rounds=3,
-        known=found.jacobian_without(term),
+        known=fit.jacobian_without(term),
     )

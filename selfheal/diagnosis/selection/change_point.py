@@ -1,4 +1,8 @@
-"""When an effect set in: takes fits, gives since when the robot is not as it was."""
+"""Change point: takes fits, gives since when the robot is not as it was before.
+
+Detection is offline, by fits to what came before; the date is that of the largest
+cumulative log-likelihood ratio (Page 1954, Hinkley 1970).
+"""
 
 import itertools
 from collections.abc import Sequence
@@ -6,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...recording import Recording, split, whole_of
+from ...recording import Recording, split, strip_window
 from ...recording.data import Floats
 from ..effects.base import Onset, Term
 from ..estimation.covariance import effective_sample_size
@@ -16,162 +20,190 @@ from ..estimation.noise import expected_noise_by_segment
 from ..estimation.problem import Problem
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit, fit_and_score
-from .evidence import is_as_good
-
-# least number of episodes, or share of a lone one, that what is stated explains; into
-# how many parts those are cut at most that may come before; chosen
-WHOLE, PART, CUTS = 2, 0.25, 8
-# how much more error most later pieces have than nearly all earlier ones; chosen
-MORE, NEARLY = 2.5, 0.9
-INSIDE = 1.35  # nats within which an onset is as likely: 90 % of chi-square, halved
+from .evidence import TINY, is_as_good
+from .settings import SELECTION
 
 
-def detect_change_point(problem: Problem, found: Fit) -> Onset | None:
-    """When pieces begin to show what earlier ones did not; None: they do not.
+def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
+    """Find since when segments show what earlier ones did not; None: they do not.
 
-    What the model states, fitted anew, explains the earlier ones to the noise, and by
-    that most of the later ones are far from explained. Poses do not tell the noise.
+    Nominal values are fitted to more and more of the first segments, as long as that
+    explains most of them to the noise. At a change point most later segments are then
+    far worse than nearly all earlier ones. Single readings do not tell the noise.
 
     Args:
-        problem: windows.
-        found: what is stated, fitted to all of them.
+        problem: the segments.
+        fit: nominal values, fitted to all of them.
     """
     if problem.regime.has_single_readings:
         return None
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
     cuts = _list_cuts(problem.segments.episode[order])
-    best, most = None, MORE
+    change, largest = None, SELECTION.change_point_error_ratio
     for cut, after in itertools.pairwise([*cuts, len(order)]):
-        early = _fit_if_explained(problem, np.sort(order[:cut]), found)
+        early = _fit_if_explained(problem, np.sort(order[:cut]), fit)
         if early is None:
             break
-        ratio = _noise_ratios(problem, early)[order]
-        usual = np.quantile(ratio[:cut], NEARLY)
-        later = ratio[after:] if after < len(order) else ratio[(cut + after) // 2 :]
-        if np.median(later) > most * usual:
-            most = np.median(later) / usual
-            # most between the two look like the early ones up to then
-            odd = ratio[cut:after] > np.sqrt(usual * np.median(later))
-            wrong = np.append(0, np.cumsum(odd))
-            wrong += np.append(np.cumsum(~odd[::-1])[::-1], 0)
-            best = cut + int(wrong.argmin())
-    if best is None or best == len(order):
+        ratios = _noise_ratios(problem, early)[order]
+        usual = np.quantile(ratios[:cut], SELECTION.change_point_quantile)
+        later = ratios[after:] if after < len(order) else ratios[(cut + after) // 2 :]
+        if np.median(later) > largest * usual:
+            largest = np.median(later) / usual
+            # the change lies where fewest segments between the two look like the
+            # other side of it
+            is_odd = ratios[cut:after] > np.sqrt(usual * np.median(later))
+            wrong = np.append(0, np.cumsum(is_odd))
+            wrong += np.append(np.cumsum(~is_odd[::-1])[::-1], 0)
+            change = cut + int(wrong.argmin())
+    if change is None or change == len(order):
         return None
-    return _build_onset(problem, order, best, best, best)
+    return _build_onset(problem, order, change, change, change)
 
 
-def _noise_ratios(problem: Problem, found: Fit) -> Floats:
-    """(W) what each window leaves of squares, over what its noise would."""
+def _noise_ratios(problem: Problem, fit: Fit) -> Floats:
+    """(W) [1] squared residuals of each segment over those that its noise leaves."""
     problem = replace(problem.unmarginalized, initial_state_shift=None)
-    problem = marginalize_initial_states(problem, found.terms, found.values)
-    left = problem.sum_by_segment(problem.residuals_at(found.terms, found.values) ** 2)
-    return left / np.maximum(expected_noise_by_segment(problem), 1e-12)
+    problem = marginalize_initial_states(problem, fit.terms, fit.values)
+    squares = problem.residuals_at(fit.terms, fit.values) ** 2
+    noise = expected_noise_by_segment(problem)
+    return problem.sum_by_segment(squares) / np.maximum(noise, 1e-12)
 
 
 def _list_cuts(episode: np.ndarray) -> list[int]:
-    """Numbers of windows, in order of time, after which something may have set in."""
+    """Numbers of segments, in order of time, after which a change is looked for.
+
+    `episode`: (W) of each segment. Cuts lie between episodes, or within a lone one.
+    """
     ends = np.flatnonzero(np.diff(episode)) + 1
-    cuts = ends[WHOLE - 1 :]
+    cuts = ends[SELECTION.min_explained_episodes - 1 :]
+    most = SELECTION.max_change_point_cuts
     if not len(cuts):
-        cuts = np.unique((np.arange(PART, 1, 1 / CUTS) * len(episode)).astype(int))
-    return [int(cut) for cut in cuts[:: -(-len(cuts) // CUTS)]]
+        shares = np.arange(SELECTION.min_explained_share, 1, 1 / most)
+        cuts = np.unique((shares * len(episode)).astype(int))
+    return [int(cut) for cut in cuts[:: -(-len(cuts) // most)]]
 
 
-def _fit_if_explained(problem: Problem, chosen: np.ndarray, found: Fit) -> Fit | None:
-    """A fit to some windows, if most of them show no more than noise and time step."""
+def _fit_if_explained(problem: Problem, chosen: np.ndarray, fit: Fit) -> Fit | None:
+    """Fit some segments; None where most show more than noise and time step.
+
+    Args:
+        problem: all segments.
+        chosen: (v) numbers of segments.
+        fit: to all of them.
+    """
     part = problem.select(chosen)
     rows = np.isin(problem.segment_of_residual, chosen)
-    best = fit_parameters(
-        part, found.terms, found.values, rounds=4, known=found.jacobian[rows]
+    early = fit_parameters(
+        part, fit.terms, fit.values, rounds=4, known=fit.jacobian[rows]
     )
-    of_step = part.timestep_error(best.terms, best.values, best.residuals)
-    usual = expected_noise_by_segment(part) + part.sum_by_segment(of_step**2)
-    left = part.sum_by_segment(best.residuals**2)
-    ratio = np.median(left / np.maximum(usual, 1e-12))
-    return best if ratio <= problem.regime.explained_ratio**2 else None
+    step_error = part.timestep_error(early.terms, early.values, early.residuals)
+    usual = expected_noise_by_segment(part) + part.sum_by_segment(step_error**2)
+    squares = part.sum_by_segment(early.residuals**2)
+    ratio = np.median(squares / np.maximum(usual, 1e-12))
+    return early if ratio <= problem.regime.explained_ratio**2 else None
 
 
 def _build_onset(
     problem: Problem, order: np.ndarray, at: int, low: int, high: int
 ) -> Onset:
-    """At the at-th window in order of time, or from the low-th to the high-th."""
+    """The onset at the middle between two segments.
+
+    Args:
+        problem: the segments.
+        order: (W) their numbers in order of time.
+        at: place in that order of the first segment after the change.
+        low: the same, where the interval begins.
+        high: the same, where it ends.
+    """
     simulator, segments = problem.simulator, problem.segments
-    log = int(segments.episode[order[at]])
-    episode = simulator.episodes[log]
+    number = int(segments.episode[order[at]])
+    episode = simulator.episodes[number]
 
     def middle(k: int) -> float:
-        """Of a window, as far as it is of the same episode [s]."""
+        """Middle of the k-th segment, or an end of the episode if not of it [s]."""
         w = order[min(max(k, 0), len(order) - 1)]
-        inside = segments.first_step[w] + segments.lengths[w] / 2
-        if segments.episode[w] != log or not 0 <= k < len(order):
-            inside = 0.0 if k < at else episode.sample_steps[-1]
-        return float(episode.start + inside * simulator.timestep)
+        steps = segments.first_step[w] + segments.lengths[w] / 2
+        if segments.episode[w] != number or not 0 <= k < len(order):
+            steps = 0.0 if k < at else episode.sample_steps[-1]
+        return float(episode.start + steps * simulator.timestep)
 
-    is_first = at == 0 or segments.episode[order[at - 1]] != log
+    is_first = at == 0 or segments.episode[order[at - 1]] != number
     time = episode.start if is_first else (middle(at - 1) + middle(at)) / 2
     interval = middle(low - 1), middle(high)
-    return Onset(episode.number, whole_of(episode.id), time, *interval)
+    return Onset(episode.number, strip_window(episode.id), time, *interval)
 
 
 def set_onset(terms: Sequence[Term], onset: Onset | None) -> tuple[Term, ...]:
-    """Effects that set in then, or were always there; what is stated always was."""
+    """Effects that set in at an onset (None: were always there); not nominal terms."""
     return tuple(
         t if t.effect.name == "stated" else replace(t, onset=onset) for t in terms
     )
 
 
-def locate_change_point(problem: Problem, whole: Problem, now: ScoredFit) -> ScoredFit:
-    """The same effects, always there if they may as well have been; else since when.
+def locate_change_point(problem: Problem, whole: Problem, best: ScoredFit) -> ScoredFit:
+    """Date the onset of effects, or drop it if they may as well always have been there.
 
     Args:
-        problem: in whose windows they were fitted.
-        whole: all windows, weighed otherwise.
-        now: effects that set in somewhen.
+        problem: the segments in which the effects were fitted.
+        whole: all segments, with other weights.
+        best: the fit with effects that set in at some time.
     """
-    found = now.fit
-    always = fit_and_score(
-        problem, set_onset(found.terms, None), found.values, rounds=4
-    )
-    if always.error <= now.error or is_as_good(problem, always, now):
+    fit = best.fit
+    always = fit_and_score(problem, set_onset(fit.terms, None), fit.values, rounds=4)
+    if always.error <= best.error or is_as_good(problem, always, best):
         return always
     whole = replace(whole, sigma=problem.sigma, simulator=problem.simulator)
-    whole = marginalize_initial_states(whole, found.terms, found.values)
-    onset = _find_likeliest_onset(whole, found)
-    return fit_and_score(problem, set_onset(found.terms, onset), found.values, rounds=2)
+    whole = marginalize_initial_states(whole, fit.terms, fit.values)
+    onset = _find_likeliest_onset(whole, fit)
+    return fit_and_score(problem, set_onset(fit.terms, onset), fit.values, rounds=2)
 
 
-def _find_likeliest_onset(problem: Problem, found: Fit) -> Onset:
-    """When effects set in, by which windows are likelier with them than without."""
-    hypotheses = [t for t in found.terms if t.onset]
-    apart = [
-        problem.residuals_at(set_onset(found.terms, None), found.values),
-        problem.residuals_at(*found.without_terms(*hypotheses)),
-    ]
-    gain = problem.sum_by_segment(apart[1] ** 2) - problem.sum_by_segment(apart[0] ** 2)
-    now = problem.residuals_at(found.terms, found.values)
-    scale = effective_sample_size(problem, now) / max(float(now @ now), 1e-300)
+def _find_likeliest_onset(problem: Problem, fit: Fit) -> Onset:
+    """The onset of maximum likelihood, and its 90 % profile-likelihood interval.
+
+    Up to a constant, the log-likelihood [nats] of an onset at segment k is
+
+        n / (2 E) * sum over w >= k of (E_w without - E_w with)
+
+    E_w is the squared error of a segment without and with the effects. E is their sum,
+    and n the effective sample size.
+    """
+    dated = [t for t in fit.terms if t.onset]
+    with_effects = problem.residuals_at(set_onset(fit.terms, None), fit.values)
+    without = problem.residuals_at(*fit.without_terms(*dated))
+    gains = problem.sum_by_segment(without**2) - problem.sum_by_segment(with_effects**2)
+    residuals = problem.residuals_at(fit.terms, fit.values)
+    samples = effective_sample_size(problem, residuals)
+    scale = samples / max(float(residuals @ residuals), TINY)
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
-    nats = scale / 2 * np.append(np.cumsum(gain[order][::-1])[::-1], 0)
+    nats = scale / 2 * np.append(np.cumsum(gains[order][::-1])[::-1], 0)
     at = int(nats[:-1].argmax())
-    likely = np.flatnonzero(nats[:-1] > nats[at] - INSIDE)
+    limit = nats[at] - SELECTION.change_point_interval_nats
+    likely = np.flatnonzero(nats[:-1] > limit)
     return _build_onset(problem, order, at, int(likely[0]), int(likely[-1]))
 
 
 def choose_held_out_after(
-    onset: Onset, recordings: Sequence[Recording], held: Simulator
+    onset: Onset, recordings: Sequence[Recording], held_out: Simulator
 ) -> tuple[str, ...]:
-    """What to hold out instead, all of it later than an onset.
+    """Names of other episodes to hold out, all of them later than an onset.
 
-    Nothing, where what is held out already is, or nothing later was recorded.
+    Args:
+        onset: when effects set in.
+        recordings: of the robot.
+        held_out: the episodes that are held out now.
+
+    Returns:
+        Nothing, where what is held out is later already, or nothing later was recorded.
     """
     begin = (onset.number, onset.time)
-    if all((episode.number, episode.start) >= begin for episode in held.episodes):
+    if all((episode.number, episode.start) >= begin for episode in held_out.episodes):
         return ()
     names: list[str] = []
     number = 0
     for recording in recordings:
-        each = enumerate(recording.episodes.items(), number)
-        later = {name: e for i, (name, e) in each if i > onset.number}
+        numbered = enumerate(recording.episodes.items(), number)
+        later = {name: e for i, (name, e) in numbered if i > onset.number}
         number += len(recording.episodes)
         if later:
             chosen = split(replace(recording, episodes=later))[1].episodes

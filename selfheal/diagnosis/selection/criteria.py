@@ -1,4 +1,8 @@
-"""Which of some candidates earns a name: takes their fits, gives one or none."""
+"""Which of some candidates earns a name: takes their fits, gives one or none.
+
+A candidate has to pass a likelihood-ratio test of held-out residuals, to remove enough
+error, to generalize across episodes, and to be usual enough for what it explains.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,28 +28,22 @@ from .evidence import (
     Evidence,
     bic,
     bootstrap_stability,
+    gain_nats,
     improvement_p_value,
     is_as_good,
 )
 from .screening import Progress
-
-FITTED = 5  # of the last ones, with every other value fitted anew; chosen
-SURE = 0.01  # p-value, corrected for every candidate tried, that earns a name; chosen
-# least share of the held-out squared error without which a name may go; chosen
-WORTH = 0.02
-STRAINED = 12.0  # [variances] of stated values, that a sure name may take away; chosen
-DRASTIC = 2  # at most, of what leaves nothing to fit, that are fitted; chosen
-MOSTLY = 0.5  # of the held-out squared error, what a rare effect has to remove; chosen
+from .settings import SELECTION
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """What speaks for a name, and what else might have got it.
+    """What speaks for a name, and which terms may stand in its place.
 
     Attributes:
-        evidence: for it.
-        rivals: what cannot be told from it.
-        others: what else might take its place beside later effects.
+        evidence: for the name.
+        rivals: terms that cannot be told from it.
+        others: terms that may take its place beside later effects.
     """
 
     evidence: Evidence
@@ -56,222 +54,267 @@ class Claim:
 def fit_finalists(
     problem: Problem, fits: Sequence[Fit], progress: Progress
 ) -> list[ScoredFit]:
-    """The candidates' predictions, the best ones' with everything else fitted anew."""
-    found = [ScoredFit.from_fit(problem, f) for f in fits]
-    found.sort(key=lambda s: s.error)
-    for i in range(min(FITTED, len(found))):
-        old = found[i]
-        progress(f"fitting {old.candidate.label}", i / FITTED)
-        at, near = old.fit.values, old.fit.jacobian
-        new = fit_and_score(problem, old.fit.terms, at, rounds=3, known=near)
-        if new.error < old.error:
-            found[i] = new
-        found[i] = _score_reestimated(problem, found[i])
-    return found
+    """Score candidates; those that predict best with all other values fitted again.
+
+    Args:
+        problem: that all were fitted to.
+        fits: with one candidate each, from the screening.
+        progress: called with a message and a share (0 to 1).
+    """
+    scored = [ScoredFit.from_fit(problem, fit) for fit in fits]
+    scored.sort(key=lambda s: s.error)
+    for i in range(min(SELECTION.max_finalists, len(scored))):
+        old = scored[i]
+        progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
+        start, jacobian = old.fit.values, old.fit.jacobian
+        new = fit_and_score(problem, old.fit.terms, start, rounds=3, known=jacobian)
+        scored[i] = _score_reestimated(problem, new if new.error < old.error else old)
+    return scored
 
 
-def _score_reestimated(problem: Problem, found: ScoredFit) -> ScoredFit:
-    """The same with the starts that its values ask for, if it is better there."""
-    terms, values = found.fit.terms, found.fit.values
+def _score_reestimated(problem: Problem, old: ScoredFit) -> ScoredFit:
+    """The fit with initial states estimated from its values, if it predicts better."""
+    terms, values = old.fit.terms, old.fit.values
     reestimated = reestimate_initial_states(problem, terms, values)
     if reestimated is problem:
-        return found
-    near = problem.transfer_jacobian(reestimated, found.fit.jacobian)
-    new = replace(
-        fit_and_score(reestimated, terms, values, rounds=4, known=near),
-        reestimated=reestimated,
-    )
-    return new if new.error < found.error else found
+        return old
+    jacobian = problem.transfer_jacobian(reestimated, old.fit.jacobian)
+    new = fit_and_score(reestimated, terms, values, rounds=4, known=jacobian)
+    new = replace(new, reestimated=reestimated)
+    return new if new.error < old.error else old
 
 
 def fit_parameterless(
     base: LinearizedFit,
-    nominal_terms: int,
+    nominal_count: int,
     candidates: Sequence[Term],
     progress: Progress,
 ) -> list[ScoredFit]:
-    """Predictions of what leaves nothing to fit, as a lost limb, begun from the start.
+    """Score candidates without a parameter, such as a lost limb.
 
-    Stated values and starts that were sought without it are so far off that it seems of
-    no use there. So it is looked at with values as given and starts as read, and those
-    that mend most of it are fitted from there.
+    Nominal values and initial states that were fitted without a lost limb are so far
+    off that it seems of no use there. So it is compared with nominal values as given
+    and initial states as read. Those that remove most of the error are fitted from
+    there.
+
+    Args:
+        base: the fit without a candidate.
+        nominal_count: number of nominal terms, which stand first.
+        candidates: terms, of which those without a parameter are tried.
+        progress: called with a message and a share (0 to 1).
     """
-    whole = [t for t in candidates if not t.parameters]
-    problem, found = base.problem, base.fit
-    if not whole or problem.regime.has_single_readings:
+    parameterless = [t for t in candidates if not t.parameters]
+    problem, fit = base.problem, base.fit
+    if not parameterless or problem.regime.has_single_readings:
         return []
-    raw = replace(problem.unmarginalized, initial_state_shift=None)
-    values = np.append(np.ones(nominal_terms), found.values[nominal_terms:])
-    before = raw.residuals_at(found.terms, values)
-    costs = {}
-    for term in whole:
-        after = raw.residuals_at((*found.terms, term), values)
-        costs[term] = float(after @ after) / float(before @ before)
-    order = sorted(whole, key=lambda t: costs[t])[:DRASTIC]
-    scores = []
-    for term in [t for t in order if costs[t] < MOSTLY]:
+    as_read = replace(problem.unmarginalized, initial_state_shift=None)
+    values = np.append(np.ones(nominal_count), fit.values[nominal_count:])
+    before = as_read.residuals_at(fit.terms, values)
+    ratios = {}
+    for term in parameterless:
+        after = as_read.residuals_at((*fit.terms, term), values)
+        ratios[term] = float(after @ after) / float(before @ before)
+    best = sorted(parameterless, key=lambda t: ratios[t])[: SELECTION.max_parameterless]
+    scored = []
+    for term in [t for t in best if ratios[t] < SELECTION.large_gain_error_ratio]:
         progress(f"fitting {term.label}", 0.0)
-        terms = (*found.terms, term)
-        reestimated = marginalize_initial_states(raw, terms, values)
-        scores.append(
-            replace(
-                fit_and_score(reestimated, terms, values, rounds=4),
-                reestimated=reestimated,
-            )
-        )
-    return scores
+        terms = (*fit.terms, term)
+        reestimated = marginalize_initial_states(as_read, terms, values)
+        new = fit_and_score(reestimated, terms, values, rounds=4)
+        scored.append(replace(new, reestimated=reestimated))
+    return scored
 
 
 def choose_winner(
-    problem: Problem, now: ScoredFit, finals: Sequence[ScoredFit], tried: float
+    problem: Problem, old: ScoredFit, finalists: Sequence[ScoredFit], tried: float
 ) -> tuple[ScoredFit, Claim] | None:
-    """The candidate that earns a name, and its claim to it."""
-    p_value = {s: improvement_p_value(problem, now, s, tried) for s in finals}
+    """The candidate that earns a name, and its claim to it; None: no one does.
+
+    Args:
+        problem: that all were fitted to.
+        old: the fit without a candidate.
+        finalists: fits with one candidate each.
+        tried: number of independent candidates (`screen_candidates`).
+    """
+    p_value = {s: improvement_p_value(problem, old, s, tried) for s in finalists}
     good = [
         s
-        for s in finals
-        if p_value[s] < SURE
+        for s in finalists
+        if p_value[s] < SELECTION.max_p_value
         and not s.candidate.is_negligible(s.values)
-        and s.error < (1 - problem.regime.min_gain) * now.error
-        and is_plausible(problem, now, s)
-        and generalizes_across_episodes(problem, now.fit, s.fit, s.reestimated)
+        and s.error < (1 - problem.regime.min_gain) * old.error
+        and is_plausible(problem, old, s)
+        and generalizes_across_episodes(problem, old.fit, s.fit, s.reestimated)
     ]
     if not good:
         return None
-    best = _choose_likeliest(problem, now, sorted(good, key=lambda s: s.error))
+    best = _choose_likeliest(problem, old, sorted(good, key=lambda s: s.error))
     others = [s for s in good if s is not best]
-    also = [s for s in others if is_as_good(problem, s, best, 2.0)]
+    margin = SELECTION.equivalence_margin
+    equivalent = [s for s in others if is_as_good(problem, s, best, margin)]
     evidence = Evidence(
-        float(0.5 * np.log(now.error / max(best.error, 1e-300))),
+        gain_nats(old, best),
         p_value[best],
-        bootstrap_stability(problem, good, [best, *also]),
+        bootstrap_stability(problem, good, [best, *equivalent]),
     )
     return best, Claim(
         evidence,
-        tuple(s.candidate for s in also[:3]),
+        tuple(s.candidate for s in equivalent[: SELECTION.max_rivals]),
         tuple(s.candidate for s in others),
     )
 
 
 def find_relieving(
-    base: LinearizedFit, now: ScoredFit, candidates: Sequence[Term], progress: Progress
+    base: LinearizedFit, old: ScoredFit, candidates: Sequence[Term], progress: Progress
 ) -> tuple[ScoredFit, Claim] | None:
-    """The candidate without which stated values are too far from what is believed.
+    """The candidate that brings nominal values back to where the prior has them.
 
-    Several at their bounds can stand for one that had to leave them. Only where the
-    readings fit as they are: else what is missing has pushed them there.
+    Several values at their bounds can stand for one that had to leave them. A
+    likelihood-ratio test of the penalized cost, with p the candidate's parameters:
+
+        fall of the prior penalty - rise of the cost,  compared with chi-square of p
+        degrees
+
+    Its p-value is corrected for the number of candidates (Bonferroni). No one is chosen
+    where the readings do not fit: what is missing has pushed the values there.
+
+    Args:
+        base: the fit without a candidate.
+        old: the same, scored.
+        candidates: terms that restate a nominal value.
+        progress: called with a message and a share (0 to 1).
     """
     from scipy.stats import chi2
 
     problem = base.problem
-    if noise_ratio(problem, now.fit.residuals) >= LEFT:
+    if noise_ratio(problem, old.fit.residuals) >= LEFT:
         return None
-    # where something touches, the cost is too rough to follow a valley
-    end = (
+    # in contact the cost is too rough to follow a valley
+    refine = (
         partial(refine_undamped, problem)
         if not problem.regime.has_rough_cost
         else lambda f: f
     )
-    before = end(now.fit)
+    before = refine(old.fit)
     fits = []
     for i, term in enumerate(candidates):
         progress(f"trying {term.label}", i / len(candidates))
         fits.append(_fit_freed(problem, before, term))
     fits.sort(key=lambda f: f.cost + f.prior_penalty)
-    found = [ScoredFit.from_fit(problem, end(f)) for f in fits[:FITTED]]
+    best_fits = fits[: SELECTION.max_finalists]
+    scored = [ScoredFit.from_fit(problem, refine(f)) for f in best_fits]
     relief = {
         s: before.prior_penalty
         - s.fit.prior_penalty
         - max(s.fit.cost - before.cost, 0.0)
-        for s in found
+        for s in scored
     }
     p_value = {
         s: float(len(candidates) * chi2.sf(relief[s], len(s.candidate.parameters)))
-        for s in found
+        for s in scored
         if not s.candidate.is_negligible(s.values)
     }
     best = min(p_value, key=lambda s: p_value[s], default=None)
-    if best is None or p_value[best] >= SURE:
+    if best is None or p_value[best] >= SELECTION.max_p_value:
         return None
-    gain = float(0.5 * np.log(now.error / max(best.error, 1e-300)))
-    rivals = tuple(s.candidate for s in p_value if p_value[s] < SURE and s is not best)
-    sure = Evidence(
-        gain, p_value[best], bootstrap_stability(problem, [now, *found], [best])
-    )
-    return best, Claim(sure, rivals, rivals)
+    good = [s for s in p_value if p_value[s] < SELECTION.max_p_value]
+    rivals = tuple(s.candidate for s in good if s is not best)
+    stability = bootstrap_stability(problem, [old, *scored], [best])
+    evidence = Evidence(gain_nats(old, best), p_value[best], stability)
+    return best, Claim(evidence, rivals, rivals)
 
 
-def _fit_freed(problem: Problem, found: Fit, term: Term) -> Fit:
-    """One step from a fit, with what it made of the values that a term says anew.
+def _fit_freed(problem: Problem, fit: Fit, term: Term) -> Fit:
+    """One iteration from a fit; a term begins at the fitted value that it restates.
 
-    The readings fit there; how far it has to go from there, belief tells.
+    The readings fit there; the prior tells how far the value has to go from there.
+
+    Args:
+        problem: that was fitted.
+        fit: without the term.
+        term: that restates a nominal value.
     """
-    factor = {t.targets[0]: v for t, v in zip(found.terms, found.values, strict=True)}
+    factors = {t.targets[0]: v for t, v in zip(fit.terms, fit.values, strict=True)}
     target = term.targets[0]
-    own = [p.nominal * factor.get(f"{target}/{p.name}", 1.0) for p in term.parameters]
-    terms, start = (*found.terms, term), np.append(found.values, own)
-    r = problem.residuals_at(terms, start)
-    new = compute_jacobian(problem, terms, start, r, len(found.values))
-    near = np.hstack([found.jacobian, new])
-    near[:, find_overridden(term, found.terms)] = 0.0
-    return fit_parameters(problem, terms, start, rounds=1, known=near)
+    restated = [
+        p.nominal * factors.get(f"{target}/{p.name}", 1.0) for p in term.parameters
+    ]
+    terms, start = (*fit.terms, term), np.append(fit.values, restated)
+    residuals = problem.residuals_at(terms, start)
+    columns = compute_jacobian(problem, terms, start, residuals, len(fit.values))
+    jacobian = np.hstack([fit.jacobian, columns])
+    jacobian[:, find_overridden(term, fit.terms)] = 0.0
+    return fit_parameters(problem, terms, start, rounds=1, known=jacobian)
 
 
 def _choose_likeliest(
-    problem: Problem, now: ScoredFit, good: Sequence[ScoredFit]
+    problem: Problem, old: ScoredFit, good: Sequence[ScoredFit]
 ) -> ScoredFit:
-    """Of candidates, the best first, the one that gets the name."""
+    """The candidate that gets the name, of some that earn it.
+
+    Of candidates that the data cannot rank, those go first that leave nominal values
+    far from the prior; of the rest the usual one with the fewest parameters stays.
+
+    Args:
+        problem: that all were fitted to.
+        old: the fit without a candidate.
+        good: fits with one candidate each, the best first.
+    """
     for s in good:
-        if (
-            s.candidate.effect.is_directly_observed(s.candidate)
-            and s.error < MOSTLY * now.error
-        ):
+        is_observed = s.candidate.effect.is_directly_observed(s.candidate)
+        if is_observed and s.error < SELECTION.large_gain_error_ratio * old.error:
             return s
+    margin = SELECTION.equivalence_margin
     if problem.regime.has_single_readings:
         good = sorted(good, key=partial(bic, problem), reverse=True)
-        near = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
+        near = [s for s in good if is_as_good(problem, s, good[0], margin)]
         # a pose that is read once tells nothing of when a command arrives
         return min(
             near, key=lambda s: implements(s.candidate.effect, "transform_command")
         )
-    close = [s for s in good if is_as_good(problem, s, good[0], 2.0)]
-    usual = [s for s in close if not _rank_rarity(s)[0]] or close
-    near = [s for s in usual if is_as_good(problem, s, usual[0], 2.0)]
-    most = min(s.fit.prior_penalty for s in near) + significant_prior_penalty(
+    near = [s for s in good if is_as_good(problem, s, good[0], margin)]
+    usual = [s for s in near if not _rank_rarity(s)[0]] or near
+    near = [s for s in usual if is_as_good(problem, s, usual[0], margin)]
+    limit = min(s.fit.prior_penalty for s in near) + significant_prior_penalty(
         problem, near[0].fit
     )
-    near = [s for s in near if s.fit.prior_penalty < most]
-    # of those that the data cannot rank, a usual one, with the least to choose
+    near = [s for s in near if s.fit.prior_penalty < limit]
     return min(near, key=_rank_rarity)
 
 
 def _rank_rarity(s: ScoredFit) -> tuple:
-    """By what those go that the data cannot rank, the least odd first."""
+    """Sort key of what the data cannot rank: rarity, free parameters, error."""
     term = s.candidate
-    own = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
+    columns = s.fit.jacobian[:, len(s.fit.values) - len(term.parameters) :]
     # what does nothing here, as a shift along a joint's axis, is no choice
-    free = (np.linalg.norm(own * term.scale, axis=0) > 1).sum()
+    free = (np.linalg.norm(columns * term.scale, axis=0) > 1).sum()
     return term.effect.rate_rarity(term, s.values), free, s.error
 
 
-def significant_prior_penalty(problem: Problem, found: Fit) -> float:
-    """Strain [variances] that is no accident.
+def significant_prior_penalty(problem: Problem, fit: Fit) -> float:
+    """Prior penalty [variances] that is no accident.
 
-    Impacts make the cost rough, which drives every stated value some way.
+    Impacts make the cost rough, which drives every nominal value some way.
     """
-    values = np.count_nonzero(prior_precision(found.terms))
-    return STRAINED + problem.regime.prior_penalty_of_value * values
+    values = np.count_nonzero(prior_precision(fit.terms))
+    by_roughness = problem.regime.prior_penalty_of_value * values
+    return SELECTION.significant_prior_penalty + by_roughness
 
 
-def is_plausible(problem: Problem, now: ScoredFit, new: ScoredFit) -> bool:
+def is_plausible(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
     """Whether an effect is usual enough for what it explains.
 
-    Where much stays unexplained, one that is rare, or says that the model's own numbers
-    are far off, is more likely to stand for something else.
+    Where much stays unexplained, an effect that is rare, or says that the model's own
+    numbers are far off, is more likely to stand for something else.
+
+    Args:
+        problem: that both were fitted to.
+        old: the fit without the effect, or with another one.
+        new: the fit with the effect as its last term.
     """
-    usual = not is_rare_or_restating(new.candidate)
-    mostly = new.error < MOSTLY * now.error
-    return usual or mostly or noise_ratio(problem, new.fit.residuals) < LEFT
+    is_usual = not is_rare_or_restating(new.candidate)
+    is_large = new.error < SELECTION.large_gain_error_ratio * old.error
+    return is_usual or is_large or noise_ratio(problem, new.fit.residuals) < LEFT
 
 
 def is_rare_or_restating(term: Term) -> bool:

@@ -1,4 +1,8 @@
-"""Fits that predict what they did not see: blocks of segments, folds, episodes."""
+"""Block cross-validation: takes fits, gives errors of what they did not see.
+
+Neighboring segments are correlated, so that whole blocks of them are left out together
+(Burman, Chow and Nolan 1994), and also whole episodes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,20 +14,19 @@ from ..effects.base import Term
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import BLOCKS, Problem, assign_blocks
-
-EPISODES = 3  # at least, each to be predicted from the others; chosen
-FOLDS = 6  # of single readings, each predicted by a fit of its own; chosen
-EQUAL = 1.5  # times another's error, above which a fit is not as good; chosen
+from .settings import SELECTION
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredFit:
-    """A fit and how well it predicts what it did not see.
+    """A fit, and how well it predicts the segments that it did not see.
 
     Attributes:
-        fit: of all windows.
-        held: (W) squared residuals of each window, predicted from the other folds.
-        seat: the problem with the starts that its values ask for; None: as it was.
+        fit: to all segments.
+        held_out_errors: (W) [1] squared residuals of each segment in standard
+            deviations, each predicted from the other folds.
+        reestimated: the problem with the initial states that the fit's values ask for;
+            None: those of before.
     """
 
     fit: Fit
@@ -31,58 +34,69 @@ class ScoredFit:
     reestimated: Problem | None = None
 
     @classmethod
-    def from_fit(cls, problem: Problem, found: Fit) -> "ScoredFit":
-        """With every fold predicted from the others."""
-        return cls(found, predict_held_out(problem, found))
+    def from_fit(cls, problem: Problem, fit: Fit) -> "ScoredFit":
+        """Score a fit of a problem by predicting every fold from the others."""
+        return cls(fit, predict_held_out(problem, fit))
 
     @property
     def error(self) -> float:
-        """Of all windows."""
+        """Held-out squared error of all segments [1]."""
         return self.held_out_errors.sum()
 
     @property
     def candidate(self) -> Term:
-        """The term that was tried."""
+        """The term that was tried, which is the last one."""
         return self.fit.terms[-1]
 
     @property
     def values(self) -> Floats:
-        """Of its parameters."""
+        """(p) [units of its parameters] values of the candidate."""
         return self.fit.values[len(self.fit.values) - len(self.candidate.parameters) :]
 
 
 def predict_held_out(
-    problem: Problem, found: Fit, of: np.ndarray | None = None
+    problem: Problem, fit: Fit, folds: np.ndarray | None = None
 ) -> Floats:
-    """(W) squared residuals of each fold, with the values that the others ask for.
+    """Squared residuals of each fold, with the values that the other folds ask for.
 
-    These by one Gauss-Newton step from the fit of all; with them folds of whole windows
-    are simulated, for where something touches a small step changes much. Parts of a
-    window answer linearly, and so do single readings, which `refitted` looks at.
+    These values are one Gauss-Newton step away from the fit to all segments, J and r
+    without the rows of the fold and Lambda of the prior:
+
+        (J'J + Lambda) step = -(J'r + Lambda (x - 1))
+
+    Where residuals are linear that is exact leave-out prediction (PRESS, Allen 1974).
+    Folds of whole segments are then simulated with these values, for in contact a small
+    step changes much. Parts of a segment, and single readings, are predicted linearly;
+    `refit_without_folds` fits the latter.
 
     Args:
         problem: that was fitted.
-        found: its fit.
-        of: (R) fold of each residual; by default one of `BLOCKS` stretches of time.
+        fit: its fit.
+        folds: (R) number of the fold of each residual; by default those of
+            `assign_folds`.
+
+    Returns:
+        (W) [1] sums over each segment, in squared standard deviations.
     """
-    x, jac, r = found.values, found.jacobian, found.residuals
-    of = assign_folds(problem) if of is None else of
-    base = LinearizedFit.from_fit(problem, found)
-    out = np.empty(len(r))
-    for fold in np.unique(of):
-        rows = of == fold
-        _, move = base.drop_residuals(rows)
-        own = np.unique(problem.segment_of_residual[rows])
-        whole = np.isin(problem.segment_of_residual, own).sum() == rows.sum()
-        if whole and not problem.regime.has_single_readings:
-            out[rows] = problem.select(own).residuals_at(found.terms, x + move) ** 2
+    values, jacobian, residuals = fit.values, fit.jacobian, fit.residuals
+    folds = assign_folds(problem) if folds is None else folds
+    base = LinearizedFit.from_fit(problem, fit)
+    squares = np.empty(len(residuals))
+    for fold in np.unique(folds):
+        rows = folds == fold
+        _, step = base.drop_residuals(rows)
+        segments = np.unique(problem.segment_of_residual[rows])
+        is_whole = np.isin(problem.segment_of_residual, segments).sum() == rows.sum()
+        if is_whole and not problem.regime.has_single_readings:
+            part = problem.select(segments)
+            squares[rows] = part.residuals_at(fit.terms, values + step) ** 2
         else:
-            out[rows] = (r[rows] + jac[rows] @ move) ** 2
-    return problem.sum_by_segment(out)
+            squares[rows] = (residuals[rows] + jacobian[rows] @ step) ** 2
+    return problem.sum_by_segment(squares)
 
 
 def assign_folds(problem: Problem) -> np.ndarray:
-    """(R) fold of each residual: windows next to each other, or parts of long ones."""
+    """(R) fold of each residual: blocks of segments, or parts of few long segments."""
     if len(problem.segments) >= BLOCKS:
         return assign_blocks(problem)[problem.segment_of_residual]
     rows = len(problem.segment_of_residual)
@@ -92,67 +106,81 @@ def assign_folds(problem: Problem) -> np.ndarray:
 def generalizes_across_episodes(
     problem: Problem, old: Fit, new: Fit, reestimated: Problem | None = None
 ) -> bool:
-    """Whether `new`, in its seat, predicts whole episodes from the others better.
+    """Whether a fit predicts whole episodes from the others better than another one.
 
-    Pieces next to each other share what is peculiar to an episode; that also holds a
-    name that explains nothing else. Each episode counts by the logarithm of its error:
-    of one that alone shows an effect's size the others cannot tell it. Two episodes
-    are too few to ask.
+    Leave-one-episode-out cross-validation: neighboring segments share what is peculiar
+    to an episode. Each episode counts by the logarithm of its error, for if one alone
+    shows an effect's size, the others cannot tell it. Two episodes are too few to ask.
+
+    Args:
+        problem: that both were fitted to.
+        old: the fit without a candidate.
+        new: the fit with it.
+        reestimated: the problem with the initial states of `new`; None: `problem`.
     """
-    episode = problem.segments.episode[problem.segment_of_residual]
-    if len(np.unique(episode)) < EPISODES:
+    episode_of_residual = problem.segments.episode[problem.segment_of_residual]
+    if len(np.unique(episode_of_residual)) < SELECTION.min_episodes:
         return True
-    of = problem.segments.episode
-    before = np.bincount(of, predict_held_out(problem, old, episode))
-    after = np.bincount(of, predict_held_out(reestimated or problem, new, episode))
+    before, after = (
+        np.bincount(
+            problem.segments.episode, predict_held_out(p, fit, episode_of_residual)
+        )
+        for p, fit in ((problem, old), (reestimated or problem, new))
+    )
     if problem.regime.has_single_readings:
         return bool(after.sum() < before.sum())
-    there = before > 0
-    return bool(np.log(after[there] / before[there]).sum() < 0)
+    is_read = before > 0
+    return bool(np.log(after[is_read] / before[is_read]).sum() < 0)
 
 
 def refit_without_folds(
-    base: LinearizedFit, found: Sequence[ScoredFit], terms: Sequence[Term]
+    base: LinearizedFit, scored: Sequence[ScoredFit], terms: Sequence[Term]
 ) -> list[ScoredFit]:
-    """Fits with one more term than the base, the term fitted anew without each fold.
+    """Score candidates of single readings by fits of their own without each fold.
 
-    Where a robot that holds a pose rests on other feet, one step from the fit of all
-    knows too much of what it did not see. A fit that turns out to be worse than another
-    is left out.
+    K-fold cross-validation. A robot that holds a pose may rest on other feet with other
+    values. One Gauss-Newton step from the fit to all poses would know too much of the
+    fold. A candidate that turns out clearly worse than another one is left out.
 
     Args:
-        base: the fit without it.
-        found: of all windows.
-        terms: theirs are among them, as a search begins with them.
+        base: the fit without a candidate.
+        scored: fits to all segments, each with one more term than the base.
+        terms: the candidates with the initial values that a search begins with.
     """
-    problem, begin = base.problem, {t.key: t for t in terms}
+    problem, initial = base.problem, {t.key: t for t in terms}
     count = len(problem.segments)
-    fold = np.arange(count) % min(FOLDS, count)
-    worst = np.argsort(
-        -np.bincount(fold, problem.sum_by_segment(base.fit.residuals**2))
-    )
-    tried: list[ScoredFit] = []
-    for s in sorted(found, key=lambda s: (len(s.candidate.parameters), s.error)):
-        best = EQUAL * min((t.error for t in tried), default=np.inf)
-        held = np.zeros(count)
-        if s.error >= best:
+    folds = np.arange(count) % min(SELECTION.single_reading_folds, count)
+    errors = np.bincount(folds, problem.sum_by_segment(base.fit.residuals**2))
+    worst_first = np.argsort(-errors)
+    rescored: list[ScoredFit] = []
+    for old in sorted(scored, key=lambda s: (len(s.candidate.parameters), s.error)):
+        best_error = min((s.error for s in rescored), default=np.inf)
+        limit = SELECTION.max_equivalent_error_ratio * best_error
+        held_out = np.zeros(count)
+        if old.error >= limit:
             continue
-        for k in worst:
-            seen, unseen = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-            new = fit_candidate(base.select(seen), begin[s.candidate.key])
-            rest = problem.select(unseen)
-            held[unseen] = rest.sum_by_segment(
-                rest.residuals_at(new.terms, new.values) ** 2
-            )
-            if held.sum() > best:
+        for fold in worst_first:
+            seen, unseen = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+            new = fit_candidate(base.select(seen), initial[old.candidate.key])
+            part = problem.select(unseen)
+            residuals = part.residuals_at(new.terms, new.values)
+            held_out[unseen] = part.sum_by_segment(residuals**2)
+            if held_out.sum() > limit:
                 break
         else:
-            tried.append(ScoredFit(s.fit, held))
-    return tried
+            rescored.append(ScoredFit(old.fit, held_out))
+    return rescored
 
 
 def fit_and_score(
-    problem: Problem, terms: Sequence[Term], start: Floats, **more
+    problem: Problem, terms: Sequence[Term], start: Floats, **options
 ) -> ScoredFit:
-    """Fit, and predict every fold from the others."""
-    return ScoredFit.from_fit(problem, fit_parameters(problem, terms, start, **more))
+    """Fit all values, and predict every fold from the others.
+
+    Args:
+        problem: to fit.
+        terms: whose values are fitted.
+        start: (P) [units of the parameters] values to begin with.
+        **options: those of `fit_parameters`.
+    """
+    return ScoredFit.from_fit(problem, fit_parameters(problem, terms, start, **options))

@@ -1,4 +1,8 @@
-"""Evidence that a fit is right: takes its residuals, gives what they prove of it."""
+"""Evidence for an effect: takes held-out residuals of two fits, gives what they prove.
+
+Likelihood-ratio tests (Wilks 1938) with an effective sample size, BIC (Schwarz 1978) of
+single readings, and the stability of a choice under a block bootstrap.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,12 +14,10 @@ from ..estimation.covariance import effective_sample_size
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.reweighting import TAILS
-from .cross_validation import EQUAL, ScoredFit
+from .cross_validation import ScoredFit
+from .settings import SELECTION
 
-STEADY = 1.0  # standard errors over the blocks that a gain must exceed; chosen
-# nats of likelihood, and of a squared error, by which another fit is surely not as good
-CERTAIN, SLIGHTLY = 5.0, 0.02
-FAINT = 0.1  # of the residuals' size, what is smaller is no smaller; chosen
+TINY = 1e-300  # keeps ratios finite; chosen: no error of a simulation is as small
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +25,10 @@ class Evidence:
     """Why an effect is named.
 
     Attributes:
-        gain: nats per effective sample that it adds to held-out predictions.
+        gain: [nats] per effective sample that it adds to held-out predictions.
         p_value: of that gain, corrected for all candidates tried.
-        stability: share of resamples of the windows in which it, or what cannot be
-            told from it, comes first.
+        stability: share of resamples of the blocks in which it, or what cannot be told
+            from it, comes first.
     """
 
     gain: float
@@ -37,124 +39,190 @@ class Evidence:
 def improvement_p_value(
     problem: Problem, old: ScoredFit, new: ScoredFit, tried: float
 ) -> float:
-    """p-value that `new` predicts better than `old`, paying for `tried` tries.
+    """p-value that a fit predicts better than another one with fewer parameters.
 
-    A likelihood ratio of held-out residuals with as many samples as are independent,
-    and only where the gain is no single piece's; nor does one piece take a name away:
-    also without the block that speaks most for it and the one that does so most against
-    it. Of single readings, the less of two.
+    A likelihood-ratio test of the held-out errors E, with n the effective sample size:
+
+        2 nats = n log(E_old / E_new),  compared with chi-square
+
+    The degrees of freedom are the new parameters. The p-value is corrected for the
+    number of candidates (Bonferroni). No single segment makes a name, for the gain must
+    exceed its standard error over the blocks. Nor does one take a name away. The test
+    is repeated without two blocks: the one that speaks most for the new fit and the one
+    that speaks most against it. The better test counts at twice its p-value. Of single
+    readings the less of two likelihood ratios counts.
+
+    Args:
+        problem: that both were fitted to.
+        old: the fit with fewer parameters.
+        new: the fit with more of them.
+        tried: number of independent candidates of which `new` is one.
     """
     from scipy.stats import chi2
 
     if problem.regime.has_single_readings:
-        tries = 1
+        tests = 1
         nats = min(_log_likelihoods(problem, new) - _log_likelihoods(problem, old))
         nats = nats if old.error > new.error else 0.0
     else:
         block, gains = assign_blocks(problem), old.held_out_errors - new.held_out_errors
-        each = np.bincount(block, gains)
-        trimmed = ~np.isin(block, [each.argmin(), each.argmax()])
-        tries = 2
-        nats = max(_steady_gain(problem, old, new, w) for w in (block >= 0, trimmed))
-    free = max(1, len(new.fit.values) - len(old.fit.values))
-    return float(min(1.0, tries * tried * chi2.sf(2 * max(nats, 0.0), free)))
-
-
-def _steady_gain(
-    problem: Problem, old: ScoredFit, new: ScoredFit, of: np.ndarray
-) -> float:
-    """Nats by which `new` predicts some windows (W) better; 0 if that is not steady."""
-    _, block = np.unique(assign_blocks(problem)[of], return_inverse=True)
-    gains = np.bincount(block, (old.held_out_errors - new.held_out_errors)[of])
-    if len(gains) < 2 or gains.sum() <= STEADY * gains.std(ddof=1) * len(gains) ** 0.5:
-        return 0.0
-    ratio = old.held_out_errors[of].sum() / max(new.held_out_errors[of].sum(), 1e-300)
-    # the larger residuals are the old ones, and the more alike their neighbors
-    r = old.fit.residuals * of[problem.segment_of_residual]
-    return float(0.5 * effective_sample_size(problem, r) * np.log(ratio))
-
-
-def _log_likelihoods(problem: Problem, fit: ScoredFit) -> Floats:
-    """Log-likelihoods (2) [nats] of windows' squared residuals, of unknown scale.
-
-    Of a normal error, by which a pose in which the robot tips tells most, and of one
-    with Student's tails that a window's columns share, by which it may be an accident.
-    The scale of the latter by Lange, Little, Taylor (1989), eq. 6.
-    """
-    known, held = np.isfinite(problem.segments.readings), fit.held_out_errors
-    count = np.zeros(len(held))
-    for c in problem.simulator.channels:
-        whole = known[:, c.columns].all(axis=1)
-        count += (
-            np.bincount(problem.segments.segment_of_sample, whole, len(held))
-            * c.free_columns
+        by_block = np.bincount(block, gains)
+        trimmed = ~np.isin(block, [by_block.argmin(), by_block.argmax()])
+        tests = 2
+        nats = max(
+            _significant_nats(problem, old, new, w) for w in (block >= 0, trimmed)
         )
-    square = mean = max(held.sum() / count.sum(), 1e-300)
-    for _ in range(100):
-        weight = (TAILS + count) / (TAILS + held / square)
-        square = max(float((weight * held).sum() / count.sum()), FAINT**2 * mean)
-    apart = (TAILS + count) / 2 * np.log1p(held / square / TAILS)
+    degrees = max(1, len(new.fit.values) - len(old.fit.values))
+    return float(min(1.0, tests * tried * chi2.sf(2 * max(nats, 0.0), degrees)))
+
+
+def _significant_nats(
+    problem: Problem, old: ScoredFit, new: ScoredFit, used: np.ndarray
+) -> float:
+    """Log-likelihood ratio [nats] of two fits in some segments; 0 if it is not steady.
+
+    Args:
+        problem: that both were fitted to.
+        old: the fit with fewer parameters.
+        new: the fit with more of them.
+        used: (W) which segments count.
+    """
+    _, block = np.unique(assign_blocks(problem)[used], return_inverse=True)
+    gains = np.bincount(block, (old.held_out_errors - new.held_out_errors)[used])
+    if len(gains) < 2:
+        return 0.0
+    least = SELECTION.min_gain_standard_errors * gains.std(ddof=1) * len(gains) ** 0.5
+    if gains.sum() <= least:
+        return 0.0
+    before, after = (s.held_out_errors[used].sum() for s in (old, new))
+    # the larger residuals are the old ones, and the more alike their neighbors
+    residuals = old.fit.residuals * used[problem.segment_of_residual]
+    samples = effective_sample_size(problem, residuals)
+    return float(0.5 * samples * np.log(before / max(after, TINY)))
+
+
+def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
+    """Two log-likelihoods [nats] of held-out single readings, of unknown scale.
+
+    Of segments w with m_w readings and squared errors E_w, up to a constant:
+
+        normal:     -M/2 log(E / M),  M and E the sums over all segments
+        Student's:  -M/2 log(s) - sum_w (nu + m_w)/2 log(1 + E_w / (nu s))
+
+    By the first a pose in which the robot tips tells most; by the second, with nu
+    degrees of freedom shared by a segment's columns, it may be an accident. Its scale s
+    is iterated by eq. 6 of Lange, Little and Taylor (1989).
+
+    Returns:
+        (2) [nats] normal, Student's t.
+    """
+    is_known, errors = np.isfinite(problem.segments.readings), scored.held_out_errors
+    count = np.zeros(len(errors))
+    for channel in problem.simulator.channels:
+        is_read = is_known[:, channel.columns].all(axis=1)
+        count += (
+            np.bincount(problem.segments.segment_of_sample, is_read, len(errors))
+            * channel.free_columns
+        )
+    scale = mean = max(errors.sum() / count.sum(), TINY)
+    least = SELECTION.student_min_scale**2 * mean
+    for _ in range(SELECTION.student_iterations):
+        weight = (TAILS + count) / (TAILS + errors / scale)
+        scale = max(float((weight * errors).sum() / count.sum()), least)
+    tails = (TAILS + count) / 2 * np.log1p(errors / scale / TAILS)
     normal = -count.sum() / 2 * np.log(mean)
-    return np.array([normal, -count.sum() / 2 * np.log(square) - apart.sum()])
+    return np.array([normal, -count.sum() / 2 * np.log(scale) - tails.sum()])
 
 
-def bic(problem: Problem, fit: ScoredFit) -> float:
-    """Log-likelihood [nats] of single readings, for which each number costs (BIC)."""
+def bic(problem: Problem, scored: ScoredFit) -> float:
+    """Normal log-likelihood of single readings less half the BIC penalty [nats].
+
+    log L - k/2 log(M) with k parameters and M readings: minus half of the Bayesian
+    information criterion (Schwarz 1978), so that more is better.
+    """
     readings = np.isfinite(problem.segments.readings).sum()
-    price = 0.5 * np.log(readings) * len(fit.fit.values)
-    return float(_log_likelihoods(problem, fit)[0] - price)
+    penalty = 0.5 * np.log(readings) * len(scored.fit.values)
+    return float(_log_likelihoods(problem, scored)[0] - penalty)
 
 
 def is_as_good(
-    problem: Problem, other: ScoredFit, lead: ScoredFit, errors: float = 1.0
+    problem: Problem,
+    other: ScoredFit,
+    lead: ScoredFit,
+    margin: float = SELECTION.exchange_margin,
 ) -> bool:
-    """Whether the windows do not tell that `other` predicts worse than `lead`.
+    """Whether the segments do not tell that a fit predicts worse than the leading one.
 
-    Where little but noise is left, likelihoods tell, if not by one window alone; a
-    model that is wrong for both has to be so by more than it varies.
+    Where the leading fit leaves little but noise, the likelihood ratio tells, if not by
+    one segment alone. Where both models are wrong, the difference of held-out errors
+    has to exceed its standard errors over the blocks.
+
+    Args:
+        problem: that both were fitted to.
+        other: that may be as good.
+        lead: that predicts best.
+        margin: [standard errors or nats] by which the other one may be worse.
     """
     if problem.regime.has_single_readings:
-        return bic(problem, lead) - bic(problem, other) < errors
+        return bic(problem, lead) - bic(problem, other) < margin
     if _is_clearly_likelier(problem, lead, other):
         return False
-    apart = np.bincount(
+    losses = np.bincount(
         assign_blocks(problem), other.held_out_errors - lead.held_out_errors
     )
-    noise = apart.std(ddof=1) * np.sqrt(len(apart)) if len(apart) > 1 else np.inf
-    ratio = other.error / max(lead.error, 1e-300)
-    nats = (
-        0.5
-        * effective_sample_size(problem, lead.fit.residuals)
-        * np.log(max(ratio, 1e-300))
-    )
-    return bool(apart.sum() <= errors * noise and ratio < EQUAL) or bool(nats < errors)
+    error = losses.std(ddof=1) * np.sqrt(len(losses)) if len(losses) > 1 else np.inf
+    ratio = other.error / max(lead.error, TINY)
+    samples = effective_sample_size(problem, lead.fit.residuals)
+    nats = 0.5 * samples * np.log(max(ratio, TINY))
+    is_within_errors = losses.sum() <= margin * error
+    is_close = ratio < SELECTION.max_equivalent_error_ratio
+    return bool(is_within_errors and is_close) or bool(nats < margin)
 
 
 def _is_clearly_likelier(problem: Problem, lead: ScoredFit, other: ScoredFit) -> bool:
-    """Whether `other` surely leaves more, by more than `lead` leaves beside noise."""
-    rest = np.arange(len(lead.held_out_errors)) != np.argmax(
-        other.held_out_errors - lead.held_out_errors
-    )
-    ratio = other.held_out_errors[rest].sum() / max(
-        lead.held_out_errors[rest].sum(), 1e-300
-    )
+    """Whether a fit surely predicts better, by more than it leaves beside the noise.
+
+    The segment that speaks most for it does not count.
+
+    Args:
+        problem: that both were fitted to.
+        lead: the fit that may be better.
+        other: the fit that may be worse.
+    """
+    losses = other.held_out_errors - lead.held_out_errors
+    rest = np.arange(len(losses)) != np.argmax(losses)
+    before, after = (s.held_out_errors[rest].sum() for s in (other, lead))
+    ratio = before / max(after, TINY)
     left = noise_ratio(problem, lead.fit.residuals) ** 2
-    nats = (
-        0.5
-        * effective_sample_size(problem, lead.fit.residuals)
-        * np.log(max(ratio, 1e-300))
-    )
-    return bool(nats > CERTAIN and ratio > max(left, 1 + SLIGHTLY))
+    samples = effective_sample_size(problem, lead.fit.residuals)
+    nats = 0.5 * samples * np.log(max(ratio, TINY))
+    least = max(left, 1 + SELECTION.certain_error_excess)
+    return bool(nats > SELECTION.certain_nats and ratio > least)
 
 
 def bootstrap_stability(
     problem: Problem, tried: Sequence[ScoredFit], winners: Sequence[ScoredFit]
 ) -> float:
-    """Share of bootstraps of the blocks in which one of the winners comes first."""
+    """Share of bootstraps of the blocks in which one of the winners comes first.
+
+    A block bootstrap (Kuensch 1989) of the choice, in the sense of stability selection
+    (Meinshausen and Buehlmann 2010).
+
+    Args:
+        problem: that all were fitted to.
+        tried: fits with one candidate each.
+        winners: the one that got the name, and those that cannot be told from it.
+    """
     rng = np.random.default_rng(0)
     block = assign_blocks(problem)
-    sums = np.array([np.bincount(block, s.held_out_errors) for s in tried])
-    draws = rng.integers(sums.shape[1], size=(400, sums.shape[1]))
-    first = sums[:, draws].sum(axis=-1).argmin(axis=0)
+    errors = np.array([np.bincount(block, s.held_out_errors) for s in tried])
+    blocks = errors.shape[1]
+    draws = rng.integers(blocks, size=(SELECTION.bootstrap_resamples, blocks))
+    first = errors[:, draws].sum(axis=-1).argmin(axis=0)
     keys = {s.candidate.key for s in winners}
     return float(np.mean([tried[i].candidate.key in keys for i in first]))
+
+
+def gain_nats(old: ScoredFit, new: ScoredFit) -> float:
+    """Gain [nats] per effective sample of held-out predictions: log(old / new) / 2."""
+    return float(0.5 * np.log(old.error / max(new.error, TINY)))

@@ -1,4 +1,8 @@
-"""Names tried where nothing was fitted: takes namings, gives what holds there."""
+"""Names tested in held-out episodes: takes hypotheses, gives what holds there.
+
+A validation set that no fit saw: hypotheses are compared in it, and each name has to
+help there.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,42 +17,35 @@ from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
-from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
+from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.model_variants import split_values
 from .backward import fit_without
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis, NamedEffect
+from .settings import SELECTION
 
-CLEARLY = 0.8  # of a hypothesis' held-out squared error, that of a better one; chosen
-# least share of the squared error in held-out episodes that a name removes, and of what
-# all of them together do; chosen
-HELPS, TRIFLE = 0.01, 0.003
-UNSEEN = 0.1  # of what a name removes in fitted episodes, what it changes in those held
-# out, relative to the error there: less cannot refute it; chosen
-
-Tested = tuple[
-    Hypothesis, tuple[str, ...]
-]  # a hypothesis, and labels of what was refuted
+# a hypothesis, and labels of the names that were refuted
+Tested = tuple[Hypothesis, tuple[str, ...]]
 
 
 def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Tested]) -> Tested:
-    """Of several the first, unless held-out episodes speak for another.
+    """The first of several hypotheses, unless held-out episodes speak for another.
 
-    Clearly, if that one says more or rarer things.
+    One with more parameters or rarer effects must be clearly better.
     """
     if len(hypotheses) == 1:
         return hypotheses[0]
     errors = _held_out_errors(dataset, [hypothesis for hypothesis, _ in hypotheses])
     best = int(np.argmin(errors))
     new, old = _complexity(hypotheses[best][0]), _complexity(hypotheses[0][0])
-    simpler = all(n <= o for n, o in zip(new, old, strict=True))
-    margin = 1.0 if simpler else CLEARLY
-    return hypotheses[best if errors[best] < margin * errors[0] else 0]
+    is_simpler = all(n <= o for n, o in zip(new, old, strict=True))
+    ratio = 1.0 if is_simpler else SELECTION.complex_hypothesis_error_ratio
+    return hypotheses[best if errors[best] < ratio * errors[0] else 0]
 
 
 def _complexity(hypothesis: Hypothesis) -> tuple[int, int]:
-    """How many rare effects a hypothesis names, and numbers of all of them."""
+    """Rarity of the effects that a hypothesis names, in sum, and their parameters."""
     terms = [n.term for n in hypothesis.named]
     return sum(t.effect.rarity for t in terms), sum(len(t.parameters) for t in terms)
 
@@ -56,108 +53,146 @@ def _complexity(hypothesis: Hypothesis) -> tuple[int, int]:
 def keep_competitive(
     dataset: Dataset, hypotheses: Sequence[Hypothesis]
 ) -> list[Hypothesis]:
-    """The first of several, and those that are as good in the held-out episodes."""
+    """The first hypothesis, and those that are as good in the held-out episodes."""
     errors = _held_out_errors(dataset, hypotheses) if len(hypotheses) > 1 else [0.0]
-    return [n for n, e in zip(hypotheses, errors, strict=True) if e <= errors[0]]
+    return [h for h, e in zip(hypotheses, errors, strict=True) if e <= errors[0]]
 
 
 def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list[float]:
-    """Squared residuals in held-out episodes, weighed as the first one's score."""
+    """Held-out squared error [1] of each, with the weights of the first one."""
     sigma = downweight_unscored(hypotheses[0].problem, hypotheses[0].final.fit)
-    held = Problem(
-        dataset.held_out, cut_readable_segments(dataset.held_out, WINDOW), sigma
-    )
-    return [squared_error(held, hypothesis.final.fit) for hypothesis in hypotheses]
+    held_out = _build_held_out(dataset, sigma)
+    return [squared_error(held_out, hypothesis.final.fit) for hypothesis in hypotheses]
+
+
+def _build_held_out(dataset: Dataset, sigma: Floats) -> Problem:
+    """Held-out segments with residuals in units of sigma (C) [unit of each column]."""
+    segments = cut_readable_segments(dataset.held_out, SHORT_SEGMENT)
+    return Problem(dataset.held_out, segments, sigma)
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
-    """Only the names that help in the held-out episodes, and labels of the others.
+    """Keep the names alone that help in the held-out episodes.
 
-    A name that makes far less difference there than where it was fitted, as that of a
-    rotor's inertia where nothing moves fast, is not refuted. What could not be told
-    from one that is refuted takes its place, if it helps.
+    Backward elimination by held-out error, the weakest name first. An equivalent of a
+    name that goes takes its place, if it helps.
     """
-    gone: list[str] = []
-    start = Problem(
-        dataset.held_out,
-        cut_readable_segments(dataset.held_out, WINDOW),
-        hypothesis.problem.sigma,
-    )
+    refuted: list[str] = []
+    as_read = _build_held_out(dataset, hypothesis.problem.sigma)
     while hypothesis.named:
-        found, alone = hypothesis.final.fit, hypothesis.nominal.fit
-        held = marginalize_initial_states(start, found.terms, found.values)
-        predicted = held.residuals_at(found.terms, found.values)
-        error = float(predicted @ predicted)
-        before = squared_error_reestimated(held, alone)
-        least = max(HELPS * error, TRIFLE * (before - error))
-        weakest = None
-        values = dict(
-            zip(found.terms, split_values(found.terms, found.values), strict=True)
-        )
-        for name in hypothesis.named:
-            less = fit_without(hypothesis.problem, found, name.term)
-            other = held.residuals_at(less.terms, less.values)
-            gain = squared_error_reestimated(held, less, other) - error
-            if name.term.is_negligible(values[name.term]):
-                weakest = -np.inf, name, less
-                break
-            relief = less.prior_penalty - found.prior_penalty
-            if relief > significant_prior_penalty(held, found) and gain > -least:
-                continue
-            changed = float(((other - predicted) ** 2).sum()) / error
-            if changed < UNSEEN * (less.cost / found.cost - 1):
-                continue
-            if gain < least and (weakest is None or gain < weakest[0]):
-                weakest = gain, name, less
+        fit = hypothesis.final.fit
+        held_out = marginalize_initial_states(as_read, fit.terms, fit.values)
+        weakest = _find_weakest(hypothesis, held_out)
         if weakest is None:
             break
-        _, name, less = weakest
-        gone.append(name.term.label)
-        instead, best = try_equivalents(hypothesis.problem, held, name, less)
-        named = [[n] if n is not name else instead for n in hypothesis.named]
+        name, less = weakest
+        refuted.append(name.term.label)
+        problem = hypothesis.problem
+        substitutes, best = try_equivalents(problem, held_out, name, less)
+        named = [[n] if n is not name else substitutes for n in hypothesis.named]
         hypothesis = replace(
             hypothesis,
-            final=ScoredFit.from_fit(hypothesis.problem, best),
+            final=ScoredFit.from_fit(problem, best),
             named=tuple(chain(*named)),
         )
-    return hypothesis, tuple(gone)
+    return hypothesis, tuple(refuted)
+
+
+def _find_weakest(
+    hypothesis: Hypothesis, held_out: Problem
+) -> tuple[NamedEffect, Fit] | None:
+    """The name that helps least in held-out episodes, if it does not help enough.
+
+    A name that brings nominal values back to the prior need not help. Nor is a name
+    refuted whose absence changes held-out predictions far less than fitted ones, as a
+    rotor's inertia where nothing moves fast.
+
+    Args:
+        hypothesis: with names.
+        held_out: segments of the held-out episodes, with the initial states that the
+            hypothesis asks for.
+
+    Returns:
+        The name, and the fit without it.
+    """
+    fit = hypothesis.final.fit
+    predicted = held_out.residuals_at(fit.terms, fit.values)
+    error = float(predicted @ predicted)
+    before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
+    least = max(
+        SELECTION.min_held_out_gain * error,
+        SELECTION.min_held_out_share * (before - error),
+    )
+    values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
+    weakest, smallest = None, least
+    for name in hypothesis.named:
+        less = fit_without(hypothesis.problem, fit, name.term)
+        without = held_out.residuals_at(less.terms, less.values)
+        gain = squared_error_reestimated(held_out, less, without) - error
+        if name.term.is_negligible(values[name.term]):
+            return name, less
+        relief = less.prior_penalty - fit.prior_penalty
+        if relief > significant_prior_penalty(held_out, fit) and gain > -least:
+            continue
+        change = float(((without - predicted) ** 2).sum()) / error
+        if change < SELECTION.min_held_out_effect * (less.cost / fit.cost - 1):
+            continue
+        if gain < smallest:
+            weakest, smallest = (name, less), gain
+    return weakest
 
 
 def try_equivalents(
-    problem: Problem, held: Problem, refuted: NamedEffect, less: Fit
+    problem: Problem, held_out: Problem, refuted: NamedEffect, less: Fit
 ) -> tuple[list[NamedEffect], Fit]:
-    """Of what was equivalent to a name, what helps the most if anything does."""
-    instead, best, least = [], less, (1 - HELPS) * squared_error(held, less)
+    """The equivalent of a name that helps most in held-out episodes, if one does.
+
+    Args:
+        problem: that is fitted.
+        held_out: segments of the held-out episodes.
+        refuted: the name.
+        less: the fit without it.
+
+    Returns:
+        The name in its place, or none, and the fit.
+    """
+    substitutes, best = [], less
+    limit = (1 - SELECTION.min_held_out_gain) * squared_error(held_out, less)
     for term in refuted.equivalent:
         if not is_distinct(term, less.terms):
             continue
         tried = fit_candidate(LinearizedFit.from_fit(problem, less), term)
-        found = fit_parameters(problem, tried.terms, tried.values, rounds=6)
-        if (error := squared_error(held, found)) < least:
+        fit = fit_parameters(problem, tried.terms, tried.values, rounds=6)
+        if (error := squared_error(held_out, fit)) < limit:
             others = tuple(t for t in refuted.equivalent if t is not term)
-            instead = [replace(refuted, term=found.terms[-1], equivalent=others)]
-            best, least = found, error
-    return instead, best
+            substitutes = [replace(refuted, term=fit.terms[-1], equivalent=others)]
+            best, limit = fit, error
+    return substitutes, best
 
 
-def squared_error(problem: Problem, found: Fit) -> float:
-    """Sum of squared residuals of a fit in other windows than its own."""
-    return float((problem.residuals_at(found.terms, found.values) ** 2).sum())
+def squared_error(problem: Problem, fit: Fit) -> float:
+    """Squared error [1] of a fit in a problem that it was not fitted to."""
+    return float((problem.residuals_at(fit.terms, fit.values) ** 2).sum())
 
 
 def squared_error_reestimated(
-    problem: Problem, found: Fit, predicted: Floats | None = None
+    problem: Problem, fit: Fit, residuals: Floats | None = None
 ) -> float:
-    """The same; where starts were sought, from those likeliest for this fit.
+    """Squared error [1] of a fit with the initial states that are likeliest for it.
 
-    `predicted`: (R) residuals from the problem's own starts, if they are known.
+    Those of the problem where none had to be searched for.
+
+    Args:
+        problem: that the fit was not fitted to.
+        fit: to be judged.
+        residuals: (R) [1] from the problem's initial states, if they are known.
     """
     if problem.initial_state_shift is not None:
         return squared_error(
-            marginalize_initial_states(problem, found.terms, found.values), found
+            marginalize_initial_states(problem, fit.terms, fit.values), fit
         )
     return (
-        squared_error(problem, found)
-        if predicted is None
-        else float(predicted @ predicted)
+        squared_error(problem, fit)
+        if residuals is None
+        else float(residuals @ residuals)
     )

@@ -1,26 +1,28 @@
-"""Which physics is missing: takes a fitted model, gives effects that earn a name."""
+"""Which physics is missing: takes a fit of the nominal model, gives hypotheses.
+
+Two stepwise searches (`stepwise`): one from nothing, one from all usual effects.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from ..data.robot_summary import RobotSummary
-from ..effects.base import Term
+from ..effects.base import Effect, Term
 from ..estimation.problem import Problem
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import Evidence
 from .screening import (
-    SEARCHED,
-    STEPS,
     Progress,
     draw_segments,
     find_overlooked_segments,
     subsample_problem,
 )
-from .stepwise import StepwiseSearch
+from .search_state import SearchState, start_state
+from .settings import SELECTION
+from .stepwise import predicts_better, search_forward, search_from_usual
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +30,8 @@ class NamedEffect:
     """An effect that earned its name.
 
     Attributes:
-        term: with its place.
-        evidence: for it.
+        term: the effect at its place.
+        evidence: what speaks for it.
         equivalent: terms that explain as much, most likely first.
     """
 
@@ -43,11 +45,12 @@ class Hypothesis:
     """What a search ended with.
 
     Attributes:
-        problem: the windows, weighted as in the end.
-        stated: the fit of what the model states alone.
+        problem: the segments, weighted as at the end.
+        nominal: the fit of the nominal model's values alone.
         final: the fit with the named effects.
         named: the effects.
-        ranking: candidates of the first round and the cost each left, of 1.
+        ranking: candidates of the first screening, each with the cost that it leaves,
+            as a share of the cost without it.
     """
 
     problem: Problem
@@ -61,95 +64,105 @@ def start_search(
     problem: Problem,
     robot: RobotSummary,
     nominal_terms: Sequence[Term],
-    effects: Iterable,
+    effects: Iterable[Effect],
     *,
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
-) -> StepwiseSearch:
-    """A search in which nothing has a name yet.
+) -> SearchState:
+    """The state of a search in which nothing has a name yet.
 
     Args:
-        problem: all windows that may be used.
-        robot: of the robot.
-        nominal_terms: terms of what the model states.
+        problem: all segments that may be used.
+        robot: where effects may act.
+        nominal_terms: terms of the nominal model's values.
         effects: the catalogue.
-        rng: chooses the windows on which candidates are tried first.
-        progress: told what is being done and how far it is.
+        rng: draws the segments of the search.
+        progress: called with a message and a share (0 to 1).
     """
-    kinds = [effect for effect in effects if not effect.rounds_readings]
-    candidates = tuple(term for effect in kinds for term in effect.propose_terms(robot))
-    progress("refitting what the model states", 0.0)
-    some = draw_segments(problem, _search_steps(len(nominal_terms)), rng)
-    begin = partial(
-        StepwiseSearch.from_segments, problem, nominal_terms, candidates, rng, progress
+    searched = [effect for effect in effects if not effect.rounds_readings]
+    candidates = tuple(
+        term for effect in searched for term in effect.propose_terms(robot)
     )
-    search = begin(some)
-    if search.is_done:
-        odd = find_overlooked_segments(problem, some, search.problem, search.best.fit)
-        search = begin(np.union1d(some, odd)) if len(odd) else search
-    return search
+    progress("refitting what the model states", 0.0)
+    chosen = draw_segments(problem, _count_search_steps(len(nominal_terms)), rng)
+    state = start_state(problem, nominal_terms, candidates, chosen)
+    if state.is_explained:
+        overlooked = find_overlooked_segments(
+            problem, chosen, state.problem, state.best.fit
+        )
+        if len(overlooked):
+            chosen = np.union1d(chosen, overlooked)
+            state = start_state(problem, nominal_terms, candidates, chosen)
+    return state
 
 
-def _search_steps(nominal_terms: int) -> int:
-    """Steps of simulation in a search, of a robot of which so many terms are stated."""
-    return min(STEPS[-1], int(SEARCHED / max(nominal_terms, 1)))
+def _count_search_steps(nominal_count: int) -> int:
+    """Simulation steps of a search, of a robot with so many nominal terms."""
+    steps = int(SELECTION.search_jacobian_steps / max(nominal_count, 1))
+    return min(SELECTION.screening_steps[-1], steps)
 
 
 def name_effects(
-    search: StepwiseSearch, problem: Problem, longer: Problem
+    start: SearchState,
+    problem: Problem,
+    longer: Problem,
+    *,
+    rng: np.random.Generator,
+    progress: Progress = lambda what, share: None,
 ) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
-    Forward, with a look back after each step: what a later effect makes needless goes.
-    Where that leaves something (more than a tenth, if something touches: the cost is
-    rough there), once more from all the usual ones at once: the first one named alone
-    may have stood for several. And in longer pieces, if the starts allow it: slow
-    effects show there.
+    First a stepwise search from nothing. Where that leaves something, another one
+    begins from all usual effects at once: the first one named alone may stand for
+    several.
 
     Args:
-        search: in which nothing has a name yet.
-        problem: all windows that may be used.
-        longer: the same in longer pieces.
+        start: state in which nothing has a name yet.
+        problem: all segments that may be used.
+        longer: longer segments, in which slow effects show.
+        rng: draws segments and resamples.
+        progress: called with a message and a share (0 to 1).
 
     Returns:
         One hypothesis, or what both searches found, the likelier first.
     """
-    start, candidates = replace(search), search.candidates
-    search.run_forward()
+    state = search_forward(start, rng, progress)
     # poses do not show what most robots have
-    if search.is_done or problem.regime.has_single_readings:
-        return [_finish(search, problem)]
+    if state.is_explained or problem.regime.has_single_readings:
+        return [_finish_search(state, problem)]
     # what the first search set aside for a name, the second one tries in its place
-    likely = [t for t in candidates if t in search.candidates or t.effect.is_usual(t)]
-    other = replace(
-        start,
-        claims=dict(search.claims),
-        first_round=search.first_round,
-        candidates=likely,
-    )
+    likely = [
+        t for t in start.candidates if t in state.candidates or t.effect.is_usual(t)
+    ]
     longer = replace(
-        subsample_problem(longer, _search_steps(search.nominal_count), search.rng),
-        sigma=search.problem.sigma,
-        simulator=search.problem.simulator,
+        subsample_problem(longer, _count_search_steps(state.nominal_count), rng),
+        sigma=state.problem.sigma,
+        simulator=state.problem.simulator,
     )
-    if not other.run_from_usual(longer, {t.key for t in search.named}):
-        return [_finish(search, problem)]
-    both = (other, search) if other.predicts_better_than(search) else (search, other)
-    return [_finish(s, problem) for s in both]
+    other = search_from_usual(
+        start.with_candidates(likely).with_history_of(state),
+        longer,
+        {t.key for t in state.named},
+        rng,
+        progress,
+    )
+    if other is None:
+        return [_finish_search(state, problem)]
+    both = (other, state) if predicts_better(other, state) else (state, other)
+    return [_finish_search(s, problem) for s in both]
 
 
-def _finish(search: StepwiseSearch, whole: Problem) -> Hypothesis:
-    """What a search found, in some of the `whole`'s windows."""
-    terms = search.named
-    if any(t.onset for t in terms):
-        search.best = locate_change_point(search.problem, whole, search.best)
-        terms = search.named
-    own = search.best.fit
-    alone = fit_and_score(
-        search.problem, *own.without_terms(*terms), known=own.jacobian_without(*terms)
+def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
+    """What a search found; `whole` has all segments, to date a change point in."""
+    if any(t.onset for t in state.named):
+        best = locate_change_point(state.problem, whole, state.best)
+        state = state.with_fit(state.problem, best)
+    terms, fit = state.named, state.best.fit
+    nominal = fit_and_score(
+        state.problem, *fit.without_terms(*terms), known=fit.jacobian_without(*terms)
     )
-    claims = [(t, search.claims[t.key]) for t in terms]
+    claims = [(t, state.claims[t.key]) for t in terms]
     named = tuple(
         NamedEffect(t, c.evidence, set_onset(c.rivals, t.onset)) for t, c in claims
     )
-    return Hypothesis(search.problem, alone, search.best, named, search.first_round)
+    return Hypothesis(state.problem, nominal, state.best, named, state.first_round)

@@ -1,4 +1,4 @@
-"""What sensors round off: takes a fit, gives the signals whose noise is their step."""
+"""Quantized signals: takes a fit, gives it with the signals whose noise is rounding."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -10,50 +10,63 @@ from ..effects.base import Effect, Term
 from ..estimation.noise import residual_rms
 from .evidence import Evidence
 from .hypotheses import Hypothesis, NamedEffect
-
-OFF = 0.05  # of a step, what readings may lie beside its multiples, as `Channel` has it
-# share of a reading's noise, and of what a fit leaves, that rounding has to be; chosen
-MOST, SOME = 0.5, 0.25
+from .settings import SELECTION
 
 
 def name_quantization(
     hypothesis: Hypothesis, robot: RobotSummary, effects: Iterable[Effect]
 ) -> Hypothesis:
-    """The same, with the signals named that rounding leaves no other noise in.
+    """Name the signals whose readings are rounded and have little other noise.
 
-    The readings alone tell: all of them are multiples of a step, which is then known
-    better than from any fit. It is a name where the error of rounding, uniform within a
-    step (Widrow 1956), is most of the readings' noise and much of what the fit leaves.
+    The readings alone tell: all of them are multiples of a step q, which is then known
+    better than from any fit. Its error is uniform within a step, with variance q^2 / 12
+    (Widrow 1956). It has to be most of the readings' noise and much of the residuals.
+
+    Args:
+        hypothesis: with a fit to what the readings were before rounding.
+        robot: with the channels.
+        effects: the catalogue.
     """
     problem, final = hypothesis.problem, hypothesis.final
-    left = residual_rms(problem, final.fit.residuals) ** 2
+    residual = residual_rms(problem, final.fit.residuals) ** 2
     by_name = {c.name: c for c in robot.channels}
     for term in (
         t for e in effects if e.rounds_readings for t in e.propose_terms(robot)
     ):
-        signal = by_name[term.places[0]["signal"]]
-        noise, column = float(signal.scatter[0]), signal.first_column
-        error = signal.quantum**2 / 12
-        if error < MOST * noise**2 or error < SOME * left[column]:
+        channel = by_name[term.places[0]["signal"]]
+        noise, column = float(channel.scatter[0]), channel.first_column
+        variance = channel.quantum**2 / 12
+        if variance < SELECTION.min_quantization_noise_share * noise**2:
             continue
-        predicted = np.isfinite(problem.segments.readings[:, column]).sum()
-        nats = -np.log(2 * OFF)  # of each reading, that could lie anywhere
-        evidence = Evidence(nats, float(np.exp(-nats * predicted)), 1.0)
-        named = NamedEffect(_bound_step(term, signal), evidence, ())
+        if variance < SELECTION.min_quantization_residual_share * residual[column]:
+            continue
+        readings = np.isfinite(problem.segments.readings[:, column]).sum()
+        # of each reading, which could lie anywhere within a step
+        nats = -np.log(2 * SELECTION.quantization_tolerance)
+        evidence = Evidence(nats, float(np.exp(-nats * readings)), 1.0)
+        named = NamedEffect(_bound_step(term, channel), evidence, ())
         fit = final.fit
         fit = replace(
-            fit, terms=(*fit.terms, named.term),
-            values=np.append(fit.values, signal.quantum),
+            fit,
+            terms=(*fit.terms, named.term),
+            values=np.append(fit.values, channel.quantum),
             jacobian=np.column_stack([fit.jacobian, np.zeros(len(fit.residuals))]),
-        )  # fmt: skip
+        )
         final = replace(final, fit=fit)
         hypothesis = replace(hypothesis, final=final, named=(*hypothesis.named, named))
     return hypothesis
 
 
-def _bound_step(term: Term, signal: Channel) -> Term:
-    """The term with the steps that the farthest reading is a multiple of."""
+def _bound_step(term: Term, channel: Channel) -> Term:
+    """The term with bounds of the step, from the reading that is the most steps off.
+
+    q (1 +- tolerance / n), where n = max|reading| / q steps must not drift apart.
+    """
     (step,) = term.parameters
-    apart = OFF * signal.quantum**2 / max(signal.max_abs, signal.quantum)
-    near = replace(step, low=signal.quantum - apart, high=signal.quantum + apart)
-    return replace(term, parameters=(near,))
+    apart = (
+        SELECTION.quantization_tolerance
+        * channel.quantum**2
+        / max(channel.max_abs, channel.quantum)
+    )
+    bounded = replace(step, low=channel.quantum - apart, high=channel.quantum + apart)
+    return replace(term, parameters=(bounded,))

@@ -1,4 +1,4 @@
-"""A last fit: takes a naming, gives the same names with the values that suit them."""
+"""The last fit: takes a hypothesis, gives it with values fitted to more segments."""
 
 from dataclasses import replace
 
@@ -16,24 +16,28 @@ from ..estimation.noise import ABOVE, noise_ratio
 from ..estimation.nonsmooth import fit_smoothed, search_along_valleys, search_multiples
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
-from ..simulation.dataset import LONG, WINDOW, Dataset, cut_readable_segments
+from ..simulation.dataset import (
+    LONG_SEGMENT,
+    SHORT_SEGMENT,
+    Dataset,
+    cut_readable_segments,
+)
 from ..simulation.model_variants import split_values
 from .backward import exchange_term, is_simpler
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
-from .screening import STEPS, subsample_problem
-
-# steps of simulation in the last fit, about, and in all differences of it; chosen: a
-# minute at 1 ms, and no more for a robot of which much is stated
-POLISHED, SLOPES = 40000, 1e6
+from .screening import subsample_problem
+from .settings import SELECTION
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
-    """The same names, fitted to more pieces, to longer ones if those can be told."""
-    found = hypothesis.final.fit
-    sigma = downweight_unscored(hypothesis.problem, found)
+    """Fit a hypothesis to more segments, long ones if their initial states allow it."""
+    fit = hypothesis.final.fit
+    sigma = downweight_unscored(hypothesis.problem, fit)
     rng = np.random.default_rng(2)
-    steps = int(np.clip(SLOPES / max(len(found.values), 1), STEPS[-1], POLISHED))
+    wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
+    least, most = SELECTION.screening_steps[-1], SELECTION.refit_steps
+    steps = int(np.clip(wanted, least, most))
     short, long = (
         subsample_problem(
             Problem(
@@ -44,52 +48,49 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
             steps,
             rng,
         )
-        for seconds in (WINDOW, LONG)
+        for seconds in (SHORT_SEGMENT, LONG_SEGMENT)
     )
-    problem = (
-        long
-        if is_horizon_informative(long, short, found.terms, found.values)
-        else short
-    )
+    is_long = is_horizon_informative(long, short, fit.terms, fit.values)
+    problem = long if is_long else short
     return _refit(
-        marginalize_initial_states(problem, found.terms, found.values), hypothesis
+        marginalize_initial_states(problem, fit.terms, fit.values), hypothesis
     )
 
 
 def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
-    """The same names in other windows."""
-    found, nominal_terms = hypothesis.final.fit, hypothesis.nominal.fit
-    alone = fit_parameters(problem, nominal_terms.terms, nominal_terms.values, rounds=6)
+    """Fit the nominal terms alone, and all terms of a hypothesis, to other segments."""
+    old, nominal = hypothesis.final.fit, hypothesis.nominal.fit
+    alone = fit_parameters(problem, nominal.terms, nominal.values, rounds=6)
     final = alone
     if hypothesis.named:
-        start = search_multiples(problem, found.terms, found.values)
-        final = fit_parameters(problem, found.terms, start, rounds=6)
+        start = search_multiples(problem, old.terms, old.values)
+        final = fit_parameters(problem, old.terms, start, rounds=6)
         if problem.regime.is_nonsmooth:  # the cost has many minima
             final = replace(final, values=search_along_valleys(problem, final))
             problem, final = fit_smoothed(problem, final)
         elif not problem.regime.has_rough_cost:
             problem, final = reestimate_misleading_states(problem, final)
-    # where something touches, or is left, the cost is too rough for it
+    # in contact, or where error is left, the cost is too rough for it
     if (
         not problem.regime.has_rough_cost
         and noise_ratio(problem, final.residuals) <= ABOVE
     ):
         final = refine_undamped(problem, final)
-    whole = ScoredFit.from_fit(problem, final)
-    less = ScoredFit.from_fit(problem, alone) if hypothesis.named else whole
-    return replace(hypothesis, problem=problem, nominal=less, final=whole)
+    scored = ScoredFit.from_fit(problem, final)
+    scored_alone = ScoredFit.from_fit(problem, alone) if hypothesis.named else scored
+    return replace(hypothesis, problem=problem, nominal=scored_alone, final=scored)
 
 
 def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:
-    """The same; what cannot be told from a name has its place if it is plainer.
+    """Exchange each name for a simpler equivalent one that predicts as well.
 
-    In more pieces than those that named it a number may turn out to do nothing, as the
-    speed at which a motor's torque ends.
+    In more segments than those that named it a parameter may turn out to do nothing,
+    such as the speed at which a motor's torque ends.
     """
     problem = hypothesis.problem
     for name in hypothesis.named:
-        plainer = [t for t in name.equivalent if is_simpler(t, name.term)]
-        final = exchange_term(problem, hypothesis.final, name.term, plainer)
+        simpler = [t for t in name.equivalent if is_simpler(t, name.term)]
+        final = exchange_term(problem, hypothesis.final, name.term, simpler)
         if final is hypothesis.final:
             continue
         rest = tuple(t for t in name.equivalent if t.key != final.candidate.key)
@@ -100,27 +101,25 @@ def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:
 
 
 def refit_native_timestep(base: LinearizedFit) -> Fit:
-    """The same effects, with stated values that suit the model's own time step.
+    """Fit nominal values to the model's own time step; effects keep their values.
 
-    What a user sees who replays the model: half a step early, and damped otherwise
-    than in continuous time. A fit in continuous time gives the effects' truth.
+    This is what a user sees who replays the model: half a step early, and with another
+    damping than in continuous time. A fit in continuous time gives the effects' truth.
     """
-    problem, found = base.problem, base.fit
-    plain = replace(problem.unmarginalized, centered=False)
-    plain = marginalize_initial_states(plain, found.terms, found.values)
-    near = problem.transfer_jacobian(plain, found.jacobian)
+    problem, fit = base.problem, base.fit
+    native = replace(problem.unmarginalized, centered=False)
+    native = marginalize_initial_states(native, fit.terms, fit.values)
+    jacobian = problem.transfer_jacobian(native, fit.jacobian)
     fixed = [
         t if t.effect.name == "stated" else _fix_values(t, v)
-        for t, v in zip(
-            found.terms, split_values(found.terms, found.values), strict=True
-        )
+        for t, v in zip(fit.terms, split_values(fit.terms, fit.values), strict=True)
     ]
-    best = fit_parameters(plain, fixed, found.values, rounds=2, known=near)
-    return replace(best, terms=found.terms)
+    best = fit_parameters(native, fixed, fit.values, rounds=2, known=jacobian)
+    return replace(best, terms=fit.terms)
 
 
 def _fix_values(term: Term, values: Floats) -> Term:
-    """The term with no other values than these."""
+    """The term with bounds that leave its parameters no other values than these (p)."""
     parameters = tuple(
         replace(p, low=float(v), high=float(v))
         for p, v in zip(term.parameters, values, strict=True)

@@ -1,4 +1,8 @@
-"""Many candidates at little cost: takes a fit, gives the few worth fitting in full."""
+"""Screening of candidates: takes a fit, gives the few that are worth fitting in full.
+
+Successive halving (Jamieson and Talwalkar 2016): all candidates are tried in few
+segments, and fewer and fewer of them in more and more segments.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,15 +15,7 @@ from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit
 from ..estimation.marginalization import ODD, marginalize_initial_states
 from ..estimation.problem import Problem
-
-# candidates are tried on more and more steps of simulation, for more and more rounds,
-# and ever fewer of them; chosen for a minute a joint
-STEPS, ROUNDS, KEEP = (1500, 4000, 10000), (1, 3, 2), (12, 5, 5)
-# steps in all differences of a search's fit, about: who states much shows much at each
-# of them; chosen
-SEARCHED = 3e5
-SLIGHT = 0.005  # of the cost, a gain that is not worth more tries; chosen
-MANY = 100  # at most, tried again once something has a name; chosen
+from .settings import SELECTION
 
 Progress = Callable[[str, float], None]
 
@@ -27,31 +23,50 @@ Progress = Callable[[str, float], None]
 def select_hard_segments(
     base: LinearizedFit, steps: int, rng: np.random.Generator
 ) -> LinearizedFit:
-    """The same fit in windows that simulate about so many steps.
+    """A fit in about as many of its segments as have so many simulation steps.
 
-    Half of them those with the largest residuals, where an effect shows that does so
-    rarely; the others drawn at random, where one that is wrong does harm.
+    Half of them have the largest residuals, where an effect shows that does so rarely.
+    The others are drawn at random, where an effect that is wrong does harm.
+
+    Args:
+        base: the fit in all segments.
+        steps: [simulation steps] of the segments in sum, about.
+        rng: draws segments.
     """
-    problem, found = base.problem, base.fit
+    problem, fit = base.problem, base.fit
     size = len(problem.segments)
-    each = problem.segments.lengths.mean()
-    # two seconds of the robot at least, and four windows beyond the first tries
-    least = 4 if steps > STEPS[0] or each * problem.simulator.timestep < 1 else 2
-    count = int(np.clip(steps / each, min(least, size), size))
-    if count >= 0.8 * size:
-        return base
-    worst = np.argsort(-problem.sum_by_segment(found.residuals**2))
-    others = rng.permutation(worst[(count + 1) // 2 :])
-    return base.select(
-        np.sort(np.append(worst[: (count + 1) // 2], others[: count // 2]))
+    mean_steps = problem.segments.lengths.mean()
+    is_long = mean_steps * problem.simulator.timestep >= SELECTION.long_segment
+    is_first = steps <= SELECTION.screening_steps[0]
+    least = (
+        SELECTION.min_first_screening_segments
+        if is_first and is_long
+        else SELECTION.min_screening_segments
     )
+    count = int(np.clip(steps / mean_steps, min(least, size), size))
+    if count >= SELECTION.nearly_all_segments * size:
+        return base
+    worst = np.argsort(-problem.sum_by_segment(fit.residuals**2))
+    hard = (count + 1) // 2
+    others = rng.permutation(worst[hard:])
+    return base.select(np.sort(np.append(worst[:hard], others[: count // 2])))
 
 
 def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
-    """Numbers of windows, drawn at random, that simulate about so many steps."""
+    """Draw segments that have about so many simulation steps in sum.
+
+    Args:
+        problem: all segments.
+        steps: [simulation steps] of the segments in sum, about.
+        rng: draws segments.
+
+    Returns:
+        (v) numbers of segments, in order.
+    """
     size = len(problem.segments)
-    count = int(np.clip(steps / problem.segments.lengths.mean(), 24, size))
-    if count >= 0.8 * size:
+    wanted = steps / problem.segments.lengths.mean()
+    count = int(np.clip(wanted, SELECTION.min_search_segments, size))
+    if count >= SELECTION.nearly_all_segments * size:
         return np.arange(size)
     return np.sort(rng.permutation(size)[:count])
 
@@ -59,25 +74,34 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
 def subsample_problem(
     problem: Problem, steps: int, rng: np.random.Generator
 ) -> Problem:
-    """As many of the windows, drawn at random, as simulate about so many steps."""
+    """The problem in segments drawn at random.
+
+    Args:
+        problem: all segments.
+        steps: [simulation steps] of the segments in sum, about.
+        rng: draws segments.
+    """
     return problem.select(draw_segments(problem, steps, rng))
 
 
 def find_overlooked_segments(
-    problem: Problem, some: np.ndarray, part: Problem, found: Fit
+    problem: Problem, chosen: np.ndarray, part: Problem, fit: Fit
 ) -> np.ndarray:
-    """Numbers of windows that were not drawn and are not as well explained.
+    """Find segments that were not drawn and that a fit explains much worse.
 
-    What shows rarely, as a stop does, may be in none of those that were drawn. Where
-    something touches, a window may be odd by an impact alone.
+    What shows rarely, as a stop does, may be in none of the segments that were drawn.
+    In contact none are looked for: a segment may be an outlier by an impact alone.
 
     Args:
-        problem: all windows.
-        some: numbers of those that were drawn.
-        part: these, weighed.
-        found: their fit.
+        problem: all segments.
+        chosen: (v) numbers of the segments that were drawn.
+        part: these segments, weighted by their residuals.
+        fit: the fit to them.
+
+    Returns:
+        Numbers of the segments, the worst ones first.
     """
-    others = np.setdiff1d(np.arange(len(problem.segments)), some)
+    others = np.setdiff1d(np.arange(len(problem.segments)), chosen)
     if (
         problem.regime.has_rough_cost
         or problem.regime.has_single_readings
@@ -85,65 +109,99 @@ def find_overlooked_segments(
     ):
         return others[:0]
     rest = replace(problem.select(others), sigma=part.sigma, simulator=part.simulator)
-    rest = marginalize_initial_states(rest, found.terms, found.values)
-    predicted = rest.residuals_at(found.terms, found.values)
-    each, own = (
-        p.sum_by_segment(r**2) / np.maximum(p.sum_by_segment((r != 0).astype(float)), 1)
-        for p, r in ((rest, predicted), (part, found.residuals))
+    rest = marginalize_initial_states(rest, fit.terms, fit.values)
+    predicted = rest.residuals_at(fit.terms, fit.values)
+    left, usual = (
+        _mean_squares(p, r) for p, r in ((rest, predicted), (part, fit.residuals))
     )
-    worst = np.argsort(-each)[: len(own) // 2]
-    return others[worst[each[worst] > ODD * np.median(own)]]
+    worst = np.argsort(-left)[: len(usual) // 2]
+    return others[worst[left[worst] > ODD * np.median(usual)]]
+
+
+def _mean_squares(problem: Problem, residuals: Floats) -> Floats:
+    """(W) [1] mean square of the residuals (R) of each segment, missing ones aside."""
+    count = problem.sum_by_segment((residuals != 0).astype(float))
+    return problem.sum_by_segment(residuals**2) / np.maximum(count, 1)
 
 
 def screen_candidates(
     bases: Sequence[LinearizedFit], candidates: Sequence[Term], progress: Progress
 ) -> tuple[list[Fit], float, list[Term]]:
-    """Candidates' fits, the best first, in the last of the bases.
-
-    And how many independent candidates there were, by how alike their answers to the
-    residuals are (participation ratio of their correlations; Galwey 2009); and those
-    worth another try beside a name.
+    """Try candidates one at a time beside a fit, while its values answer linearly.
 
     Args:
-        bases: the same fit in more and more windows; fewer and fewer candidates are
+        bases: the same fit in more and more segments; fewer and fewer candidates are
             tried in them.
-        candidates: to be tried.
-        progress: told which one is.
+        candidates: terms to be tried.
+        progress: called with a message and a share (0 to 1).
+
+    Returns:
+        Fits with one candidate each in the last of the bases, the best first. How many
+        of the candidates are independent (`_count_independent`). And the candidates
+        worth another try beside a name.
     """
     fits: list[Fit] = []
-    answers: list[Floats] = []
-    again: list[Term] = []
-    for base, rounds, keep in zip(bases, ROUNDS, KEEP, strict=True):
+    responses: list[Floats] = []
+    retried: list[Term] = []
+    for base, rounds, keep in zip(
+        bases,
+        SELECTION.screening_iterations,
+        SELECTION.screening_kept,
+        strict=True,
+    ):
         fits = []
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
-            tried = fit_candidate(base, term, rounds=rounds)
+            fit = fit_candidate(base, term, rounds=rounds)
             # hundreds of Jacobians would fill the memory; the first ones are not used
-            fits.append(tried if rounds > 1 else replace(tried, jacobian=np.empty(0)))
-        answers = answers or [base.fit.residuals - f.residuals for f in fits]
-        readings = np.count_nonzero(base.fit.residuals)
-        # few readings do not hold a large term back: each number costs (BIC)
-        price = readings ** (1 / readings) if readings else 1.0
-        fits.sort(key=lambda f: f.cost * price ** len(f.terms[-1].parameters))
-        again = again or [f.terms[-1] for f in fits[:MANY]]
-        fits = fits[:keep] if rounds == 1 else _drop_unpromising(base, fits)[:keep]
-        old = len(base.fit.values)
-        candidates = [
-            replace(f.terms[-1], initial_values=(tuple(f.values[old:]),)) for f in fits
+            fits.append(fit if rounds > 1 else replace(fit, jacobian=np.empty(0)))
+        responses = responses or [base.fit.residuals - f.residuals for f in fits]
+        fits = _sort_by_bic(fits, base.fit.residuals)
+        retried = retried or [
+            f.terms[-1] for f in fits[: SELECTION.max_retried_candidates]
         ]
-    return fits, _count_independent(np.array(answers)), again
+        fits = fits[:keep] if rounds == 1 else _drop_unpromising(base, fits)[:keep]
+        count = len(base.fit.values)
+        candidates = [
+            replace(f.terms[-1], initial_values=(tuple(f.values[count:]),))
+            for f in fits
+        ]
+    return fits, _count_independent(np.array(responses)), retried
+
+
+def _sort_by_bic(fits: list[Fit], residuals: Floats) -> list[Fit]:
+    """Fits with one candidate each, sorted by BIC (Schwarz 1978).
+
+    n log(cost) + p log(n) with n residuals (R) that are not missing and p new
+    parameters, here as cost * n^(p / n). Few residuals alone would not hold back a
+    candidate with many parameters.
+    """
+    count = np.count_nonzero(residuals)
+    penalty = count ** (1 / count) if count else 1.0
+    return sorted(fits, key=lambda f: f.cost * penalty ** len(f.terms[-1].parameters))
 
 
 def _drop_unpromising(base: LinearizedFit, fits: list[Fit]) -> list[Fit]:
-    """The best of candidates' fits, and those that gain more than without any."""
+    """The best fit, and those that gain enough over the fit without a candidate."""
     if base.problem.regime.has_single_readings:  # too few readings to tell
         return fits
-    least = (1 - SLIGHT) * base.minimize(base.fit.residuals)[0]
-    return [f for i, f in enumerate(fits) if not i or f.cost + f.prior_penalty < least]
+    cost, _ = base.minimize(base.fit.residuals)
+    limit = (1 - SELECTION.min_screening_gain) * cost
+    return [f for i, f in enumerate(fits) if not i or f.cost + f.prior_penalty < limit]
 
 
-def _count_independent(answers: Floats) -> float:
-    """How many of (n, R) answers are independent, between 1 and n."""
-    size = np.linalg.norm(answers, axis=1)
-    unit = answers[size > 0] / size[size > 0, None]
+def _count_independent(responses: Floats) -> float:
+    """Effective number of tests, between 1 and n.
+
+    Participation ratio of the eigenvalues l of the n candidates' correlations C:
+
+        (sum l)^2 / sum l^2 = n^2 / sum C_ij^2
+
+    (Bretherton et al. 1999; Galwey 2009 has the same with the square roots of l.)
+
+    Args:
+        responses: (n, R) [1] what each candidate adds to the residuals.
+    """
+    size = np.linalg.norm(responses, axis=1)
+    unit = responses[size > 0] / size[size > 0, None]
     return len(unit) ** 2 / max(float(((unit @ unit.T) ** 2).sum()), 1.0)

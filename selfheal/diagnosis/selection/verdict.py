@@ -1,4 +1,8 @@
-"""How far a naming holds: takes it, gives a verdict and held-out errors."""
+"""How far a hypothesis holds: takes it, gives a verdict and held-out errors.
+
+A test for lack of fit, by a free-form torque and by the size of the residuals, and a
+replay of the held-out episodes.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +23,7 @@ from ..estimation.noise import (
 )
 from ..estimation.problem import Problem, build_initial_state_offsets
 from ..simulation import score
-from ..simulation.dataset import WINDOW, Dataset, cut_readable_segments
+from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit
 from .evidence import improvement_p_value
@@ -27,38 +31,29 @@ from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
 from .refine import refit_native_timestep
 from .screening import draw_segments, subsample_problem
-
-STEPPED = 15000  # steps of simulation in a fit to the model's own time step; chosen
-EXPLAINED = 0.5  # share of what can be explained that a name must explain; chosen
-LITTLE = 0.1  # of it in the held-out episodes: names that remove less are none; chosen
-ROOM = 0.05  # of an error, less than which cannot be explained (contract section 2)
-WHOLE = 0.9  # share of it that makes a mismatch explained; chosen
-# times the re-fitted model's held-out error: no name stands, or none that explains its
-# pieces; chosen
-WORSE, OTHER = 1.05, 3.0
-ASTRAY = 6.0  # times the floor: a replay that far off is not all explained; chosen
+from .settings import SELECTION
 
 
 def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> float:
-    """Share of the explainable error that the names remove in held-out pieces.
+    """Share [1] of the explainable error that names remove in held-out segments.
 
-    Signals weighed as in the fit: the contract's score, over their spread there, is of
-    little else than one that hardly moves in a few poses; and of a chaotic robot's
-    replay it tells where that was when it began.
+    Of root mean squares e: (e_nominal - e_final) / (e_nominal - e_noise). Signals weigh
+    as in the fit: a score over their spread there may be of little but one that hardly
+    moves in a few poses. A replay of a chaotic robot tells where it was when it began.
     """
-    sigma, found = hypothesis.problem.sigma, hypothesis.final.fit
-    held = Problem(
-        dataset.held_out, cut_readable_segments(dataset.held_out, WINDOW), sigma
-    )
-    held = marginalize_initial_states(held, found.terms, found.values)
+    sigma, fit = hypothesis.problem.sigma, hypothesis.final.fit
+    segments = cut_readable_segments(dataset.held_out, SHORT_SEGMENT)
+    held_out = Problem(dataset.held_out, segments, sigma)
+    held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
     before, after = np.sqrt(
         [
-            squared_error_reestimated(held, hypothesis.nominal.fit),
-            squared_error(held, found),
+            squared_error_reestimated(held_out, hypothesis.nominal.fit),
+            squared_error(held_out, fit),
         ]
     )
-    room = before - np.sqrt(expected_noise(held))
-    return float((before - after) / max(room, ROOM * before))
+    explainable = before - np.sqrt(expected_noise(held_out))
+    least = SELECTION.min_explainable_error * before
+    return float((before - after) / max(explainable, least))
 
 
 @dataclass(frozen=True)
@@ -66,11 +61,12 @@ class RemainingStructure:
     """What the named effects leave.
 
     Attributes:
-        p_value: that a torque of free form explains no more of it.
-        share: of the squared error that it explains.
-        above: root mean square of the residual over what noise and time step leave.
-        loudest: the same in the worst scored column.
-        explained: share of what can be explained that the names explain.
+        p_value: that a free-form torque explains no more of it.
+        share: of the squared error that a free-form torque explains.
+        noise_ratio: root mean square of the residuals over what noise and time step
+            leave.
+        worst_channel_ratio: the same in the worst scored column.
+        explained: share of the explainable squared error that the names explain.
     """
 
     p_value: float
@@ -82,33 +78,37 @@ class RemainingStructure:
     @property
     def is_significant(self) -> bool:
         """Whether something is left that is no noise."""
-        shown = self.p_value < 0.01 and self.share > 0.05
-        return (shown and self.noise_ratio > 1) or max(
+        is_shown = (
+            self.p_value < SELECTION.remaining_p_value
+            and self.share > SELECTION.min_remaining_share
+        )
+        return (is_shown and self.noise_ratio > 1) or max(
             self.noise_ratio, self.worst_channel_ratio
         ) > ABOVE
 
 
 def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStructure:
-    """What is left beside the names, by a torque of free form and by its size."""
-    now, rng = hypothesis.final.fit, np.random.default_rng(1)
-    segments = Problem(
-        dataset.training,
-        cut_readable_segments(dataset.training, WINDOW),
-        hypothesis.problem.sigma,
-    )
-    problem = marginalize_initial_states(
-        subsample_problem(segments, 15000, rng), now.terms, now.values
-    )
+    """Look for structure that the names leave, in some of the training segments.
+
+    A likelihood-ratio test of a free-form torque of each joint, and the size of the
+    residuals beside that of noise and time step.
+    """
+    fit, rng = hypothesis.final.fit, np.random.default_rng(1)
+    segments = cut_readable_segments(dataset.training, SHORT_SEGMENT)
+    whole = Problem(dataset.training, segments, hypothesis.problem.sigma)
+    part = subsample_problem(whole, SELECTION.remaining_steps, rng)
+    problem = marginalize_initial_states(part, fit.terms, fit.values)
     base = LinearizedFit.from_fit(
-        problem, fit_parameters(problem, now.terms, now.values, rounds=0)
+        problem, fit_parameters(problem, fit.terms, fit.values, rounds=0)
     )
-    held = ScoredFit.from_fit(problem, base.fit)
-    p, share = 1.0, 0.0
+    old = ScoredFit.from_fit(problem, base.fit)
+    p_value, share = 1.0, 0.0
     terms = FreeFormTorque().propose_terms(dataset.robot)
     for term in terms:
         new = ScoredFit.from_fit(problem, fit_candidate(base, term, rounds=2))
-        p = min(p, improvement_p_value(problem, held, new, len(terms)))
-        share = max(share, 1 - new.error / held.error)
+        p = improvement_p_value(problem, old, new, len(terms))
+        p_value = min(p_value, p)
+        share = max(share, 1 - new.error / old.error)
     left = base.fit.cost
     before = (
         squared_error_reestimated(problem, hypothesis.nominal.fit)
@@ -119,28 +119,30 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     if hypothesis.named and problem.regime.has_single_readings:
         noise = max(noise, robust_noise(problem, base.fit.residuals))
     return RemainingStructure(
-        p, share, float(np.sqrt(left / max(noise, 1e-12))),
+        p_value,
+        share,
+        float(np.sqrt(left / max(noise, 1e-12))),
         worst_channel_ratio(problem, base.fit),
         float((before - left) / max(before - noise, 1e-12)),
-    )  # fmt: skip
+    )
 
 
 def drop_names(hypothesis: Hypothesis) -> Hypothesis:
-    """The same without any name."""
+    """The hypothesis without any name."""
     return replace(hypothesis, named=(), final=hypothesis.nominal)
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOutScores:
-    """Errors on held-out episodes.
+    """Errors of a replay of the held-out episodes.
 
     Attributes:
-        stated: the re-fitted model, as MuJoCo steps it.
-        patched: that with what was named.
-        pieces: that were replayed.
-        count: readings (E, S).
-        squares: squared errors (E, S) of each model.
-        numbers: scores, of the floor too.
+        nominal: the re-fitted nominal model, as MuJoCo steps it.
+        patched: the same with the named effects.
+        segments: that were replayed.
+        count: (E, S) readings of each episode and signal.
+        squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
+        numbers: score [1] of each model, by its name, and of the noise floor.
     """
 
     nominal: Fit
@@ -152,24 +154,28 @@ class HeldOutScores:
 
     @classmethod
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
-        """Of the model as given, re-fitted, and with what was named."""
-        simulator, none = dataset.held_out, ((), np.zeros(0))
-        some = draw_segments(hypothesis.problem, STEPPED, np.random.default_rng(3))
+        """Replay the model as given, re-fitted, and with the named effects."""
+        simulator = dataset.held_out
+        rng = np.random.default_rng(3)
+        some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
         fits = [
             hypothesis.nominal.fit,
             *([hypothesis.final.fit] if hypothesis.named else ()),
         ]
-        plain = [
+        refits = [
             refit_native_timestep(
-                LinearizedFit.from_fit(hypothesis.problem, f).select(some)
+                LinearizedFit.from_fit(hypothesis.problem, fit).select(some)
             )
-            for f in fits
+            for fit in fits
         ]
-        nominal_terms, found = plain[0], plain[-1]
+        nominal, patched = refits[0], refits[-1]
         segments = score.cut_replay_segments(simulator)
         count = score.count_readings(simulator, segments)
-        models = {"given": none, "refit": (nominal_terms.terms, nominal_terms.values),
-                  "patched": (found.terms, found.values)}  # fmt: skip
+        models = {
+            "given": ((), np.zeros(0)),
+            "refit": (nominal.terms, nominal.values),
+            "patched": (patched.terms, patched.values),
+        }
         squares = {
             k: score.sum_squared_errors(simulator, segments, terms, values)
             for k, (terms, values) in models.items()
@@ -178,122 +184,158 @@ class HeldOutScores:
             k: score.compute_score(simulator, s, count) for k, s in squares.items()
         }
         numbers["floor"] = min(
-            _noise_floor(dataset, segments, found), numbers["patched"]
+            _noise_floor(dataset, segments, patched), numbers["patched"]
         )
-        return cls(nominal_terms, found, segments, count, squares, numbers)
+        return cls(nominal, patched, segments, count, squares, numbers)
 
 
 def decide_verdict(
     hypothesis: Hypothesis, structure: RemainingStructure
 ) -> tuple[Hypothesis, str]:
-    """The verdict; names that explain too little are taken back."""
+    """The verdict, and the hypothesis without names if these explain too little."""
     if (
         hypothesis.named
         and structure.is_significant
-        and structure.explained < EXPLAINED
+        and structure.explained < SELECTION.min_explained_error
     ):
         return drop_names(hypothesis), "unlisted"
     if hypothesis.named:
-        whole = structure.explained > WHOLE or not structure.is_significant
-        return hypothesis, "explained" if whole else "partly"
+        is_whole = (
+            structure.explained > SELECTION.fully_explained_error
+            or not structure.is_significant
+        )
+        return hypothesis, "explained" if is_whole else "partly"
     return hypothesis, "unlisted" if structure.is_significant else "nothing"
 
 
-def _noise_floor(dataset: Dataset, segments: Segments, found: Fit) -> float:
-    """Score that the readings' noise alone would leave, as far as it is known.
+def _noise_floor(dataset: Dataset, segments: Segments, fit: Fit) -> float:
+    """Score [1] that the readings' noise alone would leave, as far as it is known.
 
     Noise is in what a prediction is compared with and, where the initial state was
-    read, in what it starts from.
+    read, in what it starts from. The latter is propagated to first order: each state
+    moves by its standard deviation, and the squared changes are summed.
+
+    Args:
+        dataset: with the held-out episodes.
+        segments: that were replayed.
+        fit: that was replayed.
     """
     simulator = dataset.held_out
-    initial_state_offset = build_initial_state_offsets(simulator, segments)
+    offsets = build_initial_state_offsets(simulator, segments)
     predicted = simulator.simulate(
-        found.terms,
-        np.tile(found.values, (len(initial_state_offset), 1)),
+        fit.terms,
+        np.tile(fit.values, (len(offsets), 1)),
         segments,
-        initial_state_offset=initial_state_offset,
+        initial_state_offset=offsets,
     )
-    moved = np.nansum((predicted[1:] - predicted[0]) ** 2, axis=0)
+    variance = np.nansum((predicted[1:] - predicted[0]) ** 2, axis=0)
     squares = []
     for c in simulator.channels:
         noise = np.nansum(np.nan_to_num(c.noise) ** 2)
-        read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
-        start = moved[read][:, c.columns].sum(axis=1)
-        squares.append((noise + (start.mean() if read.any() else 0)) / c.spread**2)
+        is_read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
+        of_start = variance[is_read][:, c.columns].sum(axis=1)
+        squares.append(
+            (noise + (of_start.mean() if is_read.any() else 0)) / c.spread**2
+        )
     scored = np.array([c.is_scored for c in simulator.channels])
     return float(np.sqrt(np.mean(np.array(squares)[scored]))) if scored.any() else 0.0
 
 
 def explainable_removed(numbers: dict[str, float]) -> float | None:
-    """The contract's explainable_removed; None where too little could be."""
-    room = numbers["refit"] - numbers["floor"]
-    if not room >= ROOM * numbers["refit"]:
+    """Share [1] of the explainable held-out error that names remove.
+
+    (refit - patched) / (refit - floor) of the scores of `HeldOutScores` (contract,
+    section 2); None where too little could be explained.
+    """
+    explainable = numbers["refit"] - numbers["floor"]
+    if not explainable >= SELECTION.min_explainable_error * numbers["refit"]:
         return None
-    return (numbers["refit"] - numbers["patched"]) / room
+    return (numbers["refit"] - numbers["patched"]) / explainable
 
 
 def makes_replay_worse(
-    dataset: Dataset, hypothesis: Hypothesis, proof: HeldOutScores
+    dataset: Dataset, hypothesis: Hypothesis, scores: HeldOutScores
 ) -> bool:
-    """Whether the names make a replay of what is held out worse.
+    """Whether names make a replay of the held-out episodes worse.
 
-    Not if they explain nearly all in its pieces and it is no other thing: a robot that
-    falls, or is chaotic, is soon elsewhere whatever is true of it.
+    Not if they explain nearly all in short segments and the replay is no other motion:
+    a robot that falls, or is chaotic, is soon elsewhere whatever is true of it.
+
+    Args:
+        dataset: with the held-out episodes.
+        hypothesis: with names.
+        scores: its replay.
     """
-    patched, refit = proof.numbers["patched"], proof.numbers["refit"]
+    patched, refit = scores.numbers["patched"], scores.numbers["refit"]
     if not np.isfinite(patched):  # it diverges, whatever the re-fitted model does
         return True
-    if patched > OTHER * refit:
+    if patched > SELECTION.other_replay_ratio * refit:
         return True
     return (
-        patched > WORSE * refit
-        and _share_removed_in_segments(dataset, hypothesis) < WHOLE
+        patched > SELECTION.worse_replay_ratio * refit
+        and _share_removed_in_segments(dataset, hypothesis)
+        < SELECTION.fully_explained_error
     )
 
 
 def removes_too_little(
-    dataset: Dataset, hypothesis: Hypothesis, proof: HeldOutScores
+    dataset: Dataset, hypothesis: Hypothesis, scores: HeldOutScores
 ) -> bool:
-    """Whether names remove next to nothing of what can be explained where held out."""
-    if proof.segments.is_single_readings:
-        return _share_removed_in_segments(dataset, hypothesis) < LITTLE
-    removed = explainable_removed(proof.numbers)
-    if removed is None or removed >= LITTLE:
+    """Whether names remove next to nothing of the explainable held-out error.
+
+    Args:
+        dataset: with the held-out episodes.
+        hypothesis: with names.
+        scores: its replay.
+    """
+    if scores.segments.is_single_readings:
+        share = _share_removed_in_segments(dataset, hypothesis)
+        return share < SELECTION.min_removed_error
+    removed = explainable_removed(scores.numbers)
+    if removed is None or removed >= SELECTION.min_removed_error:
         return False
-    return _share_removed_in_segments(dataset, hypothesis) < EXPLAINED
+    share = _share_removed_in_segments(dataset, hypothesis)
+    return share < SELECTION.min_explained_error
 
 
 def is_replay_off(
-    dataset: Dataset, hypothesis: Hypothesis, proof: HeldOutScores
+    dataset: Dataset, hypothesis: Hypothesis, scores: HeldOutScores
 ) -> bool:
-    """Whether what is held out is further from the replay than noise can make it.
+    """Whether a replay of the held-out episodes is farther off than noise can make it.
 
-    Of a robot that something touches in most episodes: in one it may fall on another
-    side by chance. And with the time step's own error taken away as well as with it. Of
-    single readings nothing tells the noise.
+    It has to be so without the time step's own error as well. Of a robot with contact
+    it has to be so in most episodes: in one it may fall on another side by chance.
+    Single readings do not tell the noise.
+
+    Args:
+        dataset: with the held-out episodes.
+        hypothesis: that was replayed.
+        scores: its replay.
     """
-    if proof.segments.is_single_readings:
+    if scores.segments.is_single_readings:
         return False
-    simulator, found, far = (
-        dataset.held_out,
-        hypothesis.final.fit,
-        ASTRAY * proof.numbers["floor"],
-    )
-    if _typical_score(simulator, proof.squares["patched"], proof.count) <= far:
+    simulator, fit = dataset.held_out, hypothesis.final.fit
+    limit = SELECTION.max_replay_floor_ratio * scores.numbers["floor"]
+    if _typical_score(simulator, scores.squares["patched"], scores.count) <= limit:
         return False
-    finer = score.sum_squared_errors(
-        simulator, proof.segments, found.terms, found.values, centered=True
+    squares = score.sum_squared_errors(
+        simulator, scores.segments, fit.terms, fit.values, centered=True
     )
-    return _typical_score(simulator, finer, proof.count) > far
+    return _typical_score(simulator, squares, scores.count) > limit
 
 
 def _typical_score(simulator: Simulator, squares: Floats, count: Floats) -> float:
-    """Score of squared errors (E, S); where something touches, of half the episodes."""
+    """Score [1] of all episodes, or in contact the median of their scores.
+
+    Args:
+        simulator: of the held-out episodes.
+        squares: (E, S) [unit of the signal, squared] errors.
+        count: (E, S) readings.
+    """
     if not simulator.has_contact:
         return score.compute_score(simulator, squares, count)
-    each = zip(squares, count, strict=True)
-    return float(
-        np.nanmedian(
-            [score.compute_score(simulator, s[None], n[None]) for s, n in each]
-        )
-    )
+    scores = [
+        score.compute_score(simulator, s[None], n[None])
+        for s, n in zip(squares, count, strict=True)
+    ]
+    return float(np.nanmedian(scores))

@@ -1,15 +1,18 @@
-"""From files to something that can be simulated and asked where effects could be."""
+"""Simulators: takes a model and recordings, gives a simulator and a robot's summary."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+import mujoco
 import numpy as np
+from mujoco import rollout
 
-from ...recording import Episode, Recording, whole_of
+from ...recording import Episode, Recording, strip_window
 from ...recording.data import Floats
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import (
     Actuator,
+    Joint,
     RobotSummary,
     summarize_bodies,
     summarize_joints,
@@ -19,42 +22,65 @@ from ..data.state_estimate import estimate_initial_state, estimate_state
 from .model_variants import ModelCompiler
 from .simulator import Simulator
 
+MEASURED_MOMENTS = 7  # of an episode, at which is asked what is measured; chosen
+MEASURED_SHARE = 0.5  # of these, in which a state has to be measured; chosen: most
+MOTION_MOMENTS = 600  # of all episodes, over which motion is averaged; chosen
+COMMAND_MOMENTS = 300  # of an episode, over which commands are averaged; chosen
+# [rad/s^2 or m/s^2] of a joint's inertia, whose torque is added to the typical one;
+# chosen: not zero for a joint without load or gravity
+MIN_TYPICAL_ACCELERATION = 1e-3
+RANGE_QUANTILES = (
+    0.005,
+    0.995,
+)  # of positions, for a joint's range; chosen: no outlier
+PEAK_QUANTILE = 0.99  # of speeds and forces, for the largest; chosen: no outlier
+RATE_QUANTILE = 0.95  # of a command's rates, for the largest; chosen: no outlier
+SERVO_GAIN_TOLERANCE = 1e-6  # between a servo's gain and its bias [1]; chosen: rounding
+MIN_FORCE = 1e-9  # [N m or N] of an actuator that was never used; chosen: not zero
+
 
 def build_simulator(
     compiler: ModelCompiler,
     recordings: Sequence[Recording],
     whole: Sequence[Recording] = (),
 ) -> Simulator:
-    """Recordings that fit a model, against it; parts of the `whole` ones, if given."""
+    """Build the simulator of recordings that fit a model.
+
+    Args:
+        compiler: of the model.
+        recordings: to be simulated.
+        whole: recordings of which these are parts, in whose order episodes are
+            numbered; none: these themselves.
+    """
     model = compiler.nominal
-    signals = build_channels(recordings)
+    channels = build_channels(recordings)
     step = float(model.opt.timestep)
-    several = len(recordings) > 1
+    has_files = len(recordings) > 1
     names = [(r.file, name) for r in whole or recordings for name in r.episodes]
-    logs = []
+    episodes = []
     for r in recordings:
         for name, e in r.episodes.items():
-            own = sample_episode(
-                f"{r.file}:{name}" if several else name,
+            sampled = sample_episode(
+                f"{r.file}:{name}" if has_files else name,
                 reorder_commands(e, model),
-                signals,
+                channels,
                 step,
             )
-            at = (r.file, name), (r.file, whole_of(name))
-            number = names.index(at[0] if at[0] in names else at[1])
-            logs.append(replace(own, number=number))
-    return Simulator(compiler, signals, tuple(logs), step)
+            part, of_whole = (r.file, name), (r.file, strip_window(name))
+            number = names.index(part if part in names else of_whole)
+            episodes.append(replace(sampled, number=number))
+    return Simulator(compiler, channels, tuple(episodes), step)
 
 
 def reorder_commands(episode: Episode, model) -> Episode:
-    """The episode with its commands in the model's order."""
+    """Order an episode's commands as the model orders its actuators."""
     names = [model.actuator(a).name for a in range(model.nu)]
     order = [episode.ctrl_names.index(name) for name in names]
     return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=tuple(names))
 
 
 def summarize_robot(simulator: Simulator) -> RobotSummary:
-    """What the robot and its recordings are like."""
+    """Summarize the robot, and how its recordings use it."""
     model = simulator.compiler.nominal
     states = StateReconstruction(simulator)
     motion = _MotionStatistics(simulator, states)
@@ -69,140 +95,159 @@ def summarize_robot(simulator: Simulator) -> RobotSummary:
         joints,
         summarize_actuators(simulator, states, joints),
         summarize_bodies(model),
-        motion.touches,
+        motion.has_contact,
         cut_segments(simulator.episodes, None).is_single_readings,
     )
 
 
 class StateReconstruction:
-    """The robot's state at some times: as read or, where nothing tells, as simulated.
+    """The robot's state: as measured or, where nothing measures it, as simulated.
 
     Attributes:
-        is_read: (nq) whether readings tell a position most of the time.
+        is_measured: (nq) whether readings give a position most of the time.
     """
 
     def __init__(self, simulator: Simulator) -> None:
         model = simulator.compiler.nominal
-        predicted = [np.full((1, model.nq), np.nan)]
+        positions = [np.full((1, model.nq), np.nan)]
         for episode in simulator.episodes:
-            at = np.linspace(0, episode.sample_steps[-1], 9)[1:-1]
-            predicted.append(
+            at = spread_moments(episode.sample_steps[-1])
+            positions.append(
                 estimate_state(
                     model, simulator.channels, episode, at, simulator.timestep, {}
                 )[0]
             )
-        self.world = simulator
-        self.is_measured = np.isfinite(np.vstack(predicted)).mean(axis=0) >= 0.5
-        by_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
-        self._moves = self.is_measured[by_dof]
-        self._paths: dict[int, Floats] = {}
+        share = np.isfinite(np.vstack(positions)).mean(axis=0)
+        self.is_measured = share >= MEASURED_SHARE
+        qpos_of_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
+        self._simulator = simulator
+        self._is_rate_measured = self.is_measured[qpos_of_dof]
+        self._simulated: dict[int, Floats] = {}
 
     def __call__(self, episode: int, at: np.ndarray) -> tuple[Floats, Floats]:
         """Positions (W, nq) and velocities (W, nv) at times `at` (W) [steps]."""
-        qpos, qvel, _ = estimate_initial_state(self.world, episode, at, {})
+        qpos, qvel, _ = estimate_initial_state(self._simulator, episode, at, {})
         if not self.is_measured.all():
-            path = self._simulate_path(episode)[
-                np.minimum(at, len(self._simulate_path(episode)) - 1)
-            ]
+            path = self._simulate_path(episode)
+            path = path[np.minimum(at, len(path) - 1)]
             nq = qpos.shape[1]
             qpos = np.where(self.is_measured, qpos, path[:, :nq])
-            qvel = np.where(self._moves, qvel, path[:, nq:])
+            qvel = np.where(self._is_rate_measured, qvel, path[:, nq:])
         return qpos, qvel
 
     def _simulate_path(self, episode: int) -> Floats:
         """Positions and velocities (G, nq + nv) of the given model, open loop."""
-        if episode not in self._paths:
-            import mujoco
-            from mujoco import rollout
-
-            model = self.world.compiler.nominal
+        if episode not in self._simulated:
+            simulator = self._simulator
+            model = simulator.compiler.nominal
             data = mujoco.MjData(model)
-            first = estimate_initial_state(self.world, episode, np.zeros(1, int), {})
+            first = estimate_initial_state(simulator, episode, np.zeros(1, int), {})
             data.qpos[:], data.qvel[:] = first[0][0], first[1][0]
             kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
             state = np.empty(mujoco.mj_stateSize(model, kind))
             mujoco.mj_getState(model, data, state, kind)
-            control = self.world.episodes[episode].ctrl[None]
-            seen = rollout.rollout(model, data, state[None], control)[0][0]
-            seen = np.vstack([state, seen])[:-1, 1 : 1 + model.nq + model.nv]
-            self._paths[episode] = np.nan_to_num(seen)
-        return self._paths[episode]
+            control = simulator.episodes[episode].ctrl[None]
+            path = rollout.rollout(model, data, state[None], control)[0][0]
+            path = np.vstack([state, path])[:-1, 1 : 1 + model.nq + model.nv]
+            self._simulated[episode] = np.nan_to_num(path)
+        return self._simulated[episode]
+
+
+def spread_moments(last: float) -> Floats:
+    """Times (MEASURED_MOMENTS) [steps], evenly between an episode's first and last."""
+    return np.linspace(0, last, MEASURED_MOMENTS + 2)[1:-1]
 
 
 class _MotionStatistics:
-    """How the robot moved, at some hundred moments."""
+    """How the robot moved, at some hundred moments.
+
+    Attributes:
+        torque: (nv) typical, as weight and motion ask for it [N m or N].
+        has_contact: whether anything touches something.
+    """
 
     def __init__(self, simulator: Simulator, states_of: StateReconstruction) -> None:
-        import mujoco
-
         model = simulator.compiler.nominal
-        self.model = model
-        states, torques, touches = [], [], False
+        self._model = model
+        states, torques, has_contact = [], [], False
         data = mujoco.MjData(model)
-        each = max(2, 600 // len(simulator.episodes))
+        count = max(2, MOTION_MOMENTS // len(simulator.episodes))
         for i, episode in enumerate(simulator.episodes):
-            at = np.linspace(0, episode.sample_steps[-1], each).astype(int)
+            at = np.linspace(0, episode.sample_steps[-1], count).astype(int)
             qpos, qvel = states_of(i, at)
             ctrl = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)]
             for q, v, u in zip(qpos, qvel, ctrl, strict=True):
                 data.qpos[:], data.qvel[:], data.ctrl[:] = q, v, u
                 mujoco.mj_forward(model, data)
                 torques.append(np.abs(data.qfrc_bias) + np.abs(data.qfrc_actuator) / 2)
-                touches |= bool(data.ncon)
+                has_contact |= bool(data.ncon)
             states.append(np.hstack([qpos, qvel]))
-        self.states = np.vstack(states)
+        self._states = np.vstack(states)
         self.torque: Floats = np.sqrt(np.mean(np.square(torques), axis=0))
-        self.torque += 1e-3 * model.dof_M0  # of a joint without load or gravity
-        self.touches = touches or _may_rest_on_ground(model)
+        self.torque += MIN_TYPICAL_ACCELERATION * model.dof_M0
+        self.has_contact = has_contact or _may_rest_on_ground(model)
 
     def __call__(self, joint: int) -> tuple[float, float, float, float]:
-        """Speed (rms), fastest, lowest and highest position of a joint."""
-        q = self.states[:, self.model.jnt_qposadr[joint]]
-        v = self.states[:, self.model.nq + self.model.jnt_dofadr[joint]]
-        low, high = np.quantile(q, [0.005, 0.995])
+        """Speed (effective, largest) and position (lowest, highest) of a joint."""
+        q = self._states[:, self._model.jnt_qposadr[joint]]
+        v = self._states[:, self._model.nq + self._model.jnt_dofadr[joint]]
+        low, high = np.quantile(q, RANGE_QUANTILES)
         return (
-            float(np.sqrt(np.mean(v**2))), float(np.quantile(np.abs(v), 0.99)),
-            float(low), float(high),
-        )  # fmt: skip
+            float(np.sqrt(np.mean(v**2))),
+            float(np.quantile(np.abs(v), PEAK_QUANTILE)),
+            float(low),
+            float(high),
+        )
 
 
 def _may_rest_on_ground(model) -> bool:
-    """Whether something floats and the world has something to touch."""
-    fixed = model.body_weldid[model.geom_bodyid] == 0
-    solid = (model.geom_contype | model.geom_conaffinity) > 0
-    return bool((fixed & solid).any() and (model.jnt_type == 0).any())
+    """Whether a body floats and the world has a geom to touch."""
+    is_fixed = model.body_weldid[model.geom_bodyid] == 0
+    is_solid = (model.geom_contype | model.geom_conaffinity) > 0
+    return bool((is_fixed & is_solid).any() and (model.jnt_type == 0).any())
 
 
 def summarize_actuators(
-    simulator: Simulator, states: StateReconstruction, joints
+    simulator: Simulator, states: StateReconstruction, joints: Sequence[Joint]
 ) -> tuple[Actuator, ...]:
-    """The actuators, and how the recordings use them."""
-    model, found = simulator.compiler.nominal, []
+    """Summarize the actuators, and how the recordings use them.
+
+    Args:
+        simulator: of the recordings.
+        states: of the robot in them.
+        joints: hinges and slides.
+    """
+    model, actuators = simulator.compiler.nominal, []
     by_id = {j.id: j for j in joints}
     for a in range(model.nu):
-        at_joint = model.actuator_trntype[a] in (0, 1)
+        at_joint = model.actuator_trntype[a] in (0, 1)  # mjtTrn: joint, jointinparent
         joint = by_id.get(int(model.actuator_trnid[a, 0])) if at_joint else None
-        found.append(_summarize_actuator(simulator, states, a, joint))
-    return tuple(found)
+        actuators.append(_summarize_actuator(simulator, states, a, joint))
+    return tuple(actuators)
 
 
 def _summarize_actuator(
-    simulator: Simulator, states: StateReconstruction, a: int, joint
+    simulator: Simulator, states: StateReconstruction, a: int, joint: Joint | None
 ) -> Actuator:
+    """Summarize an actuator, by MuJoCo's force = gain ctrl + b0 + b1 l + b2 dl/dt.
+
+    Args:
+        simulator: of the recordings.
+        states: of the robot in them.
+        a: id of the actuator.
+        joint: that it drives; None: no hinge or slide.
+    """
     model = simulator.compiler.nominal
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     servo = bool(
         joint is not None and model.actuator_biastype[a] == 1 and bias[1] < 0
-        and abs(bias[1] + gain[0]) < 1e-6 * gain[0]
+        and abs(bias[1] + gain[0]) < SERVO_GAIN_TOLERANCE * gain[0]
     )  # fmt: skip
     gear = abs(float(model.actuator_gear[a, 0]))
-    most, rates = 0.0, []
+    max_force, rates = 0.0, []
     for i, episode in enumerate(simulator.episodes):
-        at = np.arange(
-            0,
-            int(episode.sample_steps[-1]),
-            max(1, int(episode.sample_steps[-1]) // 300),
-        )
+        last = int(episode.sample_steps[-1])
+        at = np.arange(0, last, max(1, last // COMMAND_MOMENTS))
         qpos, qvel = states(i, at)
         u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1), a]
         force = gain[0] * u
@@ -213,14 +258,14 @@ def _summarize_actuator(
                 + gear * (bias[1] * qpos[:, joint.qpos] + bias[2] * qvel[:, joint.dof])
             )
         if len(force):
-            most = max(most, float(np.quantile(np.abs(force), 0.99)))
+            max_force = max(max_force, float(np.quantile(np.abs(force), PEAK_QUANTILE)))
         if len(u) > 1:
-            steps = np.abs(np.diff(episode.ctrl[:, a])) / simulator.timestep
-            rates.append(float(np.quantile(steps, 0.95)))
+            changes = np.abs(np.diff(episode.ctrl[:, a])) / simulator.timestep
+            rates.append(float(np.quantile(changes, RATE_QUANTILE)))
     speed = joint.speed if joint is not None else 1.0
     return Actuator(
         a, model.actuator(a).name, -1 if joint is None else joint.dof,
-        -1 if joint is None else joint.qpos, servo, max(most * gear, 1e-9),
+        -1 if joint is None else joint.qpos, servo, max(max_force * gear, MIN_FORCE),
         max([2 * speed, *rates]), "rad" if joint is None else joint.unit,
         joint is not None and joint.measured,
     )  # fmt: skip

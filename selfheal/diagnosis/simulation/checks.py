@@ -1,4 +1,4 @@
-"""What cannot be diagnosed: takes a case, refuses it and says what would fit."""
+"""Checks: takes a dataset, refuses what cannot be diagnosed, says what would fit."""
 
 from collections.abc import Sequence
 
@@ -9,27 +9,35 @@ from ...recording.data import Floats
 from ..data.robot_summary import POSITION_LIKE
 from ..data.segments import Segments
 from ..effects.base import Term
-from .dataset import SHORT, WINDOW, Dataset, cut_readable_segments
+from .dataset import (
+    MIN_SEGMENTS,
+    SHORT_SEGMENT,
+    Dataset,
+    cut_readable_segments,
+)
 from .simulator import Simulator
 
-LOST = 0.5  # share of pieces that the given model may not survive; chosen
-AS_GIVEN = np.zeros(0)  # values of no terms
+# share of the segments in which the given model may diverge, at most; chosen: most
+# readings must be comparable
+MAX_DIVERGED_SHARE = 0.5
+NO_VALUES = np.zeros(0)  # of no terms
 
 
 def check_dataset(dataset: Dataset) -> None:
-    """Refuse what no fit could make sense of, before any fit.
+    """Refuse a dataset of which no fit could make sense, before any fit.
 
     Raises:
-        RecordingError: too short, without a reading to be judged on, or nothing moves.
-        ModelError: what moves has no name, or the model diverges nearly everywhere;
-            the message says where and when.
+        RecordingError: the recordings are too short, have no reading to be judged on,
+            or show no motion.
+        ModelError: a joint has no name, or the model diverges in most segments; the
+            message says where and when.
     """
     _check_joint_names(dataset)
-    segments = cut_readable_segments(dataset.training, WINDOW)
+    segments = cut_readable_segments(dataset.training, SHORT_SEGMENT)
     _check_length(dataset, segments)
     _check_motion(dataset)
     count, episode, time = find_divergence(dataset.training, segments)
-    if count > LOST * len(segments):
+    if count > MAX_DIVERGED_SHARE * len(segments):
         raise ModelError(
             f"{dataset.compiler.path}: the model diverges, first in episode "
             f"{episode!r} at {time:.4g} s, in {count} of {len(segments)} pieces; would "
@@ -39,17 +47,17 @@ def check_dataset(dataset: Dataset) -> None:
 
 
 def _check_joint_names(dataset: Dataset) -> None:
-    """Refuse joints of which neither a finding nor a replay could speak."""
+    """Refuse joints without a name: no finding or replay could name them."""
     model = dataset.compiler.nominal
     slide, hinge = 2, 3  # mjtJoint
-    unnamed = [
+    bodies = [
         int(model.jnt_bodyid[j])
         for j in range(model.njnt)
         if model.jnt_type[j] in (slide, hinge) and not model.joint(j).name
     ]
-    if unnamed:
+    if bodies:
         where = ", ".join(
-            f"a joint of body {model.body(b).name or b!r}" for b in unnamed
+            f"a joint of body {model.body(b).name or b!r}" for b in bodies
         )
         raise ModelError(
             f"{dataset.compiler.path}: no name has {where}; would fit: a name for "
@@ -58,10 +66,9 @@ def _check_joint_names(dataset: Dataset) -> None:
 
 
 def _check_length(dataset: Dataset, segments: Segments) -> None:
-    seconds, least = (
-        float(segments.lengths.sum()) * dataset.training.timestep,
-        SHORT * WINDOW,
-    )
+    """Refuse fewer seconds of readings than the fewest segments have."""
+    seconds = float(segments.lengths.sum()) * dataset.training.timestep
+    least = MIN_SEGMENTS * SHORT_SEGMENT
     if seconds < least:
         raise RecordingError(
             f"{seconds:.3g} s of readings are too few to decide anything; would fit: "
@@ -70,25 +77,26 @@ def _check_length(dataset: Dataset, segments: Segments) -> None:
 
 
 def _check_motion(dataset: Dataset) -> None:
+    """Refuse recordings without motion, and without a reading to be judged on."""
     scored = [c for c in dataset.training.channels if c.is_scored]
     if not scored:
         raise RecordingError(
             f"no signal of kind {', '.join(POSITION_LIKE)} has a reading; would fit: "
             "at least one of them"
         )
-    read = np.concatenate([episode.readings for episode in dataset.training.episodes])
-    if not any(np.nanstd(read[:, c.columns], axis=0).any() for c in scored):
+    readings = np.concatenate([e.readings for e in dataset.training.episodes])
+    if not any(np.nanstd(readings[:, c.columns], axis=0).any() for c in scored):
         raise RecordingError(
             f"no position-like signal moves ({', '.join(c.name for c in scored)}); "
             "would fit: a recording in which the robot moves"
         )
     columns = [c.columns for c in dataset.held_out.channels if c.is_scored]
-    judged = (
+    is_read = (
         np.isfinite(episode.readings[:, k])
         for episode in dataset.held_out.episodes
         for k in columns
     )
-    if not any(known.any() for known in judged):
+    if not any(known.any() for known in is_read):
         raise RecordingError(
             f"what is held out ({', '.join(dataset.held_out_names)}) has no reading of "
             "a position-like signal to be judged on; would fit: other episodes"
@@ -99,26 +107,28 @@ def find_divergence(
     simulator: Simulator,
     segments: Segments,
     terms: Sequence[Term] = (),
-    values: Floats = AS_GIVEN,
+    values: Floats = NO_VALUES,
 ) -> tuple[int, str, float]:
-    """In how many windows a simulation is lost; where and when it is first.
+    """Find in how many segments a simulation diverges, and the first time it does.
+
+    The time is found by bisection of the first diverging segment.
 
     Args:
         simulator: that is simulated.
-        segments: the windows.
-        terms: what is true beyond the given model.
-        values: (P) of their parameters.
+        segments: W of them.
+        terms: effects that the given model lacks.
+        values: (P) of the terms' parameters.
 
     Returns:
-        Count, id of the episode, time in it [s] to within two steps; 0, "", NaN where
-        none is lost.
+        Count, id of the episode, time in the episode [s] to within two steps; 0, "",
+        NaN where no simulation diverges.
     """
-    lost = _find_diverged(simulator, segments, terms, values)
-    if not len(lost):
+    diverged = _find_diverged(simulator, segments, terms, values)
+    if not len(diverged):
         return 0, "", np.nan
-    w = int(lost[0])
+    w = int(diverged[0])
     episode = simulator.episodes[int(segments.episode[w])]
-    low, high = 0, int(segments.lengths[w])  # alive, lost
+    low, high = 0, int(segments.lengths[w])  # steps: still finite, diverged
     while high - low > 1:
         middle = (low + high) // 2
         cut = Segments(
@@ -134,15 +144,15 @@ def find_divergence(
         else:
             low = middle
     return (
-        len(lost),
+        len(diverged),
         episode.id,
         episode.start + (int(segments.first_step[w]) + high) * simulator.timestep,
     )
 
 
 def _find_diverged(
-    simulator: Simulator, segments: Segments, terms, values: Floats
+    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats
 ) -> np.ndarray:
-    """Numbers of the windows that are lost."""
+    """Numbers of the segments in which terms with values (P) diverge."""
     predicted = simulator.simulate(terms, values[None], segments)[0]
     return np.unique(segments.segment_of_sample[~np.isfinite(predicted).all(axis=1)])

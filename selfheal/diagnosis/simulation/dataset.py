@@ -1,4 +1,4 @@
-"""A robot's recordings made ready for a diagnosis: parted, checked, cut to pieces."""
+"""Datasets: takes a model and recordings, gives what to fit and what is held out."""
 
 import os
 from collections.abc import Sequence
@@ -10,35 +10,44 @@ from ...errors import RecordingError, UnknownNameError
 from ...recording import (
     Recording,
     check_against_model,
-    names_of,
-    short_names,
+    list_model_names,
+    shorten_names,
     split,
-    without_file,
+    strip_file,
 )
 from ..data.episodes import collect_signal_meanings
-from ..data.robot_summary import RobotSummary
+from ..data.robot_summary import Channel, RobotSummary
 from ..data.segments import Segments, cut_segments
 from ..data.state_estimate import estimate_state
-from .build import StateReconstruction, build_simulator, summarize_robot
-from .checkpoint import Checkpoint, digest_inputs
+from .build import (
+    MEASURED_SHARE,
+    StateReconstruction,
+    build_simulator,
+    spread_moments,
+    summarize_robot,
+)
+from .checkpoint import Checkpoint
 from .model_variants import ModelCompiler
 from .simulator import Simulator
 
-WINDOW = 0.5  # [s] of a simulated piece; chosen: as long as the contract's
-LONG = 2.0  # [s] of a longer one; chosen: slow effects show there
-QUIET, SHORT = 3.0, 3  # least signal over noise, least windows, to say anything; chosen
+SHORT_SEGMENT = 0.5  # [s] of a segment; chosen: as long as the contract scores
+LONG_SEGMENT = 2.0  # [s] of a long segment; chosen: slow effects show there
+# below these a diagnosis is refused; chosen: what is left tells nothing from noise
+MIN_SNR = 3.0  # standard deviation of a signal over that of its noise
+MIN_SEGMENTS = 3  # of the short ones
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A robot's recordings, parted.
+    """A robot's recordings, divided into training and held-out data.
 
     Attributes:
-        workshop: of the given model.
-        world: what may be fitted.
-        held: what is judged on.
-        scene: of the robot.
-        names: of the held-out pieces, as the contract writes them.
+        compiler: of the given model and its variants.
+        training: simulator of the recordings that may be fitted.
+        held_out: simulator of the recordings that fits are judged on.
+        robot: summary of the robot.
+        held_out_names: of the held-out episodes or parts of them, as the contract
+            writes them.
     """
 
     compiler: ModelCompiler
@@ -48,17 +57,21 @@ class Dataset:
     held_out_names: tuple[str, ...]
 
     def with_noise_of(self, simulator: Simulator) -> "Dataset":
-        """The same, with what another world of it knows of its readings' noise."""
-        predicted = {c.name: c for c in simulator.channels}
-        own = [
-            tuple(replace(c, noise=predicted[c.name].noise, ar1=predicted[c.name].ar1)
-                  if c.name in predicted else c for c in w.channels)
-            for w in (self.training, self.held_out)
-        ]  # fmt: skip
+        """This dataset with the noise of a simulator's channels, by their names."""
+        known = {c.name: c for c in simulator.channels}
+
+        def with_noise(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+            return tuple(
+                replace(c, noise=known[c.name].noise, ar1=known[c.name].ar1)
+                if c.name in known
+                else c
+                for c in channels
+            )
+
         return replace(
             self,
-            training=self.training.with_channels(own[0]),
-            held_out=self.held_out.with_channels(own[1]),
+            training=self.training.with_channels(with_noise(self.training.channels)),
+            held_out=self.held_out.with_channels(with_noise(self.held_out.channels)),
         )
 
 
@@ -68,39 +81,55 @@ def prepare_dataset(
     held_out: Sequence[str],
     memory: str | os.PathLike[str] | None = None,
 ) -> Dataset:
-    """A model and its recordings, parted; arguments and errors as of `diagnose`."""
+    """Divide recordings into training and held-out data.
+
+    Args:
+        model: path of an MJCF or a URDF.
+        recordings: of the robot.
+        held_out: names of episodes or parts of them, as `recording.split` takes them.
+        memory: folder of the checkpoint; None: nothing is kept.
+
+    Raises:
+        ModelError: MuJoCo cannot load the model.
+        RecordingError: a recording does not fit the model, or nothing in it can be
+            fitted.
+        UnknownNameError: a held-out name is no episode.
+    """
     compiler = ModelCompiler(os.fspath(model))
     for recording in recordings:  # what does not fit the model is the plainer fault
-        check_against_model(recording, names_of(compiler.nominal))
-    collect_signal_meanings(
-        recordings
-    )  # one in all, whichever part of them they come to lie in
+        check_against_model(recording, list_model_names(compiler.nominal))
+    collect_signal_meanings(recordings)  # each has one, in training and held-out data
     pairs = _split_recordings(recordings, held_out)
     fitted = [fit for fit, _ in pairs if fit.episodes]
     simulator = build_simulator(compiler, fitted, recordings)
-    simulator = replace(
-        simulator, checkpoint=Checkpoint(memory, digest_inputs(compiler, fitted))
+    simulator = replace(simulator, checkpoint=Checkpoint(memory))
+    held_out_simulator = build_simulator(
+        compiler, [h for _, h in pairs if h.episodes], recordings
     )
-    held = build_simulator(compiler, [h for _, h in pairs if h.episodes], recordings)
     if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
-    files = short_names([r.file for r in recordings])
+    files = shorten_names([r.file for r in recordings])
     names = tuple(
         f"{file}:{name}"
         for file, (_, h) in zip(files, pairs, strict=True)
         for name in h.episodes
     )
     robot = summarize_robot(simulator)
-    simulator, held = (
-        replace(w, has_contact=robot.has_contact) for w in (simulator, held)
+    simulator, held_out_simulator = (
+        replace(s, has_contact=robot.has_contact)
+        for s in (simulator, held_out_simulator)
     )
-    return Dataset(compiler, simulator, held, robot, names)
+    return Dataset(compiler, simulator, held_out_simulator, robot, names)
 
 
 def _split_recordings(
     recordings: Sequence[Recording], held_out: Sequence[str]
 ) -> list[tuple[Recording, Recording]]:
-    """Of each recording, what may be fitted and what is held out.
+    """Divide each recording into what may be fitted and what is held out.
+
+    Args:
+        recordings: whole.
+        held_out: names of episodes or parts of them; none: each recording's last part.
 
     Raises:
         UnknownNameError: a name that is no episode.
@@ -108,12 +137,12 @@ def _split_recordings(
     """
     if not held_out or len(recordings) == 1:
         return [split(r, held_out=held_out) for r in recordings]
-    own: list[list[str]] = [[] for _ in recordings]
+    by_recording: list[list[str]] = [[] for _ in recordings]
     for entry in held_out:
-        own[_find_recording(recordings, entry)].append(entry)
+        by_recording[_find_recording(recordings, entry)].append(entry)
     pairs = []
-    for recording, entries in zip(recordings, own, strict=True):
-        whole = {without_file(entry, recording.file) for entry in entries}
+    for recording, entries in zip(recordings, by_recording, strict=True):
+        whole = {strip_file(entry, recording.file) for entry in entries}
         none = replace(recording, episodes={})
         if not entries:
             pairs.append((recording, none))
@@ -127,58 +156,58 @@ def _split_recordings(
 
 
 def _find_recording(recordings: Sequence[Recording], entry: str) -> int:
-    """Which of several recordings a held-out name speaks of."""
-    exact = [entry.startswith(f"{r.file}:") for r in recordings]
-    called = [without_file(entry, r.file) != entry for r in recordings]
-    if any(fits := exact if any(exact) else called):
-        return fits.index(True)
+    """Number of the recording that a held-out name means; `UnknownNameError`: none."""
+    has_path = [entry.startswith(f"{r.file}:") for r in recordings]
+    has_name = [strip_file(entry, r.file) != entry for r in recordings]
+    if any(matches := has_path if any(has_path) else has_name):
+        return matches.index(True)
     for i, recording in enumerate(recordings):
         if any(entry == n or entry.startswith(f"{n}[") for n in recording.episodes):
             return i
-    files = short_names([r.file for r in recordings])
+    files = shorten_names([r.file for r in recordings])
     each = zip(files, recordings, strict=True)
     valid = [f"{file}:{name}" for file, r in each for name in r.episodes]
     raise UnknownNameError("held-out episode", entry, valid)
 
 
 def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
-    """Pieces that begin where the state can be read; whole episodes elsewhere."""
+    """Cut episodes into segments that begin where the state is measured.
+
+    An episode in which the state is mostly not measured stays whole.
+
+    Args:
+        simulator: of the episodes.
+        seconds: of a segment [s].
+    """
     steps = max(2, round(seconds / simulator.timestep))
     parts = []
     for i, episode in enumerate(simulator.episodes):
-        cut = (
-            _is_state_known(
-                simulator, i, np.linspace(0, episode.sample_steps[-1], 9)[1:-1]
-            ).mean()
-            > 0.5
-        )
-        own = cut_segments(simulator.episodes, steps if cut else None, only=i)
+        moments = spread_moments(episode.sample_steps[-1])
+        cut = _is_state_known(simulator, i, moments).mean() > MEASURED_SHARE
+        part = cut_segments(simulator.episodes, steps if cut else None, only=i)
         if cut:
-            own = own.select(
-                np.flatnonzero(_is_state_known(simulator, i, own.first_step))
-            )
-        parts.append(own)
+            is_known = _is_state_known(simulator, i, part.first_step)
+            part = part.select(np.flatnonzero(is_known))
+        parts.append(part)
     return Segments.concatenate(parts)
 
 
-def _list_unmeasured_joints(simulator: Simulator) -> list[str]:
-    """Joints whose position no signal tells for most of the time."""
-    model, known = (
-        simulator.compiler.nominal,
-        StateReconstruction(simulator).is_measured,
-    )
+def list_unmeasured_joints(simulator: Simulator) -> list[str]:
+    """List the joints whose position no signal measures for most of the time."""
+    model = simulator.compiler.nominal
+    is_measured = StateReconstruction(simulator).is_measured
     return [
         f"joint {model.joint(j).name!r}"
         for j in range(model.njnt)
-        if not known[model.jnt_qposadr[j]]
+        if not is_measured[model.jnt_qposadr[j]]
     ]
 
 
 def _is_state_known(simulator: Simulator, episode: int, at: np.ndarray) -> np.ndarray:
-    """(W) whether every joint's position is told at times [steps] of an episode."""
-    own, model = simulator.episodes[episode], simulator.compiler.nominal
+    """(W) whether each joint's position is known at times `at` (W) [steps]."""
+    sampled, model = simulator.episodes[episode], simulator.compiler.nominal
     qpos, _, _ = estimate_state(
-        model, simulator.channels, own, at, simulator.timestep, {}
+        model, simulator.channels, sampled, at, simulator.timestep, {}
     )
-    given = (at == 0) & (own.qpos0 is not None)
-    return np.isfinite(qpos).all(axis=1) | given
+    is_given = (at == 0) & (sampled.qpos0 is not None)
+    return np.isfinite(qpos).all(axis=1) | is_given

@@ -1,4 +1,4 @@
-"""The model as a hypothesis has it: takes terms and values, gives compiled models."""
+"""Model variants: takes terms and values, gives compiled models of hypotheses."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -20,6 +20,8 @@ _RK4, _IMPLICITFAST = 1, 3  # mujoco.mjtIntegrator
 _JOINT_KEYS = ("joint",)
 _DOF_KEYS = ("dof", "other_dof")
 _QPOS_KEYS = ("qpos", "other_qpos")
+# what fields of MjModel begin with that effects edit
+_EDITED_FIELDS = tuple("actuator_ body_ dof_ geom_ jnt_ qpos site_ opt.".split())
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +29,10 @@ class ModelVariant:
     """A compiled model with the joints that some terms add.
 
     Attributes:
-        model: compiled; warnings do not reset a diverged state.
-        dof: (nv of the given model) where its degrees of freedom are now.
-        qpos: (nq of the given model) where its positions are now.
-        joint: (njnt of the given model) where its joints are now.
+        model: compiled; a diverged state is not reset.
+        dof: (nv of the given model) indices of its degrees of freedom in this model.
+        qpos: (nq of the given model) indices of its positions in this model.
+        joint: (njnt of the given model) ids of its joints in this model.
     """
 
     model: "mujoco.MjModel"
@@ -40,11 +42,11 @@ class ModelVariant:
 
     @property
     def is_single_stage(self) -> bool:
-        """Whether a step has one stage, so that it can be read as a leapfrog's."""
+        """Whether the integrator has one stage, so that a step can be a leapfrog's."""
         return bool(self.model.opt.integrator != _RK4)
 
     def map_place(self, place: Mapping[str, Any]) -> dict[str, Any]:
-        """A term's place, as this model numbers it."""
+        """Renumber a term's place for this model, and add where its second joint is."""
         out = dict(place)
         for keys, new in (
             (_JOINT_KEYS, self.joint), (_DOF_KEYS, self.dof), (_QPOS_KEYS, self.qpos)
@@ -63,120 +65,126 @@ class ModelVariant:
         return out
 
     def build_model(self, terms: Sequence[Term], values: Floats) -> "mujoco.MjModel":
-        """The model in which the terms, with all their values in a row, are true."""
+        """Build the model of one hypothesis, with values (P) of all terms."""
         return self.build_models(terms, values[None])[0]
 
     def build_models(
         self, terms: Sequence[Term], values: Floats
     ) -> list["mujoco.MjModel"]:
-        """The same of several rows of values (n, P)."""
+        """Build the models of n hypotheses, with values (n, P) of all terms.
+
+        Terms before the first whose values differ are edited once for all models.
+        """
         import mujoco
 
-        shares = split_values(terms, values)
-        alike = [bool((s == s[0]).all()) for s in shares]
-        same = alike.index(False) if False in alike else len(terms)
-        base = self._edit_copy(self.model, terms[:same], [s[0] for s in shares[:same]])
+        term_values = split_values(terms, values)
+        is_common = [bool((v == v[0]).all()) for v in term_values]
+        common = is_common.index(False) if False in is_common else len(terms)
+        base = self._edit_copy(
+            self.model, terms[:common], [v[0] for v in term_values[:common]]
+        )
         models = [
-            self._edit_copy(base, terms[same:], own)
-            for own in ([s[i] for s in shares[same:]] for i in range(len(values)))
+            self._edit_copy(base, terms[common:], [v[i] for v in term_values[common:]])
+            for i in range(len(values))
         ]
         for model in models:
             mujoco.mj_setConst(model, self.scratch_data)
         return models
 
-    def _edit_copy(self, model, terms: Sequence[Term], shares: Sequence[Floats]):
-        """A copy of a model in which terms, each with its values, are true."""
+    def _edit_copy(self, model, terms: Sequence[Term], term_values: Sequence[Floats]):
+        """Copy a model and edit the copy by terms, each with its values (p)."""
         model = copy.copy(model)
-        for term, part in zip(terms, shares, strict=True):
+        for term, values in zip(terms, term_values, strict=True):
             if implements(term.effect, "edit_model"):
                 for place in term.places:
-                    term.effect.edit_model(model, self.map_place(place), part)
+                    term.effect.edit_model(model, self.map_place(place), values)
         return model
 
     @cached_property
     def scratch_data(self) -> "mujoco.MjData":
-        """Room for computations about the model."""
+        """An MjData for computations about the model; its content means nothing."""
         import mujoco
 
         return mujoco.MjData(self.model)
 
     @cached_property
     def nominal_fields(self) -> dict[str, bytes]:
-        """What the model says in each field that an edit may change."""
+        """Bytes of each field of the model that an effect's edit may change."""
         from mujoco.batch import MODEL_FIELDS
 
-        key = ("actuator_", "body_", "dof_", "geom_", "jnt_", "qpos", "site_", "opt.")
-        said = {
-            f: read_model_field(self.model, f)
-            for f in MODEL_FIELDS
-            if f.startswith(key)
+        values = {
+            name: read_model_field(self.model, name)
+            for name in MODEL_FIELDS
+            if name.startswith(_EDITED_FIELDS)
         }
-        return {f: v.tobytes() for f, v in said.items() if v is not None and v.size}
+        return {k: v.tobytes() for k, v in values.items() if v is not None and v.size}
 
 
 def read_model_field(model, name: str):
-    """A field of a compiled model by its name in `mujoco.batch`; None if missing."""
+    """Read a field of a compiled model by its name in `mujoco.batch`; None: missing."""
     if name.startswith("opt."):
         return np.array(getattr(model.opt, name[4:]))
     return getattr(model, name, None)
 
 
 def split_values(terms: Sequence[Term], values: Floats) -> list[Floats]:
-    """Values (..., P) of all terms, parted into each one's (..., p)."""
+    """Split values (..., P) of all terms into those (..., p) of each."""
     ends = np.cumsum([len(t.parameters) for t in terms], dtype=int)
     return np.split(values, ends, axis=-1)[:-1]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class ModelCompiler:
-    """Makes plants of one model; the same structure is compiled once.
+    """Compiles variants of one model; the same structure is compiled once.
 
     Attributes:
         path: of the MJCF or URDF.
+        nominal: the model as given, compiled.
+
+    Raises:
+        ModelError: MuJoCo cannot load the model.
     """
 
     path: str
-    compiled: dict[tuple, ModelVariant] = field(default_factory=dict)
+    nominal: "mujoco.MjModel" = field(init=False)
+    _compiled: dict[tuple, ModelVariant] = field(
+        init=False, default_factory=dict, compare=False
+    )
 
-    @cached_property
-    def nominal(self) -> "mujoco.MjModel":
-        """The model as it is.
-
-        Raises:
-            ModelError: MuJoCo cannot load it.
-        """
-        return load_model(self.path)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nominal", load_model(self.path))
 
     def compile_variant(
         self, terms: Sequence[Term], *, leaping: bool = False
     ) -> ModelVariant:
-        """A model with the joints that these terms need.
+        """Compile the model with the joints that terms add.
 
         Args:
             terms: of a hypothesis.
-            leaping: whether a four-stage integrator is to become a one-stage one;
-                not where joints' velocities bear on each other.
+            leaping: whether RK4 is to become a one-stage integrator, as a leapfrog has
+                it; only for a single joint, whose velocity acts on no other.
         """
-        adds = [t for t in terms if implements(t.effect, "edit_spec")]
+        adding = [t for t in terms if implements(t.effect, "edit_spec")]
         given = self.nominal
         leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
-        key = (leaping, *((t.effect.name, t.targets) for t in adds))
-        if key not in self.compiled:
-            self.compiled[key] = self._compile(adds)
+        key = (leaping, *((t.effect.name, t.targets) for t in adding))
+        if key not in self._compiled:
+            self._compiled[key] = self._compile(adding)
             if leaping:
-                self.compiled[key].model.opt.integrator = _IMPLICITFAST
-        return self.compiled[key]
+                self._compiled[key].model.opt.integrator = _IMPLICITFAST
+        return self._compiled[key]
 
-    def _compile(self, adds: Sequence[Term]) -> ModelVariant:
+    def _compile(self, adding: Sequence[Term]) -> ModelVariant:
+        """Compile the model with the joints of terms that edit its MjSpec."""
         import mujoco
 
-        from ...body.mjcf import ignore_warnings
+        from ...body.mjcf import silence_mujoco
 
-        ignore_warnings()
+        silence_mujoco()
         spec = read_spec(self.path)
         given = self.nominal
         # the last joint first: an added one shifts what follows it
-        sites = [(t.effect, place) for t in adds for place in t.places]
+        sites = [(t.effect, place) for t in adding for place in t.places]
         for effect, place in sorted(sites, key=lambda s: -s[1]["joint"]):
             effect.edit_spec(spec, place)
         _disable_simple_bodies(spec)
@@ -188,21 +196,22 @@ class ModelCompiler:
         joint = np.array(_match_joints(given, model), int)
         dof, qpos = np.zeros(given.nv, int), np.zeros(given.nq, int)
         for old, new in enumerate(joint):
-            width = {0: (7, 6), 1: (4, 3)}.get(int(given.jnt_type[old]), (1, 1))
+            # sizes in qpos and qvel of mjtJoint: free, ball; slide and hinge
+            nq, nv = {0: (7, 6), 1: (4, 3)}.get(int(given.jnt_type[old]), (1, 1))
             a, b = given.jnt_qposadr[old], model.jnt_qposadr[new]
-            qpos[a : a + width[0]] = np.arange(b, b + width[0])
+            qpos[a : a + nq] = np.arange(b, b + nq)
             a, b = given.jnt_dofadr[old], model.jnt_dofadr[new]
-            dof[a : a + width[1]] = np.arange(b, b + width[1])
+            dof[a : a + nv] = np.arange(b, b + nv)
         return ModelVariant(model, dof, qpos, joint)
 
 
 def _match_joints(given, model) -> list[int]:
-    """Where each joint of the given model is in the new one."""
-    own = {given.joint(j).name for j in range(given.njnt)}
-    return [j for j in range(model.njnt) if model.joint(j).name in own]
+    """Ids in a new model of the given model's joints, in their order."""
+    names = {given.joint(j).name for j in range(given.njnt)}
+    return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
 def _disable_simple_bodies(spec) -> None:
-    """Keep room for inertia off the diagonal, so that a center of mass can be moved."""
+    """Make MuJoCo compute full inertias, so that a center of mass can be moved."""
     for body in spec.bodies[1:]:
         body.simple = 0

@@ -1,6 +1,7 @@
-"""The true signals of a batch of simulations, in the columns of the channels."""
+"""Sensors: takes fields of a batch of simulations, gives the true signals."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,75 +10,93 @@ from ..data.robot_summary import Channel
 from ..effects.base import Term
 from .model_variants import ModelVariant
 
-NO_NOISE = np.zeros((3, 1))
-Bound = Mapping[str, Floats]
+STAGE_VELOCITY, STAGE_ACCELERATION = 2, 3  # mjtStage
+NO_NOISE = np.zeros((3, 1))  # scatter, noise and autocorrelation of a true signal
+Fields = Mapping[str, Floats]
 
 
 class SensorReader:
-    """Reads channels from a batch.
+    """Reads channels from the fields of a batch.
 
     Attributes:
-        needs: fields of the batch that must be bound.
-        width: columns of all channels.
-        rates, accelerations: rows of sensordata that tell velocities (a gyroscope's),
-            and accelerations.
+        needs: names of the fields that it reads, beside qpos and qvel.
+        width: how many columns all channels have.
+        rates: indices into sensordata of what depends on velocities (a gyroscope).
+        accelerations: indices into sensordata of what depends on accelerations.
     """
 
     def __init__(
-        self, variant: ModelVariant, signals: Sequence[Channel], terms=()
+        self,
+        variant: ModelVariant,
+        channels: Sequence[Channel],
+        terms: Sequence[Term] = (),
     ) -> None:
-        """`terms` may say that an encoder sits behind a gap or a spring."""
-        self.width = sum(c.width for c in signals)
+        """Find where the channels are in a model's fields.
+
+        Args:
+            variant: of the model that is simulated.
+            channels: to be read.
+            terms: effects, of which one may say that an encoder sits behind a gap or a
+                spring.
+        """
+        self.width = sum(c.width for c in channels)
         self.needs: set[str] = set()
-        self._readers: list[tuple[slice, Callable[[Bound], Floats]]] = []
-        behind = _find_link_joints(variant, terms)
-        own = [variant.model.sensor(c.target).id for c in signals if c.kind == "sensor"]
-        self.rates, self.accelerations = (
-            _find_sensor_rows(variant.model, own, stage)
-            for stage in (2, 3)  # mjtStage
-        )
-        for c in signals:
-            needs, read = _make_reader(variant, c, behind)
+        self._readers: list[tuple[slice, Callable[[Fields], Floats]]] = []
+        model, link_joints = variant.model, _find_link_joints(variant, terms)
+        sensors = [model.sensor(c.target).id for c in channels if c.kind == "sensor"]
+        self.rates = _find_sensor_rows(model, sensors, STAGE_VELOCITY)
+        self.accelerations = _find_sensor_rows(model, sensors, STAGE_ACCELERATION)
+        for c in channels:
+            needs, read = _make_reader(model, c, link_joints)
             self.needs |= needs
             self._readers.append((c.columns, read))
 
-    def read_all(self, seen: Bound) -> Floats:
-        """Signals (A, B, width) of fields (A, B, ...) of states.
+    def read_all(self, fields: Fields) -> Floats:
+        """Read signals (A, B, width) [each channel's unit] of fields (A, B, ...).
 
-        What a step computes is of the state before it, as its position and velocity are
-        to be.
+        MuJoCo computes a step's other fields for the state before the step, so qpos and
+        qvel must be of that state, too.
         """
-        shape = next(iter(seen.values())).shape[:2]
+        shape = next(iter(fields.values())).shape[:2]
         out = np.empty((shape[0] * shape[1], self.width))
-        flat = {k: v.reshape(len(out), *v.shape[2:]) for k, v in seen.items()}
+        flat = {k: v.reshape(len(out), *v.shape[2:]) for k, v in fields.items()}
         for columns, read in self._readers:
             out[:, columns] = read(flat)
         return out.reshape(*shape, self.width)
 
 
 def _find_sensor_rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
-    """Rows of sensordata of those sensors that are computed at a stage of a step."""
-    if model.nhistory:  # they tell what was
+    """Indices into sensordata of those sensors that need a stage of a step (mjtStage).
+
+    None where the model delays sensors: these give what was some steps before.
+    """
+    if model.nhistory:
         return np.zeros(0, int)
-    own = [s for s in sensors if model.sensor_needstage[s] == stage]
-    each = [model.sensor_adr[s] + np.arange(model.sensor_dim[s]) for s in own]
+    at_stage = [s for s in sensors if model.sensor_needstage[s] == stage]
+    each = [model.sensor_adr[s] + np.arange(model.sensor_dim[s]) for s in at_stage]
     return np.concatenate([np.zeros(0, int), *each])
 
 
-def make_second_joint_channels(variant: ModelVariant, places) -> list[Channel]:
-    """Position and velocity of the second joint of each place, as signals."""
-    found: list[Channel] = []
+def make_second_joint_channels(
+    variant: ModelVariant, places: Sequence[Mapping[str, Any]]
+) -> list[Channel]:
+    """Make channels of the position and velocity of each place's added joint.
+
+    `places` are numbered as in the variant, `ModelVariant.map_place` gives them.
+    """
+    channels: list[Channel] = []
     for place in places:
         name = variant.model.joint(place["extra_jnt"]).name
         for kind in ("joint_position", "joint_velocity"):
-            found.append(
-                Channel(name, kind, name, "", 1, len(found), 1.0, 1.0, 0.0, *NO_NOISE)
+            first = len(channels)
+            channels.append(
+                Channel(name, kind, name, "", 1, first, 1.0, 1.0, 0.0, *NO_NOISE)
             )
-    return found
+    return channels
 
 
 def _find_link_joints(variant: ModelVariant, terms: Sequence[Term]) -> dict[str, int]:
-    """Second joint of each joint whose position is read behind it."""
+    """Added joint's id by the name of each joint whose encoder is at the link."""
     places = [variant.map_place(p) for t in terms for p in t.places if "suffix" in p]
     return {
         variant.model.joint(p["joint"]).name: p["extra_jnt"]
@@ -87,11 +106,11 @@ def _find_link_joints(variant: ModelVariant, terms: Sequence[Term]) -> dict[str,
 
 
 def _make_reader(
-    variant: ModelVariant, c: Channel, behind
+    model, c: Channel, link_joints: Mapping[str, int]
 ) -> tuple[set[str], Callable]:
-    model = variant.model
+    """Fields that a channel needs, and what reads it (B, width) from them (B, ...)."""
     if c.kind in ("joint_position", "joint_velocity"):
-        return set(), _make_joint_reader(model, c, behind)
+        return set(), _make_joint_reader(model, c, link_joints)
     if c.kind == "joint_torque":
         a = model.actuator(c.target).id
         gear = float(model.actuator_gear[a, 0])
@@ -103,19 +122,25 @@ def _make_reader(
     return _make_body_reader(model, c)
 
 
-def _make_joint_reader(model, c: Channel, behind) -> Callable:
+def _make_joint_reader(model, c: Channel, link_joints: Mapping[str, int]) -> Callable:
+    """What reads a joint: alone or, at the link, as the sum with the added joint."""
     joint = model.joint(c.target)
     field, address = (
         ("qpos", "qposadr") if c.kind == "joint_position" else ("qvel", "dofadr")
     )
     at = int(getattr(joint, address)[0])
-    if c.target not in behind:
+    if c.target not in link_joints:
         return lambda b: b[field][:, [at]]
-    extra = int(getattr(model.joint(behind[c.target]), address)[0])
+    extra = int(getattr(model.joint(link_joints[c.target]), address)[0])
     return lambda b: b[field][:, [at]] + b[field][:, [extra]]
 
 
 def _make_body_reader(model, c: Channel) -> tuple[set[str], Callable]:
+    """Fields that a body's channel needs, and what reads it from them.
+
+    MuJoCo's cvel is (omega, v) in global axes, at the center of mass of the body's
+    kinematic tree. A body's origin x moves with v + omega x (x - x_com).
+    """
     i = model.body(c.target).id
     root = int(model.body_rootid[i])
     if c.kind == "body_position":
@@ -126,7 +151,6 @@ def _make_body_reader(model, c: Channel) -> tuple[set[str], Callable]:
         return {"cvel", "xmat"}, lambda b: np.einsum(
             "nji,nj->ni", b["xmat"][:, i].reshape(-1, 3, 3), b["cvel"][:, i, :3]
         )
-    # cvel is of the point that coincides with the tree's center of mass
     return (
         {"cvel", "xpos", "subtree_com"},
         lambda b: (

@@ -1,20 +1,21 @@
-"""A stroll: a self-modeling run and its robot in, a gait walked on it out."""
+"""A trial of a walk: a self-modeling run and its robot in, a gait walked on it out."""
 
 from typing import Any
 
 import numpy as np
 
+from ..body.body import Bodies
 from ..body.mjcf import GRAVITY
-from ..engine.plant import rated
-from ..gait.believed import believed
+from ..engine.plant import build_rated_plant
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import Progress, forward, synthesize, walk
+from ..gait.rival_bodies import select_rival_bodies
+from ..gait.synthesis import Progress, project_on_heading, synthesize_gait, walk_gait
 from ..robot.base import Walker
 from ..selfmodel.run import Run
-from .senses import position
+from .read_channels import read_position
 
 
-def stroll(
+def walk_trial(
     run: Run,
     robot: Walker,
     *,
@@ -37,16 +38,20 @@ def stroll(
         What `selfheal gait --json` prints. Energy is the positive mechanical work of
         the motors in the self-model [J], cost of transport that over m g d [1].
     """
-    models, weights = believed(run)
-    plants = [rated(models[[k]]) for k in range(len(models))]
-    gait = synthesize(plants, weights=weights, name=name, heading=heading, seed=seed,
-                      progress=progress)  # fmt: skip
-    path = position(robot.move(gait.commands(run.anatomy.size)))
-    along, across = forward(path[-1], heading)
-    energy = float(walk(plants[:1], gait).energy[0])
-    a = run.anatomy
-    mass = a.torso_mass + float(np.sum(models.mass[0]) + np.sum(a.block_mass))
-    cost = energy / (mass * GRAVITY * max(gait.predicted, 1e-3))
+    models, weights = select_rival_bodies(run)
+    plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
+    gait = synthesize_gait(
+        plants,
+        weights=weights,
+        name=name,
+        heading=heading,
+        seed=seed,
+        progress=progress,
+    )
+    path = read_position(robot.move(gait.commands(run.anatomy.size)))
+    along, across = project_on_heading(path[-1], heading)
+    energy = float(walk_gait(plants[:1], gait).energy[0])
+    cost = energy / (_sum_masses(models) * GRAVITY * max(gait.predicted, 1e-3))
     return {
         "format": "selfheal-gait",
         "version": 1,
@@ -70,3 +75,10 @@ def stroll(
         "simulations": gait.simulations,
         "failed": gait.failed,
     }
+
+
+def _sum_masses(models: Bodies) -> float:
+    """Mass of the first body of a batch, its torso and motor blocks with it [kg]."""
+    known = models.anatomy
+    parts = np.sum(models.mass[0]) + np.sum(known.block_mass)
+    return known.torso_mass + float(parts)

@@ -12,7 +12,7 @@ from ..body.body import Floats
 
 
 @dataclass(frozen=True)
-class Evolution:
+class CmaState:
     """Where a search stands.
 
     Attributes:
@@ -32,26 +32,26 @@ class Evolution:
     generation: int = 0
 
 
-def begin(mean: Floats, sigma: float) -> Evolution:
+def start_search(mean: Floats, sigma: float) -> CmaState:
     """A search from a point (D), with first steps of this size."""
     zero = np.zeros_like(mean)
-    return Evolution(mean, sigma, np.eye(len(mean)), zero, zero)
+    return CmaState(mean, sigma, np.eye(len(mean)), zero, zero)
 
 
-def _axes(state: Evolution) -> tuple[Floats, Floats]:
+def _decompose_covariance(state: CmaState) -> tuple[Floats, Floats]:
     """Eigenvectors (D, D) and standard deviations (D) of the shape."""
     values, vectors = np.linalg.eigh(state.cov)
     return vectors, np.sqrt(np.maximum(values, 1e-14))
 
 
-def ask(state: Evolution, count: int, rng: np.random.Generator) -> Floats:
+def ask(state: CmaState, count: int, rng: np.random.Generator) -> Floats:
     """(count, D) points to score."""
-    vectors, widths = _axes(state)
+    vectors, widths = _decompose_covariance(state)
     steps = rng.normal(size=(count, len(state.mean))) * widths
     return state.mean + state.sigma * steps @ vectors.T
 
 
-def tell(state: Evolution, points: Floats, scores: Floats) -> Evolution:
+def tell(state: CmaState, points: Floats, scores: Floats) -> CmaState:
     """The search after a generation.
 
     Args:
@@ -68,7 +68,7 @@ def tell(state: Evolution, points: Floats, scores: Floats) -> Evolution:
     best = points[np.argsort(-worth, kind="stable")[:mu]]
     steps = (best - state.mean) / state.sigma
     step = weight @ steps
-    vectors, widths = _axes(state)
+    vectors, widths = _decompose_covariance(state)
     white = vectors @ ((vectors.T @ step) / widths)
     c_sigma = (mueff + 2) / (d + mueff + 5)
     damp = 1 + 2 * max(0.0, np.sqrt((mueff - 1) / (d + 1)) - 1) + c_sigma

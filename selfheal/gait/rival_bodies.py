@@ -2,24 +2,24 @@
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, center_distance
-from ..body.genome import Genomes, at_sides, build, concatenate
+from ..body.body import Bodies, Floats, measure_center_distance
+from ..body.genome import Genomes, build_bodies, center_on_sides, concatenate_genomes
 from ..engine.statics import Statics
 from ..errors import InputError
-from ..selfmodel.evaluate import CAPPED_LOSS, channels
-from ..selfmodel.prior import cost
+from ..selfmodel.evaluate import CAPPED_LOSS, stack_channels
+from ..selfmodel.prior import compute_prior_cost
 from ..selfmodel.run import Run
 
 _RIVALS = 3  # bodies that a gait has to suit; chosen
-_ALIKE = 0.2  # [cm] centers nearer than this are the same body; chosen
+_SAME_BODY = 0.2  # [cm] centers nearer than this are the same body; chosen
 # Tilts at rest say little of where along a side a part hangs, and a walk depends on it.
 # Chosen on development seeds: a placement off the middle of its side must explain
 # three degrees of loss more than the middle does.
-_ODD = 3.0
+_OFF_CENTER_COST = 3.0
 _MIDDLE = 0.01  # [rounds] from the middle that still is the middle
 
 
-def believed(run: Run) -> tuple[Bodies, Floats]:
+def select_rival_bodies(run: Run) -> tuple[Bodies, Floats]:
     """The best bodies of a run (K) and how likely each is (K), best first.
 
     Every rival of the run stands as it is and with each part moved to the middle of
@@ -33,25 +33,29 @@ def believed(run: Run) -> tuple[Bodies, Floats]:
             "the run has no body yet; go on with it by 'selfheal identify --resume'"
         )
     rivals = run.cycles[-1].genomes
-    genomes = concatenate(rivals, at_sides(rivals))
-    bodies, loss = build(run.anatomy, genomes), _loss(run, genomes)
+    genomes = concatenate_genomes(rivals, center_on_sides(rivals))
+    bodies, loss = build_bodies(run.anatomy, genomes), _compute_losses(run, genomes)
     order = np.argsort(loss, kind="stable")
     weight, kept = np.exp(loss.min() - loss), [int(order[0])]
     for k in order[1:].tolist():
-        near = center_distance(bodies[[k]], bodies[kept]).min() < _ALIKE
+        near = measure_center_distance(bodies[[k]], bodies[kept]).min() < _SAME_BODY
         if weight[k] > 0.05 and not near and len(kept) < _RIVALS:
             kept.append(k)
     return bodies[kept], weight[kept] / weight[kept].sum()
 
 
-def _loss(run: Run, genomes: Genomes) -> Floats:
+def _compute_losses(run: Run, genomes: Genomes) -> Floats:
     """(N) of genomes on all that a run felt, with the prior [deg]."""
-    bodies = build(run.anatomy, genomes)
+    bodies = build_bodies(run.anatomy, genomes)
     tried = run.actions[[cycle.action for cycle in run.cycles]]
     felt = np.array([cycle.felt for cycle in run.cycles])
     rows = np.repeat(np.arange(len(bodies)), len(tried))
     seen = Statics().simulate(bodies[rows], np.tile(tried, (len(bodies), 1)))
-    gap = CAPPED_LOSS(channels(seen).reshape(len(bodies), len(tried), 3), felt)
+    gap = CAPPED_LOSS(stack_channels(seen).reshape(len(bodies), len(tried), 3), felt)
     off = np.abs((genomes.placement * 4) % 1 - 0.5) / 4 > _MIDDLE
-    total = gap.sum(axis=1) + cost(run.anatomy, genomes) + _ODD * off.sum(axis=1)
+    total = (
+        gap.sum(axis=1)
+        + compute_prior_cost(run.anatomy, genomes)
+        + _OFF_CENTER_COST * off.sum(axis=1)
+    )
     return np.where(np.isfinite(total), total, np.inf)

@@ -47,7 +47,7 @@ class PhasedRun:
 R = TypeVar("R", bound=PhasedRun)
 
 
-def grown(
+def run_phases(
     run: R,
     step: Callable[[R], tuple[str, Phase] | None],
     result: Callable[[R], Mapping[str, Any]],
@@ -74,7 +74,7 @@ def grown(
     yield replace(run, result=result(run))
 
 
-def save(run: PhasedRun, path: str | os.PathLike[str]) -> None:
+def save_phased_run(run: PhasedRun, path: str | os.PathLike[str]) -> None:
     """Write a run whole or not at all.
 
     Raises:
@@ -94,10 +94,10 @@ def save(run: PhasedRun, path: str | os.PathLike[str]) -> None:
                     group[key] = value
                 else:
                     plain[key] = value
-            group["told"] = json.dumps(plain, default=_plain)
+            group["told"] = json.dumps(plain, default=_to_list)
 
 
-def load(path: str | os.PathLike[str], kind: type[R]) -> R:
+def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
     """Read a run of a kind.
 
     Raises:
@@ -117,6 +117,6 @@ def load(path: str | os.PathLike[str], kind: type[R]) -> R:
         return kind(kind.SETTINGS(**settings), phases, result)
 
 
-def _plain(value: Any) -> Any:
+def _to_list(value: Any) -> Any:
     """An array within other data as a list."""
     return value.tolist()

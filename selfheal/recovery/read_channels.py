@@ -4,12 +4,12 @@ import numpy as np
 
 from ..body.body import Anatomy, Floats
 from ..body.mjcf import BELLY_SENSOR
-from ..engine.walk import Channels, channels_of
+from ..engine.walk import Channels, list_channels
 from ..errors import RecordingError
 from ..recording import Episode, Recording
 
 
-def felt_over_time(
+def read_channels(
     recording: Recording, anatomy: Anatomy, episode: str | None = None
 ) -> tuple[Floats, Floats]:
     """Time (S) [s] and channels (S, C) of one episode, see `engine.walk.channels_of`.
@@ -20,8 +20,8 @@ def felt_over_time(
         RecordingError: none of the signals is there.
     """
     name = episode or next(iter(recording.episodes))
-    e, channels = recording.episodes[name], channels_of(anatomy)
-    columns = [_column(e, channels, k) for k in range(len(channels.names))]
+    e, channels = recording.episodes[name], list_channels(anatomy)
+    columns = [_read_channel(e, channels, k) for k in range(len(channels.names))]
     values = np.stack(columns, axis=1)
     if np.isnan(values).all():
         raise RecordingError(
@@ -31,7 +31,7 @@ def felt_over_time(
     return e.time, values
 
 
-def _column(episode: Episode, channels: Channels, k: int) -> Floats:
+def _read_channel(episode: Episode, channels: Channels, k: int) -> Floats:
     """(S) one channel."""
     name, signal = channels.names[k], episode.signals.get(channels.sensors[k])
     if signal is None:
@@ -49,13 +49,13 @@ def _column(episode: Episode, channels: Channels, k: int) -> Floats:
     return v if name.endswith("_touch") else np.degrees(v)
 
 
-def position(recording: Recording) -> Floats:
+def read_position(recording: Recording) -> Floats:
     """(S, 3) of the torso [m]."""
     (episode,) = recording.episodes.values()
     return episode.signals["torso_position"].values
 
 
-def orientation(recording: Recording) -> Floats:
+def read_orientation(recording: Recording) -> Floats:
     """(S, 4) of the torso, quaternion."""
     (episode,) = recording.episodes.values()
     return episode.signals["torso_orientation"].values

@@ -8,7 +8,9 @@ from ..body.body import Floats, Ints
 _MISSED, _RIGHT_ANYWAY = 0.25, 0.8
 
 
-def sureness(parent: Ints, belief: Floats, best: Ints, *, survived: int) -> Floats:
+def compute_sureness(
+    parent: Ints, belief: Floats, best: Ints, *, survived: int
+) -> Floats:
     """(P) probability that each part hangs on the parent it has in the best body.
 
     Args:

@@ -14,23 +14,33 @@ from functools import partial
 import numpy as np
 
 from ..body.body import Floats
-from ..body.legged import Legged
-from ..engine.reflex import EVERY, drive, trimmed, whole
-from ..gait.evolve import Evolution, ask, begin, tell
-from .student import log_t
+from ..body.legged import LeggedRobot
+from ..engine.reflex import (
+    STEPS_PER_SAMPLE,
+    build_intact_plants,
+    scale_physics,
+    simulate_controllers,
+)
+from ..gait.cma_es import CmaState, ask, start_search, tell
+from .belief import compute_log_t
 
 Progress = Callable[[float], None]
 
 _HORIZONS = (20, 30, 40, 60, 80, 110, 150)  # steps that are fitted in turn; chosen
-_STARTS, _KEPT = 16, 4  # searches in the beginning and in the end; chosen
+_FIRST_SEARCHES, _LAST_SEARCHES = (
+    16,
+    4,
+)  # searches in the beginning and in the end; chosen
 _CHILDREN, _GENERATIONS = 14, 10  # of each search for each horizon; chosen
-_STEP, _FINEST = 0.02, 0.003  # logs of factors: first steps, least new ones; chosen
-_USUAL = 0.05  # log of a factor, as wide as a careful builder would grant; chosen
-_EXACT = 0.01  # scale of a sensor's residual: readings are free of noise; chosen
+_STEP, _LEAST_STEP = 0.02, 0.003  # logs of factors: first steps, least new ones; chosen
+_PRIOR_WIDTH = 0.05  # log of a factor, as wide as a careful builder would grant; chosen
+_RESIDUAL_SCALE = (
+    0.01  # scale of a sensor's residual: readings are free of noise; chosen
+)
 
 
-def trims(
-    robot: Legged,
+def fit_physics(
+    robot: LeggedRobot,
     weights: Floats,
     sensed: Floats,
     rng: np.random.Generator,
@@ -49,32 +59,38 @@ def trims(
         See `engine.reflex.trimmed`; one row of ones where the model is right already.
     """
     size = 2 + len(robot.motors)
-    model = drive(whole(robot, 1), weights[None]).sensed[0]
+    model = simulate_controllers(build_intact_plants(robot, 1), weights[None]).sensors[
+        0
+    ]
     if np.array_equal(model, sensed):
         return np.ones((1, size))
 
     def score(points: Floats, steps: int) -> Floats:
-        plants = trimmed(whole(robot, len(points)), np.exp(points))
-        drives = drive(plants, np.tile(weights, (len(points), 1)), steps)
-        gap = (drives.sensed - sensed[: steps // EVERY]) / _EXACT
-        prior = ((points / _USUAL) ** 2).sum(axis=1) / 2
-        fit = log_t(gap).sum(axis=(1, 2)) - prior
+        plants = scale_physics(build_intact_plants(robot, len(points)), np.exp(points))
+        drives = simulate_controllers(plants, np.tile(weights, (len(points), 1)), steps)
+        gap = (drives.sensors - sensed[: steps // STEPS_PER_SAMPLE]) / _RESIDUAL_SCALE
+        prior = ((points / _PRIOR_WIDTH) ** 2).sum(axis=1) / 2
+        fit = compute_log_t(gap).sum(axis=(1, 2)) - prior
         return np.where(drives.failed, -np.inf, fit)
 
-    searches = [begin(rng.normal(0, _STEP, size), _STEP) for _ in range(_STARTS)]
+    searches = [
+        start_search(rng.normal(0, _STEP, size), _STEP) for _ in range(_FIRST_SEARCHES)
+    ]
     for turn, steps in enumerate(_HORIZONS):
         progress(turn / len(_HORIZONS))
-        found = _longer(searches, partial(score, steps=steps), rng)
-        left = _STARTS - (_STARTS - _KEPT) * (turn + 1) // len(_HORIZONS)
+        found = _extend_horizon(searches, partial(score, steps=steps), rng)
+        left = _FIRST_SEARCHES - (_FIRST_SEARCHES - _LAST_SEARCHES) * (turn + 1) // len(
+            _HORIZONS
+        )
         searches = found[:left]
     return np.exp([search.mean for search in searches])
 
 
-def _longer(
-    searches: list[Evolution],
+def _extend_horizon(
+    searches: list[CmaState],
     score: Callable[[Floats], Floats],
     rng: np.random.Generator,
-) -> list[Evolution]:
+) -> list[CmaState]:
     """Searches at the best points they found for a horizon, the best search first."""
     best = np.full(len(searches), -np.inf)
     means = [search.mean for search in searches]
@@ -85,5 +101,7 @@ def _longer(
         for k in np.flatnonzero(scores.max(axis=1) > best):
             best[k], means[k] = scores[k].max(), asked[k][scores[k].argmax()]
     order = np.argsort(-best, kind="stable")
-    return [replace(searches[k], mean=means[k], sigma=max(searches[k].sigma, _FINEST))
-            for k in order]  # fmt: skip
+    return [
+        replace(searches[k], mean=means[k], sigma=max(searches[k].sigma, _LEAST_STEP))
+        for k in order
+    ]

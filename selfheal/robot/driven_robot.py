@@ -4,19 +4,19 @@ from typing import Protocol
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..body.legged import Legged
-from ..engine.reflex import Drives
+from ..body.legged import LeggedRobot
+from ..engine.reflex import Rollouts
 
 
-class Driven(Protocol):
+class DrivenRobot(Protocol):
     """A robot that runs under neural controllers."""
 
     @property
-    def legged(self) -> Legged:
+    def legged(self) -> LeggedRobot:
         """Its body as it was built."""
         ...
 
-    def trials(self, weights: Floats) -> Drives:
+    def run_trials(self, weights: Floats) -> Rollouts:
         """Run from rest under controllers (N, synapses), one after the other.
 
         Returns:
@@ -25,6 +25,6 @@ class Driven(Protocol):
         """
         ...
 
-    def struck(self, damage: tuple[Damage, ...]) -> "Driven":
+    def struck(self, damage: tuple[Damage, ...]) -> "DrivenRobot":
         """This robot after a damage."""
         ...

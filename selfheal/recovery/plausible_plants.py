@@ -11,17 +11,17 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..engine.plant import Plant, damaged
-from ..engine.walk import PERIOD, SAMPLE, channels_of
-from ..gait.synthesis import unlike
-from .probes import Probe, predict, scale_of, values
-from .student import log_t
+from ..engine.plant import Plant, apply_damages
+from ..engine.walk import PERIOD, SAMPLE, list_channels
+from ..gait.synthesis import randomize_plant
+from .belief import compute_log_t
+from .probes import Probe, extract_values, find_residual_scale, predict_values
 
 _DRAWN, _KEPT = 64, 3  # robots that are tried and kept; chosen
 
 
 @dataclass(frozen=True)
-class Likely:
+class PlausiblePlants:
     """Robots that it may be.
 
     Attributes:
@@ -32,12 +32,12 @@ class Likely:
 
     plants: tuple[Plant, ...]
     bias: Floats
-    worth: float
+    effective_share: float
 
 
-def likely(
+def find_plausible_plants(
     plant: Plant, probe: Probe, felt: Floats, rng: np.random.Generator
-) -> Likely:
+) -> PlausiblePlants:
     """Robots that walk as the whole one did.
 
     Args:
@@ -46,19 +46,25 @@ def likely(
         felt: (S, C) channels of the whole robot, walking so for as long or longer.
         rng: draws what else it may be.
     """
-    names = channels_of(plant.body.anatomy).names
-    plants = [plant, *(unlike(plant, rng) for _ in range(_DRAWN))]
-    scale = scale_of(probe, names)
-    whole = values(probe, felt[: round(len(probe.commands) * PERIOD / SAMPLE)], names)
-    told = predict(plants, probe, np.zeros(len(scale)))
+    names = list_channels(plant.body.anatomy).names
+    plants = [plant, *(randomize_plant(plant, rng) for _ in range(_DRAWN))]
+    scale = find_residual_scale(probe, names)
+    whole = extract_values(
+        probe, felt[: round(len(probe.commands) * PERIOD / SAMPLE)], names
+    )
+    told = predict_values(plants, probe, np.zeros(len(scale)))
     failed = np.isnan(told).any(axis=1)
-    fit = np.where(failed, -np.inf, log_t((told - whole) / scale).sum(axis=1))
+    fit = np.where(failed, -np.inf, compute_log_t((told - whole) / scale).sum(axis=1))
     best = np.argsort(-fit, kind="stable")[:_KEPT]
     bias = whole - told[best]
-    return Likely(tuple(plants[k] for k in best), bias, _worth(told[~failed] / scale))
+    return PlausiblePlants(
+        tuple(plants[k] for k in best),
+        bias,
+        _compute_effective_share(told[~failed] / scale),
+    )
 
 
-def _worth(told: Floats) -> float:
+def _compute_effective_share(told: Floats) -> float:
     """How many independent values (N, M) are worth, as a share of M.
 
     The participation ratio of their correlations: whether a robot tips, say, changes
@@ -69,10 +75,10 @@ def _worth(told: Floats) -> float:
     return float(varies.shape[1] / np.sum(together**2))
 
 
-def predict_walk(known: Likely, damages: list[Damage], probe: Probe) -> Floats:
+def predict_walk(known: PlausiblePlants, damages: list[Damage], probe: Probe) -> Floats:
     """(H, K, M) values of a walk of every likely robot after every damage."""
     return np.stack(
-        [predict([damaged(plant, d) for d in damages], probe, bias)
+        [predict_values([apply_damages(plant, d) for d in damages], probe, bias)
          for plant, bias in zip(known.plants, known.bias, strict=True)],
         axis=1,
     )  # fmt: skip

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Floats, Ints
-from ..body.genome import Genomes, concatenate
+from ..body.genome import Genomes, concatenate_genomes
 from .evaluate import Evaluator, Evidence
-from .prior import cost
-from .search import Crowd
-from .space import Space, neighbors
-from .symmetry import Twins
+from .prior import compute_prior_cost
+from .search import RivalSet
+from .space import BodySpace, list_neighbors
+from .symmetry import SymmetryGroup
 
 _AROUND = 4  # best bodies whose changes are looked at after each reading; chosen
 _NEXT_TO_NOTHING = 3.0  # loss by which such a change may be behind the best; chosen
@@ -39,8 +39,8 @@ class Hypotheses:
         costs: (N) losses and prior.
     """
 
-    kin: Crowd
-    twins: Twins
+    simulated: RivalSet
+    twins: SymmetryGroup
     row: Ints
     turn: Ints
     trade: Ints
@@ -64,42 +64,48 @@ class Hypotheses:
     @property
     def genomes(self) -> Genomes:
         """(N) their genomes."""
-        return self.twins.genomes(self.kin.genomes[self.row], self.turn, self.trade)
+        return self.twins.map_genomes(
+            self.simulated.genomes[self.row], self.turn, self.trade
+        )
 
     @property
     def tables(self) -> Floats:
         """(N, A, 3) their channels under every action."""
-        return self.twins.tables(self.kin.tables[self.row], self.turn, self.trade)
+        return self.twins.map_tables(
+            self.simulated.tables[self.row], self.turn, self.trade
+        )
 
 
-class Kin:
+class Neighborhood:
     """The bodies simulated; see the module."""
 
-    def __init__(self, space: Space, evaluator: Evaluator, twins: Twins) -> None:
+    def __init__(
+        self, space: BodySpace, evaluator: Evaluator, twins: SymmetryGroup
+    ) -> None:
         """Nobody yet."""
         self.space, self.evaluator, self.twins = space, evaluator, twins
-        self.crowd = Crowd.empty(*evaluator.actions.shape[::-1])
+        self.crowd = RivalSet.empty(*evaluator.actions.shape[::-1])
         self._family: list[int] = []  # a name that all twins of a body share
         self._distinct: list[Ints] = []  # twins (flat) that differ from one another
 
-    def learn(
-        self, rivals: Crowd, evidence: Evidence, rng: np.random.Generator
+    def update(
+        self, rivals: RivalSet, evidence: Evidence, rng: np.random.Generator
     ) -> None:
         """Take in the rivals, and what is around the best, given new evidence."""
-        with self.evaluator.aside():
-            self.take(rivals.genomes, rivals.tables)
-            losses = self._forget(self._losses(evidence))
-            near = self._near(losses, evidence, rng)
-            new = self._unknown(near)[:_NEW]
+        with self.evaluator.count_as_choice():
+            self.add_bodies(rivals.genomes, rivals.tables)
+            losses = self._prune_bodies(self._compute_losses(evidence))
+            near = self._find_neighbors(losses, evidence, rng)
+            new = self._find_unknown_rows(near)[:_NEW]
             if len(new):
-                self.take(near[new], self.evaluator.table(near[new]))
+                self.add_bodies(near[new], self.evaluator.compute_table(near[new]))
 
-    def hypotheses(self, evidence: Evidence) -> Hypotheses:
+    def list_hypotheses(self, evidence: Evidence) -> Hypotheses:
         """Every distinct twin that is not far behind the best one, best first.
 
         None if every body diverged under some action tried.
         """
-        losses, extra = self._losses(evidence), self._extra()
+        losses, extra = self._compute_losses(evidence), self._compute_prior_costs()
         best = min(x.min() + e for x, e in zip(losses, extra, strict=True))
         found = []
         for row, (loss, e) in enumerate(zip(losses, extra, strict=True)):
@@ -112,57 +118,59 @@ class Kin:
         order = np.argsort(np.round(columns[-1], 6), kind="stable")
         return Hypotheses(self.crowd, self.twins, *(x[order] for x in columns))
 
-    def take(self, genomes: Genomes, tables: Floats) -> None:
+    def add_bodies(self, genomes: Genomes, tables: Floats) -> None:
         """Take in bodies that are no twin of one that is known."""
         for row in range(len(genomes)):
-            family, distinct = self._named(genomes[[row]])
+            family, distinct = self._identify_family(genomes[[row]])
             if family not in self._family:
                 self._family.append(family)
                 self._distinct.append(distinct)
                 c = self.crowd
-                self.crowd = Crowd(
-                    concatenate(c.genomes, genomes[[row]]),
+                self.crowd = RivalSet(
+                    concatenate_genomes(c.genomes, genomes[[row]]),
                     np.concatenate([c.tables, tables[[row]]]),
                     np.append(c.losses, np.inf),
                 )
 
-    def _named(self, genome: Genomes) -> tuple[int, Ints]:
+    def _identify_family(self, genome: Genomes) -> tuple[int, Ints]:
         """The name of a body's family, and its twins that differ from one another."""
-        trades = np.flatnonzero(self.twins.valid(genome.parent[0]))
+        trades = np.flatnonzero(self.twins.find_valid_trades(genome.parent[0]))
         turn = np.repeat(np.arange(len(self.twins.turns)), len(trades))
         trade = np.tile(trades, len(self.twins.turns))
-        twins = self.twins.genomes(genome[np.zeros_like(turn)], turn, trade)
-        names, first = np.unique(_names(twins), return_index=True)
+        twins = self.twins.map_genomes(genome[np.zeros_like(turn)], turn, trade)
+        names, first = np.unique(_hash_genomes(twins), return_index=True)
         first.sort()
         return int(names[0]), (turn * len(self.twins.trade) + trade)[first]
 
-    def _losses(self, evidence: Evidence) -> list[Floats]:
+    def _compute_losses(self, evidence: Evidence) -> list[Floats]:
         """Losses of the distinct twins of every body; infinite where not known."""
-        tried, felt = np.asarray(evidence.tried), evidence.felt
+        tried, felt = np.asarray(evidence.tried), evidence.measured
         pairs = zip(self.crowd.genomes.parent, self.crowd.tables, strict=True)
         loss = self.evaluator.loss
         return [
-            self.twins.losses(parent, table, tried, felt, loss).ravel()[distinct]
+            self.twins.compute_losses(parent, table, tried, felt, loss).ravel()[
+                distinct
+            ]
             for (parent, table), distinct in zip(pairs, self._distinct, strict=True)
         ]
 
-    def _extra(self) -> Floats:
+    def _compute_prior_costs(self) -> Floats:
         """(K) what the prior adds to the loss of every body and of its twins."""
-        return cost(self.evaluator.anatomy, self.crowd.genomes)
+        return compute_prior_cost(self.evaluator.anatomy, self.crowd.genomes)
 
-    def _forget(self, losses: list[Floats]) -> list[Floats]:
+    def _prune_bodies(self, losses: list[Floats]) -> list[Floats]:
         """Keep the best, and none that is hopelessly behind; the losses of those."""
         best = np.array([x.min() for x in losses])
-        costs = best + self._extra()
+        costs = best + self._compute_prior_costs()
         order = np.argsort(costs, kind="stable")[:_KEPT]
         order = order[costs[order] <= costs.min() + 1.5 * _WINDOW]
         self.crowd.losses = best
-        self.crowd.take(order)
+        self.crowd.keep_rows(order)
         self._family = [self._family[k] for k in order]
         self._distinct = [self._distinct[k] for k in order]
         return [losses[k] for k in order]
 
-    def _near(
+    def _find_neighbors(
         self, losses: list[Floats], evidence: Evidence, rng: np.random.Generator
     ) -> Genomes:
         """Changes of the best bodies that lose next to nothing, best first."""
@@ -170,23 +178,23 @@ class Kin:
         for row in range(min(_AROUND, len(losses))):
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))
-            twin = self.twins.genome(self.crowd.genomes, row, turn, trade)
-            around.append(neighbors(self.space, twin))
-        genomes = concatenate(*around)
-        total, _ = self.evaluator.losses(
+            twin = self.twins.map_genome(self.crowd.genomes, row, turn, trade)
+            around.append(list_neighbors(self.space, twin))
+        genomes = concatenate_genomes(*around)
+        total, _ = self.evaluator.compute_losses(
             genomes,
             evidence,
             bound=np.full(len(genomes), best + _NEXT_TO_NOTHING),
-            order=self.evaluator.hardest_first(evidence),
+            order=self.evaluator.order_by_hardness(evidence),
         )
         order = np.argsort(np.round(total), kind="stable")
         return genomes[order[np.isfinite(total[order])]]
 
-    def _unknown(self, genomes: Genomes) -> Ints:
+    def _find_unknown_rows(self, genomes: Genomes) -> Ints:
         """Rows of which none is a twin of another or of a body that is known."""
         seen, rows = set(self._family), []
         for row in range(len(genomes)):
-            family, _ = self._named(genomes[[row]])
+            family, _ = self._identify_family(genomes[[row]])
             if family not in seen:
                 seen.add(family)
                 rows.append(row)
@@ -195,7 +203,7 @@ class Kin:
         return np.array(rows, np.int64)
 
 
-def _names(genomes: Genomes) -> Ints:
+def _hash_genomes(genomes: Genomes) -> Ints:
     """(N) a number for each genome, the same for bodies equal to a thousandth."""
     numbers = [
         genomes.parent, np.round(genomes.placement * 1000).astype(np.int64) % 1000,

@@ -10,14 +10,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats, length_error, scale_parts
-from ..body.genome import Genomes, build, from_unit
-from ..recovery.replayed import name_damage, tables
+from ..body.body import Anatomy, Bodies, Floats, measure_length_error, scale_parts
+from ..body.genome import Genomes, build_bodies, decode_unit_genes
+from ..recovery.predict_actions import infer_damage, predict_actions
 from ..robot.base import Robot
 from ..robot.simulated import SimulatedRobot
-from ..selfmodel.scaled import rescale
+from ..selfmodel.scaled import estimate_scales
 from .plan import Outcome
-from .trees import HIDDEN, opened
+from .trees import HIDDEN, open_study_robot
 
 CYCLES = 16
 _CHOSEN = (0.177363, 0.203348, 0.208322, 0.224044, 0.28876, 0.40069, 0.477269, 0.543136)
@@ -26,14 +26,14 @@ _OURS = {"ours": True, "ours, random": False}
 _MIDDLE = 0.9  # share of belief of what is stated of a length
 
 
-def _known(anatomy: Anatomy) -> Genomes:
+def _load_known_body(anatomy: Anatomy) -> Genomes:
     """The body to begin with."""
-    return from_unit(anatomy, np.array([_CHOSEN]))
+    return decode_unit_genes(anatomy, np.array([_CHOSEN]))
 
 
-def _robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
+def _open_robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
     """Before, after, and the true body after."""
-    whole = opened(settings)
+    whole = open_study_robot(settings)
     assert whole.truth is not None
     scale = np.ones(whole.anatomy.size)
     scale[whole.anatomy.parts.index(_PART)] = _SCALE
@@ -41,54 +41,63 @@ def _robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
     if settings["robot"] == HIDDEN:
         broken = replace(cast(SimulatedRobot, whole), truth=truth)
         return whole, cast(Robot, broken), truth
-    return whole, opened(settings, "damaged.h5"), truth
+    return whole, open_study_robot(settings, "damaged.h5"), truth
 
 
-def after(settings: Mapping[str, Any]) -> Outcome:
+def run_after_damage(settings: Mapping[str, Any]) -> Outcome:
     """What is believed of the parts' lengths after each of 16 actions.
 
     `error` [cm]: mean over parts of |length - true length|, a number an action;
     `success`: the part that is said to have changed most is the one that did.
     """
-    whole, broken, truth = _robots(settings)
+    whole, broken, truth = _open_robots(settings)
     method = settings["method"]
-    believe = _ours if method in _OURS else _released
+    believe = _estimate_ours if method in _OURS else _estimate_released
     found = believe(whole, broken, settings)
-    start = build(whole.anatomy, _known(whole.anatomy))
+    start = build_bodies(whole.anatomy, _load_known_body(whole.anatomy))
     scales = found.pop("scales")
     bodies = [scale_parts(start, scale) for scale in scales]
     part = whole.anatomy.parts.index(_PART)
     return {
         "success": int(np.argmax(np.abs(np.log(scales[-1])))) == part,
-        "error": [round(float(length_error(b, truth)[0]), 4) for b in bodies],
+        "error": [round(float(measure_length_error(b, truth)[0]), 4) for b in bodies],
         "scale": scales[-1].round(4).tolist(),
         **found,
     }
 
 
-def _released(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
+def _estimate_released(
+    whole: Robot, broken: Robot, settings: Mapping[str, Any]
+) -> dict:
     """The 2006 search, by whatever rule."""
     steps = list(
-        rescale(broken, _known(whole.anatomy), method=settings["method"],
-                cycles=CYCLES, seed=settings["seed"])
-    )  # fmt: skip
+        estimate_scales(
+            broken,
+            _load_known_body(whole.anatomy),
+            method=settings["method"],
+            cycles=CYCLES,
+            seed=settings["seed"],
+        )
+    )
     return {
         "scales": [step.scale for step in steps],
         "actions": [step.action for step in steps],
         "evaluations": steps[-1].spent,
-        "choice": steps[-1].chosen,
+        "choice": steps[-1].spent_choosing,
         "lengths": [],
     }
 
 
-def _ours(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
-    """Belief over one part's scale, from how readings changed (recovery.replayed)."""
+def _estimate_ours(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
+    """Belief over one part's scale, from how readings changed."""
     anatomy = whole.anatomy
-    known = tables(whole, broken, build(anatomy, _known(anatomy)))
+    known = predict_actions(
+        whole, broken, build_bodies(anatomy, _load_known_body(anatomy))
+    )
     rng = np.random.default_rng([settings["seed"], 12])
     chosen = _OURS[settings["method"]]
-    steps = list(islice(name_damage(known, rng, chosen=chosen), CYCLES))
-    every = np.array([_scales(anatomy, d.name, d.value) for d in known.damages])
+    steps = list(islice(infer_damage(known, rng, chosen=chosen), CYCLES))
+    every = np.array([_list_scales(anatomy, d.name, d.value) for d in known.damages])
     # each damage is simulated at rest and, for its slopes, twice for every joint
     count = known.predicted.shape[0] * known.predicted.shape[1]
     return {
@@ -96,11 +105,11 @@ def _ours(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
         "actions": [int(action) for action, _ in steps],
         "evaluations": count * (1 + 2 * anatomy.size),
         "choice": 0,
-        "lengths": _stated(every, steps[-1][1], anatomy),
+        "lengths": _state_intervals(every, steps[-1][1], anatomy),
     }
 
 
-def _scales(anatomy: Anatomy, part: str, value: float) -> Floats:
+def _list_scales(anatomy: Anatomy, part: str, value: float) -> Floats:
     """(P) factors of a damage; ones where nothing happened."""
     scale = np.ones(anatomy.size)
     if part:
@@ -108,7 +117,9 @@ def _scales(anatomy: Anatomy, part: str, value: float) -> Floats:
     return scale
 
 
-def _stated(every: Floats, belief: Floats, anatomy: Anatomy) -> list[list[float]]:
+def _state_intervals(
+    every: Floats, belief: Floats, anatomy: Anatomy
+) -> list[list[float]]:
     """(P, 4) of each part: low and high of 90 % of belief, the belief there, the truth.
 
     Factors on the length. Values between those that were looked at belong to the

@@ -6,19 +6,32 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats
-from ..engine.plant import rated
-from ..engine.walk import PERIOD, SAMPLE, channels_of, sensed, simulate
+from ..engine.plant import build_rated_plant
+from ..engine.walk import (
+    PERIOD,
+    SAMPLE,
+    compute_channels,
+    list_channels,
+    simulate_walks,
+)
 from ..errors import InputError, RecordingError
 from ..recording import Episode, Recording
-from .monitor import QUARTERS, Alarm, Readings, baseline, watch, watch_poses
-from .probes import REST, Probe, guess, kinds_of
-from .senses import felt_over_time
+from .monitor import (
+    QUARTERS,
+    Alarm,
+    PoseReadings,
+    learn_baseline,
+    watch_poses,
+    watch_walk,
+)
+from .probes import REST_SCALES, Probe, approximate_values, classify_channels
+from .read_channels import read_channels
 
 _LEAST = 3  # cycles to learn from, at least
 _PRESENT = 0.5  # share of a signal's samples without which it is not looked at; chosen
 
 
-def watched(
+def watch_recording(
     body: Bodies,
     recording: Recording,
     *,
@@ -45,39 +58,41 @@ def watched(
         InputError: nothing that can be compared, or too short.
     """
     a = body.anatomy
-    moving = {k: e for k, e in recording.episodes.items() if not _at_rest(e)}
-    found = [_over_time(body, recording, k, learn, cycle) for k in moving]
+    moving = {k: e for k, e in recording.episodes.items() if not _is_at_rest(e)}
+    found = [_watch_episode(body, recording, k, learn, cycle) for k in moving]
     resting = [k for k in recording.episodes if k not in moving]
     if resting:
-        found.append(_poses(body, recording, resting, a))
+        found.append(_watch_rest_episodes(body, recording, resting, a))
     return found
 
 
-def _at_rest(episode: Episode) -> bool:
+def _is_at_rest(episode: Episode) -> bool:
     """Whether an episode has readings at its last sample only."""
     signals = episode.signals.values()
     return all(np.isnan(s.values[:-1].astype(float)).all() for s in signals)
 
 
-def _commands(episode: Episode, anatomy: Anatomy, where: str) -> Floats:
+def _resample_commands(episode: Episode, anatomy: Anatomy, where: str) -> Floats:
     """(T, P) [rad] the commands at every `PERIOD` from the episode's beginning.
 
     Raises:
         RecordingError: a servo of the body has no command.
     """
-    columns = _servos(episode, anatomy, where)
-    rows = round((episode.time[-1] - _begin(episode)) / SAMPLE) * round(SAMPLE / PERIOD)
-    middle = _begin(episode) + (np.arange(rows) + 0.5) * PERIOD
+    columns = _find_servo_columns(episode, anatomy, where)
+    rows = round((episode.time[-1] - _find_begin(episode)) / SAMPLE) * round(
+        SAMPLE / PERIOD
+    )
+    middle = _find_begin(episode) + (np.arange(rows) + 0.5) * PERIOD
     row = np.searchsorted(episode.time, middle, side="right") - 1
     return episode.ctrl[np.maximum(row, 0)][:, columns]
 
 
-def _begin(episode: Episode) -> float:
+def _find_begin(episode: Episode) -> float:
     """When an episode begins [s]: one step before its first sample."""
     return float(2 * episode.time[0] - episode.time[1])
 
 
-def _filled(grid: Floats, time: Floats, column: Floats) -> Floats:
+def _resample_channel(grid: Floats, time: Floats, column: Floats) -> Floats:
     """A channel on a grid of times; NaN where most samples of it are missing."""
     known = np.isfinite(column)
     if known.mean() < _PRESENT:
@@ -85,7 +100,7 @@ def _filled(grid: Floats, time: Floats, column: Floats) -> Floats:
     return np.interp(grid, time[known], column[known])
 
 
-def _servos(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
+def _find_servo_columns(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
     """(P) columns of the commands; refused where one is missing."""
     servos = [f"{joint}_servo" for joint in anatomy.joints]
     missing = sorted(set(servos) - set(episode.ctrl_names))
@@ -94,7 +109,7 @@ def _servos(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
     return [episode.ctrl_names.index(s) for s in servos]
 
 
-def _over_time(
+def _watch_episode(
     body: Bodies,
     recording: Recording,
     name: str,
@@ -103,16 +118,16 @@ def _over_time(
 ) -> dict[str, Any]:
     """One episode over time."""
     episode, where = recording.episodes[name], f"{recording.file}, episode {name!r}"
-    commands = _commands(episode, body.anatomy, where)
-    time, felt = felt_over_time(recording, body.anatomy, name)
-    begin = _begin(episode)
+    commands = _resample_commands(episode, body.anatomy, where)
+    time, felt = read_channels(recording, body.anatomy, name)
+    begin = _find_begin(episode)
     grid = np.arange(1, round((time[-1] - begin) / SAMPLE) + 1) * SAMPLE
-    now = np.stack([_filled(begin + grid, time, c) for c in felt.T], axis=1)
-    plants = [rated(body)]
-    predicted = sensed(simulate(plants, commands[None]), plants)[0]
+    now = np.stack([_resample_channel(begin + grid, time, c) for c in felt.T], axis=1)
+    plants = [build_rated_plant(body)]
+    predicted = compute_channels(simulate_walks(plants, commands[None]), plants)[0]
     blind = np.isnan(now).any(axis=0)
     now[:, blind] = predicted[:, blind] = 0.0
-    period = cycle or _cycle(commands)
+    period = cycle or _find_period(commands)
     seconds = grid[-1] / 3 if learn is None else learn
     rows = round(seconds / SAMPLE)
     if seconds < (_LEAST + 2) * period or rows >= len(grid) - QUARTERS:
@@ -121,14 +136,19 @@ def _over_time(
             f"takes {(_LEAST + 2) * period:.1f} s ({_LEAST + 2} cycles of "
             f"{period:.1f} s) and more to watch"
         )
-    channels = channels_of(body.anatomy)
-    known = baseline(now[:rows], predicted[:rows], period, channels)
-    seen = watch(now, predicted, known, channels, after=seconds)
-    return {"id": name, "alarm": _told(seen.alarm, begin), "learned": float(seconds),
-            "watched": float(grid[-1] - seconds), "cycle": float(period)}  # fmt: skip
+    channels = list_channels(body.anatomy)
+    known = learn_baseline(now[:rows], predicted[:rows], period, channels)
+    seen = watch_walk(now, predicted, known, channels, after=seconds)
+    return {
+        "id": name,
+        "alarm": _format_alarm(seen.alarm, begin),
+        "learned": float(seconds),
+        "watched": float(grid[-1] - seconds),
+        "cycle": float(period),
+    }
 
 
-def _told(alarm: Alarm | None, begin: float = 0.0) -> dict[str, Any] | None:
+def _format_alarm(alarm: Alarm | None, begin: float = 0.0) -> dict[str, Any] | None:
     """An alarm as a document, in the time of an episode that began then [s]."""
     if alarm is None:
         return None
@@ -136,7 +156,7 @@ def _told(alarm: Alarm | None, begin: float = 0.0) -> dict[str, Any] | None:
     return {**asdict(alarm), **late}
 
 
-def _cycle(commands: Floats) -> float:
+def _find_period(commands: Floats) -> float:
     """Seconds in which commands repeat best, of 0.5 s to 6 s; 1 s if they do not."""
     lags = np.arange(round(0.5 / PERIOD), min(round(6 / PERIOD), len(commands) // 2))
     late = commands[len(commands) // 10 :]  # the start is another
@@ -151,22 +171,26 @@ def _cycle(commands: Floats) -> float:
     return float(lags[best] * PERIOD) if gap[best] < 0.3 * spread else 1.0
 
 
-def _poses(
+def _watch_rest_episodes(
     body: Bodies, recording: Recording, names: list[str], anatomy: Anatomy
 ) -> dict[str, Any]:
     """Episodes of one reading at rest each."""
-    channels, plants = channels_of(anatomy), [rated(body)]
+    channels, plants = list_channels(anatomy), [build_rated_plant(body)]
     felt, expected = [], []
     for name in names:
         where = f"{recording.file}, episode {name!r}"
         episode = recording.episodes[name]
-        felt.append(felt_over_time(recording, anatomy, name)[1][-1, :-2])
-        target = episode.ctrl[-1, _servos(episode, anatomy, where)]
-        guessed = guess(plants, Probe("", target[None], target))[0]
+        felt.append(read_channels(recording, anatomy, name)[1][-1, :-2])
+        target = episode.ctrl[-1, _find_servo_columns(episode, anatomy, where)]
+        guessed = approximate_values(plants, Probe("", target[None], target))[0]
         expected.append(guessed[anatomy.size :])
-    scale = np.array([REST[k] for k in kinds_of(channels.names)[:-2]])
-    readings = Readings(np.array(felt), np.array(expected), scale)
+    scale = np.array([REST_SCALES[k] for k in classify_channels(channels.names)[:-2]])
+    readings = PoseReadings(np.array(felt), np.array(expected), scale)
     alarm = watch_poses(readings, channels)
     at = None if alarm is None else names[round(alarm.time) - 1]
-    return {"id": f"{names[0]} to {names[-1]}", "alarm": _told(alarm), "episode": at,
-            "watched": len(names)}  # fmt: skip
+    return {
+        "id": f"{names[0]} to {names[-1]}",
+        "alarm": _format_alarm(alarm),
+        "episode": at,
+        "watched": len(names),
+    }

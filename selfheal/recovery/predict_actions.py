@@ -9,22 +9,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, concatenate
+from ..body.body import Bodies, Floats, concatenate_bodies
 from ..body.damage import INTACT, Damage
-from ..engine.plant import damaged, rated
+from ..engine.plant import apply_damages, build_rated_plant
 from ..engine.statics import Statics
 from ..robot.base import Robot
-from ..selfmodel.loop import felt
-from .belief import Candidate, Noise, blurred, choose, log_likelihood, posterior
-from .hypotheses import groups
-from .probes import DRIFT, EDGE, NUDGE, TILT
+from ..selfmodel.loop import read_rest_channels
+from .belief import (
+    CandidateAction,
+    ResidualNoise,
+    choose_action,
+    compute_log_likelihood,
+    compute_posterior,
+    widen_scale,
+)
+from .hypotheses import group_damages
+from .probes import DRIFT, EDGE, NUDGE, TILT_SCALE
 
 _SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.5, 1.8)
 _NOTHING = 0.1  # prior that nothing happened; chosen
 
 
 @dataclass(frozen=True)
-class Tables:
+class ActionTables:
     """What every scale of every part would have shown in every action.
 
     Attributes:
@@ -38,10 +45,10 @@ class Tables:
     damages: tuple[Damage, ...]
     predicted: Floats
     slope: Floats
-    felt: Floats
+    measured: Floats
 
 
-def tables(whole: Robot, broken: Robot, model: Bodies) -> Tables:
+def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
     """Read both robots' every action, and predict it for every damage.
 
     Args:
@@ -49,10 +56,10 @@ def tables(whole: Robot, broken: Robot, model: Bodies) -> Tables:
         broken: offers the same actions.
         model: of the whole robot (1).
     """
-    plant, parts = rated(model), whole.anatomy.parts
+    plant, parts = build_rated_plant(model), whole.anatomy.parts
     damages = (INTACT, *(Damage("part_scale", f"body:{part}", scale)
                          for part in parts for scale in _SCALES))  # fmt: skip
-    bodies = concatenate(*(damaged(plant, d).body for d in damages))
+    bodies = concatenate_bodies(*(apply_damages(plant, d).body for d in damages))
 
     def tilts(targets: Floats) -> Floats:
         rows = np.repeat(np.arange(len(bodies)), len(targets))
@@ -63,15 +70,17 @@ def tables(whole: Robot, broken: Robot, model: Bodies) -> Tables:
     slope = [tilts(whole.actions + t) - tilts(whole.actions - t) for t in turn]
     slopes = np.stack(slope, axis=-1) / (2 * NUDGE)
     before, after = (
-        np.array([felt(robot.act(a))[:2] for a in range(len(robot.actions))])
+        np.array(
+            [read_rest_channels(robot.act(a))[:2] for a in range(len(robot.actions))]
+        )
         for robot in (whole, broken)
     )
     slopes = np.where(np.abs(slopes) > EDGE, 0.0, slopes)
-    return Tables(damages, seen - seen[:1] + before, slopes, after)
+    return ActionTables(damages, seen - seen[:1] + before, slopes, after)
 
 
-def name_damage(
-    known: Tables, rng: np.random.Generator, *, chosen: bool = True
+def infer_damage(
+    known: ActionTables, rng: np.random.Generator, *, chosen: bool = True
 ) -> Iterator[tuple[int, Floats]]:
     """Belief after one more action each, until every action was taken.
 
@@ -83,27 +92,27 @@ def name_damage(
     Yields:
         The action, and the probability (H) of each damage.
     """
-    _, group = groups(known.damages)
+    _, group = group_damages(known.damages)
     share = (1 - _NOTHING) / (len(known.damages) - 1)
     prior = np.log([_NOTHING, *[share] * (len(known.damages) - 1)])
     weight, tried = prior, list[int]()
-    scale = np.full(2, TILT)
-    while len(tried) < len(known.felt):
-        left = np.setdiff1d(np.arange(len(known.felt)), tried)
+    scale = np.full(2, TILT_SCALE)
+    while len(tried) < len(known.measured):
+        left = np.setdiff1d(np.arange(len(known.measured)), tried)
         if chosen and tried:
-            blur = [blurred(scale, known.slope[0, a], DRIFT) for a in left]
-            candidates = [Candidate(known.predicted[:, None, a], b)
+            blur = [widen_scale(scale, known.slope[0, a], DRIFT) for a in left]
+            candidates = [CandidateAction(known.predicted[:, None, a], b)
                           for a, b in zip(left, blur, strict=True)]  # fmt: skip
-            pick, _ = choose(candidates, weight, group, rng)
+            pick, _ = choose_action(candidates, weight, group, rng)
             tried.append(int(left[pick]))
         else:
             tried.append(int(rng.choice(left)))
         count = len(known.damages), 2 * len(tried)
-        fit = log_likelihood(
+        fit = compute_log_likelihood(
             known.predicted[:, tried].reshape(count),
             known.slope[:, tried].reshape(*count, -1),
-            known.felt[tried].ravel(),
-            Noise(np.tile(scale, len(tried)), DRIFT),
+            known.measured[tried].ravel(),
+            ResidualNoise(np.tile(scale, len(tried)), DRIFT),
         )
         weight = prior + fit
-        yield tried[-1], posterior(weight)
+        yield tried[-1], compute_posterior(weight)

@@ -1,0 +1,66 @@
+"""Commands on their way to an actuator: takes arrays of them, gives changed ones."""
+
+import numpy as np
+
+from ...recording.data import Floats
+
+
+def replace_column(ctrl: Floats, place, column: Floats) -> Floats:
+    """Commands in which one actuator's are replaced.
+
+    Args:
+        ctrl: (1 or N, G, nu) of all actuators, on a grid.
+        place: of the actuator.
+        column: (N, G) its new commands.
+
+    Returns:
+        (N, G, nu)
+    """
+    out = np.broadcast_to(ctrl, (len(column), *ctrl.shape[1:])).copy()
+    out[..., place["actuator"]] = column
+    return out
+
+
+def delay_column(u: Floats, steps: Floats) -> Floats:
+    """Commands u (1 or N, G) that come `steps` (N, 1) of the grid later.
+
+    Between grid points the command is interpolated linearly.
+    """
+    grid = np.arange(u.shape[1])
+    at = grid - steps
+    low = np.floor(at).astype(int)
+    share = at - low
+    last = u.shape[1] - 1
+    rows = np.arange(len(u))[:, None]
+    before, after = (u[rows, np.clip(low + i, 0, last)] for i in (0, 1))
+    return (1 - share) * before + share * after
+
+
+def filter_column(u: Floats, keep: Floats) -> Floats:
+    """Commands u (1 or N, G) behind a first-order filter; exactly u where keep is 0.
+
+    Args:
+        u: on a grid.
+        keep: (N) share of the distance to the command that is left after a step,
+            exp(-step / timeconst).
+    """
+    out = np.empty((u.shape[1], len(keep)))
+    state = np.broadcast_to(u[:, 0], len(keep)).astype(float)
+    for k, goal in enumerate(u.T.copy()):
+        # the torque of a step comes from the state at its beginning
+        out[k] = state
+        state = goal + (state - goal) * keep
+    return np.where(keep[:, None] == 0, u, out.T)
+
+
+def limit_rate_of_column(u: Floats, most: Floats) -> Floats:
+    """Commands u (1 or N, G) that change by at most `most` (N) from step to step."""
+    goals = u.T.copy()
+    least = -most
+    out = np.empty((len(goals), len(most)))
+    state = np.broadcast_to(goals[0], len(most)).astype(float)
+    for k, goal in enumerate(goals):
+        # np.clip takes ten times as long
+        state = state + np.minimum(np.maximum(goal - state, least), most)
+        out[k] = state
+    return out.T

@@ -1,0 +1,70 @@
+"""What an effect states of itself, once: its parameters, and a finding's fields."""
+
+from dataclasses import dataclass
+from typing import Any
+
+TARGET_KINDS = ("joint", "actuator", "body", "geom", "sensor", "world")
+# names that a phrase may use beside the parameters': the target, all parameters, and
+# the two ways to say that a model differs (`selfheal.report.phrases.COMMON`)
+PLACEHOLDERS = ("at", "all", "lacks", "other")
+
+
+@dataclass(frozen=True)
+class ParameterSpec:
+    """A parameter of an effect, as every finding states it.
+
+    Attributes:
+        name: MJCF's own where it has one.
+        unit: at a hinge; `convert_unit` gives it at a slide. None: the unit of the
+            signal that the effect acts on.
+        nominal: the value at which the effect is exactly absent; None: what the model
+            states, or what the effect computes of the robot.
+        nonnegative: whether a finding with a value below 0 is refused.
+        size: how many numbers a finding states: 1 a number, 3 a list of three; None a
+            number, or a list with one for each column of a signal.
+    """
+
+    name: str
+    unit: str | None
+    nominal: float | None = None
+    nonnegative: bool = False
+    size: int | None = 1
+
+
+@dataclass(frozen=True)
+class FindingField:
+    """What a finding says beside its target and its parameters.
+
+    Attributes:
+        name: its key in the finding.
+        values: those that it may have; empty: it names a target.
+        target_kind: what that target is; empty where `values` are listed.
+        is_required: whether a finding without it is refused.
+        note: what the report adds to the finding's name, `{value}` in it; empty:
+            nothing.
+    """
+
+    name: str
+    values: tuple[Any, ...] = ()
+    target_kind: str = ""
+    is_required: bool = True
+    note: str = ""
+
+
+def convert_unit(unit: str | None, element_unit: str) -> str:
+    """The unit of a parameter at an element.
+
+    Args:
+        unit: as declared; None: the element's own.
+        element_unit: "rad" at a hinge, "m" at a slide, or a signal's unit.
+
+    Returns:
+        At a slide, N for N m, m for rad and kg for kg m^2.
+    """
+    if unit is None:
+        return element_unit
+    if element_unit != "m":
+        return unit
+    if unit == "kg m^2":
+        return "kg"
+    return unit.replace("N m", "N").replace("rad", "m")

@@ -1,0 +1,116 @@
+"""A model's text as MuJoCo reads it: takes its path, gives what its elements state."""
+
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import ModelError
+from ...mjcf.edit import Edit, apply_edits, list_tags
+from ...recording.data import Floats
+
+INERTIA_FROM_GEOM = 1  # mjtInertiaFromGeom: true
+QUATERNION = 0  # mjtOrientation
+# relative change, and size of a value, below which two values are one; chosen: the
+# last digits that a text has
+RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-9, 1e-6
+
+
+class ModelSource:
+    """What the text of a model states and a compiled model does not.
+
+    Attributes:
+        spec: mujoco.MjSpec of the text.
+        degree: whether the text has angles of hinges in degrees.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        """`path`: of the MJCF or URDF."""
+        self.spec = compile_patched(path, ())
+        self.degree = bool(self.spec.compiler.degree)
+        self._actuators = list_tags(path, "actuator")
+        self._inertials = {name for name, _ in list_tags(path, "inertial")}
+
+    def actuator_tag(self, name: str, index: int) -> str:
+        """The tag of an actuator ("position"), by its name or else its id."""
+        named = [tag for n, tag in self._actuators if name and n == name]
+        unnamed = [tag for _, tag in self._actuators[index : index + 1]]
+        return (named or unnamed or ["general"])[0]
+
+    def states_inertia(self, body: str) -> bool:
+        """Whether a body has an <inertial>."""
+        return body in self._inertials
+
+    @property
+    def overrides_masses(self) -> bool:
+        """Whether the compiler replaces the masses that the bodies state."""
+        compiler = self.spec.compiler
+        always = int(compiler.inertiafromgeom) == INERTIA_FROM_GEOM
+        return always or compiler.settotalmass > 0
+
+    def resolve_orientation(self, quat: Floats, alt: Any) -> Floats:
+        """The quaternion (4) of an element, in whatever form the text states it.
+
+        Args:
+            quat: (4) its `quat`.
+            alt: its other form, as mujoco.MjSpec has it.
+        """
+        if int(alt.type) == QUATERNION:
+            return np.array(quat) / np.linalg.norm(quat)
+        compiler = self.spec.compiler
+        turned = self.spec.resolve_orientation(
+            degree=compiler.degree, sequence=compiler.eulerseq, orientation=alt
+        )
+        return np.array(turned)
+
+    def resolve_frame(self, element: Any) -> tuple[Floats, Floats]:
+        """Position (3) [m] and quaternion (4) of the <frame>s around an element."""
+        import mujoco
+
+        place, turn = np.zeros(3), np.array([1.0, 0, 0, 0])
+        while element.frame is not None:
+            element = element.frame
+            its = self.resolve_orientation(element.quat, element.alt)
+            mujoco.mju_rotVecQuat(place, place.copy(), its)
+            place += element.pos
+            mujoco.mju_mulQuat(turn, its, turn.copy())
+        return place, turn
+
+
+def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> Any:
+    """mujoco.MjSpec of the edited text, compiled, so that its elements have ids.
+
+    Args:
+        path: of the MJCF or URDF.
+        changes: of its text.
+
+    Raises:
+        ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.
+    """
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        new = Path(folder) / "model.xml"
+        new.write_bytes(apply_edits(path, changes, folder).encode())  # MJCF of a URDF
+        try:
+            spec = mujoco.MjSpec.from_file(str(new))
+            spec.compile()
+        except ValueError as error:
+            said = " ".join(str(error).split())
+            raise ModelError(f"MuJoCo refuses the patch: {said}") from error
+    return spec
+
+
+def differs(old: Any, new: Any) -> bool:
+    """Whether two values or arrays of the same shape differ by more than rounding."""
+    a, b = np.asarray(old, float), np.asarray(new, float)
+    limit = RELATIVE_TOLERANCE * (ABSOLUTE_TOLERANCE + np.abs(a) + np.abs(b))
+    return bool((np.abs(a - b) > limit).any())
+
+
+def name_or_id(accessor: Callable, index: int) -> str | int:
+    """What an edit calls an element; `accessor` is a model's (`model.joint`)."""
+    return accessor(index).name or int(index)

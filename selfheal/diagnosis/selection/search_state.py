@@ -1,0 +1,203 @@
+"""Where a search for effects is: takes fits, says whether more is to be looked for.
+
+A state is frozen. A step of the search (`stepwise`) takes one and returns the next one;
+other modules get a new state from `start_state` or from the `with_...` methods.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..effects.base import Term, find_other_forms, restates_nominal_value
+from ..estimation.covariance import effective_sample_size
+from ..estimation.least_squares import Fit, fit_parameters, stack_bounds
+from ..estimation.marginalization import marginalize_initial_states
+from ..estimation.noise import (
+    ABOVE,
+    LEFT,
+    expected_cost,
+    noise_ratio,
+    worst_channel_ratio,
+)
+from ..estimation.nonsmooth import search_multiples
+from ..estimation.problem import Problem
+from ..estimation.reweighting import reweight_residuals
+from .criteria import Claim
+from .cross_validation import ScoredFit, fit_and_score
+from .settings import SELECTION
+
+
+@dataclass(frozen=True, eq=False)
+class SearchState:
+    """Where a search for effects is.
+
+    Attributes:
+        problem: the segments, with the weights of now.
+        best: the fit of the nominal terms and of the named effects.
+        nominal_count: number of nominal terms, which stand first in the fit.
+        candidates: terms that may earn a name.
+        claims: what speaks for each effect ever named, by the key of its term.
+        first_round: candidates of the first screening, each with the cost that it
+            leaves, as a share of the cost without it.
+    """
+
+    problem: Problem
+    best: ScoredFit
+    nominal_count: int
+    candidates: Sequence[Term]
+    claims: Mapping[tuple, Claim] = field(default_factory=dict)
+    first_round: tuple[tuple[Term, float], ...] = ()
+
+    def with_fit(self, problem: Problem, best: ScoredFit) -> "SearchState":
+        """The state with another fit, and the problem that it solves."""
+        return replace(self, problem=problem, best=best)
+
+    def with_candidates(self, candidates: Sequence[Term]) -> "SearchState":
+        """The state in which other terms may earn a name."""
+        return replace(self, candidates=candidates)
+
+    def with_claim(self, term: Term, claim: Claim) -> "SearchState":
+        """The state that knows what speaks for a term."""
+        return replace(self, claims={**self.claims, term.key: claim})
+
+    def with_history_of(self, other: "SearchState") -> "SearchState":
+        """The state that knows the claims and the first round of another search."""
+        return replace(self, claims=other.claims, first_round=other.first_round)
+
+    @property
+    def named(self) -> tuple[Term, ...]:
+        """Terms of the named effects."""
+        return self.best.fit.terms[self.nominal_count :]
+
+    @property
+    def noise_ratio(self) -> float:
+        """Root mean square of the residuals over that of the readings' noise."""
+        return noise_ratio(self.problem, self.best.fit.residuals)
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the residuals look like white noise, by their correlation times."""
+        residuals = self.best.fit.residuals
+        independent = effective_sample_size(self.problem, residuals)
+        return bool(independent > SELECTION.white_share * np.count_nonzero(residuals))
+
+    @property
+    def is_explained_by_timestep(self) -> bool:
+        """Whether noise and the time step's error would leave as large residuals."""
+        fit = self.best.fit
+        return fit.cost <= expected_cost(self.problem, fit)
+
+    @property
+    def has_bad_channel(self) -> bool:
+        """Whether one scored column is far above its noise, whatever the others are."""
+        return worst_channel_ratio(self.problem, self.best.fit) > ABOVE
+
+    @property
+    def is_mostly_explained(self) -> bool:
+        """Whether the names leave little error, of a robot whose cost is rough."""
+        nats = sum(self.claims[t.key].evidence.gain for t in self.named)
+        return (
+            self.problem.regime.has_rough_cost
+            and np.exp(-2 * nats) < SELECTION.contact_remaining_share
+        )
+
+    @property
+    def is_prior_violated(self) -> bool:
+        """Whether nominal values alone are so far off that an effect may mend it."""
+        if self.named:
+            return False
+        if self.problem.regime.has_rough_cost:  # roughness drives all of them some way
+            return bool(self.restating_candidates)
+        return self.best.fit.prior_penalty > SELECTION.significant_prior_penalty
+
+    @property
+    def restating_candidates(self) -> list[Term]:
+        """Candidates that restate a nominal value; in contact, one at its bound."""
+        fit = self.best.fit
+        nominal_terms = list(fit.terms[: self.nominal_count])
+        if self.problem.regime.has_rough_cost:
+            low, high, _ = stack_bounds(fit.terms)
+            margins = np.minimum(fit.values - low, high - fit.values) / (high - low)
+            nominal_terms = [
+                t
+                for t, margin in zip(nominal_terms, margins, strict=False)
+                if margin < SELECTION.bound_margin
+            ]
+        return [t for t in self.candidates if restates_nominal_value(t, nominal_terms)]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether forward selection ends: no residual, no value asks for an effect."""
+        is_quiet = self.is_white or (
+            self.named and self.noise_ratio < SELECTION.quiet_noise_ratio
+        )
+        is_explained = (
+            is_quiet or self.is_explained_by_timestep
+        ) and not self.has_bad_channel
+        return bool(is_explained and not self.is_prior_violated)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether nothing is left that another hypothesis could explain.
+
+        Several names, or a rare one, may stand for others: where nothing touches they
+        must leave less than one usual name.
+        """
+        is_doubtful = any(t.effect.rarity for t in self.named) or len(self.named) > 1
+        is_strict = is_doubtful and not self.problem.regime.has_rough_cost
+        is_near_noise = self.noise_ratio <= (LEFT if is_strict else ABOVE)
+        is_quiet = (
+            self.is_white
+            or is_near_noise
+            or self.is_explained_by_timestep
+            or self.is_mostly_explained
+        )
+        return is_quiet and not self.has_bad_channel
+
+    def find_alternatives(self, term: Term) -> Sequence[Term]:
+        """Terms that may take a name's place: its rivals, or its other forms."""
+        if term.key in self.claims:
+            return self.claims[term.key].others
+        return find_other_forms(term, self.candidates)
+
+
+def start_state(
+    problem: Problem,
+    nominal_terms: Sequence[Term],
+    candidates: Sequence[Term],
+    chosen: np.ndarray,
+) -> SearchState:
+    """The state of a search in which nothing has a name, in some of the segments.
+
+    Args:
+        problem: all segments that may be used.
+        nominal_terms: terms of the nominal model's values, which are fitted.
+        candidates: terms that may earn a name.
+        chosen: (v) numbers of the segments to use.
+    """
+    nominal = np.ones(len(nominal_terms))
+    problem = marginalize_initial_states(problem.select(chosen), nominal_terms, nominal)
+    fit = fit_parameters(problem, nominal_terms, nominal)
+    problem, best = reweight_and_fit(problem, fit, 8)
+    return SearchState(problem, best, len(nominal_terms), candidates)
+
+
+def reweight_and_fit(
+    problem: Problem, fit: Fit, rounds: int
+) -> tuple[Problem, ScoredFit]:
+    """The problem weighted by a fit's residuals, and the fit repeated there.
+
+    One iteration of feasible generalized least squares: each column of readings weighs
+    by the variance of its own residuals.
+
+    Args:
+        problem: that was fitted.
+        fit: its fit.
+        rounds: Gauss-Newton iterations at most.
+    """
+    reweighted = reweight_residuals(problem, fit)
+    jacobian = problem.transfer_jacobian(reweighted, fit.jacobian)
+    start = search_multiples(reweighted, fit.terms, fit.values)
+    scored = fit_and_score(reweighted, fit.terms, start, rounds=rounds, known=jacobian)
+    return reweighted, scored

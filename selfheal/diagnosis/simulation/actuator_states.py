@@ -1,0 +1,294 @@
+"""States of actuators: takes past commands and readings, gives what they came to."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import accumulate
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.episodes import SampledEpisode
+from ..data.segments import Segments
+from ..data.state_estimate import estimate_initial_state
+from .batch import Hypotheses
+from .cache import SimulationCache
+from .model_variants import ModelVariant
+from .system import RecordedSystem
+
+DYN_INTEGRATOR, DYN_FILTERS = 1, (2, 3)  # mjtDyn: integrator; filter, filterexact
+MIN_TIME_CONSTANT = 1e-9  # [s] of a filter; chosen: against division by 0
+# [s] of an episode whose motion tells the load that a servo's integral bears, and how
+# many moments of it are looked at; chosen: a robot that had settled is about at rest
+SETTLED_SECONDS, SETTLED_MOMENTS = 0.5, 25
+
+
+def compute_activations(
+    system: RecordedSystem, model, segments: Segments
+) -> Floats | None:
+    """Activations to which filters and integrators of commands have come.
+
+    An integrator begins at 0 with an episode whose initial state is given, as in
+    MuJoCo; elsewhere it begins where its actuator then is.
+
+    Args:
+        system: that is simulated.
+        model: a variant of the given model, compiled.
+        segments: W of them.
+
+    Returns:
+        (W, na); None where no actuator has an activation.
+    """
+    if not model.na:
+        return None
+    integrates = (model.actuator_dyntype == DYN_INTEGRATOR).any()
+    out = np.zeros((len(segments), model.na))
+    for i in np.unique(segments.episode):
+        rows = np.flatnonzero(segments.episode == i)
+        episode = system.episodes[i]
+        begin = np.zeros(model.nu)
+        if episode.qpos0 is None and integrates:
+            begin = _actuator_lengths(system, int(i))
+        past = filter_commands(model, episode.ctrl, system.timestep, begin)
+        out[rows] = past[np.minimum(segments.first_step[rows], len(past) - 1)]
+    return out
+
+
+def fill_histories(system: RecordedSystem, model, segments: Segments) -> Floats | None:
+    """Buffers of the past commands to actuators with a delay.
+
+    Before an episode's first sample, its first command was given (contract, section
+    2).
+
+    Args:
+        system: that is simulated.
+        model: a variant of the given model, compiled.
+        segments: W of them.
+
+    Returns:
+        (W, nhistory); None where no actuator has a delay.
+    """
+    if not model.nhistory:
+        return None
+    out = np.empty((len(segments), model.nhistory))
+    for w in range(len(segments)):
+        data = mujoco.MjData(model)
+        ctrl = system.episodes[int(segments.episode[w])].ctrl
+        for a in range(model.nu):
+            size = int(model.actuator_history[a, 0])
+            if size:
+                past = int(segments.first_step[w]) + np.arange(-size, 0)
+                values = ctrl[np.clip(past, 0, len(ctrl) - 1), a]
+                mujoco.mj_initCtrlHistory(model, data, a, None, values[:, None])
+        out[w] = data.history
+    return out
+
+
+def integrate_servo_errors(
+    system: RecordedSystem,
+    cache: SimulationCache,
+    hypotheses: Hypotheses,
+    segments: Segments,
+) -> dict[int, Floats]:
+    """Integrate the errors of servos with an integral up to where segments begin.
+
+    Args:
+        system: that is simulated.
+        cache: of the errors that each step adds.
+        hypotheses: n of them.
+        segments: W of them.
+
+    Returns:
+        (N) [rad s] by actuator, N = n W, all segments of a hypothesis in a row.
+    """
+    errors = {}
+    for term, values in zip(hypotheses.terms, hypotheses.term_values, strict=True):
+        for place in term.places:
+            effect: Any = term.effect
+            if effect.name == "integral_action":
+                bounds = effect.max_integral(values)
+                servo = _IntegratingServo(system, cache, hypotheses.variant, place)
+                each = zip(hypotheses.models, values[:, 0], bounds, strict=True)
+                errors[place["actuator"]] = np.concatenate(
+                    [servo.integrate(segments, *hypothesis) for hypothesis in each]
+                )
+    return errors
+
+
+class _IntegratingServo:
+    """A servo that integrates its error, as an effect says.
+
+    `place` is the servo's in the given model, `variant` the hypotheses'.
+    """
+
+    def __init__(
+        self,
+        system: RecordedSystem,
+        cache: SimulationCache,
+        variant: ModelVariant,
+        place: Mapping[str, Any],
+    ) -> None:
+        self.system, self.cache = system, cache
+        self.variant, self.place = variant, place
+
+    def integrate(self, segments: Segments, model, gain: float, bound: float) -> Floats:
+        """Integrated error where segments begin, under one hypothesis.
+
+        It begins at 0 with an episode. Where the servo had settled before, it begins
+        with what the first motion needs beside the servo's other torque.
+
+        Args:
+            segments: W of them.
+            model: of the hypothesis, compiled.
+            gain: of the integral [N m/(rad s)].
+            bound: largest integrated error [rad s], either way.
+
+        Returns:
+            (W) [rad s].
+        """
+        system, place = self.system, self.place
+        total = np.zeros(len(segments))
+        is_settled = place.get("begins") == "settled" and gain > 0
+        integrated = segments.episode[(segments.first_step > 0) | is_settled]
+        for episode in np.unique(integrated):
+            rows = np.flatnonzero(segments.episode == episode)
+            added = self.cache.load_or_compute(
+                segments,
+                ("servo errors", place["actuator"], episode),
+                partial(_servo_errors, system, system.episodes[episode], place),
+            )
+            begin = 0.0
+            if is_settled:
+                at = _first_steps(system, episode)
+                torque = self._required_torque(segments, model, episode, at)
+                begin = torque / gain - np.cumsum(added[: 1 + at[-1]]).mean()
+                begin = min(max(begin, -bound), bound)
+            past = _accumulate_clipped(added, begin, -bound, bound)
+            total[rows] = past[np.minimum(segments.first_step[rows], len(past) - 1)]
+        return total
+
+    def _required_torque(
+        self, segments: Segments, model, episode: int, at: np.ndarray
+    ) -> float:
+        """Mean torque that a motion needs beside what the actuators give.
+
+        That is tau = M(q) qacc + c(q, qvel) - tau_actuator, by MuJoCo's inverse
+        dynamics.
+
+        Args:
+            segments: to which the cached motion belongs.
+            model: of a hypothesis, compiled.
+            episode: its number.
+            at: (K) steps of its grid.
+
+        Returns:
+            Its mean over the K steps [N m or N].
+        """
+        variant = self.variant
+        dof = variant.map_place(self.place)["dof"]
+        motion = self.cache.load_or_compute(
+            segments,
+            ("first motion", episode),
+            partial(_estimate_motion, self.system, episode, at),
+        )
+        data, torques = mujoco.MjData(model), []
+        for k, qpos, qvel, qacc in zip(at, *motion, strict=True):
+            data.qpos[variant.qpos], data.qvel[variant.dof] = qpos, qvel
+            data.qacc[variant.dof] = qacc
+            data.ctrl[:] = self.system.episodes[episode].ctrl[k]
+            mujoco.mj_inverse(model, data)
+            mujoco.mj_fwdActuation(model, data)
+            torques.append(data.qfrc_inverse[dof] - data.qfrc_actuator[dof])
+        return float(np.mean(torques))
+
+
+def _estimate_motion(
+    system: RecordedSystem, episode: int, at: np.ndarray
+) -> tuple[Floats, Floats, Floats]:
+    """Position (K, nq), velocity and acceleration (K, nv) at steps `at` (K)."""
+    qpos, qvel, _ = estimate_initial_state(system, episode, at, {})
+    if len(at) == 1:
+        return qpos, qvel, 0 * qvel
+    return qpos, qvel, np.gradient(qvel, at * system.timestep, axis=0)
+
+
+def _actuator_lengths(system: RecordedSystem, episode: int) -> Floats:
+    """Lengths (nu) of the actuators where an episode begins [rad or m]."""
+    model = system.compiler.nominal
+    data = mujoco.MjData(model)
+    data.qpos[:] = estimate_initial_state(system, episode, np.zeros(1), {})[0][0]
+    mujoco.mj_fwdPosition(model, data)
+    return np.array(data.actuator_length)
+
+
+def filter_commands(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
+    """Activations along a grid of commands, by MuJoCo's first-order dynamics.
+
+    A filter follows w[k+1] = u[k] + (w[k] - u[k]) exp(-h / tau), an integrator
+    w[k+1] = w[k] + h u[k] within its range (MuJoCo, actuation model).
+
+    Args:
+        model: compiled.
+        ctrl: (G, nu) commands of each step.
+        step: of the grid [s].
+        begin: (nu) with which integrators begin.
+
+    Returns:
+        (G, na).
+    """
+    out = np.zeros((len(ctrl), model.na))
+    for a in range(model.nu):
+        first = int(model.actuator_actadr[a])
+        dynamics = model.actuator_dyntype[a]
+        if first < 0 or dynamics not in (DYN_INTEGRATOR, *DYN_FILTERS):
+            continue
+        if dynamics == DYN_INTEGRATOR:
+            low, high = -np.inf, np.inf
+            if model.actuator_actlimited[a]:
+                low, high = model.actuator_actrange[a]
+            added = (ctrl[:-1, a] * step).tolist()
+            out[:, first] = _accumulate_clipped(added, float(begin[a]), low, high)
+            continue
+        time_constant = max(float(model.actuator_dynprm[a, 0]), MIN_TIME_CONSTANT)
+        decay = np.exp(-step / time_constant)
+        activation = ctrl[0, a]
+        for k in range(len(ctrl)):
+            out[k, first] = activation
+            activation = ctrl[k, a] + (activation - ctrl[k, a]) * decay
+    return out
+
+
+def _accumulate_clipped(
+    added: Sequence[float], begin: float, low: float, high: float
+) -> Floats:
+    """Sums (G + 1) of what is added (G), each clipped to its bounds before the next."""
+    sums = accumulate(added, lambda s, x: min(max(s + x, low), high), initial=begin)
+    return np.fromiter(sums, float)
+
+
+def _first_steps(system: RecordedSystem, episode: int) -> np.ndarray:
+    """Steps of the grid in an episode's first moments; the first, if it is given."""
+    sampled = system.episodes[episode]
+    last = min(SETTLED_SECONDS / system.timestep, len(sampled.ctrl) - 1)
+    last = last * (sampled.qpos0 is None)
+    return np.unique(np.linspace(0, last, SETTLED_MOMENTS).astype(int))
+
+
+def _servo_errors(
+    system: RecordedSystem, episode: SampledEpisode, place: Mapping[str, Any]
+) -> list[float]:
+    """What each step (G) adds to a servo's integrated error [rad s].
+
+    That is h (command - position), with the position as it was read.
+    """
+    grid = np.arange(len(episode.ctrl), dtype=float)
+    model = system.compiler.nominal
+    joint = next(j for j in range(model.njnt) if model.jnt_qposadr[j] == place["qpos"])
+    name = model.joint(joint).name
+    c = next(
+        c for c in system.channels if (c.kind, c.target) == ("joint_position", name)
+    )
+    value, _ = episode.interpolate(grid, system.timestep)
+    error = episode.ctrl[:, place["actuator"]] - value[:, c.first_column]
+    return (np.where(np.isfinite(error), error, 0.0) * system.timestep).tolist()

@@ -1,0 +1,217 @@
+"""Batches: takes hypotheses and initial states, gives simulations to run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ...recording.data import Floats
+from ..effects.base import Term
+from .model_variants import ModelVariant, read_model_field
+from .sensors import SensorReader
+
+# share of a joint's inertia that centered damping may take away, at most; chosen: a
+# lighter joint could not be simulated
+MAX_INERTIA_LOSS = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """What n simulations of each segment take to be true.
+
+    Attributes:
+        variant: the given model with the joints that the terms add.
+        models: (n) compiled, with each hypothesis's values.
+        terms: effects that all hypotheses have.
+        values: (n, P) of all terms' parameters, a row a hypothesis.
+        term_values: (n, p) of each term.
+        reading_changes: as `collect_reading_changes` gives them.
+        centered: whether steps are read as a leapfrog's; see `Simulator.simulate`.
+    """
+
+    variant: ModelVariant
+    models: Sequence["mujoco.MjModel"]
+    terms: Sequence[Term]
+    values: Floats
+    term_values: Sequence[Floats]
+    reading_changes: Mapping[str, Mapping[str, Floats]]
+    centered: bool
+
+
+@dataclass(frozen=True, eq=False)
+class BatchState:
+    """Where N = n W simulations begin, all segments of a hypothesis in a row.
+
+    Attributes:
+        qpos: (N, nq) of the variant.
+        qvel: (N, nv) of the variant.
+        activation: (N, na); None where no actuator has one.
+        integral_errors: (N) [rad s] of each servo with an integral, by actuator.
+        history: (N, nhistory) buffers of delayed actuators; None where none is.
+    """
+
+    qpos: Floats
+    qvel: Floats
+    activation: Floats | None
+    integral_errors: Mapping[int, Floats]
+    history: Floats | None
+
+
+def center_damping(model, step: float) -> None:
+    """Make damping act on the mean of a step's two velocities, by a change of inertia.
+
+    With inertia M, damping D, force f and step h, the damping acts
+
+        by (M + D h) dv = h (f - D v)      on the velocity after the step,
+        by M dv = h (f - D v)              on the velocity before the step,
+        by (M + D h / 2) dv = h (f - D v)  on their mean.
+
+    MuJoCo does the first to joints under Euler, and to joints and servos under its
+    implicit integrators. It does the second to servos under Euler, and to joints where
+    the model disables their implicit damping (MuJoCo, numerical integration).
+
+    Args:
+        model: compiled; its armature is changed.
+        step: of the simulation [s].
+    """
+    motor = np.zeros(model.nv)
+    for a in range(model.nu):
+        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
+            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
+            motor[dof] -= model.actuator_gear[a, 0] ** 2 * model.actuator_biasprm[a, 2]
+    joint = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+    explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+    if model.opt.integrator != int(mujoco.mjtIntegrator.mjINT_EULER):
+        motor = -motor
+        joint = -joint
+    elif not model.opt.disableflags & explicit:
+        joint = -joint
+    change = step / 2 * (joint + motor)
+    model.dof_armature += np.maximum(change, -MAX_INERTIA_LOSS * model.dof_M0)
+
+
+def make_batch(
+    hypotheses: Hypotheses,
+    rows: np.ndarray,
+    initial: BatchState,
+    threads: int,
+    *,
+    shares_model: bool,
+):
+    """Make a MuJoCo batch of some of the N simulations, in their initial states.
+
+    Args:
+        hypotheses: n of them.
+        rows: (B) numbers of the simulations, among N.
+        initial: states of the N simulations.
+        threads: of the batch.
+        shares_model: whether all have one model, with arrays by simulation of the
+            fields in which hypotheses differ, so that effects can write into these;
+            else each has its own model.
+    """
+    from mujoco.batch import Batch
+
+    variant = hypotheses.variant
+    hypothesis = rows // (len(initial.qpos) // len(hypotheses.models))
+    batch = Batch(variant.model, len(rows), nthread=threads)
+    if shares_model:
+        for name, nominal in variant.nominal_fields.items():
+            values = [read_model_field(m, name) for m in hypotheses.models]
+            if any(v.tobytes() != nominal for v in values):
+                batch.expand(name)[:] = np.stack(values)[hypothesis]
+    else:
+        batch.set_models([hypotheses.models[i] for i in hypothesis])
+    _set_states(batch, rows, initial)
+    return batch
+
+
+def _set_states(batch, rows: np.ndarray, initial: BatchState) -> None:
+    """Set the states of a batch to the initial ones of simulations `rows`."""
+    batch.bind("qpos")[:], batch.bind("qvel")[:] = (
+        initial.qpos[rows],
+        initial.qvel[rows],
+    )
+    batch.bind("time")[:] = 0
+    if initial.activation is not None:
+        batch.bind("act")[:] = initial.activation[rows]
+    if initial.history is not None:
+        batch.bind("history")[:] = initial.history[rows]
+
+
+def shift_velocity_back(batch, rows: np.ndarray, initial: BatchState) -> Floats:
+    """Set a batch that made one step back, with velocities of half a step earlier.
+
+    By v[-1/2] = v[0] - (v[1] - v[0]) / 2.
+
+    Args:
+        batch: of B simulations, after one step; changed.
+        rows: (B) numbers of the simulations, among N.
+        initial: states of the N simulations.
+
+    Returns:
+        (B, nv) these velocities [rad/s or m/s].
+    """
+    velocity = initial.qvel[rows]
+    velocity = velocity - (batch.bind("qvel") - velocity) / 2
+    _set_states(batch, rows, initial)
+    batch.bind("qvel")[:] = velocity
+    return velocity
+
+
+def restore_whole_steps(
+    batch,
+    recorded: Mapping[str, Floats],
+    commands: Floats,
+    sensors: SensorReader,
+    sampled_steps: np.ndarray,
+) -> None:
+    """Change velocities, and what follows from them, to those of whole steps.
+
+    A leapfrog has them half a step earlier: v[k] = (v[k-1/2] + v[k+1/2]) / 2.
+
+    Args:
+        batch: that was simulated.
+        recorded: fields (K, B, ...) at each step; changed.
+        commands: (K, B, nu).
+        sensors: what is read of the fields.
+        sampled_steps: at which velocities of bodies and sensors are recomputed.
+    """
+    early = recorded["qvel"].copy()
+    recorded["qvel"][:-1] = (early[:-1] + early[1:]) / 2
+    rates, accelerations = sensors.rates, sensors.accelerations
+    if not ("cvel" in recorded or len(rates) or len(accelerations)):
+        return
+    stages = mujoco.mjtStage
+    stage = stages.mjSTAGE_ACC if len(accelerations) else stages.mjSTAGE_VEL
+    bound = {name: batch.bind(name) for name in ("qpos", "qvel", *sensors.needs)}
+    for k in sampled_steps:
+        at_step = {name: values[k] for name, values in recorded.items()}
+        bound["qpos"][:] = at_step["qpos"]
+        if len(accelerations):  # only what the other velocity changes is added
+            if commands.shape[-1]:
+                batch.bind("ctrl")[:] = commands[k]
+            bound["qvel"][:] = early[k]
+            batch.forward(stage=stage)
+            at_step["sensordata"][:, accelerations] -= bound["sensordata"][
+                :, accelerations
+            ]
+        bound["qvel"][:] = at_step["qvel"]
+        batch.forward(stage=stage)
+        if len(accelerations):
+            at_step["sensordata"][:, accelerations] += bound["sensordata"][
+                :, accelerations
+            ]
+        if len(rates):
+            at_step["sensordata"][:, rates] = bound["sensordata"][:, rates]
+        if "cvel" in at_step:
+            at_step["cvel"][:] = bound["cvel"]
+
+
+def find_diverged(batch) -> np.ndarray:
+    """(B) whether MuJoCo warned of a bad position, velocity or acceleration."""
+    bad = [
+        int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{x}"))
+        for x in ("QPOS", "QVEL", "QACC")
+    ]
+    return batch.warning[:, bad, 1].any(axis=1)

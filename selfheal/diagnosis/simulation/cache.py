@@ -1,0 +1,100 @@
+"""What simulations share: values that no hypothesis changes, and how many were run."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..data.segments import Segments
+
+# numbers that a cache keeps, 200 MB; chosen: far more than the 1e5 that a diagnosis of
+# 50 s of readings needs (measured), and little beside a batch
+MAX_CACHED_NUMBERS = 25_000_000
+
+Value = TypeVar("Value")
+
+
+class SimulationCache:
+    """Keeps what a simulator computed of segments and no hypothesis changes.
+
+    That is: selections of segments, commands on the grid, initial states, the errors
+    that servos integrate, and accelerations in an episode's first moments. Each is a
+    function of the simulator and the segments alone, so that losing one costs time and
+    changes no number. A simulator with other channels, episodes or steps needs a cache
+    of its own.
+
+    A value goes with the segments that it belongs to: they are known by identity, and
+    held weakly. Beyond `limit` numbers in all, the segments go whose values were asked
+    for the longest time ago.
+    """
+
+    def __init__(self, limit: int = MAX_CACHED_NUMBERS) -> None:
+        """`limit`: numbers in the arrays that are kept, at most."""
+        self.limit = limit
+        self._entries: WeakKeyDictionary[Segments, _Entry] = WeakKeyDictionary()
+
+    def __len__(self) -> int:
+        """How many numbers are kept."""
+        return sum(entry.size for entry in list(self._entries.values()))
+
+    def load_or_compute(
+        self, segments: Segments, key: Hashable, compute: Callable[[], Value]
+    ) -> Value:
+        """What `compute` gives, kept under `key` while the segments live.
+
+        Args:
+            segments: that the value belongs to.
+            key: tells it from the other values of these segments.
+            compute: gives the value; called where it is not kept.
+        """
+        entry = self._entries.pop(segments, None) or _Entry({})
+        self._entries[segments] = entry  # the last one, as used most recently
+        if key not in entry.values:
+            value = compute()
+            entry.values[key] = value
+            entry.size += count_numbers(value)
+            self._drop_oldest(segments)
+        return entry.values[key]
+
+    def _drop_oldest(self, used: Segments) -> None:
+        """Forget other segments' values until what is kept is within the limit."""
+        excess = len(self) - self.limit
+        for segments in list(self._entries):
+            if excess <= 0:
+                return
+            if segments is not used and segments in self._entries:
+                excess -= self._entries.pop(segments).size
+
+
+@dataclass
+class _Entry:
+    """The values kept of some segments, and how many numbers they hold."""
+
+    values: dict[Hashable, Any]
+    size: int = 0
+
+
+def count_numbers(value: Any) -> int:
+    """How many numbers a value of the cache holds."""
+    if isinstance(value, Segments):
+        return sum(count_numbers(array) for array in vars(value).values())
+    if isinstance(value, tuple):
+        return sum(map(count_numbers, value))
+    return int(np.size(value))
+
+
+class SimulationCounter:
+    """Counts the segments simulated, by all simulators that share it.
+
+    Attributes:
+        count: how many so far.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def add(self, count: int) -> None:
+        """Count some more."""
+        self.count += count

@@ -1,0 +1,115 @@
+"""Commands: takes what was sent, gives what reaches the actuators at each step."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.episodes import SampledEpisode
+from ..data.segments import Segments
+from ..effects.base import Term, implements
+from .batch import Hypotheses
+from .cache import SimulationCache
+from .system import RecordedSystem
+
+
+def compute_commands(
+    system: RecordedSystem,
+    cache: SimulationCache,
+    hypotheses: Hypotheses,
+    segments: Segments,
+    *,
+    centered: bool,
+    mean: bool,
+) -> Floats:
+    """Commands of each simulation, as they reach the actuators.
+
+    Args:
+        system: that is simulated.
+        cache: of the commands that no effect changes.
+        hypotheses: n of them.
+        segments: W of them.
+        centered: as `transform_commands` has it.
+        mean: as `transform_commands` has it.
+
+    Returns:
+        (n W, K, nu) of K steps [each actuator's control unit].
+    """
+    terms = hypotheses.terms
+    if not any(implements(t.effect, "transform_command") for t in terms):
+        sent = cache.load_or_compute(
+            segments,
+            ("commands", centered),
+            lambda: _cut_commands(
+                system, (), (), segments, centered=centered, mean=mean
+            )[0],
+        )
+        return np.tile(sent, (len(hypotheses.models), 1, 1))
+    commands = _cut_commands(
+        system, terms, hypotheses.term_values, segments, centered=centered, mean=mean
+    )
+    return commands.reshape(-1, *commands.shape[2:])
+
+
+def _cut_commands(
+    system: RecordedSystem,
+    terms: Sequence[Term],
+    term_values: Sequence[Floats],
+    segments: Segments,
+    *,
+    centered: bool,
+    mean: bool,
+) -> Floats:
+    """Commands (1 or n, W, K, nu) of segments, those of their episodes transformed."""
+    n = len(term_values[0]) if terms else 1
+    steps = np.arange(int(segments.lengths.max()) + 2)
+    out = np.empty((n, len(segments), len(steps), system.compiler.nominal.nu))
+    for i in np.unique(segments.episode):
+        rows = np.flatnonzero(segments.episode == i)
+        episode = system.episodes[i].truncate(
+            int(segments.first_step[rows].max()) + len(steps) + 1
+        )
+        grid = transform_commands(
+            terms, term_values, episode, system.timestep, centered=centered, mean=mean
+        )
+        at = np.minimum(segments.first_step[rows][:, None] + steps, grid.shape[1] - 1)
+        out[:, rows] = grid[:, at]
+    return out
+
+
+def transform_commands(
+    terms: Sequence[Term],
+    term_values: Sequence[Floats],
+    episode: SampledEpisode,
+    step: float,
+    *,
+    centered: bool,
+    mean: bool,
+) -> Floats:
+    """Commands of an episode on its grid, as they reach the actuators.
+
+    Args:
+        terms: T of them.
+        term_values: (n, p) of each term.
+        episode: with G steps.
+        step: of the grid [s].
+        centered: whether a command counts from half a step before to half a step after
+            its step, as a leapfrog has it.
+        mean: whether a command that changes within a step counts by its mean in the
+            step, rather than by what it was when the step began.
+
+    Returns:
+        (1 or n, G, nu) [each actuator's control unit].
+    """
+    ctrl = (episode.ctrl_centered if centered else episode.ctrl)[None]
+    for term, values in zip(terms, term_values, strict=True):
+        if implements(term.effect, "transform_command"):
+            for place in term.places:
+                ctrl = term.effect.transform_command(ctrl, step, place, values)
+                if mean and term.effect.holds_previous_command:
+                    a = place["actuator"]
+                    after = np.append(ctrl[:, 1:, a], ctrl[:, -1:, a], axis=1)
+                    middle = (ctrl[:, :, a] + after) / 2
+                    is_held = values[:, :1] > 0
+                    ctrl[:, :, a] = np.where(is_held, middle, ctrl[:, :, a])
+    return ctrl

@@ -1,0 +1,176 @@
+"""Samples: takes true signals on a grid of steps, gives readings at sample times."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.robot_summary import Channel
+from ..data.segments import Segments
+from ..effects.base import implements
+from .batch import Hypotheses
+from .cache import SimulationCache
+from .commands import compute_commands
+from .system import RecordedSystem
+
+# [steps] by which times differ that are the same; chosen: far above the rounding of a
+# time of hours, far below a step
+SAMPLE_TIME_TOLERANCE = 1e-6
+MIN_READING_STEP = 1e-12  # [unit] of a rounded reading; chosen: against division by 0
+
+
+def find_sampled_steps(
+    segments: Segments,
+    reading_changes: Mapping[str, Mapping[str, Floats]],
+    *,
+    step: float,
+) -> np.ndarray:
+    """Steps (K) of segments beside which a sample lies, under any hypothesis.
+
+    Args:
+        segments: W of them.
+        reading_changes: as `Hypotheses` has them; their delays shift the samples.
+        step: of the simulation [s].
+    """
+    delays = [c["delay"] for c in reading_changes.values() if "delay" in c]
+    late = np.unique(np.concatenate([np.zeros(1), *delays])) / step
+    low = np.floor(
+        np.unique(segments.sample_steps) - late[:, None] + SAMPLE_TIME_TOLERANCE
+    ).astype(int)
+    last = int(segments.lengths.max()) + 1
+    return np.unique(np.clip([low, low + 1], 0, last))
+
+
+def sample_signals(
+    system: RecordedSystem,
+    cache: SimulationCache,
+    predicted: Floats,
+    hypotheses: Hypotheses,
+    segments: Segments,
+    commands: Floats,
+) -> Floats:
+    """Signals at the samples' times, as the sensors would read them.
+
+    A sensor reads y = gain s(t - delay) + bias of a true signal s, rounded to a
+    multiple of its step where a hypothesis says so.
+
+    Args:
+        system: that was simulated.
+        cache: of the system's commands.
+        predicted: (n, W, K, C) true signals at each step [each channel's unit].
+        hypotheses: n of them.
+        segments: W of them, with M samples.
+        commands: (n, W, K, nu) that were used [each actuator's control unit].
+
+    Returns:
+        (n, M, C) readings [each channel's unit].
+    """
+    out = np.empty((len(predicted), len(segments.sample_steps), predicted.shape[-1]))
+    for c in system.channels:
+        change = hypotheses.reading_changes.get(c.name, {})
+        delay = change.get("delay", np.zeros(1))[:, None] / system.timestep
+        at = segments.sample_steps[None] - delay
+        value = _interpolate(predicted[..., c.columns], segments, at)
+        if c.kind == "body_orientation" and "delay" in change:
+            value /= np.linalg.norm(value, axis=-1, keepdims=True)
+        if c.kind == "joint_torque":
+            _correct_torques(
+                system, cache, value[..., 0], c, hypotheses, segments, at, commands
+            )
+        gain = change.get("gain", np.ones(1))[:, None, None]
+        bias = change.get("bias", np.zeros((1, 1)))[:, None]
+        value = gain * value + bias
+        if "step" in change:
+            step = np.maximum(change["step"], MIN_READING_STEP)[:, None, None]
+            value = step * np.round(value / step)
+        out[:, :, c.columns] = value
+    return out
+
+
+def _correct_torques(
+    system: RecordedSystem,
+    cache: SimulationCache,
+    torque: Floats,
+    channel: Channel,
+    hypotheses: Hypotheses,
+    segments: Segments,
+    at: Floats,
+    commands: Floats,
+) -> None:
+    """Change torques, in place, to those of the commands that hold at the samples.
+
+    The simulation used the mean command of each step, or of half a step earlier.
+
+    Args:
+        system: that was simulated.
+        cache: of the system's commands.
+        torque: (n, M) of the actuator [N m or N]; changed.
+        channel: of the torque.
+        hypotheses: n of them.
+        segments: W of them, with M samples.
+        at: (1 or n, M) time of each sample in its segment [steps].
+        commands: (n, W, K, nu) that were used.
+    """
+    model = hypotheses.models[0]
+    a = model.actuator(channel.target).id
+    if model.actuator_dyntype[a] or model.actuator_delay[a]:
+        return
+    changed = [t for t in hypotheses.terms if implements(t.effect, "transform_command")]
+    if any(place["actuator"] == a for t in changed for place in t.places):
+        reaching = compute_commands(
+            system, cache, hypotheses, segments, centered=False, mean=False
+        ).reshape(commands.shape)
+        sent = _interpolate(reaching[..., [a]], segments, at)[..., 0]
+    else:
+        sent = _find_sent_command(system, segments, at, a)
+    change = sent - _interpolate(commands[..., [a]], segments, at)[..., 0]
+    for i, hypothesis in enumerate(hypotheses.models):
+        gear = float(hypothesis.actuator_gear[a, 0])
+        torque[i] += gear * hypothesis.actuator_gainprm[a, 0] * change[i]
+        if hypothesis.actuator_forcelimited[a]:
+            low, high = np.sort(gear * hypothesis.actuator_forcerange[a])
+            torque[i] = np.clip(torque[i], low, high)
+
+
+def _find_sent_command(
+    system: RecordedSystem, segments: Segments, at: Floats, actuator: int
+) -> Floats:
+    """Command (1 or n, M) of an actuator that was sent last before the samples.
+
+    Args:
+        system: whose episodes say what was sent.
+        segments: W of them, with M samples.
+        at: (1 or n, M) time of each sample in its segment [steps].
+        actuator: its id.
+    """
+    out = np.empty(at.shape)
+    for i, episode in enumerate(system.episodes):
+        rows = np.flatnonzero(segments.episode[segments.segment_of_sample] == i)
+        times = (
+            segments.first_step[segments.segment_of_sample[rows]]
+            + at[:, rows]
+            + SAMPLE_TIME_TOLERANCE
+        )
+        k = np.searchsorted(episode.sample_steps, times, side="right") - 1
+        out[:, rows] = episode.sent_ctrl[np.maximum(k, 0), actuator]
+    return out
+
+
+def _interpolate(grid: Floats, segments: Segments, at: Floats) -> Floats:
+    """Interpolate between steps, linearly.
+
+    Args:
+        grid: (n, W, K, c) values at each step.
+        segments: W of them, with M samples.
+        at: (1 or n, M) time of each sample in its segment [steps].
+
+    Returns:
+        (n, M, c) values at the samples.
+    """
+    low = np.clip(np.floor(at).astype(int), 0, grid.shape[2] - 2)
+    share = (at - low)[..., None]
+    rows = np.arange(len(grid))[:, None]
+    before, after = (
+        grid[rows, segments.segment_of_sample[None], low + i] for i in (0, 1)
+    )
+    return before + share * (after - before)

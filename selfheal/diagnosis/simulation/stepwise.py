@@ -1,0 +1,213 @@
+"""Rollouts step by step: takes effects that act at every step, gives true signals."""
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.segments import Segments
+from ..effects.base import Effect, StepState, implements
+from .batch import (
+    BatchState,
+    Hypotheses,
+    find_diverged,
+    make_batch,
+    restore_whole_steps,
+    shift_velocity_back,
+)
+from .sensors import SensorReader
+
+# [simulations] worth a thread where effects act at every step; chosen: smaller groups
+# wait for Python
+MIN_SIMULATIONS_PER_THREAD = 64
+UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none has it
+
+
+class _Action(NamedTuple):
+    """An effect that acts at every step: where, and its values (N, p)."""
+
+    effect: Effect
+    place: Mapping[str, Any]
+    values: Floats
+
+
+def run_stepwise(
+    hypotheses: Hypotheses,
+    segments: Segments,
+    initial: BatchState,
+    commands: Floats,
+    sensors: SensorReader,
+    sampled_steps: np.ndarray,
+    step: float,
+) -> Floats:
+    """Simulate with effects that act at every step; arguments as of `simulate_batch`.
+
+    Each thread has a group of its own: threads that wait for each other at every step
+    are slow.
+    """
+    variant, n, w = hypotheses.variant, len(hypotheses.models), len(segments)
+    actions = [
+        _Action(t.effect, variant.map_place(place), np.repeat(values, w, axis=0))
+        for t, values in zip(hypotheses.terms, hypotheses.term_values, strict=True)
+        if implements(t.effect, "apply_forces")
+        for place in t.places
+    ]
+    begin = np.tile(segments.first_step * step, n)
+    threads = n * w // MIN_SIMULATIONS_PER_THREAD
+    threads = int(np.clip(threads, 1, len(os.sched_getaffinity(0))))
+    groups = np.array_split(np.arange(n * w), threads)
+
+    def run_group(rows: np.ndarray) -> Floats:
+        batch = make_batch(hypotheses, rows, initial, 1, shares_model=True)
+        own = [a._replace(values=a.values[rows]) for a in actions]
+        errors = {a: e[rows] for a, e in initial.integral_errors.items()}
+        forces = _EffectForces(batch, own, errors, step)
+        if hypotheses.centered:
+            _center_first_step(
+                batch, forces, commands[rows], begin[rows], rows, initial
+            )
+        return _run_group(
+            batch, forces, commands[rows], begin[rows], sensors,
+            sampled_steps if hypotheses.centered else None,
+        )  # fmt: skip
+
+    if len(groups) == 1:
+        return run_group(groups[0])
+    with ThreadPoolExecutor(len(groups)) as pool:
+        return np.concatenate(list(pool.map(run_group, groups)))
+
+
+def _center_first_step(
+    batch,
+    forces: "_EffectForces",
+    commands: Floats,
+    begin: Floats,
+    rows: np.ndarray,
+    initial: BatchState,
+) -> None:
+    """Begin with velocities of half a step before the positions, by a first step.
+
+    Args:
+        batch: of B simulations, in their initial states; changed.
+        forces: of the effects, as they are before the first step.
+        commands: (B, K, nu).
+        begin: (B) time at which each simulation begins in its episode [s].
+        rows: (B) numbers of the simulations, among N.
+        initial: states of the N simulations.
+    """
+    ctrl = batch.bind("ctrl") if commands.shape[-1] else None
+    if ctrl is not None:
+        ctrl[:] = commands[:, 0]
+    forces.apply(batch.bind("qpos"), batch.bind("qvel"), ctrl, begin)
+    batch.step()
+    shift_velocity_back(batch, rows, initial)
+    forces.reset_integral_errors()
+
+
+def _run_group(
+    batch,
+    forces: "_EffectForces",
+    commands: Floats,
+    begin: Floats,
+    sensors: SensorReader,
+    centered_steps: np.ndarray | None,
+) -> Floats:
+    """Simulate a batch step by step, and let effects act before each.
+
+    Args:
+        batch: of B simulations, in their initial states.
+        forces: of the effects.
+        commands: (B, K, nu), as they reach the actuators.
+        begin: (B) time at which each simulation begins in its episode [s].
+        sensors: reads C columns of channels.
+        centered_steps: sampled steps, of which velocities are restored as those of
+            whole steps; None: the simulation is no leapfrog.
+
+    Returns:
+        (B, K, C) true signals at each step.
+    """
+    fields = sorted({"qpos", "qvel", *sensors.needs})
+    bound = {name: batch.bind(name) for name in fields}
+    ctrl = batch.bind("ctrl") if commands.shape[-1] else None
+    commands = commands.swapaxes(0, 1).copy()
+    recorded = {
+        k: np.empty((len(commands), *v.shape), v.dtype) for k, v in bound.items()
+    }
+    before_step = ("qpos", "qvel")  # what a step leaves as after it
+    after_step = [name for name in fields if name not in before_step]
+    for k, command in enumerate(commands):
+        if ctrl is not None:
+            ctrl[:] = command
+        for name in before_step:
+            recorded[name][k] = bound[name]
+        forces.apply(bound["qpos"], bound["qvel"], ctrl, begin + k * forces.timestep)
+        batch.step()
+        for name in after_step:
+            recorded[name][k] = bound[name]
+    if centered_steps is not None:
+        restore_whole_steps(batch, recorded, commands, sensors, centered_steps)
+    predicted = sensors.read_all(recorded)
+    predicted[:, find_diverged(batch)] = np.nan
+    return predicted.swapaxes(0, 1)
+
+
+class _EffectForces:
+    """Writes into a batch what effects do at each step."""
+
+    def __init__(
+        self,
+        batch,
+        actions: Sequence[_Action],
+        integral_errors: Mapping[int, Floats],
+        timestep: float,
+    ) -> None:
+        """Bind the batch's arrays that effects read and write.
+
+        Args:
+            batch: of B simulations.
+            actions: of the effects.
+            integral_errors: (B) [rad s] by actuator, as the simulations begin.
+            timestep: of the simulation [s].
+        """
+        self.actions, self.timestep = actions, timestep
+        self._initial_errors = integral_errors
+        self.reset_integral_errors()
+        self._applied = batch.bind("qfrc_applied")
+        self._torque, self._bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
+        self._frictionloss = batch.expand("dof_frictionloss")
+        self._nominal_frictionloss = self._frictionloss.copy()
+        self._forcerange: Floats | None = None
+        if any(action.effect.writes_forcerange for action in actions):
+            limited = batch.expand("actuator_forcelimited")
+            self._forcerange = batch.expand("actuator_forcerange")
+            unlimited = [-np.inf, np.inf]
+            wide = np.where(limited[..., None] > 0, self._forcerange, unlimited)
+            self._nominal_forcerange = np.clip(wide, -UNLIMITED_FORCE, UNLIMITED_FORCE)
+            limited[:] = 1
+
+    def reset_integral_errors(self) -> None:
+        """Set the integrated errors to what they were as the simulations began."""
+        self._errors = {a: e.copy() for a, e in self._initial_errors.items()}
+
+    def apply(self, qpos: Floats, qvel: Floats, ctrl, time: Floats) -> None:
+        """Let every effect act on a state.
+
+        Args:
+            qpos: (B, nq).
+            qvel: (B, nv).
+            ctrl: (B, nu) commands; None without actuators.
+            time: (B) in each episode [s].
+        """
+        self._applied[:] = 0
+        self._frictionloss[:] = self._nominal_frictionloss
+        if self._forcerange is not None:
+            self._forcerange[:] = self._nominal_forcerange
+        state = StepState(
+            time, qpos, qvel, ctrl, self._torque, self._bias, self._applied,
+            self._frictionloss, self._forcerange, self._errors, self.timestep,
+        )  # fmt: skip
+        for action in self.actions:
+            action.effect.apply_forces(state, action.place, action.values)

@@ -1,0 +1,71 @@
+"""The nearest point of a convex hull in the plane, compiled with numba.
+
+numba keeps what it compiled of a caller in another file when only this one changes:
+after a change here, clear the caches (`__pycache__/*.nb*`).
+"""
+
+import numba
+
+JIT = dict(cache=True, nogil=True, fastmath=False, error_model="numpy")
+_INSIDE = 1e-7  # [m] the hull holds the origin when this close to it; chosen
+
+
+@numba.njit(**JIT)
+def find_nearest_on_hull(flat, m, simplex):
+    """GJK in the plane: nearest point of a hull of m points to the origin.
+
+    Returns the size of the simplex that carries it: 1 vertex, 2 edge, 3 inside.
+    """
+    best = 0
+    for i in range(1, m):
+        if flat[i, 0] ** 2 + flat[i, 1] ** 2 < flat[best, 0] ** 2 + flat[best, 1] ** 2:
+            best = i
+    simplex[0] = best
+    x, y = flat[best, 0], flat[best, 1]
+    size = 1
+    for _ in range(m + 4):
+        norm = x * x + y * y
+        if norm < _INSIDE * _INSIDE:
+            return 3
+        far, low = -1, norm - 1e-10
+        for i in range(m):
+            dot = flat[i, 0] * x + flat[i, 1] * y
+            if dot < low:
+                far, low = i, dot
+        if far < 0:
+            return size
+        # nearest point over the segments far-s, and the triangle if there is one
+        a = simplex[0]
+        b = simplex[1] if size == 2 else -1
+        if size == 2 and _contains_origin(flat, a, b, far):
+            return 3
+        keep, kx, ky, kn, is_edge = a, 0.0, 0.0, 1e30, False
+        for s in range(size):
+            v = simplex[s]
+            ex, ey = flat[far, 0] - flat[v, 0], flat[far, 1] - flat[v, 1]
+            t = -(flat[v, 0] * ex + flat[v, 1] * ey) / (ex * ex + ey * ey)
+            edge = True
+            if t <= 0.0:
+                t, edge = 0.0, False
+            elif t >= 1.0:
+                t, edge = 1.0, False
+            px, py = flat[v, 0] + t * ex, flat[v, 1] + t * ey
+            if px * px + py * py < kn:
+                kn, kx, ky, is_edge = px * px + py * py, px, py, edge
+                keep = v if (edge or t == 0.0) else far
+        simplex[0] = keep
+        size = 1
+        if is_edge:
+            simplex[1] = far
+            size = 2
+        x, y = kx, ky
+    return size
+
+
+@numba.njit(inline="always", **JIT)
+def _contains_origin(flat, a, b, c):
+    """Whether the triangle a b c holds the origin."""
+    d1 = flat[a, 0] * flat[b, 1] - flat[a, 1] * flat[b, 0]
+    d2 = flat[b, 0] * flat[c, 1] - flat[b, 1] * flat[c, 0]
+    d3 = flat[c, 0] * flat[a, 1] - flat[c, 1] * flat[a, 0]
+    return (d1 >= 0 and d2 >= 0 and d3 >= 0) or (d1 <= 0 and d2 <= 0 and d3 <= 0)
