@@ -20,7 +20,6 @@ from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation import nonsmooth
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
 from selfheal.diagnosis.estimation.covariance import (
-    LEVEL,
     effective_sample_size,
     standard_errors,
 )
@@ -28,11 +27,8 @@ from selfheal.diagnosis.estimation.least_squares import (
     Fit,
     compute_jacobian,
     fit_parameters,
-    prior_precision,
     refine_jacobian,
     refine_undamped,
-    solve_bounded_step,
-    stack_bounds,
 )
 from selfheal.diagnosis.estimation.marginalization import (
     _respond_to_offsets,
@@ -50,16 +46,21 @@ from selfheal.diagnosis.estimation.nonsmooth import (
     search_multiples,
 )
 from selfheal.diagnosis.estimation.problem import (
-    FAR,
     Problem,
     assign_blocks,
     build_initial_state_offsets,
+)
+from selfheal.diagnosis.estimation.quadratic_model import (
+    prior_precision,
+    solve_bounded_step,
+    stack_bounds,
 )
 from selfheal.diagnosis.estimation.regime import CONTACT, SMOOTH
 from selfheal.diagnosis.estimation.reweighting import (
     reestimate_initial_states,
     reestimate_misleading_states,
 )
+from selfheal.diagnosis.estimation.settings import FIT
 from selfheal.diagnosis.selection import verdict
 from selfheal.diagnosis.selection.backward import compute_removal_costs, exchange_term
 from selfheal.diagnosis.selection.criteria import (
@@ -282,7 +283,9 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     assert tried.cost < base.fit.cost
     found = fit_parameters(rough, tried.terms, tried.values, rounds=6)
     found = fit_parameters(problem, found.terms, found.values, rounds=6)
-    error = LEVEL * standard_errors(problem, found)[-len(values) :]
+    error = (
+        FIT.interval_standard_errors * standard_errors(problem, found)[-len(values) :]
+    )
     apart = np.abs(found.values[-len(values) :] - values)
     # twice a 90 % interval: never by chance
     assert apart[0] < 2 * error[0] + 0.02 * values[0]
@@ -312,7 +315,7 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
         found = refine_undamped(
             problem, fit_parameters(problem, terms, np.append(low, 0.03))
         )
-        error = LEVEL * standard_errors(problem, found)
+        error = FIT.interval_standard_errors * standard_errors(problem, found)
         inside.append(np.abs(found.values - truth) < error)
     assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
 
@@ -918,7 +921,7 @@ def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
     problem = replace(plain, segments=replace(plain.segments, readings=told + noise))
     sought = marginalize_initial_states(problem, (), values)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("selfheal.diagnosis.estimation.marginalization.SOUGHT", 0)
+        patch.setattr(Problem, "regime", replace(problem.regime, state_iterations=0))
         linear = marginalize_initial_states(problem, (), values)
     cost = [float((p.residuals_at((), values) ** 2).sum()) for p in (linear, sought)]
     readings = np.isfinite(problem.segments.readings).sum()
@@ -959,7 +962,10 @@ def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
     problem = _off(b, term, values, speeds)
     cost = []
     for odd in (np.inf, 4.0):
-        monkeypatch.setattr("selfheal.diagnosis.estimation.marginalization.ODD", odd)
+        monkeypatch.setattr(
+            "selfheal.diagnosis.estimation.marginalization.FIT",
+            replace(FIT, outlier_ratio=odd),
+        )
         white = marginalize_initial_states(problem, (term,), values)
         cost.append(white.sum_by_segment(white.residuals_at((term,), values) ** 2))
     lost = cost[0] > 3 * np.median(cost[0])
@@ -1031,7 +1037,7 @@ def test_stated_values_follow_an_effect_that_moves(arm):
 def test_what_touches_is_fitted_further_by_means_over_its_roughness(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(nonsmooth, "ROUNDS", 2)
+    monkeypatch.setattr(nonsmooth, "FIT", replace(FIT, smoothed_iterations=2))
     b = bench("box", tmp_path, episodes=4, seconds=0.6)
     stated, (slip, *_) = (
         _stated(b),
@@ -1115,7 +1121,7 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
     problem = _problem(pendulum, (dry,), (0.05,))
     with np.errstate(all="ignore"):
         r = problem.compute_residuals((boom,), np.array([[25.0]]))
-        assert np.abs(r).max() == FAR
+        assert np.abs(r).max() == FIT.max_residual
         base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
         tried = fit_candidate(base, boom)
         assert np.isfinite(tried.cost) and np.isfinite(tried.jacobian).all()
