@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from selfheal.recording import Episode, Recording, Signal
+from tests.support.paths import RECORDINGS
 
-SHARED = Path(__file__).parents[2] / "shared"
 
-
-@pytest.fixture
+@pytest.fixture(scope="session")
 def shared_recordings() -> Path:
     """The folder of real recordings, which stands beside the repository."""
-    folder = SHARED / "recordings"
-    if not folder.is_dir():
-        pytest.skip(f"no real recordings at {folder}")
-    return folder
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"no real recordings at {RECORDINGS}")
+    return RECORDINGS
 
 
 @pytest.fixture

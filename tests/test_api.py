@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, record
 
 import selfheal
 from selfheal.diagnosis import diagnose as module
@@ -15,8 +14,9 @@ from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.errors import InputError, ModelError, RecordingError
 from selfheal.recording import read, write
+from tests.support.paths import DOCS
+from tests.support.recorded_robots import ROBOTS, record
 
-DOCS = Path(__file__).parents[1] / "docs"
 PENDULUM = ROBOTS["pendulum"]
 BIAS = 0.08  # [rad]
 

@@ -5,7 +5,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -27,8 +26,8 @@ from benchmarks.sealed.score import compute_figures, compute_removed_on_test
 from benchmarks.sealed.simulator import simulate_plans
 from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.recording import check_against_model, read, read_names, validate, write
+from tests.support.paths import ROOT, SHARED
 
-ROOT = Path(__file__).parents[1]
 FAST = {"robots": ("pendulum",)}
 # the values at which each of these is exactly absent
 NOMINAL = {
@@ -148,7 +147,7 @@ def test_effect_matters(case):
 
 
 def test_catalogue_is_the_contracts():
-    contract = Path(__file__).parents[2] / "shared" / "contract.md"
+    contract = SHARED / "contract.md"
     if not contract.is_file():
         pytest.skip("no contract here")
     text = contract.read_text()

@@ -4,7 +4,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from toys import PARENT, anatomy, truth_genome
 
 from selfheal.body import body as bodies_of
 from selfheal.body import genome as genomes_of
@@ -27,6 +26,7 @@ from selfheal.body.genome import (
     encode_tree,
     encode_unit_genes,
 )
+from tests.support.stick_robot import PARENT, anatomy, truth_genome
 
 PARTS = 8
 # papers.md 1.3

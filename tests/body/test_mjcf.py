@@ -6,12 +6,12 @@ from dataclasses import fields
 import mujoco
 import numpy as np
 import pytest
-from toys import anatomy
 
 from selfheal.body.body import Anatomy, Bodies
 from selfheal.body.genome import build_bodies, draw_genomes, encode_tree
 from selfheal.body.mjcf import Physics, format_mjcf, load
 from selfheal.errors import ModelError
+from tests.support.stick_robot import anatomy
 
 PRINTED = 1e-6  # an MJCF has six digits
 STAR = ([0, 0, 0, 0, 1, 2, 3, 4], [0.125, 0.375, 0.625, 0.875] + [0.375] * 4)

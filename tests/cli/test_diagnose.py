@@ -8,11 +8,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from test_report_diagnose import DELAY, FINDING, made_up
 from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.recording import read, shorten_names, write
+from tests.report.test_diagnose import DELAY, FINDING, made_up
 
 
 def _run(*arguments):

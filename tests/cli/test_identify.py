@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import mujoco
 import pytest
-from toys import Toy
 from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.recording import Recording, write
 from selfheal.robot.base import open_robot
 from selfheal.selfmodel.run import Run, Settings, load_run, save_run
+from tests.support.stick_robot import Toy
 
 SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]
 SMALL += ["--budget", "600", "--seed", "5"]

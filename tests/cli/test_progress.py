@@ -2,7 +2,7 @@
 
 import pytest
 
-from selfheal.cli._progress import Live
+from selfheal.cli._progress import ProgressBar
 
 
 @pytest.fixture
@@ -12,7 +12,7 @@ def seen(monkeypatch, capsys):
     def play(*, quiet: bool, terminal: bool) -> tuple[str, str]:
         monkeypatch.setenv("TERM", "xterm")
         monkeypatch.setenv("FORCE_COLOR", "1" if terminal else "")
-        with Live("reading", quiet=quiet) as live:
+        with ProgressBar("reading", quiet=quiet) as live:
             live.say("first")
             live.show("turning", 0.5)
             live.say("[last]")

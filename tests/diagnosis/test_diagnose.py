@@ -7,7 +7,6 @@ from functools import partial
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, record
 
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
@@ -15,6 +14,7 @@ from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.output.document import format_document
 from selfheal.diagnosis.output.localization import REGIMES
 from selfheal.errors import ModelError, RecordingError, UnknownNameError
+from tests.support.recorded_robots import ROBOTS, record
 
 PENDULUM = ROBOTS["pendulum"]
 DRY = 0.1  # [N m]

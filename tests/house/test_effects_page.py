@@ -1,19 +1,14 @@
-"""Pages that speak of the code: effects.md is the catalogue, the example works.
-
-`python tests/test_diagnosis_docs.py` writes effects.md anew.
-"""
+"""Pages that speak of the code: effects.md is the catalogue, the example works."""
 
 import json
 import re
 import sys
 import tomllib
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench, record
 from typer.testing import CliRunner
 
 from selfheal.api import diagnose
@@ -28,32 +23,14 @@ from selfheal.diagnosis.simulation import score
 from selfheal.errors import InputError
 from selfheal.recording import write
 from selfheal.report.phrases import state_verdict
-
-DOCS = Path(__file__).parents[1] / "docs"
-HEAD = """# Effects
-
-The physics that `selfheal diagnose` can name, as `selfheal effects` lists it. Made from
-the catalogue by `python tests/test_diagnosis_docs.py`.
-
-*Native*: plain MuJoCo can express it, so that patched.xml has it. The others are in
-diagnosis.json, and `selfheal replay` applies them. For a slide joint read N and m for
-N m and rad. [Add an effect](add-an-effect.md) says how to bring one of your own.
-"""
-
-
-def effects_page() -> str:
-    """The text of docs/effects.md: the effects that come with this package."""
-    own = [
-        e
-        for e in load_catalogue().values()
-        if type(e).__module__.startswith("selfheal.")
-    ]
-    return HEAD + format_catalogue(own)
+from tests.support.effects_page import make_effects_page
+from tests.support.paths import DOCS
+from tests.support.recorded_robots import ROBOTS, bench, record
 
 
 def test_the_page_of_effects_is_the_catalogue():
-    again = "run: python tests/test_diagnosis_docs.py"
-    assert (DOCS / "effects.md").read_text() == effects_page(), again
+    again = "run: python -m tests.support.effects_page"
+    assert (DOCS / "effects.md").read_text() == make_effects_page(), again
 
 
 def test_every_effect_has_a_group_that_the_page_shows():
@@ -166,7 +143,7 @@ def test_the_example_has_its_own_words_and_its_place_on_a_page(preload):
     assert "### `preload`" in section and "- at: joint; by `replay`" in section
     assert "- parameters: torque [N m]\n" in section
     assert section in format_catalogue(load_catalogue().values())
-    assert "preload" not in effects_page()
+    assert "preload" not in make_effects_page()
 
 
 def _pull(data) -> None:
@@ -217,7 +194,3 @@ def test_links_between_pages_lead_somewhere(page):
     for link in re.findall(r"\]\(([^)#]+)\)", text):
         if "://" not in link:
             assert (DOCS / link).exists(), link
-
-
-if __name__ == "__main__":
-    (DOCS / "effects.md").write_text(effects_page())

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.support.paths import ROOT
+
 ROOMS = [
     *("errors", "files", "recording", "mjcf", "body", "engine", "robot", "selfmodel"),
     *("gait", "recovery"),

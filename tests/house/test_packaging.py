@@ -4,13 +4,12 @@ import subprocess
 import sys
 import tomllib
 from importlib.resources import files
-from pathlib import Path
 
 import pytest
 
 import selfheal
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 HEAVY = {"dask", "distributed", "h5py", "jax", "matplotlib", "mujoco", "numba",
          "numpy", "rich", "scipy"}  # fmt: skip

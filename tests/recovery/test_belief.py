@@ -146,16 +146,12 @@ def test_a_slope_is_refined_in_tilt_and_direction():
 
 
 @pytest.fixture(scope="module")
-def readings():
+def readings(shared_recordings):
     """The readings of 2006, whole and damaged, with what damages would show."""
-    from conftest import SHARED
-
     from selfheal.recording import read
     from selfheal.robot.replay import replay
 
-    folder = SHARED / "recordings" / "starfish_2006"
-    if not folder.is_dir():
-        pytest.skip(f"no real recordings at {folder}")
+    folder = shared_recordings / "starfish_2006"
     files = ("intact.h5", "damaged.h5")
     robots = (replay(f, read(folder / f), load_published_body()) for f in files)
     return predict_actions(*robots, load_published_body())

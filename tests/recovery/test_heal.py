@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys_heal import BODY, GENES, PLACEMENT, identified, robot, shorten
 from typer.testing import CliRunner
 
 from selfheal.body.damage import parse_damages
@@ -23,6 +22,7 @@ from selfheal.recovery.record import HealRun, HealSettings
 from selfheal.recovery.watch_recording import watch_recording
 from selfheal.report.heal import make_heal_page
 from selfheal.robot.base import open_robot, require_walker
+from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot, shorten
 
 
 @pytest.fixture(scope="module", autouse=True)

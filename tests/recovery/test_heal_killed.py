@@ -4,16 +4,15 @@ import json
 import signal
 from functools import partial
 
-from toys_heal import identified
-from toys_killed import selfheal, told
-
 from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.record import HealRun
+from tests.support.killed_process import selfheal, told
+from tests.support.short_heal import identified
 
 # a small catalogue and no moving picture
 BEFORE = """
 import numpy as np
-from toys_heal import shorten
+from tests.support.short_heal import shorten
 from selfheal.recovery import hypotheses
 from selfheal.report import heal as page
 

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from toys_recover import DEAF, JAM, LOST, LOWER, shorten
 from typer.testing import CliRunner
 
 from selfheal.body.damage import Damage
@@ -46,6 +45,7 @@ from selfheal.recovery.recover_run import (
 from selfheal.report.recover import make_recover_page
 from selfheal.robot.scenarios import SCENARIOS, draw_scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
+from tests.support.short_recover import DEAF, JAM, LOST, LOWER, shorten
 
 QUADRUPED = load_legged_robot("quadruped")
 FLAT = np.full((200, 8), 0.05)

@@ -4,14 +4,13 @@ import json
 import signal
 from functools import partial
 
-from toys_killed import selfheal, told
-
 from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.recover_run import RecoverRun
+from tests.support.killed_process import selfheal, told
 
 # two scenarios, two generations, one trial
 BEFORE = """
-from toys_recover import shorten
+from tests.support.short_recover import shorten
 from selfheal.recovery.recover_run import RecoverSettings
 from selfheal.robot import scenarios
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_report import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
 from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import load_catalogue
@@ -25,6 +24,7 @@ from selfheal.report import diagnose, figures, phrases, tables
 from selfheal.report.diagnose import make_diagnosis_page
 from selfheal.report.page import make_bars, write_page
 from selfheal.report.phrases import state_verdict
+from tests.report.test_page import _MEASURE, CHROMIUM, HOSTILE, _console, _words, browse
 
 assert browse  # a fixture
 NAN = float("nan")

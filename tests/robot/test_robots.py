@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys import Toy
 
 from selfheal.body.body import count_centers_in_torso
 from selfheal.body.damage import list_sensors, parse_damages
@@ -26,6 +25,7 @@ from selfheal.robot.actions import (
 )
 from selfheal.robot.base import list_robots, open_robot, require_walker
 from selfheal.robot.replay import replay
+from tests.support.stick_robot import Toy
 
 
 def _played() -> Recording:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from toys import PARTS, Toy, anatomy
 
 from selfheal.body.genome import Genomes, draw_genomes, encode_tree
 from selfheal.engine.statics import Statics
@@ -26,6 +25,7 @@ from selfheal.selfmodel.search import RivalSearch
 from selfheal.selfmodel.space import find_space, make_genome_key
 from selfheal.selfmodel.strategy import RivalStrategy
 from selfheal.selfmodel.symmetry import SymmetryGroup
+from tests.support.stick_robot import PARTS, Toy, anatomy
 
 ACTIONS = 10
 

@@ -11,7 +11,6 @@ from dataclasses import fields, is_dataclass, replace
 import h5py
 import numpy as np
 import pytest
-from toys import PARTS, Toy
 from typer.testing import CliRunner
 
 from selfheal.cli import app
@@ -21,6 +20,7 @@ from selfheal.selfmodel.loop import check_settings, identify_body, read_rest_cha
 from selfheal.selfmodel.prior import compute_prior_cost
 from selfheal.selfmodel.run import Run, Settings, load_run, lock_run, save_run
 from selfheal.selfmodel.strategy import METHODS
+from tests.support.stick_robot import PARTS, Toy
 
 SMALL = Settings("toy", engine="statics", cycles=3, budget=1500)
 TIMES = ("seconds",)  # the only thing that may differ between two equal runs

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys import PARTS, Toy, anatomy, truth_genome
 
 from selfheal.body.body import compute_edge_f1, count_centers_in_torso
 from selfheal.body.genome import (
@@ -40,6 +39,7 @@ from selfheal.selfmodel.space import (
     perturb_genome,
 )
 from selfheal.selfmodel.symmetry import SymmetryGroup
+from tests.support.stick_robot import PARTS, Toy, anatomy, truth_genome
 
 TOY = Toy()
 FREE = find_space("free")

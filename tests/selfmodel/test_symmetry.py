@@ -5,7 +5,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from toys import PARTS, Toy, anatomy, truth_genome
 
 from selfheal.body.genome import Genomes, decode_matrix, draw_genomes
 from selfheal.body.genome import concatenate_genomes as joined
@@ -13,6 +12,7 @@ from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import CAPPED_LOSS, Evaluator
 from selfheal.selfmodel.space import is_same, is_valid
 from selfheal.selfmodel.symmetry import SymmetryGroup
+from tests.support.stick_robot import PARTS, Toy, anatomy, truth_genome
 
 TOY = Toy()
 TWINS = SymmetryGroup.from_actions(TOY.anatomy, TOY.actions)

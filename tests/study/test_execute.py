@@ -10,11 +10,12 @@ from pathlib import Path
 
 import h5py
 import pytest
-from toys_study import HERE, selfheal
 from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.study.store import find_journal, load_study
+from tests.support.paths import ROOT
+from tests.support.toy_study import selfheal
 
 # killed when so many records are kept: after a chunk, within one (half a line is
 # written), when the file is written and has no name yet, and when the journal is in it
@@ -200,7 +201,7 @@ def scheduler():
         "    input()\n"
     )
     ends = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-c", code], cwd=HERE, **ends) as cluster:
+    with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, **ends) as cluster:
         yield cluster.stdout.readline().strip()
         cluster.communicate("\n")
 
@@ -221,7 +222,7 @@ def slurm(tmp_path):
     if os.geteuid():
         pytest.skip("SLURM's daemons need root")
     folder = tmp_path / "slurm"
-    script = HERE / "slurm.sh"
+    script = ROOT / "tests" / "study" / "slurm.sh"
     started = subprocess.run([script, "start", folder], capture_output=True, text=True)
     if started.returncode:
         pytest.skip(f"SLURM does not start here: {started.stderr[-500:]}")
@@ -239,7 +240,7 @@ def test_a_slurm_job_that_is_cancelled_is_replaced(calm, tmp_path, slurm):
         *("--out", tmp_path),
         TOY_KILL=str(marks),
         SLURM_CONF=str(slurm),
-        PYTHONPATH=str(HERE),
+        PYTHONPATH=str(ROOT),
     )
     assert ended.returncode == 0, ended.stderr
     assert (marks / "0").exists()

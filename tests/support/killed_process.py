@@ -11,6 +11,7 @@ import numpy as np
 
 from selfheal.cli import app
 from selfheal.recovery import phased_run
+from tests.support.paths import ROOT
 
 
 def main(moment: str, words: list[str]) -> None:
@@ -41,11 +42,10 @@ def main(moment: str, words: list[str]) -> None:
 
 def selfheal(before: str, moment: str, *words: object) -> subprocess.CompletedProcess:
     """`main` in a process of its own, and what it does before, as Python."""
-    code = f"import sys\nimport toys_killed\n{before}\n"
-    code += "toys_killed.main(sys.argv[1], sys.argv[2:])"
+    code = f"import sys\nfrom tests.support import killed_process\n{before}\n"
+    code += "killed_process.main(sys.argv[1], sys.argv[2:])"
     command = [sys.executable, "-c", code, moment, *map(str, words)]
-    here = Path(__file__).parent  # of this file and of other toys
-    return subprocess.run(command, capture_output=True, text=True, cwd=here)
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
 
 
 def told(path: Path, kind: type[phased_run.PhasedRun]) -> str:

@@ -8,17 +8,16 @@ import sys
 from pathlib import Path
 
 from selfheal.study.plan import Study, Table, Task
-
-HERE = Path(__file__).parent
+from tests.support.paths import ROOT
 
 # `selfheal` that knows the study too
 CHILD = """
 import os, sys
-import toys_study
+import tests.support.toy_study
 from selfheal.cli import app, study
 from selfheal.study import plan
 
-plan.STUDIES["toy"] = "toys_study"
+plan.STUDIES["toy"] = "tests.support.toy_study"
 study._command("toy", "A study that takes no time.")
 {more}
 app(sys.argv[1:])
@@ -63,6 +62,6 @@ def selfheal(*words, more="", **environment):
         command,
         capture_output=True,
         text=True,
-        cwd=HERE,
+        cwd=ROOT,
         env={**os.environ, **environment},
     )

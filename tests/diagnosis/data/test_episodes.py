@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis.data.episodes import (
     _average_over_steps,
@@ -22,6 +21,7 @@ from selfheal.diagnosis.data.state_estimate import estimate_initial_state
 from selfheal.diagnosis.simulation.build import reorder_commands
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from selfheal.recording import Episode, Recording, Signal
+from tests.support.recorded_robots import ROBOTS, bench, record
 
 STEP = 0.002
 

@@ -5,15 +5,13 @@ no place where an effect of another package has to be written.
 """
 
 import re
-from pathlib import Path
 
 import pytest
 
 from selfheal.diagnosis.effects import load_catalogue
+from tests.support.paths import SHARED
 
-HERE = Path(__file__).resolve()
-ROOT = next(p for p in HERE.parents if (p / "pyproject.toml").exists())
-SHARED = ROOT.parent / "shared" / "contract.md"
+CONTRACT_PAGE = SHARED / "contract.md"
 CONTRACT = """
 | group | effect: target; parameters [unit] |
 |---|---|
@@ -109,6 +107,6 @@ def test_an_effect_is_as_the_contract_has_it(name):
 
 
 def test_the_copy_is_the_contract():
-    if not SHARED.exists():
+    if not CONTRACT_PAGE.exists():
         pytest.skip("the contract is not beside this repository")
-    assert _entries(SHARED.read_text()) == ENTRIES
+    assert _entries(CONTRACT_PAGE.read_text()) == ENTRIES

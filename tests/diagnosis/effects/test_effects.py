@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench, places
 
 from selfheal.diagnosis.effects import GROUPS, find_effect, load_catalogue
 from selfheal.diagnosis.effects.base import is_distinct
@@ -24,6 +23,7 @@ from selfheal.diagnosis.output.document import list_parameters
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation import score
 from selfheal.errors import UnknownNameError
+from tests.support.recorded_robots import ROBOTS, bench, places
 
 NAMES = tuple(load_catalogue())
 ALWAYS_THERE = {"limb_loss", "joint_jam"}  # no value undoes them

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench
 
 from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.effects import find_effect
@@ -98,6 +97,7 @@ from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.diagnosis.simulation.simulator import COMMAND_LATENESS
 from selfheal.recording import read
+from tests.support.recorded_robots import ROBOTS, bench
 
 NOISE = 1e-3
 PIECE = 150  # steps of a window

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys_diagnosis import bench
 
 from selfheal.diagnosis.data.local_polynomial import (
     MAX_HALF_WIDTH,
@@ -15,6 +14,7 @@ from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.data.state_estimate import estimate_initial_state
 from selfheal.diagnosis.estimation.noise import update_noise_model
 from selfheal.diagnosis.estimation.problem import Problem
+from tests.support.recorded_robots import bench
 
 SIZE = 1e-3
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import ARM, ROBOTS, bench, record
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.inertia import spatial_inertia
@@ -17,6 +16,7 @@ from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.mjcf.edit import Set
+from tests.support.recorded_robots import ARM, ROBOTS, bench, record
 
 RADIAN = '<compiler angle="radian"/>'
 ELBOW = '<position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>'

@@ -8,8 +8,6 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from test_diagnosis_score import undiagnosed
-from toys_diagnosis import ROBOTS, bench, places, record
 
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.effects.base import Parameter
@@ -26,6 +24,8 @@ from selfheal.diagnosis.output.schema import check_entries
 from selfheal.errors import InputError, RecordingError, UnknownNameError
 from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import Signal, list_model_names, load_model
+from tests.diagnosis.simulation.test_score import undiagnosed
+from tests.support.recorded_robots import ROBOTS, bench, places, record
 
 NAN = float("nan")
 FILES = ["diagnosis.json", "patched.xml", "report.html"]

@@ -6,8 +6,6 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
-from test_textual import check_same, patched_model
-from toys_diagnosis import NO_COMMAND, Robot, record
 from typer.testing import CliRunner
 
 from selfheal.cli import app
@@ -25,6 +23,8 @@ from selfheal.recording import (
     read_names,
     write,
 )
+from tests.diagnosis.output.test_mjcf_patch import check_same, patched_model
+from tests.support.recorded_robots import NO_COMMAND, Robot, record
 
 URDF = """<?xml version="1.0"?>
 <robot name="two_links">

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.diagnose import diagnose
@@ -19,6 +18,7 @@ from selfheal.diagnosis.selection.change_point import (
     detect_change_point,
     set_onset,
 )
+from tests.support.recorded_robots import ROBOTS, bench, record
 
 PENDULUM, STEP = ROBOTS["pendulum"], 0.002
 WORN = 0.04  # [N m s/rad]

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys_diagnosis import bench
 
 from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.simulation.cache import SimulationCache, SimulationCounter
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
+from tests.support.recorded_robots import bench
 
 
 def _segments() -> Segments:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
@@ -14,6 +13,7 @@ from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.checkpoint import Checkpoint
 from selfheal.diagnosis.simulation.digest import Digester
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from tests.support.recorded_robots import ROBOTS, bench, record
 
 ANSWER = (np.arange(4.0), np.array(7))
 QUESTION = ("fit", np.arange(3.0), (1, None), [b"of", 2.5])

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench, record
 
 import selfheal
 from selfheal.diagnosis import diagnose as module
@@ -12,6 +11,7 @@ from selfheal.diagnosis.simulation.checks import find_divergence
 from selfheal.diagnosis.simulation.score import cut_replay_segments
 from selfheal.errors import ModelError, RecordingError
 from selfheal.recording import Signal
+from tests.support.recorded_robots import ROBOTS, bench, record
 
 ARM = ROBOTS["arm"]
 UNSTABLE = ARM.xml.replace('kp="20" kv="0.8"', 'kp="2e7" kv="0"').replace(

@@ -8,7 +8,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import Bench, bench
 
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.effects.base import Onset
@@ -16,6 +15,7 @@ from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from selfheal.diagnosis.simulation.digest import Digester, digest_source
+from tests.support.recorded_robots import Bench, bench
 
 SHARED = {"checkpoint", "counter", "cache", "_compiled"}  # objects, not what is asked
 

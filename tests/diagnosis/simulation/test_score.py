@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, bench, record
 
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.output import localization
@@ -17,6 +16,7 @@ from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import read
+from tests.support.recorded_robots import ROBOTS, bench, record
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 
@@ -129,7 +129,7 @@ def test_without_a_given_state_pieces_of_half_a_second_are_scored(tmp_path):
 
 
 def test_a_diverging_model_scores_infinitely_and_raises_nothing(tmp_path):
-    from test_diagnosis_fit import Explosion
+    from tests.diagnosis.estimation.test_least_squares import Explosion
 
     b = bench("pendulum", tmp_path, episodes=1, seconds=0.3)
     pieces = score.cut_replay_segments(b.simulator)
