@@ -129,7 +129,7 @@ def test_without_a_given_state_pieces_of_half_a_second_are_scored(tmp_path):
 
 
 def test_a_diverging_model_scores_infinitely_and_raises_nothing(tmp_path):
-    from tests.diagnosis.estimation.test_least_squares import Explosion
+    from tests.support.problems import Explosion
 
     b = bench("pendulum", tmp_path, episodes=1, seconds=0.3)
     pieces = score.cut_replay_segments(b.simulator)

@@ -1,0 +1,68 @@
+"""Verdicts: when a replay of held-out episodes refutes what was named."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.selection import verdict
+from selfheal.diagnosis.selection.cross_validation import ScoredFit
+from selfheal.diagnosis.selection.hypotheses import Hypothesis
+from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
+from tests.support.problems import NOISE, STEPS
+from tests.support.recorded_robots import bench
+
+
+@pytest.mark.parametrize("dry", [0.0, 0.1])
+def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
+    dry, tmp_path
+):
+    def change(model):
+        model.dof_frictionloss[1] = dry
+
+    b = bench("arm", tmp_path, episodes=3, seconds=1.2, seed=2, change=change)
+    pieces = cut_segments(b.simulator.episodes, STEPS)
+    sigma = np.full(pieces.readings.shape[1], 5 * NOISE)
+    problem = marginalize_initial_states(
+        Problem(b.simulator, pieces, sigma), (), np.zeros(0)
+    )
+    term = find_effect("coulomb_friction").propose_terms(b.robot)[1]
+    ends = (
+        fit_parameters(problem, (), np.zeros(0)),
+        fit_parameters(problem, (term,), np.array([0.05])),
+    )
+    stated, final = (ScoredFit.from_fit(problem, found) for found in ends)
+    naming = Hypothesis(problem, stated, final, (), ())
+
+    def little(patched: float) -> bool:
+        numbers = {"refit": 0.2, "patched": patched, "floor": 0.1}
+        proof = SimpleNamespace(numbers=numbers, segments=pieces)
+        return removes_too_little(SimpleNamespace(held_out=b.simulator), naming, proof)
+
+    assert not little(0.1)
+    assert little(0.2) == (dry == 0.0)
+
+
+@pytest.mark.parametrize(
+    "share, patched, worse",
+    [(0.5, 0.2, False), (0.5, 0.3, True), (0.95, 0.3, False), (0.95, np.inf, True),
+     (0.95, np.nan, True), (0.95, 0.7, True)],
+)  # fmt: skip
+def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
+    share, patched, worse, monkeypatch
+):
+    monkeypatch.setattr(
+        verdict, "_share_removed_in_segments", lambda case, naming: share
+    )
+    proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
+    assert makes_replay_worse(None, None, proof) is worse
+
+
+def test_a_replay_that_diverges_stands_beside_no_other_that_does():
+    proof = SimpleNamespace(numbers={"refit": np.inf, "patched": np.inf})
+    assert makes_replay_worse(None, None, proof)
