@@ -183,7 +183,7 @@ def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]
         "damage": damage.document, "found": guess, "right": same,
         "same_part": found.target == damage.target,
         "world": found.kind in WORLD_KINDS, "nothing": found.kind == "none",
-        "actions": len(run.asked), "alarm": alarm,
+        "actions": len(run.actions), "alarm": alarm,
         "delay": alarm and (alarm["time"] - onset) / gait.cycle,
         "intact": phases["whole"]["distance"], "damaged": float(old[0]),
         "healed": run.result["distance"]["healed"] if run.result else None,

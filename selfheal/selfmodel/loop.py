@@ -371,7 +371,7 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
         "actions": [_format_action(robot.actions, a) for a in tried],
         "simulations": counts,
     }
-    return {"counts": counts, "result": result, "alike": alike.parent}
+    return {"counts": counts, "result": result, "indistinguishable": alike.parent}
 
 
 def _format_action(actions: Floats, action: int) -> list[int] | list[float]:

@@ -100,8 +100,8 @@ class Run:
         counts: simulations by engine, "choice" (spent on choosing), "failed".
         state: arrays and JSON texts that the search goes on from.
         result: what `identify --json` prints, empty until the run is done.
-        alike: (M, P) parents of the other bodies that might be right and that no action
-            of the robot tells from the best one; none until the run is done.
+        indistinguishable: (M, P) parents of the other bodies that might be right and
+            that no action tells from the best one; none until the run is done.
     """
 
     settings: Settings
@@ -116,7 +116,7 @@ class Run:
 
     @property
     def indistinguishable_trees(self) -> int:
-        """How many trees other than the best one the bodies of `alike` have."""
+        """How many trees other than the best one `indistinguishable` has."""
         best = self.cycles[-1].genomes.parent[0]
         other = (
             self.indistinguishable[(self.indistinguishable != best).any(axis=1)]
@@ -165,7 +165,7 @@ def _write_dataclass(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
 
 
 def _read_dataclass(group: Any, kind: type, **known: Any) -> Any:
-    """The dataclass that `_put` wrote; members listed in `known` come from there."""
+    """Read what `_write_dataclass` wrote; members in `known` come from there."""
     values = dict(known)
     for f in fields(kind):
         if f.name in values:

@@ -303,8 +303,8 @@ def test_a_robot_that_is_off_its_model_is_not_told_more_damage_than_it_has(
     ]
     monkeypatch.setattr(ours, "list_single_damages", lambda robot: [*KNOWN, *world])
     robot, before, found = off
-    drives = robot.struck(damage).trials(walker[None])
-    trial = Trial(walker, float(drives.way[0]), drives.sensed[0])
+    drives = robot.struck(damage).run_trials(walker[None])
+    trial = Trial(walker, float(drives.displacement[0]), drives.sensors[0])
     belief = estimate_damage(QUADRUPED, found, [trial], before, (), _quiet)
     assert belief.hypotheses[0] == damage
     assert 1 <= len(belief.scale) < len(before)  # no longer than predictions hold
@@ -394,7 +394,7 @@ def test_the_belief_never_depends_on_what_is_said_to_be_true(short):
     class Other:
         legged = robot.legged
 
-        def trials(self, weights):
+        def run_trials(self, weights):
             return robot.run_trials(weights)
 
         def struck(self, damage):

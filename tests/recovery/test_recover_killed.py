@@ -10,12 +10,13 @@ from tests.support.killed_process import selfheal, told
 
 # two scenarios, two generations, one trial
 BEFORE = """
+from tests.support.patches import replace_attribute
 from tests.support.short_recover import shorten
 from selfheal.recovery.recover_run import RecoverSettings
 from selfheal.robot import scenarios
 
-shorten(setattr)
-scenarios.TABLE = (1, 9)
+shorten(replace_attribute)
+replace_attribute(scenarios, "TABLE", (1, 9))
 made = RecoverSettings.__init__
 RecoverSettings.__init__ = lambda self, *args, **more: made(
     self, *args, **{**more, "generations": 2, "trials": 1})

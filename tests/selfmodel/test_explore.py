@@ -214,9 +214,9 @@ def found(searched):
     """What is believed possible after the search."""
     evaluator, search, evidence = searched
     kin = Neighborhood(search.space, evaluator, search.twins)
-    before = evaluator.spent, evaluator.chosen
-    kin.update(search.crowd, evidence, np.random.default_rng(0))
-    assert evaluator.spent == before[0] and evaluator.chosen > before[1]
+    before = evaluator.spent, evaluator.spent_choosing
+    kin.update(search.rivals, evidence, np.random.default_rng(0))
+    assert evaluator.spent == before[0] and evaluator.spent_choosing > before[1]
     return kin, kin.list_hypotheses(evidence)
 
 
@@ -227,25 +227,27 @@ def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched, 
     assert len({make_genome_key(genomes, row) for row in range(len(some))}) == len(some)
     assert (np.diff(np.round(some.costs, 5)) >= 0).all()
     tried = list(evidence.tried)
-    again = evaluator.loss(some.tables[:, tried], evidence.felt).sum(axis=1)
+    again = evaluator.loss(some.tables[:, tried], evidence.measured).sum(axis=1)
     np.testing.assert_allclose(again, some.losses, atol=1e-6)
-    np.testing.assert_allclose(evaluator.table(genomes[:3]), some.tables[:3], atol=1e-6)
+    np.testing.assert_allclose(
+        evaluator.compute_table(genomes[:3]), some.tables[:3], atol=1e-6
+    )
     np.testing.assert_allclose(
         some.costs, some.losses + compute_prior_cost(evaluator.anatomy, genomes)
     )
-    assert some.losses.min() <= search.crowd.losses[0] + 1e-6
+    assert some.losses.min() <= search.rivals.losses[0] + 1e-6
 
 
 def test_kin_know_each_other_by_no_twin_of_theirs(searched, found):
     _, search, _ = searched
     kin, _ = found
     count = len(kin.crowd)
-    assert count > len(search.crowd) / 2
-    parent, valid_of = kin.crowd.genomes.parent, search.twins.valid
+    assert count > len(search.rivals) / 2
+    parent, valid_of = kin.crowd.genomes.parent, search.twins.find_valid_trades
     valid = np.flatnonzero([valid_of(p).all() for p in parent])
     trade = np.full(len(valid), len(search.twins.trade) - 1)
-    twins = search.twins.genomes(kin.crowd.genomes[valid], 0 * trade + 1, trade)
-    kin.take(twins, kin.crowd.tables[valid])
+    twins = search.twins.map_genomes(kin.crowd.genomes[valid], 0 * trade + 1, trade)
+    kin.add_bodies(twins, kin.crowd.tables[valid])
     assert len(kin.crowd) == count
 
 
@@ -286,7 +288,7 @@ def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
     method = RivalStrategy(
         evaluator, space="free", known_lengths=False, random_actions=False
     )
-    method.neighborhood.update(search.crowd, evidence, np.random.default_rng(0))
+    method.neighborhood.update(search.rivals, evidence, np.random.default_rng(0))
     method.found = found = method.neighborhood.list_hypotheses(evidence)
     table = found.tables[0]
     gap = np.nan_to_num(np.abs(found.tables - table)).max(axis=1)

@@ -18,5 +18,5 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
     patch(genetic, "KEPT", 6)
     patch(genetic, "_PAIRS", 2)
     patch(recover, "KEPT", 4)
-    patch(recover, "HARDWARE", 2)
-    patch(explain, "singles", lambda robot: [LOST, LOWER, JAM, DEAF])
+    patch(recover, "HARDWARE_GENERATIONS", 2)
+    patch(explain, "list_single_damages", lambda robot: [LOST, LOWER, JAM, DEAF])

@@ -18,7 +18,7 @@ from selfheal.cli import app, study
 from selfheal.study import plan
 
 plan.STUDIES["toy"] = "tests.support.toy_study"
-study._command("toy", "A study that takes no time.")
+study._add_command("toy", "A study that takes no time.")
 {more}
 app(sys.argv[1:])
 """
