@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.recording import read, shorten_names, write
-from tests.report.test_diagnose import DELAY, FINDING, made_up
+from tests.support.made_up_diagnosis import DELAY, FINDING, make_diagnosis
 
 
 def _run(*arguments):
@@ -33,7 +33,7 @@ class Doctor:
 
     def __init__(self) -> None:
         self.asked: list[dict] = []
-        self.answer = made_up(findings=(FINDING, DELAY))
+        self.answer = make_diagnosis(findings=(FINDING, DELAY))
 
     def diagnose(
         self, model, recordings, *, held_out=(), seed=0, memory=None, progress=None
@@ -127,7 +127,7 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
 
 @pytest.mark.parametrize("verdict", ["nothing", "unlisted"])
 def test_no_finding_is_told_too(verdict, doctor, files, tmp_path):
-    answer = made_up(verdict, ())
+    answer = make_diagnosis(verdict, ())
     fit = answer.document["fit"] | {"floor": None, "explainable_removed": None}
     doctor.answer = replace(answer, document={**answer.document, "fit": fit})
     result = _run("diagnose", *files, "--out", tmp_path / "out")
@@ -137,7 +137,7 @@ def test_no_finding_is_told_too(verdict, doctor, files, tmp_path):
 
 def test_names_with_brackets_are_no_markup(doctor, files, tmp_path):
     found = {**FINDING, "target": "joint:[bold]knee[/]"}
-    doctor.answer = made_up(findings=(found,))
+    doctor.answer = make_diagnosis(findings=(found,))
     result = _run("diagnose", *files, "--out", tmp_path / "out")
     assert result.exit_code == 0 and "[bold]knee[/]" in result.stdout
 
@@ -236,7 +236,7 @@ def test_an_argument_left_out_is_refused(doctor, files, tmp_path):
 def test_an_earlier_diagnosis_is_overwritten_by_force_only(doctor, files, tmp_path):
     out = ["--out", tmp_path / "out"]
     assert _run("diagnose", *files, *out).exit_code == 0
-    doctor.answer = made_up("nothing", ())
+    doctor.answer = make_diagnosis("nothing", ())
     assert "--force" in _refused(_run("diagnose", *files, *out))
     assert _run("diagnose", *files, *out, "--force").exit_code == 0
     document = json.loads((tmp_path / "out" / "diagnosis.json").read_text())

@@ -1,5 +1,6 @@
 """Verdicts: when a replay of held-out episodes refutes what was named."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,9 +14,15 @@ from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection import verdict
 from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.hypotheses import Hypothesis
-from selfheal.diagnosis.selection.verdict import makes_replay_worse, removes_too_little
+from selfheal.diagnosis.selection.verdict import (
+    is_replay_off,
+    makes_replay_worse,
+    removes_too_little,
+)
+from selfheal.diagnosis.simulation import score
 from tests.support.problems import NOISE, STEPS
 from tests.support.recorded_robots import bench
+from tests.support.scores import score_model
 
 
 @pytest.mark.parametrize("dry", [0.0, 0.1])
@@ -66,3 +73,41 @@ def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
 def test_a_replay_that_diverges_stands_beside_no_other_that_does():
     proof = SimpleNamespace(numbers={"refit": np.inf, "patched": np.inf})
     assert makes_replay_worse(None, None, proof)
+
+
+def _is_astray(b, floor: float, off=()) -> bool:
+    """Whether the given model is, of whose episodes some were read elsewhere."""
+    held = replace(b.simulator, has_contact=b.robot.has_contact)
+    pieces, none = (
+        score.cut_replay_segments(held),
+        SimpleNamespace(terms=(), values=np.zeros(0)),
+    )
+    spread = np.repeat(
+        [c.spread for c in held.channels], [c.width for c in held.channels]
+    )
+    moved = np.isin(pieces.episode, off)[pieces.segment_of_sample]
+    pieces = replace(pieces, readings=pieces.readings + np.outer(moved, spread))
+    squares = score.sum_squared_errors(held, pieces, none.terms, none.values)
+    count = score.count_readings(held, pieces)
+    patched = score.compute_score(held, squares, count)
+    proof = SimpleNamespace(segments=pieces, count=count, squares={"patched": squares},
+                            numbers={"patched": patched, "floor": floor})  # fmt: skip
+    assert patched > 6 * floor
+    naming = SimpleNamespace(final=SimpleNamespace(fit=none))
+    return is_replay_off(SimpleNamespace(held_out=held), naming, proof)
+
+
+@pytest.mark.parametrize("robot, off, astray", [
+    ("box", [3], False),  # fell on another side
+    ("box", [0, 2, 3], True),
+    ("arm", [3], True),
+])  # fmt: skip
+def test_a_replay_is_astray_where_chance_is_no_reason(robot, off, astray, tmp_path):
+    b = bench(robot, tmp_path, episodes=5, seconds=0.8)
+    assert _is_astray(b, 0.05, off) is astray
+
+
+def test_a_coarse_time_step_leads_no_replay_astray(tmp_path):
+    b = bench("pendulum", tmp_path, episodes=2, seconds=2.0, finer=20)
+    _, each, _ = score_model(b.path, b.recording)
+    assert not _is_astray(b, each[0] / 8)
