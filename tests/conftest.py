@@ -17,6 +17,20 @@ def shared_recordings() -> Path:
     return RECORDINGS
 
 
+@pytest.fixture(scope="session")
+def walker() -> np.ndarray:
+    """Weights with which the whole quadruped walks."""
+    from tests.support.short_recover import find_walker
+
+    return find_walker()
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers that are the same in every test."""
+    return np.random.default_rng(7)
+
+
 @pytest.fixture
 def recording() -> Recording:
     """Two episodes of an arm on a cart with every kind of signal."""

@@ -27,6 +27,13 @@ def cart_pole(tmp_path_factory) -> Bench:
 
 
 @pytest.fixture(scope="session")
+def noiseless_arm(tmp_path_factory) -> Bench:
+    """An arm with many exact readings."""
+    folder = tmp_path_factory.mktemp("arm")
+    return bench("arm", folder, episodes=30, seconds=2.0, rate=200, seed=3, noise=0.0)
+
+
+@pytest.fixture(scope="session")
 def benches(tmp_path_factory):
     """Robots of different shape, their recordings, and what they predict as given."""
     return {

@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.data.local_polynomial import ar1_error_factors, choose_half_width
+from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
-from selfheal.diagnosis.estimation.noise import robust_noise, worst_channel_ratio
+from selfheal.diagnosis.estimation.noise import robust_noise, update_noise_model, worst_channel_ratio
+from selfheal.diagnosis.estimation.problem import Problem
 from tests.support.problems import NOISE, make_pose_problem, make_problem
 
 
@@ -41,3 +44,81 @@ def test_errors_of_most_single_readings_are_their_noise(arm):
     assert noise == pytest.approx(np.isfinite(problem.segments.readings).sum(), rel=0.3)
     r[::20] = 100.0
     assert robust_noise(problem, r.ravel()) == pytest.approx(noise, rel=0.3)
+
+
+SIZE = 1e-3
+
+
+def _remembering(rng, shape, memory: float) -> np.ndarray:
+    """Noise of unit variance, of first order along the first axis."""
+    fresh = rng.normal(size=shape)
+    for i in range(1, len(fresh)):
+        fresh[i] = memory * fresh[i - 1] + np.sqrt(1 - memory**2) * fresh[i]
+    return fresh
+
+
+def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
+    """Windows of which a fit left these, and a parabola its share of their noise."""
+    pieces = cut_segments(b.simulator.episodes, 150)
+    _, m = choose_half_width(
+        b.simulator.episodes[0].sample_steps * b.simulator.timestep
+    )
+    scatter = SIZE * np.sqrt(ar1_error_factors(memory, m)[2])
+    signals = tuple(
+        replace(c, scatter=np.full(c.width, scatter), noise=np.full(c.width, scatter))
+        for c in b.simulator.channels
+    )
+    told = residuals(pieces.readings.shape)
+    sigma = np.full(told.shape[1], 2 * SIZE)
+    told = np.where(np.isfinite(pieces.readings), told / sigma, 0.0)
+    return Problem(b.simulator.with_channels(signals), pieces, sigma), told.ravel()
+
+
+@pytest.mark.parametrize(
+    ("memory", "mismatch"),
+    [
+        (0.0, 0.0),
+        (0.5, 0.0),
+        (0.8, 0.0),
+        (0.9, 0.0),
+        (0.0, 3.0),
+        (0.5, 3.0),
+        (0.8, 3.0),
+    ],
+)
+def test_noise_is_as_large_as_it_is_however_slow(noiseless_arm, memory, mismatch):
+    rng = np.random.default_rng(int(100 * memory))
+
+    def residuals(shape):
+        swing = np.sin(2 * np.pi * np.arange(shape[0]) / 90)[:, None]
+        return SIZE * (_remembering(rng, shape, memory) + mismatch * swing)
+
+    problem, told = _left(noiseless_arm, residuals, memory)
+    for c in update_noise_model(problem, told).channels:
+        np.testing.assert_allclose(c.noise, SIZE, rtol=0.35)
+        if memory:
+            np.testing.assert_allclose(c.ar1, memory, atol=0.15)
+
+
+@pytest.mark.parametrize(
+    "grown", [np.cumsum, lambda x, axis: np.cumsum(np.cumsum(x, axis), axis)]
+)
+def test_what_a_mismatch_piles_up_is_no_noise(noiseless_arm, grown):
+    """As jumps of a velocity or a force do."""
+    rng = np.random.default_rng(0)
+
+    def residuals(shape):
+        return SIZE * (rng.normal(size=shape) + grown(rng.normal(size=shape), axis=0))
+
+    problem, told = _left(noiseless_arm, residuals, 0.0)
+    for c in update_noise_model(problem, told).channels:
+        assert (c.noise < 1.2 * SIZE).all()
+
+
+def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(noiseless_arm):
+    rng = np.random.default_rng(0)
+    problem, told = _left(
+        noiseless_arm, lambda shape: 0.2 * SIZE * rng.normal(size=shape), 0.0
+    )
+    for c in update_noise_model(problem, told).channels:
+        np.testing.assert_allclose(c.noise, 0.2 * SIZE, rtol=0.1)
