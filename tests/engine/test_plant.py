@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from selfheal.body.damage import list_sensors, parse_damages
-from selfheal.engine.plant import apply_damages, build_rated_plant, compute_set_points, list_lost_parts
+from selfheal.engine.plant import (
+    apply_damages,
+    build_rated_plant,
+    compute_set_points,
+    list_lost_parts,
+)
 from selfheal.robot.actions import load_published_body
 
 BODY = load_published_body()

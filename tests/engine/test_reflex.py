@@ -6,7 +6,12 @@ import pytest
 from selfheal.body.damage import Damage
 from selfheal.body.legged import LEGGED, load_legged_robot
 from selfheal.engine import reflex
-from selfheal.engine.reflex import STEPS_PER_SAMPLE, build_damaged_plants, build_intact_plants, simulate_controllers
+from selfheal.engine.reflex import (
+    STEPS_PER_SAMPLE,
+    build_damaged_plants,
+    build_intact_plants,
+    simulate_controllers,
+)
 from selfheal.gait.genetic import start_population
 from tests.support.short_recover import DEAF, JAM, LOST, QUADRUPED, draw_weights
 

@@ -3,7 +3,13 @@
 import numpy as np
 
 from selfheal.gait import genetic
-from selfheal.gait.genetic import KEPT, POPULATION, draw_values, evolve_population, start_population
+from selfheal.gait.genetic import (
+    KEPT,
+    POPULATION,
+    draw_values,
+    evolve_population,
+    start_population,
+)
 
 
 def _square(genomes):

@@ -17,7 +17,5 @@ def mismatched(walker):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fit_physics, "_FIRST_SEARCHES", 6)
         patch.setattr(fit_physics, "_HORIZONS", (20, 30, 40, 60))
-        found = fit_physics.fit_physics(
-            QUADRUPED, walker, before, rng, ignore_progress
-        )
+        found = fit_physics.fit_physics(QUADRUPED, walker, before, rng, ignore_progress)
     return robot, before, found

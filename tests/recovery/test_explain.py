@@ -9,7 +9,18 @@ from selfheal.recovery import explain as ours
 from selfheal.recovery.estimate import Trial
 from selfheal.recovery.explain import estimate_damage
 from selfheal.robot.simulated_legs import SimulatedLegs
-from tests.support.short_recover import BUILT, DEAF, FLAT, JAM, LOST, LOWER, QUADRUPED, ignore_progress, walk_before, walk_damaged
+from tests.support.short_recover import (
+    BUILT,
+    DEAF,
+    FLAT,
+    JAM,
+    LOST,
+    LOWER,
+    QUADRUPED,
+    ignore_progress,
+    walk_before,
+    walk_damaged,
+)
 
 MOTOR = Damage("weak_motor", "actuator:right_front_hip_servo", 0.4)
 KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value=0.6),

@@ -4,9 +4,22 @@ from dataclasses import fields
 
 import numpy as np
 
-from selfheal.engine.reflex import STEPS_PER_SAMPLE, build_damaged_plants, build_intact_plants, scale_physics, simulate_controllers
+from selfheal.engine.reflex import (
+    STEPS_PER_SAMPLE,
+    build_damaged_plants,
+    build_intact_plants,
+    scale_physics,
+    simulate_controllers,
+)
 from selfheal.recovery.fit_physics import fit_physics
-from tests.support.short_recover import BUILT, JAM, LOST, QUADRUPED, ignore_progress, walk_before
+from tests.support.short_recover import (
+    BUILT,
+    JAM,
+    LOST,
+    QUADRUPED,
+    ignore_progress,
+    walk_before,
+)
 
 
 def test_a_model_that_is_right_stays_as_it_is(walker):

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from selfheal.errors import InputError
-from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw_damage, parse_accident
+from selfheal.robot.accidents import (
+    BODY_KINDS,
+    WORLD_KINDS,
+    draw_damage,
+    parse_accident,
+)
 from selfheal.robot.actions import load_published_body
 
 BODY = load_published_body()

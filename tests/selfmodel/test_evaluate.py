@@ -8,7 +8,16 @@ from selfheal.body.genome import build_bodies
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import PAPER_LOSS, Loss
 from selfheal.selfmodel.paper import PaperSearch
-from tests.support.stick_search import NO_LIMIT, TOY, WavesEngine, draw_sticks, has_true_shape, make_evaluator, make_search, measure_evidence
+from tests.support.stick_search import (
+    NO_LIMIT,
+    TOY,
+    WavesEngine,
+    draw_sticks,
+    has_true_shape,
+    make_evaluator,
+    make_search,
+    measure_evidence,
+)
 
 ENGINES = [Statics(), WavesEngine(1), WavesEngine(64)]
 engines = pytest.mark.parametrize("engine", ENGINES, ids=["race", "one", "waves"])

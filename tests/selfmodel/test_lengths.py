@@ -7,7 +7,14 @@ from selfheal.body.genome import LENGTH_RANGE
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import load_published_body
 from selfheal.selfmodel.lengths import estimate_lengths
-from selfheal.selfmodel.schema import CHANNELS, SENSOR_SETS, SearchPlan, estimate_models, set_lengths, simulate_channels
+from selfheal.selfmodel.schema import (
+    CHANNELS,
+    SENSOR_SETS,
+    SearchPlan,
+    estimate_models,
+    set_lengths,
+    simulate_channels,
+)
 from selfheal.study.after_damage import _state_intervals
 
 

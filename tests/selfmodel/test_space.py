@@ -4,7 +4,20 @@ import numpy as np
 import pytest
 
 from selfheal.body.genome import HINGE_NAMES, concatenate_genomes
-from selfheal.selfmodel.space import SPACES, cross_genomes, draw_nudges, draw_space_genomes, find_space, is_same, is_valid, keep_others, list_changes, list_neighbors, make_genome_key, perturb_genome
+from selfheal.selfmodel.space import (
+    SPACES,
+    cross_genomes,
+    draw_nudges,
+    draw_space_genomes,
+    find_space,
+    is_same,
+    is_valid,
+    keep_others,
+    list_changes,
+    list_neighbors,
+    make_genome_key,
+    perturb_genome,
+)
 from tests.support.stick_robot import PARTS, anatomy
 from tests.support.stick_search import draw_sticks
 

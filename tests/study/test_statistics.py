@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from selfheal.study.calibration import compute_brier_score, make_reliability_table
-from selfheal.study.statistics import format_mean_std, format_pooled_correlation, format_rank_correlation, format_share, run_fisher_test, run_permutation_test
+from selfheal.study.statistics import (
+    format_mean_std,
+    format_pooled_correlation,
+    format_rank_correlation,
+    format_share,
+    run_fisher_test,
+    run_permutation_test,
+)
 
 
 def test_an_interval_of_pooled_pairs_is_of_runs_not_of_pairs(rng):

@@ -6,7 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.data.episodes import _average_over_steps, _find_quantum, _remove_sign_jumps, build_channels
+from selfheal.diagnosis.data.episodes import (
+    _average_over_steps,
+    _find_quantum,
+    _remove_sign_jumps,
+    build_channels,
+)
 from selfheal.diagnosis.simulation.build import reorder_commands
 from tests.support.hinge_recordings import STEP, draw_times, make_hinge_recording
 from tests.support.recorded_robots import ROBOTS, record

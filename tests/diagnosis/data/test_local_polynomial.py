@@ -5,9 +5,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from selfheal.diagnosis.data.episodes import build_channels, sample_episode
-from selfheal.diagnosis.data.local_polynomial import MAX_HALF_WIDTH, ar1_error_factors, choose_half_width, fit_polynomials
+from selfheal.diagnosis.data.local_polynomial import (
+    MAX_HALF_WIDTH,
+    ar1_error_factors,
+    choose_half_width,
+    fit_polynomials,
+)
 from selfheal.recording import Episode, Recording, Signal
-from tests.support.hinge_recordings import STEP, draw_times, make_hinge_recording, sample_recording
+from tests.support.hinge_recordings import (
+    STEP,
+    draw_times,
+    make_hinge_recording,
+    sample_recording,
+)
 
 
 @pytest.mark.parametrize("seed", range(3))

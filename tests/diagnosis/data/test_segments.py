@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.data.segments import Segments, cut_segments
-from tests.support.hinge_recordings import draw_times, make_hinge_recording, sample_recording
+from tests.support.hinge_recordings import (
+    draw_times,
+    make_hinge_recording,
+    sample_recording,
+)
 
 
 def _three_logs():

@@ -5,10 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.data.local_polynomial import ar1_error_factors, choose_half_width
+from selfheal.diagnosis.data.local_polynomial import (
+    ar1_error_factors,
+    choose_half_width,
+)
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
-from selfheal.diagnosis.estimation.noise import robust_noise, update_noise_model, worst_channel_ratio
+from selfheal.diagnosis.estimation.noise import (
+    robust_noise,
+    update_noise_model,
+    worst_channel_ratio,
+)
 from selfheal.diagnosis.estimation.problem import Problem
 from tests.support.problems import NOISE, make_pose_problem, make_problem
 
