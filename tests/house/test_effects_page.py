@@ -183,14 +183,3 @@ def test_an_effect_that_contradicts_itself_is_refused(entry, change, said, monke
     monkeypatch.setattr(effects, "entry_points", lambda group: [entry])
     with pytest.raises(InputError, match=said):
         load_catalogue()
-
-
-# ---- links
-
-
-@pytest.mark.parametrize("page", sorted(p.name for p in DOCS.glob("*.md")))
-def test_links_between_pages_lead_somewhere(page):
-    text = (DOCS / page).read_text()
-    for link in re.findall(r"\]\(([^)#]+)\)", text):
-        if "://" not in link:
-            assert (DOCS / link).exists(), link

@@ -1,7 +1,8 @@
 """Least-squares problems of the diagnosis whose right answer is known."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -52,6 +53,14 @@ def with_contact(problem: Problem) -> Problem:
     return replace(problem, simulator=replace(problem.simulator, has_contact=True))
 
 
+ProblemType = TypeVar("ProblemType", bound=Problem)
+
+
+def as_type(problem: Problem, kind: type[ProblemType]) -> ProblemType:
+    """The same problem as one of another class."""
+    return kind(**{f.name: getattr(problem, f.name) for f in fields(Problem)})
+
+
 def make_misread_problem(
     bench: Bench, term: Term, values: np.ndarray, speeds: np.ndarray
 ) -> Problem:
@@ -78,6 +87,36 @@ def make_misread_problem(
     noise = NOISE * np.random.default_rng(0).normal(size=predicted.shape)
     segments = replace(problem.segments, readings=predicted + noise)
     return replace(problem, segments=segments)
+
+
+class ExactClockProblem(Problem):
+    """A problem whose commands act exactly when their recording says."""
+
+    def clock_error(self, terms, values, residuals):
+        return np.zeros_like(residuals)
+
+
+class MeasuredStatesProblem(Problem):
+    """A problem whose initial states are linearized once and not searched."""
+
+    @property
+    def regime(self):
+        return replace(super().regime, state_iterations=0)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedProblem(Problem):
+    """A problem that remembers at which values its residuals were computed.
+
+    Attributes:
+        batches: (n, P) values of each batch.
+    """
+
+    batches: list[np.ndarray] = field(default_factory=list)
+
+    def compute_residuals(self, terms, values, initial_state_offset=None):
+        self.batches.append(np.array(values))
+        return super().compute_residuals(terms, values, initial_state_offset)
 
 
 def make_pose_problem(bench: Bench, count: int) -> Problem:

@@ -62,7 +62,7 @@ def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
 
 def _noise_ratios(problem: Problem, fit: Fit) -> Floats:
     """(W) [1] squared residuals of each segment over those that its noise leaves."""
-    problem = replace(problem.unmarginalized, initial_state_shift=None)
+    problem = problem.with_measured_states
     problem = marginalize_initial_states(problem, fit.terms, fit.values)
     squares = problem.residuals_at(fit.terms, fit.values) ** 2
     noise = expected_noise_by_segment(problem)

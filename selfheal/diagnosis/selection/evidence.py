@@ -13,7 +13,7 @@ from ...recording.data import Floats
 from ..estimation.covariance import effective_sample_size
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem, assign_blocks
-from ..estimation.reweighting import TAILS
+from ..estimation.settings import FIT
 from .cross_validation import ScoredFit
 from .settings import SELECTION
 
@@ -124,12 +124,13 @@ def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
             np.bincount(problem.segments.segment_of_sample, is_read, len(errors))
             * channel.free_columns
         )
+    freedom = FIT.student_degrees_of_freedom
     scale = mean = max(errors.sum() / count.sum(), TINY)
     least = SELECTION.student_min_scale**2 * mean
     for _ in range(SELECTION.student_iterations):
-        weight = (TAILS + count) / (TAILS + errors / scale)
+        weight = (freedom + count) / (freedom + errors / scale)
         scale = max(float((weight * errors).sum() / count.sum()), least)
-    tails = (TAILS + count) / 2 * np.log1p(errors / scale / TAILS)
+    tails = (freedom + count) / 2 * np.log1p(errors / scale / freedom)
     normal = -count.sum() / 2 * np.log(mean)
     return np.array([normal, -count.sum() / 2 * np.log(scale) - tails.sum()])
 

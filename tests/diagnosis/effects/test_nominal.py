@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.estimation.least_squares import stack_bounds
+from selfheal.diagnosis.estimation.quadratic_model import stack_bounds
 from tests.support.problems import list_nominal_terms
 from tests.support.recorded_robots import ROBOTS, bench
 

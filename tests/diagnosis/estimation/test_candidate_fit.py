@@ -8,9 +8,10 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.base import find_overridden
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
-from selfheal.diagnosis.estimation.covariance import LEVEL, standard_errors
+from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.estimation.settings import FIT
 from tests.support.problems import Explosion, list_nominal_terms, make_problem
 
 PLANTED = [
@@ -47,7 +48,9 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     assert tried.cost < base.fit.cost
     found = fit_parameters(rough, tried.terms, tried.values, rounds=6)
     found = fit_parameters(problem, found.terms, found.values, rounds=6)
-    error = LEVEL * standard_errors(problem, found)[-len(values) :]
+    error = (
+        FIT.interval_standard_errors * standard_errors(problem, found)[-len(values) :]
+    )
     apart = np.abs(found.values[-len(values) :] - values)
     # twice a 90 % interval: never by chance
     assert apart[0] < 2 * error[0] + 0.02 * values[0]

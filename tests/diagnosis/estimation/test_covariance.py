@@ -7,20 +7,23 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.covariance import (
-    LEVEL,
     effective_sample_size,
     standard_errors,
 )
 from selfheal.diagnosis.estimation.least_squares import (
     fit_parameters,
-    prior_precision,
     refine_jacobian,
     refine_undamped,
-    stack_bounds,
 )
-from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.estimation.quadratic_model import prior_precision, stack_bounds
+from selfheal.diagnosis.estimation.settings import FIT
 from selfheal.diagnosis.simulation.simulator import COMMAND_LATENESS
-from tests.support.problems import list_nominal_terms, make_problem
+from tests.support.problems import (
+    ExactClockProblem,
+    as_type,
+    list_nominal_terms,
+    make_problem,
+)
 
 
 def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
@@ -38,7 +41,7 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
         found = refine_undamped(
             problem, fit_parameters(problem, terms, np.append(low, 0.03))
         )
-        error = LEVEL * standard_errors(problem, found)
+        error = FIT.interval_standard_errors * standard_errors(problem, found)
         inside.append(np.abs(found.values - truth) < error)
     assert np.mean(inside) > 0.75  # 0.9 is meant; of 96 that hang together
 
@@ -70,15 +73,15 @@ def test_nor_surer_of_the_scale_of_torques_than_belief_is(pendulum):
     assert (standard_errors(problem, found)[of_torque] > 0.9 * least).all()
 
 
-def test_intervals_consider_that_the_clock_is_not_known(arm, monkeypatch):
+def test_intervals_consider_that_the_clock_is_not_known(arm):
     term = find_effect("command_delay").propose_terms(arm.robot)[0]
     problem = make_problem(arm, (term,), (0.01,))
     found = fit_parameters(problem, (term,), (0.01,))
     told = found.terms, found.values, found.residuals
     assert np.linalg.norm(problem.clock_error(*told)) > 0
     late = standard_errors(problem, found)[0]
-    monkeypatch.setattr(Problem, "clock_error", lambda *_: 0 * found.residuals)
-    clock = np.sqrt(late**2 - standard_errors(problem, found)[0] ** 2)
+    exact = standard_errors(as_type(problem, ExactClockProblem), found)[0]
+    clock = np.sqrt(late**2 - exact**2)
     assert 0.3 < clock / (COMMAND_LATENESS * arm.simulator.timestep) < 1.5
 
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.base import Effect, Term
+from selfheal.diagnosis.estimation import marginalization
 from selfheal.diagnosis.estimation.marginalization import (
     _respond_to_offsets,
     is_horizon_informative,
@@ -16,7 +16,14 @@ from selfheal.diagnosis.estimation.marginalization import (
 )
 from selfheal.diagnosis.estimation.problem import Problem, build_initial_state_offsets
 from selfheal.diagnosis.estimation.regime import CONTACT
-from tests.support.problems import NOISE, make_misread_problem, make_problem
+from selfheal.diagnosis.estimation.settings import FIT
+from tests.support.problems import (
+    NOISE,
+    MeasuredStatesProblem,
+    as_type,
+    make_misread_problem,
+    make_problem,
+)
 from tests.support.recorded_robots import bench
 
 
@@ -60,9 +67,8 @@ def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
     noise = NOISE * rng.normal(size=told.shape)
     problem = replace(plain, segments=replace(plain.segments, readings=told + noise))
     sought = marginalize_initial_states(problem, (), values)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("selfheal.diagnosis.estimation.marginalization.SOUGHT", 0)
-        linear = marginalize_initial_states(problem, (), values)
+    still = as_type(problem, MeasuredStatesProblem)
+    linear = marginalize_initial_states(still, (), values)
     cost = [float((p.residuals_at((), values) ** 2).sum()) for p in (linear, sought)]
     readings = np.isfinite(problem.segments.readings).sum()
     assert cost[1] < 2 * readings < 0.5 * cost[0]
@@ -81,7 +87,7 @@ def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
     problem = make_misread_problem(b, term, values, speeds)
     cost = []
     for odd in (np.inf, 4.0):
-        monkeypatch.setattr("selfheal.diagnosis.estimation.marginalization.ODD", odd)
+        monkeypatch.setattr(marginalization, "FIT", replace(FIT, outlier_ratio=odd))
         white = marginalize_initial_states(problem, (term,), values)
         cost.append(white.sum_by_segment(white.residuals_at((term,), values) ** 2))
     lost = cost[0] > 3 * np.median(cost[0])

@@ -16,6 +16,7 @@ from selfheal.diagnosis.estimation.nonsmooth import (
     search_multiples,
 )
 from selfheal.diagnosis.estimation.regime import SMOOTH
+from selfheal.diagnosis.estimation.settings import FIT
 from tests.support.problems import list_nominal_terms, make_problem, with_contact
 from tests.support.recorded_robots import bench
 
@@ -79,7 +80,7 @@ def test_stated_values_follow_an_effect_that_moves(arm):
 def test_what_touches_is_fitted_further_by_means_over_its_roughness(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(nonsmooth, "ROUNDS", 2)
+    monkeypatch.setattr(nonsmooth, "FIT", replace(FIT, smoothed_iterations=2))
     b = bench("box", tmp_path, episodes=4, seconds=0.6)
     stated, (slip, *_) = (
         list_nominal_terms(b),

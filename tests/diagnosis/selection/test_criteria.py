@@ -8,11 +8,8 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.base import restates_nominal_value
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit
-from selfheal.diagnosis.estimation.least_squares import (
-    Fit,
-    fit_parameters,
-    stack_bounds,
-)
+from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.quadratic_model import stack_bounds
 from selfheal.diagnosis.selection.criteria import (
     _choose_likeliest,
     choose_winner,

@@ -7,7 +7,7 @@ import numpy as np
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
-from selfheal.diagnosis.estimation.problem import FAR
+from selfheal.diagnosis.estimation.settings import FIT
 from selfheal.diagnosis.selection.screening import (
     find_overlooked_segments,
     screen_candidates,
@@ -22,7 +22,7 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
     problem = make_problem(pendulum, (dry,), (0.05,))
     with np.errstate(all="ignore"):
         r = problem.compute_residuals((boom,), np.array([[25.0]]))
-        assert np.abs(r).max() == FAR
+        assert np.abs(r).max() == FIT.max_residual
         base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
         tried = fit_candidate(base, boom)
         assert np.isfinite(tried.cost) and np.isfinite(tried.jacobian).all()
