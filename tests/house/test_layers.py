@@ -29,7 +29,7 @@ def _name(path: Path) -> str:
     return ".".join(parts if parts[0] == "selfheal" else ("selfheal", *parts))
 
 
-def _imports(path: Path) -> set[str]:
+def _imports(path: Path, prefix: str = "selfheal.") -> set[str]:
     """Full names that a file imports, relative ones resolved, wherever they stand."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -39,7 +39,7 @@ def _imports(path: Path) -> set[str]:
             base = _name(path).split(".")[: -node.level] if node.level else []
             start = ".".join([*base, *filter(None, [node.module])])
             found |= {f"{start}.{alias.name}" for alias in node.names}
-    return {name for name in found if name.startswith("selfheal.")}
+    return {name for name in found if name.startswith(prefix)}
 
 
 def _id(path: Path) -> str:
@@ -96,6 +96,17 @@ def test_the_self_model_never_sees_the_hidden_truth():
         if name.startswith("selfheal.robot.simulated")
     ]
     assert not leaks
+
+
+def test_a_test_imports_of_other_tests_only_what_they_share():
+    """What several tests need stands in tests/support."""
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    found = {_id(path): _imports(path, "tests.") for path in files}
+    others = {
+        path: {name for name in names if not name.startswith("tests.support.")}
+        for path, names in found.items()
+    }
+    assert not {path: names for path, names in others.items() if names}
 
 
 def test_the_check_sees_relative_and_absolute_imports(tmp_path, monkeypatch):

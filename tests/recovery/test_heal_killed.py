@@ -12,7 +12,7 @@ from tests.support.short_heal import identified
 # a small catalogue and no moving picture
 BEFORE = """
 import numpy as np
-from tests.support.patches import replace_attribute
+from tests.support.killed_process import replace_attribute
 from tests.support.short_heal import shorten
 from selfheal.recovery import hypotheses
 from selfheal.report import heal as page

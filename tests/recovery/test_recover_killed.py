@@ -10,7 +10,7 @@ from tests.support.killed_process import selfheal, told
 
 # two scenarios, two generations, one trial
 BEFORE = """
-from tests.support.patches import replace_attribute
+from tests.support.killed_process import replace_attribute
 from tests.support.short_recover import shorten
 from selfheal.recovery.recover_run import RecoverSettings
 from selfheal.robot import scenarios

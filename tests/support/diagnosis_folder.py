@@ -1,9 +1,15 @@
-"""Folders of a diagnosis."""
+"""Folders of a diagnosis, and the score of a model on a recording."""
 
 import json
 from pathlib import Path
 
+import numpy as np
+
+from selfheal.diagnosis.simulation import score
+from selfheal.diagnosis.simulation.build import build_simulator
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.mjcf.edit import apply_edits
+from selfheal.recording import Recording
 
 
 def write_empty_diagnosis(folder: Path, model: Path) -> Path:
@@ -24,3 +30,16 @@ def write_finding(out: Path, **finding: object) -> None:
              "parameters": [{"name": "frictionloss", "value": 0.1}]}  # fmt: skip
     document["findings"] = [{**found, **finding}]
     path.write_text(json.dumps(document))
+
+
+def score_model(
+    model: Path, recording: Recording
+) -> tuple[float, np.ndarray, tuple[str, ...]]:
+    """The score, the errors (C) of all channels in it, and their names."""
+    simulator = build_simulator(ModelCompiler(str(model)), [recording])
+    segments = score.cut_replay_segments(simulator)
+    squares = score.sum_squared_errors(simulator, segments, (), np.zeros(0))
+    count = score.count_readings(simulator, segments)
+    names = tuple(c.name for c in simulator.channels)
+    errors = score.normalize_errors(simulator, squares, count)
+    return score.compute_score(simulator, squares, count), errors, names

@@ -14,6 +14,13 @@ from selfheal.recovery import phased_run
 from tests.support.paths import ROOT
 
 
+def replace_attribute(module: object, name: str, value: object) -> None:
+    """Set an attribute that is there; one that is not is a mistake of the test."""
+    if not hasattr(module, name):
+        raise AttributeError(f"{module!r} has no {name!r}")
+    setattr(module, name, value)
+
+
 def main(moment: str, words: list[str]) -> None:
     """Run `selfheal`, killed when a phase has been saved or while it is.
 
@@ -25,7 +32,7 @@ def main(moment: str, words: list[str]) -> None:
     when, _, phase = moment.partition(" ")
     save = phased_run.save_phased_run
 
-    def die(*args):
+    def die(*args: object) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     def killed(run, path):

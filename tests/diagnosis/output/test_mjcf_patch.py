@@ -3,12 +3,10 @@
 import re
 from types import SimpleNamespace
 
-import mujoco
 import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.inertia import spatial_inertia
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.output import build_result
@@ -16,6 +14,7 @@ from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.mjcf.edit import Set
+from tests.support.patched_models import check_same_robot, compile_patch
 from tests.support.recorded_robots import ARM, ROBOTS, bench, record
 
 RADIAN = '<compiler angle="radian"/>'
@@ -159,13 +158,6 @@ EFFECTS = (
     "coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload",
     "link_length", "torque_saturation",
 )  # fmt: skip
-FIELDS = (
-    "body_pos", "body_quat", "body_mass", "body_ipos", "jnt_range", "qpos_spring",
-    "jnt_stiffness", "dof_damping", "dof_frictionloss", "dof_armature", "geom_pos",
-    "geom_size", "site_pos", "actuator_dyntype", "actuator_gaintype",
-    "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_actrange",
-    "actuator_forcerange",
-)  # fmt: skip
 
 
 @pytest.fixture
@@ -185,24 +177,6 @@ def written(tmp_path):
     return write
 
 
-def patched_model(case, terms, values, tmp_path):
-    """The compiled patch, beside the model."""
-    found = Fit(tuple(terms), values, np.zeros(0), np.zeros((0, 0)))
-    text, *_ = build_patch(case, found)
-    (tmp_path / "patched.xml").write_text(text)
-    return mujoco.MjModel.from_xml_path(str(tmp_path / "patched.xml"))
-
-
-def check_same(new, meant) -> None:
-    """Whether two models are one, to the digits of a text."""
-    for field in FIELDS:
-        both = [getattr(m, field) for m in (new, meant)]
-        np.testing.assert_allclose(*both, atol=1e-6, err_msg=field)
-    for body in range(1, new.nbody):
-        both = [spatial_inertia(m, body) for m in (new, meant)]
-        np.testing.assert_allclose(*both, rtol=1e-5, atol=1e-9)
-
-
 @pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
 @pytest.mark.parametrize("way", WAYS)
 def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
@@ -214,8 +188,8 @@ def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
             start = np.array(term.initial_values[0]) + 0.3 * term.scale
             factors = 1 + 0.02 * rng.uniform(-1, 1, len(stated))
             terms, values = (*stated, term), np.concatenate([factors, start])
-            new = patched_model(case, terms, values, tmp_path)
-            check_same(
+            new = compile_patch(case, terms, values, tmp_path)
+            check_same_robot(
                 new, case.compiler.compile_variant(terms).build_model(terms, values)
             )
 
@@ -231,8 +205,10 @@ def test_what_a_ball_joint_states_is_in_the_text(tmp_path):
     fields = [t.targets[0].partition("/")[2] for t in terms]
     assert fields == ["damping", "stiffness"]
     values = np.array([1.2, 0.8])
-    new = patched_model(case, terms, values, tmp_path)
-    check_same(new, case.compiler.compile_variant(terms).build_model(terms, values))
+    new = compile_patch(case, terms, values, tmp_path)
+    check_same_robot(
+        new, case.compiler.compile_variant(terms).build_model(terms, values)
+    )
     np.testing.assert_allclose(new.dof_damping, 1.2 * b.robot.model.dof_damping)
 
 
@@ -241,7 +217,7 @@ def test_play_is_as_wide_in_the_text(way, written, tmp_path):
     case = written(way)
     for term in find_effect("backlash").propose_terms(case.robot):
         values = np.array(term.initial_values[0])
-        new = patched_model(case, (term,), values, tmp_path)
+        new = compile_patch(case, (term,), values, tmp_path)
         joint = new.joint(term.targets[0].partition(":")[2] + "_play")
         assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
 

@@ -23,7 +23,7 @@ from selfheal.recording import (
     read_names,
     write,
 )
-from tests.diagnosis.output.test_mjcf_patch import check_same, patched_model
+from tests.support.patched_models import check_same_robot, compile_patch
 from tests.support.recorded_robots import NO_COMMAND, Robot, record
 
 URDF = """<?xml version="1.0"?>
@@ -152,8 +152,10 @@ def test_the_text_says_what_the_diagnosis_means(tmp_path):
     )
     terms = build_nominal_terms(case.robot)
     values = np.linspace(0.98, 1.02, len(terms))
-    new = patched_model(case, terms, values, tmp_path)
-    check_same(new, world.compiler.compile_variant(terms).build_model(terms, values))
+    new = compile_patch(case, terms, values, tmp_path)
+    check_same_robot(
+        new, world.compiler.compile_variant(terms).build_model(terms, values)
+    )
 
 
 def test_commands_to_a_urdf_are_refused_with_what_would_help(recording, tmp_path):

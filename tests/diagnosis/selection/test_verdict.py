@@ -20,9 +20,9 @@ from selfheal.diagnosis.selection.verdict import (
     removes_too_little,
 )
 from selfheal.diagnosis.simulation import score
+from tests.support.diagnosis_folder import score_model
 from tests.support.problems import NOISE, STEPS
 from tests.support.recorded_robots import bench
-from tests.support.scores import score_model
 
 
 @pytest.mark.parametrize("dry", [0.0, 0.1])

@@ -8,10 +8,9 @@ import pytest
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation import score
 from selfheal.recording import read
-from tests.support.diagnosis_folder import write_empty_diagnosis
+from tests.support.diagnosis_folder import score_model, write_empty_diagnosis
 from tests.support.problems import Explosion
 from tests.support.recorded_robots import ROBOTS, bench, record
-from tests.support.scores import score_model
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 
