@@ -11,7 +11,6 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.problem import Problem
-from selfheal.diagnosis.selection import verdict
 from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.hypotheses import Hypothesis
 from selfheal.diagnosis.selection.verdict import (
@@ -25,49 +24,65 @@ from tests.support.problems import NOISE, STEPS
 from tests.support.recorded_robots import bench
 
 
+def _make_hypothesis(b, value: float | None = None) -> Hypothesis:
+    """Dry friction of the last joint beside the model: fitted, or of this value."""
+    segments = cut_segments(b.simulator.episodes, STEPS)
+    sigma = np.full(segments.readings.shape[1], 5 * NOISE)
+    problem = marginalize_initial_states(
+        Problem(b.simulator, segments, sigma), (), np.zeros(0)
+    )
+    term = find_effect("coulomb_friction").propose_terms(b.robot)[-1]
+    nominal = fit_parameters(problem, (), np.zeros(0))
+    if value is None:
+        final = fit_parameters(problem, (term,), np.array([0.05]))
+    else:
+        final = fit_parameters(problem, (term,), np.array([value]), rounds=0)
+    scored = (ScoredFit.from_fit(problem, fit) for fit in (nominal, final))
+    return Hypothesis(problem, *scored, (), ())
+
+
+def _bench_with_friction(robot: str, folder, dry: float):
+    def change(model):
+        model.dof_frictionloss[-1] = dry
+
+    return bench(robot, folder, episodes=3, seconds=1.2, seed=2, change=change)
+
+
 @pytest.mark.parametrize("dry", [0.0, 0.1])
 def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
     dry, tmp_path
 ):
-    def change(model):
-        model.dof_frictionloss[1] = dry
-
-    b = bench("arm", tmp_path, episodes=3, seconds=1.2, seed=2, change=change)
-    pieces = cut_segments(b.simulator.episodes, STEPS)
-    sigma = np.full(pieces.readings.shape[1], 5 * NOISE)
-    problem = marginalize_initial_states(
-        Problem(b.simulator, pieces, sigma), (), np.zeros(0)
-    )
-    term = find_effect("coulomb_friction").propose_terms(b.robot)[1]
-    ends = (
-        fit_parameters(problem, (), np.zeros(0)),
-        fit_parameters(problem, (term,), np.array([0.05])),
-    )
-    stated, final = (ScoredFit.from_fit(problem, found) for found in ends)
-    naming = Hypothesis(problem, stated, final, (), ())
+    b = _bench_with_friction("arm", tmp_path, dry)
+    naming = _make_hypothesis(b)
 
     def little(patched: float) -> bool:
         numbers = {"refit": 0.2, "patched": patched, "floor": 0.1}
-        proof = SimpleNamespace(numbers=numbers, segments=pieces)
+        proof = SimpleNamespace(numbers=numbers, segments=naming.problem.segments)
         return removes_too_little(SimpleNamespace(held_out=b.simulator), naming, proof)
 
     assert not little(0.1)
     assert little(0.2) == (dry == 0.0)
 
 
+@pytest.fixture(scope="module")
+def dry_pendulum(tmp_path_factory):
+    """A pendulum with dry friction of 0.05 N m."""
+    return _bench_with_friction("pendulum", tmp_path_factory.mktemp("dry"), 0.05)
+
+
 @pytest.mark.parametrize(
-    "share, patched, worse",
-    [(0.5, 0.2, False), (0.5, 0.3, True), (0.95, 0.3, False), (0.95, np.inf, True),
-     (0.95, np.nan, True), (0.95, 0.7, True)],
+    "value, patched, worse",
+    [(0.025, 0.2, False), (0.025, 0.3, True), (0.05, 0.3, False),
+     (0.05, np.inf, True), (0.05, np.nan, True), (0.05, 0.7, True)],
 )  # fmt: skip
 def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
-    share, patched, worse, monkeypatch
+    value, patched, worse, dry_pendulum
 ):
-    monkeypatch.setattr(
-        verdict, "_share_removed_in_segments", lambda case, naming: share
-    )
+    """Half of the friction explains about half of the error, all of it nearly all."""
+    naming = _make_hypothesis(dry_pendulum, value)
     proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
-    assert makes_replay_worse(None, None, proof) is worse
+    case = SimpleNamespace(held_out=dry_pendulum.simulator)
+    assert makes_replay_worse(case, naming, proof) is worse
 
 
 def test_a_replay_that_diverges_stands_beside_no_other_that_does():
