@@ -112,20 +112,43 @@ class Killed(BaseException):
     """As Ctrl-C is."""
 
 
-@pytest.mark.parametrize("last", [4, 9])
-def test_a_killed_diagnosis_goes_on_to_the_same_end(tmp_path, monkeypatch, last):
-    names = ("coulomb_friction", "command_delay", "sensor_bias")
-    small = {name: load_catalogue()[name] for name in names}
-    monkeypatch.setattr(module, "load_catalogue", lambda: small)
-    model, memory = tmp_path / "model.xml", tmp_path / "memory"
+@pytest.fixture(scope="module")
+def dry_pendulum(tmp_path_factory):
+    """The model of a pendulum, and a recording of one with dry friction."""
+    model = tmp_path_factory.mktemp("pendulum") / "model.xml"
     model.write_text(ROBOTS["pendulum"].xml)
 
-    def dry(model) -> None:
+    def change(model) -> None:
         model.dof_frictionloss[:] = 0.1
 
     recording = record(
-        ROBOTS["pendulum"], episodes=4, seconds=1.5, noise=4e-3, seed=3, change=dry
+        ROBOTS["pendulum"], episodes=4, seconds=1.5, noise=4e-3, seed=3, change=change
     )
+    return model, recording
+
+
+@pytest.fixture(scope="module")
+def few():
+    """A catalogue of three."""
+    names = ("coulomb_friction", "command_delay", "sensor_bias")
+    small = {name: load_catalogue()[name] for name in names}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "load_catalogue", lambda: small)
+        yield
+
+
+@pytest.fixture(scope="module")
+def whole(few, dry_pendulum):
+    """The diagnosis that nobody killed."""
+    model, recording = dry_pendulum
+    return diagnose(model, [recording])
+
+
+@pytest.mark.parametrize("last", [4, 9])
+def test_a_killed_diagnosis_goes_on_to_the_same_end(
+    last, whole, dry_pendulum, tmp_path
+):
+    (model, recording), memory = dry_pendulum, tmp_path / "memory"
     calls = 0
 
     def kill(what, share):
@@ -139,7 +162,6 @@ def test_a_killed_diagnosis_goes_on_to_the_same_end(tmp_path, monkeypatch, last)
     kept = set(memory.iterdir())
     assert kept
     again = diagnose(model, [recording], memory=memory)
-    whole = diagnose(model, [recording])
     assert set(memory.iterdir()) > kept
     assert format_document(again.document) == format_document(whole.document)
     assert again.patched == whole.patched
