@@ -9,16 +9,22 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.writer import Section, make_parser, publish_results
+from selfheal.body.damage import parse_damages
 from selfheal.diagnosis.estimation.covariance import _correlation_time
 from selfheal.diagnosis.output.localization import _correct_holm
 from selfheal.diagnosis.simulation.checkpoint import Checkpoint
+from selfheal.engine.plant import apply_damages, build_rated_plant
 from selfheal.engine.walk import rotate_into_frame
+from selfheal.gait import synthesis
 from selfheal.gait.cma_es import ask, start_search, tell
+from selfheal.gait.synthesis import synthesize_gait
 from selfheal.report.page import make_table
+from selfheal.robot.actions import load_published_body
 
 REPEATS = 7  # of each call, of which the median counts
 DIMENSIONS, CHILDREN, SEEDS = 20, 14, 15  # of the searches; children as heal has them
@@ -207,10 +213,56 @@ def search_with_cmaes(function: Callable[[np.ndarray], np.ndarray], seed: int) -
     return MOST
 
 
+class _CmaesState:
+    """The package cmaes behind the functions of `gait.cma_es`."""
+
+    def __init__(self, mean: np.ndarray, sigma: float) -> None:
+        from cmaes import CMA
+
+        self.search = CMA(mean=np.array(mean), sigma=sigma, population_size=CHILDREN)
+        self.mean, self.generation = mean, 0
+
+    def ask(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """(count, D) points; `CMA.reseed_rng` takes no seed."""
+        self.search._rng = np.random.RandomState(int(rng.integers(2**31)))
+        return np.stack([self.search.ask() for _ in range(count)])
+
+    def tell(self, points: np.ndarray, scores: np.ndarray) -> "_CmaesState":
+        """The same search, a generation later; what is not finite is worst."""
+        values = -np.where(np.isfinite(scores), scores, -1e9)
+        self.search.tell(list(zip(points, values.tolist(), strict=True)))
+        self.mean, self.generation = self.search.mean, self.search.generation
+        return self
+
+
+def compare_gaits(seeds: int) -> list[tuple[str, str, str]]:
+    """Distances of gaits made with either search, for a whole and two broken robots."""
+    body = load_published_body()
+    rows = []
+    for words in ("", "right_lower:0.3", "loss:left_lower"):
+        damages = parse_damages(words, body.anatomy) if words else ()
+        plant = apply_damages(build_rated_plant(body), *damages)
+        own = [synthesize_gait([plant], seed=k).predicted for k in range(seeds)]
+        with patch.multiple(
+            synthesis,
+            start_search=_CmaesState,
+            ask=lambda state, count, rng: state.ask(count, rng),
+            tell=lambda state, points, scores: state.tell(points, scores),
+        ):
+            other = [synthesize_gait([plant], seed=k).predicted for k in range(seeds)]
+        means = [f"{np.mean(x):.2f} +- {np.std(x):.2f}" for x in (own, other)]
+        rows.append((words or "whole", means[0], means[1]))
+    return rows
+
+
 def main() -> None:
     """Compare, and publish the page."""
-    root = make_parser(__doc__ or "").parse_args().root
-    rows, data = [], {}
+    line = make_parser(__doc__ or "")
+    line.add_argument("--gaits", type=int, default=0, help="seeds of gaits, 5 min each")
+    given = line.parse_args()
+    root = given.root
+    rows: list[tuple[str, ...]] = []
+    data: dict[str, Any] = {}
     for name, compare in COMPARISONS.items():
         own, library, note = compare(np.random.default_rng(0))
         first, second = time_alternately(own, library)
@@ -242,6 +294,17 @@ def main() -> None:
             searches,
         ),
     ]
+    if given.gaits:
+        gaits = compare_gaits(given.gaits)
+        data["gaits"] = gaits
+        sections.append(
+            Section(
+                "CMA-ES: cmaes, in the search for gaits",
+                f"Distance in 10 s that the model predicts [m], {given.gaits} seeds.",
+                ("robot", "own", "cmaes"),
+                gaits,
+            )
+        )
     publish_results(root, "libraries", "Own code beside libraries", sections, data)
 
 

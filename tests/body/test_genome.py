@@ -207,9 +207,15 @@ def test_a_part_that_points_home_has_its_center_in_the_torso():
     assert bodies_of.count_centers_in_torso(folded).tolist() == [1]
 
 
-@pytest.mark.parametrize("name", ["center_distance", "tip_distance", "length_error"])
-def test_a_distance_is_zero_at_home_and_the_same_both_ways(name):
-    distance = getattr(bodies_of, name)
+@pytest.mark.parametrize(
+    "distance",
+    [
+        bodies_of.measure_center_distance,
+        bodies_of.measure_tip_distance,
+        bodies_of.measure_length_error,
+    ],
+)
+def test_a_distance_is_zero_at_home_and_the_same_both_ways(distance):
     one, other = _bodies(20), _bodies(40)[20:]
     other = replace(other, length=other.length * 1.1)
     np.testing.assert_array_equal(distance(one, one), np.zeros(20))
@@ -261,10 +267,16 @@ def test_a_scale_of_one_changes_nothing():
         np.testing.assert_array_equal(getattr(same, f.name), getattr(bodies, f.name))
 
 
-@pytest.mark.parametrize("room", [genomes_of, bodies_of])
-def test_a_batch_in_two_pieces_is_the_batch(room):
-    batch = _genomes(7) if room is genomes_of else _bodies(7)
-    again = room.concatenate(batch[:3], batch[np.arange(3, 7)])
+@pytest.mark.parametrize(
+    "make, join",
+    [
+        (_genomes, genomes_of.concatenate_genomes),
+        (_bodies, bodies_of.concatenate_bodies),
+    ],
+)
+def test_a_batch_in_two_pieces_is_the_batch(make, join):
+    batch = make(7)
+    again = join(batch[:3], batch[np.arange(3, 7)])
     assert len(again) == 7 and len(batch[np.arange(7) % 2 == 0]) == 4
     for f in fields(batch):
         if f.name != "anatomy":
