@@ -117,9 +117,9 @@ def marginalize_initial_states(
     Each initial state has a normal prior: what was read, with its standard deviation.
     After an impact, and where dry friction decides whether a joint sticks, the response
     is not linear. There the states are first moved to where they are likeliest with
-    these values, as in multiple shooting (Bock 1983), and linearized anew. Outliers,
-    and states that came to lie far from what was read, are searched from other states
-    again.
+    these values, as in multiple shooting (Bock and Plitt 1984), and linearized anew.
+    Outliers, and states that came to lie far from what was read, are searched from
+    other states again.
 
     Args:
         problem: marginalized or not.

@@ -1,7 +1,7 @@
 """Noise of the readings: takes residuals, gives a noise model and what it would leave.
 
 Noise is autoregressive of first order, AR(1): e[t] = a e[t-1] + w[t] with white w
-(Ljung 1999, section 4.2).
+(Box and Jenkins 1970).
 """
 
 from dataclasses import replace

@@ -246,7 +246,7 @@ class FitSettings:
 
     student_degrees_of_freedom: float = 4.0
     """Degrees of freedom of Student's t distribution of single readings' errors (Lange,
-    Little, Taylor 1989)."""
+    Little and Taylor 1989)."""
 
     unexplained_ratio: float = 2.0
     """Root mean square residual over noise, above which something is unexplained.
