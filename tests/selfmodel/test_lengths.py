@@ -71,7 +71,7 @@ def test_feet_alone_tell_lengths_without_slopes(known, rng):
     assert ((found.length >= low) & (found.length <= high)).all()
 
 
-def test_what_is_stated_of_a_length_holds_the_belief_that_it_states(rng):
+def test_a_stated_interval_of_a_length_holds_its_stated_probability(rng):
     anatomy = load_published_body().anatomy
     every = np.ones((105, 8))
     for k in range(104):

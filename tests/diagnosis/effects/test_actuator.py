@@ -35,8 +35,8 @@ def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
     kp = b.robot.model.actuator_gainprm[0, 0]
 
     def sag(term, most):
-        told = b.simulator.simulate((term,), np.array([[kp, most]]), b.segments)[0]
-        return np.abs(told - pose).max()
+        predicted = b.simulator.simulate((term,), np.array([[kp, most]]), b.segments)[0]
+        return np.abs(predicted - pose).max()
 
     assert sag(settled, 10.0) < 1e-3 < 20e-3 < sag(fresh, 10.0)
     assert sag(settled, 1e-3) == pytest.approx(sag(fresh, 1e-3), rel=0.1)

@@ -55,8 +55,8 @@ def test_a_joint_with_play_may_bend_too(benches, tmp_path):
     """What lies between has some inertia: MuJoCo warns where it has none."""
     b = benches["arm"]
     own = [find_elbow_term(b, n, measured="motor") for n in ("compliance", "backlash")]
-    plant = b.simulator.compiler.compile_variant(own)
-    assert (plant.model.dof_armature > 0).sum() == plant.model.nv - 1
+    variant = b.simulator.compiler.compile_variant(own)
+    assert (variant.model.dof_armature > 0).sum() == variant.model.nv - 1
     check_replay(b, own, tmp_path / "both", 3e-5)
 
 

@@ -57,9 +57,10 @@ def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
     assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
     document = make_document(stated, factors, own, present) | {"unpatched": unpatched}
     write_diagnosis(tmp_path / "out", same, document)
-    told = b.simulator.simulate(terms, values[None], b.segments)[0]
+    predicted = b.simulator.simulate(terms, values[None], b.segments)[0]
     assert (
-        compare_replay(b, replay_recording(tmp_path / "out", b.recording), told) < 3e-6
+        compare_replay(b, replay_recording(tmp_path / "out", b.recording), predicted)
+        < 3e-6
     )
 
 
@@ -71,9 +72,10 @@ def test_a_delay_is_replayed_as_it_was_found(share, stated, tmp_path):
     b = make_pendulum(tmp_path, **{servo: f"{servo}{stated} "})
     (term,) = find_effect("command_delay").propose_terms(b.robot)
     values = np.array([share * b.simulator.timestep])
-    told = b.simulator.simulate((term,), values[None], b.segments)[0]
+    predicted = b.simulator.simulate((term,), values[None], b.segments)[0]
     document = make_document((), (), [term], [values])
     write_diagnosis(tmp_path / "out", write_patch_text(b, (term,), values), document)
     assert (
-        compare_replay(b, replay_recording(tmp_path / "out", b.recording), told) < 3e-6
+        compare_replay(b, replay_recording(tmp_path / "out", b.recording), predicted)
+        < 3e-6
     )
