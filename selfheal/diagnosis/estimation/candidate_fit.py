@@ -292,7 +292,7 @@ def _find_start(candidate: _CandidateProblem) -> tuple[Trial, bool]:
         candidate.minimize_others(x, r) for x, r in zip(points, residuals, strict=True)
     ]
     best_trial = trials[int(np.argmin([t.cost for t in trials]))]
-    return best_trial, bool(clipped.min() > FIT.max_diverged_share)
+    return best_trial, bool(clipped.min() > FIT.max_clipped_share)
 
 
 def _find_best_sinusoid(

@@ -234,7 +234,13 @@ def _run_gauss_newton(
     iterations: int,
     jacobian: Floats | None,
 ) -> Arrays:
-    """Values, residuals and Jacobian of a fit; arguments as of `fit_parameters`."""
+    """Values, residuals and Jacobian of a fit; arguments as of `fit_parameters`.
+
+    Each iteration proposes damped steps from the linearization and simulates them. The
+    best one is accepted and linearized. If none lowers the cost the Jacobian is
+    differenced once more, where it was only updated or given. The iterations stop where
+    they save little, or no step saves anything.
+    """
     low, high, _ = stack_bounds(terms)
     x = np.clip(np.asarray(start, float), low, high)
     r = problem.residuals_at(terms, x)
@@ -245,11 +251,11 @@ def _run_gauss_newton(
     for _ in range(iterations if len(x) else 0):
         cost = penalized_cost(terms, now.values, now.residuals)
         trial = _search_step(problem, terms, now, cost)
-        if trial is None and now.is_stale:
+        if trial is None:
+            if not now.is_stale:
+                break
             now = _linearize(problem, terms, now.values, now.residuals)
             continue
-        if trial is None:
-            break
         gain = cost - trial.cost
         now = _accept(problem, terms, now, trial, gain < FIT.broyden_gain * cost)
         if gain < FIT.min_iteration_gain * cost:
@@ -260,7 +266,14 @@ def _run_gauss_newton(
 def _linearize(
     problem: Problem, terms: Sequence[Term], values: Floats, residuals: Floats
 ) -> _Iterate:
-    """The iterate at values (P) and residuals (R) with a Jacobian of differences."""
+    """The iterate with a Jacobian of differences.
+
+    Args:
+        problem: of the residuals.
+        terms: P parameters in all.
+        values: (P) [units of the parameters].
+        residuals: (R) at the values [standard deviations].
+    """
     jacobian = compute_jacobian(problem, terms, values, residuals)
     return _Iterate(values, residuals, jacobian, is_stale=False)
 
@@ -268,7 +281,14 @@ def _linearize(
 def _search_step(
     problem: Problem, terms: Sequence[Term], now: _Iterate, cost: float
 ) -> Trial | None:
-    """The best step from an iterate of some cost; None: no step lowers the cost."""
+    """The best of the damped steps from an iterate; None: no step lowers the cost.
+
+    Args:
+        problem: of the residuals.
+        terms: P parameters in all.
+        now: the iterate.
+        cost: there, with the prior [1].
+    """
     model = QuadraticModel.linearize(terms, now.values, now.residuals, now.jacobian)
     prior = prior_precision(terms)
 

@@ -1,7 +1,7 @@
 """Marginalization: takes a problem, gives one that allows for errors of its states.
 
-With errors s of a segment's initial state in standard deviations, and their linear
-response S, the residuals are r + S s and the cost is |r + S s|^2 + |s|^2. Its minimum
+Let s be the errors of a segment's initial state in standard deviations, and S the
+linear response of the residuals r to them. The cost is |r + S s|^2 + |s|^2. Its minimum
 over s is the Schur complement of s in the normal equations,
 
     s* = -(I + S'S)^-1 S'r,
@@ -55,7 +55,17 @@ def is_horizon_informative(
 def _measure_state_response(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> float:
-    """Root mean square [signals' spreads] of what errors of the states cause."""
+    """Root mean square of what errors of the initial states cause.
+
+    Args:
+        problem: with the segments in question.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+
+    Returns:
+        All 2 nv errors together, each of one standard deviation [standard deviations of
+        the signals].
+    """
     offsets = build_initial_state_offsets(problem.simulator, problem.segments)
     predicted = problem.simulator.simulate(
         terms,
@@ -149,7 +159,13 @@ def marginalize_initial_states(
 def _eliminate_states(
     problem: Problem, states: _StateEstimates, std: Floats
 ) -> Problem:
-    """The problem with initial states as estimated and eliminated; `std` (W, 2 nv)."""
+    """The problem with initial states as estimated, and their errors eliminated.
+
+    Args:
+        problem: whose initial states are as read and certain.
+        states: estimates of them.
+        std: (W, 2 nv) their standard deviations [rad or m, and per s].
+    """
     bases = []
     for _, response in states.linearizations:
         u, z, _ = np.linalg.svd(response, full_matrices=False)
@@ -333,8 +349,12 @@ def _respond_to_offsets(
 def _solve_initial_state(residuals: Floats, response: Floats, offset: Floats) -> Floats:
     """The offset (2 nv) of lowest cost if the response is linear.
 
-    (I + S'S) s = S'(S offset - r), of residuals r (R_w) and response S (R_w, 2 nv) at
-    an offset (2 nv), all in standard deviations.
+    (I + S'S) s = S'(S offset - r), all in standard deviations.
+
+    Args:
+        residuals: (R_w) r at the offset.
+        response: (R_w, 2 nv) S of the residuals.
+        offset: (2 nv) of the initial state from what was read.
     """
     curvature = np.eye(len(offset)) + response.T @ response
     target = response.T @ (response @ offset - residuals)

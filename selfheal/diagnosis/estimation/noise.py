@@ -201,7 +201,10 @@ def _median_ratio(squares: Floats, expected: Floats) -> float:
 def _trimmed_ratio(squares: Floats, expected: Floats) -> float:
     """Sum of squares over that of expected ones (W), without the worst segments."""
     size = len(squares)
-    outliers = min(-(-size // FIT.segments_per_outlier), (size - 1) // 3)
+    outliers = min(
+        -(-size // FIT.segments_per_outlier),
+        (size - 1) // FIT.min_segments_per_outlier,
+    )
     kept = np.argsort(squares - expected)[: size - outliers]
     return float(squares[kept].sum() / max(expected[kept].sum(), FIT.tiny))
 

@@ -61,8 +61,9 @@ def search_along_valleys(problem: Problem, fit: Fit) -> Floats:
     terms, values = fit.terms, fit.values
     base = LinearizedFit.from_fit(problem, fit)
     effects = np.flatnonzero(base.prior == 0)
-    columns = 2 * problem.simulator.compiler.nominal.nv + 3  # to estimate states, about
-    effort = _simulation_effort(problem) * columns
+    # to linearize initial states: as they are, 2 nv offsets, an antithetic pair
+    simulations = 2 * problem.simulator.compiler.nominal.nv + 3
+    effort = _simulation_effort(problem) * simulations
     if effort * (1 + len(FIT.near_multiples)) * len(effects) > FIT.smoothed_effort:
         return values
     for i in effects:

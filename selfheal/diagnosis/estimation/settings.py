@@ -116,7 +116,7 @@ class FitSettings:
     """Share of the cost that an iteration must save for another one. Chosen: a tenth of
     what a name must remove where nothing touches."""
 
-    max_diverged_share: float = 0.5
+    max_clipped_share: float = 0.5
     """Share of clipped residuals from which no search begins. Chosen: half of a
     simulation that diverged has no slope to follow."""
 
@@ -260,6 +260,10 @@ class FitSettings:
     segments_per_outlier: int = 10
     """Segments among which the worst one does not make a channel unexplained. Chosen: a
     channel that is wrong is so throughout."""
+
+    min_segments_per_outlier: int = 3
+    """Segments, but for one, among which that holds where they are few. Chosen: most of
+    them still count."""
 
     unscored_std_factor: float = 4.0
     """Times the standard deviation of residuals of channels that are not scored.
