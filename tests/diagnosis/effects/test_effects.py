@@ -138,7 +138,7 @@ def test_present_an_effect_changes_what_is_predicted(name, benches):
 
 
 @pytest.mark.parametrize(
-    ("name", "faint", "told"),
+    ("name", "negligible", "large"),
     [
         ("slope", (1.0, 0.3), (0.2, 0.3)),  # as steep as may be
         ("asymmetric_friction", (0.1, 0.101), (0.1, 0.2)),  # alike both ways
@@ -146,8 +146,8 @@ def test_present_an_effect_changes_what_is_predicted(name, benches):
     ],
 )
 def test_values_that_are_another_effect_or_none_are_negligible(
-    name, faint, predicted, benches
+    name, negligible, large, benches
 ):
     for term in find_effect(name).propose_terms(benches["arm"].robot):
-        assert term.is_negligible(np.array(faint))
-        assert not term.is_negligible(np.array(predicted))
+        assert term.is_negligible(np.array(negligible))
+        assert not term.is_negligible(np.array(large))
