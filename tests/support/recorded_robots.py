@@ -308,8 +308,8 @@ class Bench:
     Attributes:
         path: of the model.
         recording: of the robot as its model says, and noise.
-        world: of both.
-        scene: of the world.
+        simulator: of the model, for the recording.
+        robot: what is known of the robot from both.
     """
 
     path: Path
@@ -327,8 +327,8 @@ def bench(robot: Robot | str, folder: Path, **how) -> Bench:
     path = folder / "model.xml"
     path.write_text(robot.xml)
     recording = record(robot, **how)
-    world = build_simulator(ModelCompiler(str(path)), [recording])
-    return Bench(path, recording, world, summarize_robot(world))
+    simulator = build_simulator(ModelCompiler(str(path)), [recording])
+    return Bench(path, recording, simulator, summarize_robot(simulator))
 
 
 @cache
