@@ -287,7 +287,7 @@ def test_with_nothing_to_resume_it_says_so_and_begins(doctor, files, tmp_path):
 
 
 def test_a_name_to_hold_out_that_is_none_is_refused(files, tmp_path):
-    """By the diagnoser itself."""
+    """The diagnoser itself refuses the name."""
     given = ["--held-out", "omega", "--out", tmp_path / "out"]
     said = _refused(_run("diagnose", *files[:2], *given, "--json"))
     assert "omega" in said and "alpha" in said

@@ -61,7 +61,7 @@ def null(model):
 
 
 def _rounded(recording, step: float):
-    """The same, as an encoder of so coarse a step reads it."""
+    """The recording as an encoder of this step reads it."""
     episodes = {}
     for key, e in recording.episodes.items():
         coarse = {

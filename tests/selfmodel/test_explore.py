@@ -211,7 +211,7 @@ def searched():
 
 @pytest.fixture(scope="module")
 def found(searched):
-    """What is believed possible after the search."""
+    """The neighborhood and its rivals after the search."""
     evaluator, search, evidence = searched
     kin = Neighborhood(search.space, evaluator, search.twins)
     before = evaluator.spent, evaluator.spent_choosing

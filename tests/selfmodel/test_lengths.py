@@ -36,7 +36,7 @@ def test_estimation_of_lengths_counts_what_it_simulates(known, rng):
 
 @pytest.mark.parametrize("sensors", [("tilt",), ("clearance", "touch")])
 def test_our_lengths_of_robots_whose_zeros_are_off(sensors, known):
-    """Of most: a robot of which few poses tell little is off by a centimeter."""
+    """Most robots; one whose few poses show little is off by a centimeter."""
     truth, stages, gaps = load_published_body(), (7, 7), []
     for seed in range(5):
         rng = np.random.default_rng(seed)

@@ -111,7 +111,7 @@ def test_autocorrelated_noise_scales_the_errors_of_a_parabola(memory, m):
 
 @pytest.mark.parametrize("gap", [1e-9, 1e-7, 1e-5])
 def test_a_local_parabola_uses_a_bounded_number_of_neighbors(gap):
-    """Of a clock in days, and of samples that come in bursts."""
+    """Clocks may count days, and samples may come in bursts."""
     even = np.arange(1000.0)
     assert choose_half_width(gap * even) == (pytest.approx(gap), MAX_HALF_WIDTH)
     bursts = 0.1 * (even // 10) + gap * (even % 10)

@@ -6,7 +6,7 @@ from tests.support.recorded_robots import bench
 
 
 def test_what_neither_weighs_nor_is_driven_is_loaded_as_it_moves(tmp_path):
-    """Else no effect could be as large there as what is hidden."""
+    """The scale of torques bounds how large an effect may be there."""
     for joint in bench("gimbal", tmp_path, episodes=1, seconds=1.0).robot.joints:
         assert joint.speed > 1 and joint.torque > joint.inertia * joint.speed
 

@@ -69,7 +69,7 @@ def test_a_state_is_read_as_well_as_it_says(tmp_path):
 def test_segments_begin_where_the_state_is_read_though_readings_are_missing(
     tmp_path, seed
 ):
-    """Never at a made-up rest that passes for exact."""
+    """No initial state is a made-up rest that passes for exact."""
     exact = record(ROBOTS["arm"], episodes=1, seconds=6.0, noise=0.0)
     b = bench("arm", tmp_path, episodes=1, seconds=6.0, states=False)
     rng = np.random.default_rng(seed)

@@ -25,7 +25,7 @@ def test_a_torque_of_less_than_a_period_is_negligible_cogging(arm):
 
 
 def test_a_spring_whose_reference_is_far_away_is_rarer(pendulum):
-    """It is a constant torque, that much else explains."""
+    """Such a spring is a constant torque, which other effects explain as well."""
     (term,) = find_effect("joint_spring").propose_terms(pendulum.robot)
     middle, reach = (
         pendulum.robot.joints[0].range_center,

@@ -48,7 +48,7 @@ def test_intervals_hold_the_truth_where_only_the_prior_fixes_the_scale(pendulum)
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-5])
 def test_many_readings_make_no_nominal_value_less_certain(noise, pendulum):
-    """They tell masses, gains and frictions up to one factor: belief tells that."""
+    """Masses, gains and frictions are known up to one factor, which the prior fixes."""
     stated = list_nominal_terms(pendulum)
     problem = make_problem(pendulum, stated, np.ones(len(stated)), noise=noise)
     problem = replace(problem, sigma=np.full_like(problem.sigma, noise))

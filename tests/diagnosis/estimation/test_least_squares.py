@@ -98,7 +98,7 @@ def test_the_jacobian_predicts_small_changes(arm):
 
 @pytest.mark.parametrize("name", ["arm", "pendulum"])
 def test_planted_nominal_values_are_recovered(name, request):
-    """By what they predict, and each one that the data pin down by its value."""
+    """Predictions fit, and so does each value that the data determine."""
     b = request.getfixturevalue(name)
     terms = list_nominal_terms(b)
     rng = np.random.default_rng(1)

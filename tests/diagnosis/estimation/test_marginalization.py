@@ -95,7 +95,7 @@ def test_initial_speeds_are_searched_where_a_robot_sticks_or_slips(sticky, monke
 
 
 def test_responses_to_initial_states_are_smoothed_in_contact():
-    """Else starts would explain it, and with no other values are they as good."""
+    """Initial states would explain the roughness of one simulation, and of no other."""
     rng, size, width = np.random.default_rng(0), 4000, 12
 
     def residuals(terms, values, offset):

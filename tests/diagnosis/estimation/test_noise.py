@@ -23,11 +23,11 @@ from tests.support.problems import NOISE, make_pose_problem, make_problem
 def test_one_column_with_large_residuals_is_found_among_many(arm):
     problem = make_problem(arm)
 
-    def ratio(column: int, times: float, problem=problem, windows=None) -> float:
+    def ratio(column: int, times: float, problem=problem, chosen=None) -> float:
         segments = problem.segments
         off = times * NOISE * np.eye(len(problem.sigma))[column]
-        if windows is not None:
-            off = np.isin(segments.segment_of_sample, windows)[:, None] * off
+        if chosen is not None:
+            off = np.isin(segments.segment_of_sample, chosen)[:, None] * off
         segments = replace(segments, readings=segments.readings + off)
         changed = replace(problem, segments=segments)
         return worst_channel_ratio(changed, fit_parameters(changed, (), np.zeros(0)))
@@ -39,9 +39,9 @@ def test_one_column_with_large_residuals_is_found_among_many(arm):
     rough = replace(problem, simulator=replace(problem.simulator, has_contact=True))
     half = range(len(problem.segments) // 2 - 1)
     assert ratio(1, 20, rough) > 10 and ratio(1, 20, rough, half) < 2
-    # one odd window is not the whole column
-    assert len(problem.segments) > 6 and ratio(1, 100, windows=[2]) < 2
-    assert ratio(1, 100, windows=half) > 10
+    # one odd segment is not the whole column
+    assert len(problem.segments) > 6 and ratio(1, 100, chosen=[2]) < 2
+    assert ratio(1, 100, chosen=half) > 10
 
 
 def test_errors_of_most_single_readings_are_their_noise(arm):
@@ -57,7 +57,7 @@ SIZE = 1e-3
 
 
 def _remembering(rng, shape, memory: float) -> np.ndarray:
-    """Noise of unit variance, of first order along the first axis."""
+    """AR(1) noise of unit variance along the first axis."""
     fresh = rng.normal(size=shape)
     for i in range(1, len(fresh)):
         fresh[i] = memory * fresh[i - 1] + np.sqrt(1 - memory**2) * fresh[i]
@@ -65,7 +65,7 @@ def _remembering(rng, shape, memory: float) -> np.ndarray:
 
 
 def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
-    """Windows of which a fit left these, and a parabola its share of their noise."""
+    """A problem and the residuals (R) of its fit; a parabola has found its scatter."""
     segments = cut_segments(b.simulator.episodes, 150)
     _, m = choose_half_width(
         b.simulator.episodes[0].sample_steps * b.simulator.timestep
@@ -113,7 +113,7 @@ def test_the_noise_model_finds_the_size_of_autocorrelated_noise(
     "grown", [np.cumsum, lambda x, axis: np.cumsum(np.cumsum(x, axis), axis)]
 )
 def test_what_a_model_error_accumulates_is_no_noise(noiseless_arm, grown):
-    """As jumps of a velocity or a force do."""
+    """Jumps of a velocity or of a force accumulate so."""
     rng = np.random.default_rng(0)
 
     def residuals(shape):

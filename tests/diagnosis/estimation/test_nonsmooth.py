@@ -22,7 +22,7 @@ from tests.support.recorded_robots import bench
 
 
 def _rough(count: int, outlier: float = 0.0):
-    """A problem of one parameter: a valley at 1.0 with ripples, in each window."""
+    """A problem of one parameter: a valley at 1.0 with ripples, in each segment."""
 
     def residuals(terms, points):
         far = points[:, :1] - 1.0

@@ -47,6 +47,6 @@ def test_an_initial_state_that_misleads_a_fit_is_estimated_again(sticky):
     assert good.cost < 0.97 * bad.cost
     apart = [np.linalg.norm((f.values - values) / values) for f in (bad, good)]
     assert apart[1] < 0.5 * apart[0]
-    # where no window holds them, nothing changes
+    # where no segment misleads, nothing changes
     same, found = reestimate_misleading_states(problem, good)
     assert same is problem and found is good

@@ -184,7 +184,7 @@ def written(tmp_path):
 @pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
 @pytest.mark.parametrize("way", WAYS)
 def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
-    """With every stated value changed, and an effect at each of its places."""
+    """All nominal values are changed; each effect is at each of its places."""
     case, rng = written(way), np.random.default_rng(0)
     stated = build_nominal_terms(case.robot)
     for name in EFFECTS:

@@ -40,7 +40,7 @@ def _changing(*, at: int, episodes: int = 6, seed: int = 0, change=_worn):
 
 
 def _stated_fit(folder, recording):
-    """A problem of all pieces, and the fit of what the model states."""
+    """A problem of all segments, and the fit of its nominal values."""
     from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
     from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 

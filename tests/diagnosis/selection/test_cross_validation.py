@@ -39,7 +39,7 @@ def test_held_out_errors_are_those_of_fits_that_did_not_see_them(arm):
 
 
 def test_whole_held_out_segments_are_simulated(arm):
-    """There a Jacobian may be wrong, as where a foot touches down or does not."""
+    """A Jacobian may be wrong there, as where a foot touches down or does not."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     fold = problem.segment_of_residual == 1
     jac = np.where(fold[:, None], 1e3 * found.jacobian, found.jacobian)
@@ -49,7 +49,7 @@ def test_whole_held_out_segments_are_simulated(arm):
 
 
 def test_long_segments_are_divided_into_blocks(arm):
-    """Else the last fold of a few long ones would have to extrapolate."""
+    """The last fold of a few long segments would have to extrapolate."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     few = problem.select(np.arange(3))
     rows = np.isin(problem.segment_of_residual, [0, 1, 2])
@@ -70,7 +70,7 @@ def test_what_explains_one_episode_only_does_not_generalize(arm):
 
 
 def test_an_effect_that_one_episode_alone_shows_may_generalize(arm):
-    """As a torque's limit that is reached in one: from the others it cannot be told."""
+    """A torque's limit may be reached in one episode; others do not determine it."""
     rng = np.random.default_rng(1)
     problem, found, _ = make_linear_problem(arm, rng)
     log = problem.segments.episode[problem.segment_of_residual]

@@ -57,7 +57,7 @@ def test_a_gain_of_one_segment_alone_is_no_gain(arm):
 
 
 def test_one_segment_does_not_cancel_a_gain(arm):
-    """As one does that a start makes odd, where all others are predicted better."""
+    """One segment has an odd initial state; all others are predicted better."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     now = ScoredFit(found, predict_held_out(problem, found))
     held = 0.5 * now.held_out_errors
@@ -71,7 +71,7 @@ def test_one_segment_does_not_cancel_a_gain(arm):
 
 @pytest.mark.parametrize("left", [1.0, 3.0])
 def test_where_only_noise_is_left_likelihoods_decide_what_is_as_good(arm, left):
-    """By a third of the windows, more than chance alone would have it."""
+    """A third of the segments is worse than chance alone would have it."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     size = np.sqrt(expected_noise(problem) / found.cost)
     found = replace(found, residuals=left * size * found.residuals)

@@ -48,7 +48,7 @@ def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(
         scored = ScoredFit.from_fit(seen, at)
         return Hypothesis(seen, scored, scored, tuple(map(name_effect, says)), ())
 
-    # the held-out pieces are those of a robot without any friction
+    # the held-out segments are those of a robot without any friction
     near, far, alike = ((naming(x, dry), ()) for x in (0.001, 0.1, 0.0009))
     assert choose_hypothesis(case, [far]) is far
     assert choose_hypothesis(case, [far, near]) is near

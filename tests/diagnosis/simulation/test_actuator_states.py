@@ -11,7 +11,7 @@ from tests.support.recorded_robots import ROBOTS, bench
 
 @pytest.mark.parametrize("states", [True, False])
 def test_an_integrators_state_goes_on_where_a_segment_begins(states, tmp_path):
-    """From 0 where a state is given, from where the joint is where none is."""
+    """The state begins at 0 where one is given, else where the joint is."""
     servo = '<position name="servo" joint="hinge" kp="3" kv="0.1"/>'
     speed = '<intvelocity name="servo" joint="hinge" kp="3" actrange="-0.4 0.4"/>'
     robot = replace(

@@ -109,7 +109,7 @@ def test_what_answers_are_about_is_the_model_and_every_reading(tmp_path):
 
 
 class Killed(BaseException):
-    """As Ctrl-C is."""
+    """An exception that, like Ctrl-C, is no Exception."""
 
 
 @pytest.fixture(scope="module")

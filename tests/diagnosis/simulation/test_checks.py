@@ -20,7 +20,7 @@ UNSTABLE = ARM.xml.replace('kp="20" kv="0.8"', 'kp="2e7" kv="0"').replace(
 
 
 class Reached(Exception):
-    """What was given is usable: the search for names begins."""
+    """The inputs are usable: the search for effects begins."""
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +78,7 @@ def _only(*kinds):
 
 
 def _meaning(**more):
-    """An elbow that means something else."""
+    """A signal of the elbow whose readings are something else."""
     return lambda e: replace(
         e, signals={**e.signals, "elbow": replace(e.signals["elbow"], **more)}
     )
@@ -152,7 +152,7 @@ def test_a_time_step_that_is_none_is_refused(step, usable, tmp_path):
 
 
 def test_joints_that_no_signal_measures_are_named(diagnose):
-    """Their episodes are not cut into pieces, so that these are few."""
+    """Episodes of single readings are not cut, so that segments are few."""
     blind = record(ROBOTS["half_seen_arm"], episodes=3, seconds=1.5, finer=1)
     with pytest.raises(RecordingError, match="position of joint 'elbow', .* and 2 are"):
         diagnose(blind)

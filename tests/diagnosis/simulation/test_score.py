@@ -61,7 +61,7 @@ def test_the_score_is_the_contracts(name, tmp_path):
 
 
 def _with_gaps(recording):
-    """Some samples are missing, whole ones."""
+    """The recording without some of its samples."""
     rng = np.random.default_rng(0)
     episodes = {}
     for key, episode in recording.episodes.items():

@@ -14,7 +14,7 @@ from tests.support.recorded_robots import ROBOTS, bench
 
 @pytest.mark.parametrize("acting", [[], ["quadratic_damping", "joint_coupling"]])
 def test_motion_is_sensed_to_second_order_in_the_step(acting, tmp_path):
-    """Also what depends on pose and speed at once, as a gyroscope's readings do."""
+    """A gyroscope's readings depend on pose and speed at once."""
     b = bench("gimbal", tmp_path, episodes=2, seconds=0.8, noise=0.0)
     terms = [find_effect(name).propose_terms(b.robot)[0] for name in acting]
     # little: a drag by the speed of half a step before is of first order
@@ -38,7 +38,7 @@ def test_motion_is_sensed_to_second_order_in_the_step(acting, tmp_path):
 
 
 def test_torques_are_read_of_the_command_that_holds_then(tmp_path):
-    """Also between two steps, in whole steps and in halves, and where it jumps."""
+    """Commands jump between two steps; steps are whole ones and halves."""
     plain = ROBOTS["arm"].xml.replace('kp="10" kv="0.4"', 'kp="10"')
     b = bench(replace(ROBOTS["arm"], xml=plain), tmp_path, episodes=1, seconds=0.5)
     rng = np.random.default_rng(0)
