@@ -60,7 +60,7 @@ def home(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def memory(tmp_path_factory):
-    """Where what is worked out of the robot is kept."""
+    """The folder of the checkpoints of this robot's diagnoses."""
     return tmp_path_factory.mktemp("memory")
 
 
@@ -140,7 +140,7 @@ def test_a_model_that_was_changed_since_is_not_saved(found, home, tmp_path):
 def test_the_examples_of_the_pages_run(
     page, found, home, memory, tmp_path, monkeypatch, capsys
 ):
-    """With what was worked out of the same robot before."""
+    """Each example resumes the finished diagnosis of the same robot."""
     for name in ("model.xml", "robot.xml", "recording.h5"):
         (tmp_path / name).write_bytes((home / name).read_bytes())
     monkeypatch.chdir(tmp_path)
@@ -167,7 +167,7 @@ class Asked(Exception):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What the diagnoser is asked, which it does not answer."""
+    """The arguments of each call of the diagnoser, which raises."""
     questions: list[dict] = []
 
     def ask(model, recordings, **more):

@@ -285,7 +285,7 @@ def test_a_batch_in_two_pieces_is_the_batch(make, join):
             )
 
 
-def test_the_toys_truth_is_in_its_own_space():
+def test_the_stick_robots_truth_is_in_its_own_space():
     genome = truth_genome()
     np.testing.assert_array_equal(genome.parent, [PARENT])
     np.testing.assert_array_equal(genome.length, [anatomy().length])

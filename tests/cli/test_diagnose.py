@@ -126,7 +126,7 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
 
 
 @pytest.mark.parametrize("verdict", ["nothing", "unlisted"])
-def test_no_finding_is_told_too(verdict, doctor, files, tmp_path):
+def test_a_diagnosis_without_findings_is_printed(verdict, doctor, files, tmp_path):
     answer = make_diagnosis(verdict, ())
     fit = answer.document["fit"] | {"floor": None, "explainable_removed": None}
     doctor.answer = replace(answer, document={**answer.document, "fit": fit})
@@ -287,7 +287,7 @@ def test_with_nothing_to_resume_it_says_so_and_begins(doctor, files, tmp_path):
 
 
 def test_a_name_to_hold_out_that_is_none_is_refused(files, tmp_path):
-    """By the diagnoser itself."""
+    """The diagnoser itself refuses the name."""
     given = ["--held-out", "omega", "--out", tmp_path / "out"]
     said = _refused(_run("diagnose", *files[:2], *given, "--json"))
     assert "omega" in said and "alpha" in said

@@ -318,7 +318,7 @@ def test_two_processes_do_not_share_a_folder(copied):
     assert _identify("--resume", file, "--json").exit_code == 0
 
 
-def test_show_tells_what_identify_told(copied, finished):
+def test_show_prints_what_identify_printed(copied, finished):
     shown = _run("show", copied / "run.h5", "--json")
     assert shown.exit_code == 0 and shown.stdout == finished[1].stdout
     (copied / "report.html").unlink()
@@ -350,6 +350,6 @@ def test_help_is_given(command):
     assert result.exit_code == 0 and "Usage" in result.stdout
 
 
-def test_a_toys_name_is_no_robot():
+def test_the_name_of_a_test_robot_is_no_robot():
     """Tests do not install robots."""
     assert Toy().name in _refused(_identify("--robot", Toy().name))

@@ -7,7 +7,7 @@ from selfheal.cli._progress import ProgressBar
 
 @pytest.fixture
 def seen(monkeypatch, capsys):
-    """What is written of a bar and two lines, with or without a terminal."""
+    """Show a bar and two lines, with or without a terminal; returns both outputs."""
 
     def play(*, quiet: bool, terminal: bool) -> tuple[str, str]:
         monkeypatch.setenv("TERM", "xterm")

@@ -61,7 +61,7 @@ def null(model):
 
 
 def _rounded(recording, step: float):
-    """The same, as an encoder of so coarse a step reads it."""
+    """The recording as an encoder of this step reads it."""
     episodes = {}
     for key, e in recording.episodes.items():
         coarse = {
@@ -109,11 +109,11 @@ def test_its_evidence_is_strong(dry):
 
 
 def test_the_named_physics_removes_the_error_on_held_out_episodes(dry):
-    told = dry.document["fit"]
-    assert told["given"] > told["refit"] > 2 * told["patched"]
-    assert told["explainable_removed"] > 0.9
-    assert len(told["held_out"]) == 2
-    assert all(name.startswith("toy.h5:00") for name in told["held_out"])
+    fit = dry.document["fit"]
+    assert fit["given"] > fit["refit"] > 2 * fit["patched"]
+    assert fit["explainable_removed"] > 0.9
+    assert len(fit["held_out"]) == 2
+    assert all(name.startswith("toy.h5:00") for name in fit["held_out"])
 
 
 def test_the_patched_model_loads_and_has_it(dry, model, tmp_path):
@@ -134,9 +134,9 @@ def test_nothing_is_found_where_nothing_is_missing(null):
 
 
 def test_nothing_says_what_the_refit_alone_does(null):
-    told = null.document["fit"]
-    assert told["patched"] == told["refit"] < told["given"]
-    assert told["patched"] < 1.2 * told["floor"]
+    fit = null.document["fit"]
+    assert fit["patched"] == fit["refit"] < fit["given"]
+    assert fit["patched"] < 1.2 * fit["floor"]
 
 
 def test_a_coarse_encoder_is_named_beside_what_else_is_missing(dry_and_rounded):
@@ -165,7 +165,7 @@ def test_what_is_in_no_catalogue_gets_no_name(sticky):
     reason="what is left is 2.7 times the noise, but a torque that is cubic in the "
     "angle does not show it: verdict 'nothing' instead of 'unlisted'",
 )
-def test_what_is_in_no_catalogue_is_told_to_be_there(sticky):
+def test_what_is_in_no_catalogue_is_reported_as_unlisted(sticky):
     assert sticky.document["verdict"] in ("unlisted", "partly")
 
 
@@ -191,14 +191,14 @@ def test_the_document_is_the_contracts(name, request):
         assert set(entry) == {"parameter", "given", "value", "low", "high", "unit"}
         assert entry["low"] <= entry["value"] <= entry["high"]
         assert isinstance(entry["unit"], str)
-    told = document["fit"]
-    assert set(told) == {
+    fit = document["fit"]
+    assert set(fit) == {
         "held_out", "given", "refit", "patched", "floor", "explainable_removed"
     }  # fmt: skip
     assert all(
-        isinstance(told[k], float) for k in ("given", "refit", "patched", "floor")
+        isinstance(fit[k], float) for k in ("given", "refit", "patched", "floor")
     )
-    assert told["floor"] <= told["patched"]
+    assert fit["floor"] <= fit["patched"]
 
 
 def _check_finding(finding) -> None:
@@ -257,20 +257,23 @@ short = partial(record, PENDULUM, episodes=4, seconds=1.5, noise=4e-3, seed=3)
 
 
 def test_the_same_seed_gives_the_same_diagnosis(few, model):
-    told: list[str] = []
+    messages: list[str] = []
     recording = short(change=_dry, finer=1)
     first, second = (
         diagnose(
-            model, [recording], seed=5, progress=lambda what, share: told.append(what)
+            model,
+            [recording],
+            seed=5,
+            progress=lambda what, share: messages.append(what),
         )
         for _ in range(2)
     )
     assert first.document == second.document and first.patched == second.patched
-    assert any("coulomb_friction" in what for what in told)
+    assert any("coulomb_friction" in what for what in messages)
     assert _claimed(first) == [("coulomb_friction", "joint:hinge")]
 
 
-def test_a_slide_is_told_in_newtons_and_meters(few, tmp_path):
+def test_a_slide_joint_is_reported_in_newtons_and_meters(few, tmp_path):
     robot = ROBOTS["cart_pole"]
     (tmp_path / "model.xml").write_text(robot.xml)
 

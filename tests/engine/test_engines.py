@@ -36,7 +36,7 @@ def _trees() -> tuple[Bodies, np.ndarray]:
 
 @functools.cache
 def _reference(what: str) -> Readings:
-    """What native MuJoCo says of the star under all actions, or of the trees."""
+    """Native MuJoCo's readings of the star under all actions, or of the trees."""
     return ALL["mujoco"].simulate(*(_star() if what == "star" else _trees()))
 
 

@@ -151,7 +151,7 @@ def _pull(data) -> None:
 
 
 def test_the_example_is_diagnosed(preload, tmp_path, monkeypatch):
-    """From the recording of a robot that has it to the report's sentence."""
+    """A recording of a robot that has the effect ends as a sentence of the report."""
     few = {n: load_catalogue()[n] for n in ("viscous_friction", "preload")}
     monkeypatch.setattr(search, "load_catalogue", lambda: few)
     robot = ROBOTS["pendulum"]

@@ -112,7 +112,7 @@ def test_something_must_be_left_to_fit(held_out):
         split(_recording("a", "b"), held_out=held_out)
 
 
-def test_only_a_piece_that_starts_with_its_episode_knows_its_state():
+def test_only_a_segment_that_starts_with_its_episode_has_its_state():
     fit, held = split(_recording("a"), held_out=["a[1,2]"])
     first, last = fit.episodes.values()
     assert first.qpos0 is not None
@@ -122,7 +122,7 @@ def test_only_a_piece_that_starts_with_its_episode_knows_its_state():
         assert piece.qvel0 is None
 
 
-def test_a_piece_has_the_name_that_holds_it_out_again(tmp_path):
+def test_a_held_out_segment_has_the_name_that_holds_it_out_again(tmp_path):
     recording = _recording("a", samples=97)
     _, held = split(recording)
     _, again = split(recording, held_out=[f"arm.h5:{name}" for name in held.episodes])

@@ -34,7 +34,7 @@ def _belief(predicted, felt, slope=None, scale=1.0, drift=1.0):
     return compute_posterior(compute_log_likelihood(predicted, slope, felt, noise))
 
 
-def test_the_hypothesis_that_predicts_best_is_believed():
+def test_the_hypothesis_that_predicts_best_is_the_most_probable():
     predicted = np.array([[0.0, 0, 0], [5, 0, 0], [0, 5, 0]])
     assert _belief(predicted, np.array([4.5, 0.3, 0])).argmax() == 1
 
@@ -91,7 +91,7 @@ def test_an_unknown_drift_blurs_what_moves_with_it_alone():
     assert widen_scale(np.ones(2), slope, 2.0) == pytest.approx([1.0, np.sqrt(101)])
 
 
-def test_the_action_that_tells_groups_apart_is_chosen():
+def test_the_action_that_separates_groups_is_chosen():
     group = np.array([0, 0, 1, 1])
     same, values, apart = (
         np.zeros((4, 1)),

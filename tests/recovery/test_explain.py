@@ -28,7 +28,7 @@ KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value
 
 
 @pytest.mark.parametrize("damage", [(), (DEAF,), (MOTOR,), (LOST, JAM, DEAF)])
-def test_sensor_series_tell_what_broke(damage, walker, monkeypatch):
+def test_sensor_series_identify_what_broke(damage, walker, monkeypatch):
     monkeypatch.setattr(ours, "list_single_damages", lambda robot: KNOWN)
     trial, before = walk_damaged(damage, walker), walk_before(walker)
     belief = estimate_damage(QUADRUPED, BUILT, [trial], before, (), ignore_progress)
@@ -48,7 +48,7 @@ def test_nothing_broke_where_robot_and_model_differ(walker):
 
 
 @pytest.mark.parametrize("damage", [(LOST,), (DEAF,)])
-def test_a_robot_that_is_off_its_model_is_not_told_more_damage_than_it_has(
+def test_a_mismatched_model_adds_no_damage_to_what_is_there(
     damage, walker, mismatched, monkeypatch
 ):
     world = [

@@ -109,7 +109,7 @@ def test_a_finished_heal_is_not_done_again(steps, tmp_path):
     assert len(again) == 1 and again[0].result == steps[-1].result
 
 
-def test_the_page_tells_it_and_asks_for_nothing(steps, monkeypatch):
+def test_the_page_reports_it_and_loads_nothing(steps, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     page = make_heal_page(steps[-1], BODY)
     assert "right lower x" in page and "image/gif" in page
@@ -244,7 +244,9 @@ def test_watch_on_the_command_line(walks, tmp_path):
     assert short.exit_code == 2 and "to learn from" in short.stderr
 
 
-def test_watch_tells_the_damaged_robot_of_2006_from_the_whole_one(shared_recordings):
+def test_watch_distinguishes_the_damaged_robot_of_2006_from_the_whole_one(
+    shared_recordings,
+):
     folder = shared_recordings / "starfish_2006"
     whole, broken = (
         watch_recording(BODY, read(folder / name))[0]

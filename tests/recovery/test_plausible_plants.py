@@ -54,13 +54,13 @@ def test_where_nothing_broke_every_likely_robot_predicts_the_walk_of_the_whole_o
     assert shown == pytest.approx(np.repeat(felt, len(shown), axis=0))
 
 
-def test_the_robot_that_is_believed_in_is_its_own_likeliest():
+def test_the_plant_that_walked_is_the_most_plausible():
     known = find_plausible_plants(PLANT, WALK, _felt(PLANT), np.random.default_rng(5))
     assert known.plants[0] is PLANT
     assert known.bias[0] == pytest.approx(0, abs=1e-9)
 
 
-def test_a_damage_is_felt_by_every_likely_robot(other):
+def test_a_damage_changes_the_walk_of_every_plausible_plant(other):
     _, known = other
     lost = Damage("limb_loss", "body:left_upper")
     whole, broken = predict_walk(known, [Damage("none"), lost], WALK)

@@ -29,7 +29,7 @@ from selfheal.robot.simulated_legs import SimulatedLegs
 from tests.support.short_recover import DEAF, FLAT, JAM, LOWER, QUADRUPED, shorten
 
 
-def test_what_reads_the_same_is_believed_once():
+def test_hypotheses_that_predict_the_same_are_counted_once():
     weak = Damage("weak_sensor", DEAF.target, 0.02)
     several = [(weak,), (DEAF,), (replace(weak, value=0.0201),)]
     phase = {

@@ -31,7 +31,7 @@ def _lanes(heading):
 
 
 def _frames(page):
-    """What a browser would see of the page's one picture."""
+    """The page's one picture as a browser sees it."""
     from PIL import Image
 
     (kind, coded), *others = re.findall(r"data:image/(\w+);base64,([^\"]+)", page)
@@ -77,7 +77,7 @@ def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
 
 @pytest.fixture(scope="module")
 def opengl():
-    """What EGL or OSMesa renders here."""
+    """The picture that EGL or OSMesa renders here."""
     shown = render.render_lanes(_lanes(0.0), 0.0, [0, ROWS - 1])
     if shown is None:
         pytest.skip("no EGL and no OSMesa here (libegl1 and libgl1-mesa-dri have one)")

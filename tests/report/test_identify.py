@@ -18,7 +18,7 @@ from tests.support.made_up_run import change_last_cycle, make_run
 
 
 def _hostile(run: Run) -> Run:
-    """The same run with names that try to break out of the page."""
+    """The run with names that try to break out of the page."""
     names = [HOSTILE, "$\\frac{x$ --> \n\x07\u811a\ud800", *"abcdefghijklmnop"]
     names = tuple(names[: run.anatomy.size])
     anatomy = replace(run.anatomy, name=HOSTILE, parts=names, joints=names)

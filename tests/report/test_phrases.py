@@ -17,7 +17,7 @@ from tests.support.made_up_diagnosis import (
 )
 
 
-def test_one_finding_is_told_in_plain_words():
+def test_one_finding_is_reported_in_plain_words():
     assert state_verdict(make_document()) == (
         "The joint knee has dry friction of 0.14 N m (0.12 to 0.16) that the model "
         "lacks; it explains 95\N{NO-BREAK SPACE}% of the error that can be explained."
@@ -77,7 +77,7 @@ def test_every_effect_has_its_own_words():
         assert all("1.5" in said for _ in names)
 
 
-def test_a_plugins_effect_is_told_by_its_name():
+def test_a_plugins_effect_is_reported_by_its_name():
     found = {"effect": "magnetic_drag", "target": "world", "parameters": []}
     said = state_verdict(make_document(findings=(found,)))
     assert said.startswith("The robot shows magnetic drag that the model lacks; ")

@@ -89,7 +89,7 @@ def test_hardest_first_tries_every_action_once():
     assert evaluator.order_by_hardness(fresh)[0] == 4  # what was never tried leads
 
 
-def test_a_channel_that_was_not_felt_costs_nothing():
+def test_a_channel_that_was_not_measured_costs_nothing():
     loss = Loss(np.array([1.0, 2.0, 3.0]), np.array([np.inf, 1.0, np.inf]))
     measured = np.array([1.0, 0, np.nan])
     assert loss(np.array([3.0, 9, 7]), measured) == 2 + 2 * 1

@@ -68,13 +68,13 @@ def _trees(count: int) -> np.ndarray:
     return np.arange(count)[:, None]
 
 
-def test_an_action_on_which_all_agree_tells_nothing():
+def test_an_action_on_which_all_agree_has_no_information():
     tables = np.repeat(_tables(1), 6, axis=0)
     score = belief_in_right(tables, _trees(6), _even(6))
     np.testing.assert_allclose(score, 1 / 6, atol=1e-12)
 
 
-def test_more_disagreement_tells_more():
+def test_more_disagreement_is_more_information():
     tables, last = _tables(5), np.zeros(ACTIONS)
     for scale in (0.01, 0.1, 1, 10):
         score = belief_in_right(scale * tables, _trees(5), _even(5))
@@ -179,7 +179,7 @@ def test_sureness_is_a_probability(survived):
     assert sure[0] == 1  # the first part can only hang on the torso
 
 
-def test_a_body_that_stands_longer_is_surer():
+def test_a_body_that_was_best_for_longer_is_more_probable():
     parent = _random(30).parent
     belief = np.append(1, np.zeros(29))
     new, old = (
@@ -211,7 +211,7 @@ def searched():
 
 @pytest.fixture(scope="module")
 def found(searched):
-    """What is believed possible after the search."""
+    """The neighborhood and its rivals after the search."""
     evaluator, search, evidence = searched
     kin = Neighborhood(search.space, evaluator, search.twins)
     before = evaluator.spent, evaluator.spent_choosing
@@ -238,7 +238,7 @@ def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched, 
     assert some.losses.min() <= search.rivals.losses[0] + 1e-6
 
 
-def test_kin_know_each_other_by_no_twin_of_theirs(searched, found):
+def test_a_neighborhood_holds_no_two_symmetric_bodies(searched, found):
     _, search, _ = searched
     kin, _ = found
     count = len(kin.crowd)
@@ -273,7 +273,7 @@ def test_the_method_chooses_untried_actions_and_says_why(searched):
     assert action not in evidence.tried and "belief" in why
 
 
-def test_among_bodies_that_fit_as_well_the_one_of_fewer_limbs_is_believed(searched):
+def test_of_bodies_that_fit_equally_the_one_with_fewer_limbs_is_more_probable(searched):
     evaluator, search, evidence = searched
     method = RivalStrategy(
         evaluator, space="free", known_lengths=False, random_actions=False
@@ -306,7 +306,7 @@ def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
         assert len(find_indistinguishable(first, moved)) == 0
 
 
-def test_disagreement_is_the_spread_of_what_is_believed():
+def test_disagreement_is_the_spread_of_the_posterior():
     rng = np.random.default_rng(0)
     tables, belief = rng.normal(size=(6, 5, 2)), rng.random(6)
     spread = measure_disagreement(tables, belief)

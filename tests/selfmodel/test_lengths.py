@@ -36,7 +36,7 @@ def test_estimation_of_lengths_counts_what_it_simulates(known, rng):
 
 @pytest.mark.parametrize("sensors", [("tilt",), ("clearance", "touch")])
 def test_our_lengths_of_robots_whose_zeros_are_off(sensors, known):
-    """Of most: a robot of which few poses tell little is off by a centimeter."""
+    """Most robots; one whose few poses show little is off by a centimeter."""
     truth, stages, gaps = load_published_body(), (7, 7), []
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def test_feet_alone_tell_lengths_without_slopes(known, rng):
     assert ((found.length >= low) & (found.length <= high)).all()
 
 
-def test_what_is_stated_of_a_length_holds_the_belief_that_it_states(rng):
+def test_a_stated_interval_of_a_length_holds_its_stated_probability(rng):
     anatomy = load_published_body().anatomy
     every = np.ones((105, 8))
     for k in range(104):

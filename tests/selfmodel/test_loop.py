@@ -129,7 +129,7 @@ def test_what_a_run_says_is_what_it_did():
         )
 
 
-def test_the_toy_is_identified():
+def test_the_stick_robot_is_identified():
     result = _last(replace(SMALL, cycles=6, budget=8000)).result
     assert result["parent"] == Toy().truth.parent[0].tolist()
     assert result["length"] == pytest.approx(Toy().anatomy.length)

@@ -52,7 +52,7 @@ def test_a_climber_tries_every_change_once_and_after_a_gain_all_of_the_new_body(
 
 
 def _rest(climber: _Climber, calls: int) -> list[Genomes]:
-    """What a climber tries in so many turns, or until it is stuck."""
+    """The genomes that a climber tries in so many turns, or until it is stuck."""
     space, rng, tried = find_space("sides"), np.random.default_rng(1), []
     while not climber.is_stuck and len(tried) < calls:
         tried.append(climber.propose_changes(space, 5, rng))
@@ -60,7 +60,7 @@ def _rest(climber: _Climber, calls: int) -> list[Genomes]:
 
 
 def test_after_a_gain_a_climber_goes_on_with_the_next_change():
-    """What failed a moment ago is tried again last."""
+    """A change that failed a moment ago is tried again last."""
     space, rng = find_space("sides"), np.random.default_rng(0)
     first, second = (draw_space_genomes(anatomy(), space, 1, rng) for _ in range(2))
     climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
@@ -73,7 +73,7 @@ def test_after_a_gain_a_climber_goes_on_with_the_next_change():
 
 
 def test_a_change_that_gains_nothing_where_there_is_room_is_given_up():
-    """Of four actions two are well explained: they have nothing to give."""
+    """Two of the four actions are well explained and have nothing to give."""
     climber = _Climber(draw_sticks(1), 14.0, np.array([0.5, 8.0, 0.5, 5.0]))
     order, bound = climber.plan_race(4)
     assert order[:2].tolist() == [1, 3]

@@ -87,7 +87,7 @@ def test_a_neighbor_of_a_neighbor_can_be_the_body_itself():
 
 
 @pytest.mark.parametrize("name", SPACES)
-def test_kicks_and_crosses_stay_in_the_space(name):
+def test_perturbed_and_crossed_genomes_stay_in_the_space(name):
     space, rng = find_space(name), np.random.default_rng(1)
     parents = draw_space_genomes(anatomy(), space, 40, rng)
     for row in range(0, 40, 2):

@@ -31,7 +31,7 @@ def _genomes(count: int, *, hinges: bool) -> Genomes:
 
 
 @pytest.mark.parametrize("hinges", [False, True], ids=["lifting", "any hinge"])
-def test_the_table_of_a_twin_is_the_simulation_of_its_genome(hinges):
+def test_the_derived_table_of_a_symmetric_body_is_its_simulation(hinges):
     genomes, evaluator = _genomes(40, hinges=hinges), _evaluator()
     if hinges:  # lengths are genes too, and trade places with their parts
         assert np.ptp(genomes.length) > 0
@@ -51,7 +51,7 @@ def test_the_table_of_a_twin_is_the_simulation_of_its_genome(hinges):
     assert np.quantile(gap, 0.95) < 0.01
 
 
-def test_the_identity_is_a_twin_of_every_body():
+def test_the_identity_is_a_symmetry_of_every_body():
     genomes = _genomes(10, hinges=False)
     table = _evaluator().compute_table(genomes)
     for row in range(10):

@@ -67,7 +67,7 @@ store.Journal.add = interrupted
 
 
 def _values(folder):
-    """What each run of a study gave, once all of it is in one file."""
+    """The outcome of each run of a study, once all of it is in one file."""
     file = folder / "study.h5"
     assert not find_journal(file).exists()
     with h5py.File(file) as kept:

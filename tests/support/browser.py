@@ -17,7 +17,7 @@ document.body.dataset.pictures = JSON.stringify(
 
 
 def read_words(markup: str) -> str:
-    """What a reader reads."""
+    """The words of a page."""
     bare = re.sub(r"<(style|svg).*?</\1>", " ", markup, flags=re.DOTALL)
     return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", bare)).split())
 

@@ -78,7 +78,7 @@ def absent_values(term: Term) -> np.ndarray:
 
 
 def present_values(term: Term) -> np.ndarray:
-    """Values (P) from which a search starts; a step from them where that is absence."""
+    """Initial values (P) of a search; a step from them where the effect is absent."""
     start = np.array(term.initial_values[0], float)
     return start + term.scale * (start.size and np.allclose(start, absent_values(term)))
 

@@ -24,7 +24,7 @@ def make_hinge_recording(time, **columns) -> Recording:
 
 
 def sample_recording(recording: Recording):
-    """Its episode on a grid of time steps, and its channels."""
+    """The only episode on a grid of time steps, and its channels."""
     found = build_channels([recording])
     (episode,) = recording.episodes.values()
     return sample_episode("only", episode, found, STEP), found

@@ -137,10 +137,10 @@ def make_diagnosis(
 
 
 def write_page_text(diagnosis: Diagnosis) -> str:
-    """Its page as HTML."""
+    """The page of a diagnosis as HTML."""
     return make_diagnosis_page(diagnosis, "models/leg.xml", ["a.h5", "b.h5"])
 
 
 def read_page_words(diagnosis: Diagnosis) -> str:
-    """Its page as it is read."""
+    """The words of the page of a diagnosis."""
     return read_words(write_page_text(diagnosis))

@@ -57,7 +57,7 @@ ProblemType = TypeVar("ProblemType", bound=Problem)
 
 
 def as_type(problem: Problem, kind: type[ProblemType]) -> ProblemType:
-    """The same problem as one of another class."""
+    """The problem as one of a class with other methods."""
     return kind(**{f.name: getattr(problem, f.name) for f in fields(Problem)})
 
 

@@ -209,7 +209,7 @@ ROBOTS = {
 
 
 def nothing(*_) -> None:
-    """What a robot hides that is as its model says."""
+    """Change nothing: the robot is as its model says."""
 
 
 def record(
@@ -225,17 +225,17 @@ def record(
     noise: float | None = None,
     finer: int = 4,
 ) -> Recording:
-    """What the real robot did: a finer time step, and noise on every reading.
+    """Record the real robot: a finer time step, and noise on every reading.
 
     Args:
         robot: which.
         episodes: how many.
         seconds: of each.
         rate: of samples [Hz].
-        seed: of commands, starts and noise.
+        seed: of commands, initial states and noise.
         change: makes the compiled model the true one.
         torque: writes `data.qfrc_applied` at each step.
-        states: whether qpos0 and qvel0 are told.
+        states: whether episodes have qpos0 and qvel0.
         noise: other than the robot's.
         finer: steps of the truth in one of the model's.
     """
@@ -283,7 +283,7 @@ def _episode(robot, model, seconds, rate, rng, torque, noise, states) -> Episode
 
 
 def read_one(model, data, kind: str, target: str) -> float | np.ndarray:
-    """What a perfect sensor says."""
+    """One reading of a perfect sensor."""
     if kind == "joint_position":
         return float(data.joint(target).qpos[0])
     if kind == "joint_torque":
@@ -308,8 +308,8 @@ class Bench:
     Attributes:
         path: of the model.
         recording: of the robot as its model says, and noise.
-        world: of both.
-        scene: of the world.
+        simulator: of the model, for the recording.
+        robot: what is known of the robot from both.
     """
 
     path: Path
@@ -327,8 +327,8 @@ def bench(robot: Robot | str, folder: Path, **how) -> Bench:
     path = folder / "model.xml"
     path.write_text(robot.xml)
     recording = record(robot, **how)
-    world = build_simulator(ModelCompiler(str(path)), [recording])
-    return Bench(path, recording, world, summarize_robot(world))
+    simulator = build_simulator(ModelCompiler(str(path)), [recording])
+    return Bench(path, recording, simulator, summarize_robot(simulator))
 
 
 @cache

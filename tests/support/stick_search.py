@@ -46,7 +46,7 @@ def make_evaluator(engine=None, loss: Loss = CAPPED_LOSS) -> Evaluator:
 
 
 def measure_evidence(*tried: int) -> Evidence:
-    """What the toy felt under some actions."""
+    """Readings of the stick robot under some actions."""
     felt = make_evaluator().compute_table(truth_genome())[0]
     return Evidence(tried, felt[list(tried)])
 

@@ -55,7 +55,7 @@ def test_commands_follow_the_models_order():
 
 
 @pytest.mark.parametrize("step", [0.004, 0.02])
-def test_a_lattice_is_seen_and_noise_is_none(step):
+def test_a_quantum_is_found_and_noise_has_none(step):
     rng = np.random.default_rng(2)
     smooth = np.sin(np.arange(2000) / 100)
     assert _find_quantum(step * np.round(smooth / step)) == pytest.approx(step)

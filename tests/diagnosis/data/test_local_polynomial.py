@@ -21,7 +21,7 @@ from tests.support.hinge_recordings import (
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_parabola_tells_value_and_slope_of_a_quadratic_exactly(seed):
+def test_a_local_parabola_is_exact_for_a_quadratic(seed):
     rng = np.random.default_rng(seed)
     time, (a, b, c) = draw_times(rng), rng.normal(size=3)
     episode, _ = sample_recording(
@@ -35,7 +35,7 @@ def test_a_parabola_tells_value_and_slope_of_a_quadratic_exactly(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_body_that_turns_fast_and_evenly_is_told_exactly(seed):
+def test_a_constant_angular_velocity_is_estimated_exactly(seed):
     rng = np.random.default_rng(seed)
     time = np.arange(60) * 0.005
     rate = 15 * rng.normal(size=3)  # [rad/s], of the body's own frame
@@ -59,7 +59,7 @@ def test_a_body_that_turns_fast_and_evenly_is_told_exactly(seed):
     assert np.abs(sign * slope - rates).max() < 1e-4 * np.linalg.norm(rate)
 
 
-def test_missing_samples_do_not_speak():
+def test_missing_samples_do_not_change_a_fit():
     rng = np.random.default_rng(0)
     time = np.arange(100) * 0.005
     values = 1 + time + time**2
@@ -75,7 +75,7 @@ def test_missing_samples_do_not_speak():
     assert np.isfinite(found[0].spread) and found[0].noise < 1e-6
 
 
-def test_noise_is_told_from_motion():
+def test_noise_is_separated_from_motion():
     rng = np.random.default_rng(1)
     time = np.arange(400) * 0.005
     clean = np.sin(3 * time)
@@ -89,7 +89,7 @@ def test_noise_is_told_from_motion():
 
 @pytest.mark.parametrize("memory", [0.0, 0.6, 0.95])
 @pytest.mark.parametrize("m", [2, 5, 11])
-def test_what_slow_noise_does_to_a_parabola(memory, m):
+def test_autocorrelated_noise_scales_the_errors_of_a_parabola(memory, m):
     rng = np.random.default_rng(m)
     t = np.arange(-m, m + 1.0)
     noise = np.linalg.cholesky(
@@ -110,8 +110,8 @@ def test_what_slow_noise_does_to_a_parabola(memory, m):
 
 
 @pytest.mark.parametrize("gap", [1e-9, 1e-7, 1e-5])
-def test_a_parabola_looks_at_a_bounded_number_of_neighbors(gap):
-    """Of a clock in days, and of samples that come in bursts."""
+def test_a_local_parabola_uses_a_bounded_number_of_neighbors(gap):
+    """Clocks may count days, and samples may come in bursts."""
     even = np.arange(1000.0)
     assert choose_half_width(gap * even) == (pytest.approx(gap), MAX_HALF_WIDTH)
     bursts = 0.1 * (even // 10) + gap * (even % 10)

@@ -23,7 +23,7 @@ def _three_logs():
 
 
 @pytest.mark.parametrize("steps", [None, 25, 100, 10000])
-def test_windows_cover_every_reading_once(steps):
+def test_segments_cover_every_reading_once(steps):
     logs = _three_logs()
     found = cut_segments(logs, steps)
     read = np.sort(np.concatenate([x.readings for x in logs]).ravel())
@@ -42,13 +42,13 @@ def test_windows_cover_every_reading_once(steps):
         np.testing.assert_allclose(back, np.round(back), atol=1e-6)
 
 
-def test_windows_of_every_sample_are_asked_for_with_empty():
+def test_segments_of_every_sample_are_cut_with_empty():
     logs = _three_logs()
     found = cut_segments(logs, None, empty=True)
     assert len(found.sample_steps) == sum(len(x.sample_steps) for x in logs)
 
 
-def test_windows_that_are_taken_keep_their_samples_in_the_order_asked_for():
+def test_selected_segments_keep_their_samples_in_the_order_asked_for():
     found = cut_segments(_three_logs(), 50)
     chosen = np.array([4, 1, 7])
     few = found.select(chosen)
@@ -62,7 +62,7 @@ def test_windows_that_are_taken_keep_their_samples_in_the_order_asked_for():
         )
 
 
-def test_joined_windows_are_those_of_all():
+def test_segments_of_episodes_joined_are_the_segments_of_all():
     logs = _three_logs()
     apart = Segments.concatenate([cut_segments(logs, 40, only=i) for i in range(3)])
     whole = cut_segments(logs, 40)

@@ -17,7 +17,7 @@ from tests.support.recorded_robots import ROBOTS, bench, record
 
 
 @pytest.mark.parametrize("rate", [100, 250, 1000])
-def test_a_robot_let_go_at_its_first_sample_is_told_to_be_at_rest(rate):
+def test_a_robot_released_at_its_first_sample_is_estimated_at_rest(rate):
     rng = np.random.default_rng(1)
     time = np.arange(2 * rate) / rate
     swing = np.cos(60 * time) + np.sin(60 * time) * 8 / 60  # its rate is 0 at 0
@@ -27,17 +27,17 @@ def test_a_robot_let_go_at_its_first_sample_is_told_to_be_at_rest(rate):
         "<mujoco><worldbody><body><joint name='knee'/><geom size='1'/></body>"
         "</worldbody></mujoco>"
     )
-    world = SimpleNamespace(
+    simulator = SimpleNamespace(
         episodes=[episode],
         channels=found,
         timestep=STEP,
         compiler=SimpleNamespace(nominal=given),
     )
-    _, qvel, std = estimate_initial_state(world, 0, np.zeros(1, int), {})
+    _, qvel, std = estimate_initial_state(simulator, 0, np.zeros(1, int), {})
     assert abs(qvel[0, 0]) < 4 * std[0, 1]
     if rate > 100:  # of its five samples in 50 ms none can be spared
-        told = fit_polynomials(time, episode.readings).coefficients[0, 0, 1]
-        assert abs(qvel[0, 0]) < 0.5 * abs(told)
+        predicted = fit_polynomials(time, episode.readings).coefficients[0, 0, 1]
+        assert abs(qvel[0, 0]) < 0.5 * abs(predicted)
 
 
 def test_a_given_state_is_taken_as_it_is(tmp_path):
@@ -66,10 +66,10 @@ def test_a_state_is_read_as_well_as_it_says(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_pieces_begin_where_the_state_is_told_though_readings_are_missing(
+def test_segments_begin_where_the_state_is_read_though_readings_are_missing(
     tmp_path, seed
 ):
-    """Never at a made-up rest that passes for exact."""
+    """No initial state is a made-up rest that passes for exact."""
     exact = record(ROBOTS["arm"], episodes=1, seconds=6.0, noise=0.0)
     b = bench("arm", tmp_path, episodes=1, seconds=6.0, states=False)
     rng = np.random.default_rng(seed)
@@ -83,14 +83,14 @@ def test_pieces_begin_where_the_state_is_told_though_readings_are_missing(
     lossy = sample_episode(
         "only", replace(episode, signals=signals), b.simulator.channels, STEP
     )
-    world = replace(b.simulator, episodes=(lossy,))
-    pieces = cut_readable_segments(world, 0.1)
-    assert len(pieces) > 40
-    qpos, _, std = estimate_initial_state(world, 0, pieces.first_step, {})
+    simulator = replace(b.simulator, episodes=(lossy,))
+    segments = cut_readable_segments(simulator, 0.1)
+    assert len(segments) > 40
+    qpos, _, std = estimate_initial_state(simulator, 0, segments.first_step, {})
     for j, joint in enumerate(("shoulder", "elbow")):
         at = np.arange(len(true.signals[joint].values)) * 5
         apart = qpos[:, j] - np.interp(
-            pieces.first_step, at, true.signals[joint].values
+            segments.first_step, at, true.signals[joint].values
         )
         assert np.abs(apart / std[:, j]).max() < 10
 
@@ -136,12 +136,12 @@ def test_a_sensor_with_bias_gain_and_delay_is_read_through(tmp_path):
     signal = Signal(read, "joint_position", "hinge", "rad")
     episode = Episode(time, np.zeros((200, 1)), ("servo",), {"angle": signal})
     found = build_channels([Recording({"only": episode})])
-    world = SimpleNamespace(
+    simulator = SimpleNamespace(
         compiler=b.simulator.compiler, channels=found, timestep=STEP,
         episodes=(sample_episode("only", episode, found, STEP),),
     )  # fmt: skip
     at = np.arange(50, 450, 20)
-    qpos, qvel, _ = estimate_initial_state(world, 0, at, {"angle": said})
+    qpos, qvel, _ = estimate_initial_state(simulator, 0, at, {"angle": said})
     np.testing.assert_allclose(qpos[:, 0], 0.3 * np.sin(4 * at * STEP), atol=1e-4)
     np.testing.assert_allclose(qvel[:, 0], 1.2 * np.cos(4 * at * STEP), atol=5e-3)
     assert np.abs(qpos[0, 0] - np.interp(at[0] * STEP, time, true)) < 1e-4
@@ -150,7 +150,7 @@ def test_a_sensor_with_bias_gain_and_delay_is_read_through(tmp_path):
 SIZE = 1e-3
 
 
-def test_where_noise_is_slow_a_start_is_known_less_well(noiseless_arm):
+def test_autocorrelated_noise_makes_an_initial_state_less_certain(noiseless_arm):
     def errors(memory):
         signals = tuple(
             replace(c, noise=np.full(c.width, SIZE), ar1=np.full(c.width, memory))

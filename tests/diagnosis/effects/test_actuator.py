@@ -35,15 +35,15 @@ def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
     kp = b.robot.model.actuator_gainprm[0, 0]
 
     def sag(term, most):
-        told = b.simulator.simulate((term,), np.array([[kp, most]]), b.segments)[0]
-        return np.abs(told - pose).max()
+        predicted = b.simulator.simulate((term,), np.array([[kp, most]]), b.segments)[0]
+        return np.abs(predicted - pose).max()
 
     assert sag(settled, 10.0) < 1e-3 < 20e-3 < sag(fresh, 10.0)
     assert sag(settled, 1e-3) == pytest.approx(sag(fresh, 1e-3), rel=0.1)
 
 
 def test_a_servo_lets_go_as_soon_as_its_error_turns():
-    """As MuJoCo's pid does: what its sum cannot hold is forgotten."""
+    """The sum is clipped as that of MuJoCo's pid: what exceeds it is forgotten."""
     ki, imax, step = 2.0, 0.5, 0.01
     place, values = {"actuator": 0, "qpos": 0, "dof": 0}, np.array([[ki, imax]])
     sums = {0: np.zeros(1)}

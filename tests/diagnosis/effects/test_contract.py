@@ -57,7 +57,7 @@ BEYOND = {"hard_stop": {"timeconst"}}  # parameters that the contract does not n
 
 
 def _entries(table: str) -> dict[str, tuple[str, str, str]]:
-    """Of each effect its group, what its target is, and its parameters, as written."""
+    """Group, target and parameters of each effect, as the table has them."""
     found, group = {}, ""
     for line in table.splitlines():
         own, _, said = line.strip("| ").rpartition(" | ")

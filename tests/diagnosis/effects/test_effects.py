@@ -103,7 +103,7 @@ def test_a_place_is_found_again_by_its_finding(name, benches):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_starts_and_absent_values_are_within_bounds(name, benches):
+def test_initial_and_absent_values_are_within_bounds(name, benches):
     for _, term in pick_terms(benches, name):
         assert len(term.places) == len(term.targets) and term.initial_values
         for start in term.initial_values:
@@ -138,16 +138,16 @@ def test_present_an_effect_changes_what_is_predicted(name, benches):
 
 
 @pytest.mark.parametrize(
-    ("name", "faint", "told"),
+    ("name", "negligible", "large"),
     [
         ("slope", (1.0, 0.3), (0.2, 0.3)),  # as steep as may be
         ("asymmetric_friction", (0.1, 0.101), (0.1, 0.2)),  # alike both ways
         ("backlash", (0.0,), (0.01,)),  # absent
     ],
 )
-def test_what_stands_for_another_thing_or_for_nothing_is_faint(
-    name, faint, told, benches
+def test_values_that_are_another_effect_or_none_are_negligible(
+    name, negligible, large, benches
 ):
     for term in find_effect(name).propose_terms(benches["arm"].robot):
-        assert term.is_negligible(np.array(faint))
-        assert not term.is_negligible(np.array(told))
+        assert term.is_negligible(np.array(negligible))
+        assert not term.is_negligible(np.array(large))

@@ -39,7 +39,7 @@ def test_dry_friction_adds_to_that_of_the_load_in_any_order(name, stating):
 
 
 def test_a_load_rubs_in_a_gear_whose_motor_gives_nothing(benches):
-    """Where the mean of both sides is meant, and not what the motor gives."""
+    """The load is then the mean of both sides of the gear, not the motor's torque."""
     b = benches["arm"]
     motor = find_elbow_term(b, "load_dependent_friction")
     both = find_elbow_term(b, "load_dependent_friction", side="both")

@@ -8,7 +8,7 @@ from tests.support.recorded_robots import bench
 
 
 @pytest.mark.parametrize("name", ["arm", "box"])
-def test_delays_of_a_step_are_faint_only_where_something_touches(name, tmp_path):
+def test_delays_of_a_step_are_negligible_only_in_contact(name, tmp_path):
     b = bench(name, tmp_path, episodes=1)
     step, touches = b.simulator.timestep, name == "box"
     (term, *_) = find_effect("sensor_delay").propose_terms(b.robot)
@@ -17,15 +17,15 @@ def test_delays_of_a_step_are_faint_only_where_something_touches(name, tmp_path)
     assert not term.is_negligible(np.array([3 * step]))
 
 
-def test_a_torque_that_only_bends_is_no_cogging(arm):
+def test_a_torque_of_less_than_a_period_is_negligible_cogging(arm):
     term = find_effect("cogging").propose_terms(arm.robot)[1]
     amplitude, least = term.scale[0], term.low[1]
     assert term.is_negligible(np.array([amplitude, least, 0.3]))
     assert not term.is_negligible(np.array([amplitude, 1.5 * least, 0.3]))
 
 
-def test_a_spring_that_pulls_from_afar_is_odd(pendulum):
-    """It is a constant torque, that much else explains."""
+def test_a_spring_whose_reference_is_far_away_is_rarer(pendulum):
+    """Such a spring is a constant torque, which other effects explain as well."""
     (term,) = find_effect("joint_spring").propose_terms(pendulum.robot)
     middle, reach = (
         pendulum.robot.joints[0].range_center,

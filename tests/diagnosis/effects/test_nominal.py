@@ -30,7 +30,7 @@ def test_a_body_that_tumbles_keeps_a_possible_inertia(seed, tmp_path):
     np.testing.assert_allclose(factors * next(moments), next(moments))
 
 
-def test_a_box_that_touches_states_three_sizes_and_a_link_one_length(arm, tmp_path):
+def test_a_box_in_contact_has_three_nominal_sizes_and_a_link_one_length(arm, tmp_path):
     box = bench("box", tmp_path, episodes=2, seconds=0.3)
     each = {
         b: [t.targets[0].split("/") for t in list_nominal_terms(b)] for b in (box, arm)
@@ -48,7 +48,7 @@ def test_a_box_that_touches_states_three_sizes_and_a_link_one_length(arm, tmp_pa
     np.testing.assert_allclose(model.geom_size[-1], before * [1, 1.02, 1])
 
 
-def test_a_servo_that_counts_otherwise_than_its_command_states_two_gains(tmp_path):
+def test_a_servo_in_other_units_than_its_command_has_two_nominal_gains(tmp_path):
     own = '<position name="shoulder_servo" joint="shoulder" kp="20" kv="0.8"/>'
     geared = """<general name="shoulder_servo" joint="shoulder" gear="20" gainprm="2"
       biastype="affine" biasprm="0 -0.1 -0.002"/>"""

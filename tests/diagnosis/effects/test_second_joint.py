@@ -52,16 +52,16 @@ def test_two_joints_with_play_are_one_each(benches, tmp_path):
 
 
 def test_a_joint_with_play_may_bend_too(benches, tmp_path):
-    """What lies between has some inertia: MuJoCo warns where it has none."""
+    """The body between both joints has some inertia: MuJoCo warns where it has none."""
     b = benches["arm"]
     own = [find_elbow_term(b, n, measured="motor") for n in ("compliance", "backlash")]
-    plant = b.simulator.compiler.compile_variant(own)
-    assert (plant.model.dof_armature > 0).sum() == plant.model.nv - 1
+    variant = b.simulator.compiler.compile_variant(own)
+    assert (variant.model.dof_armature > 0).sum() == variant.model.nv - 1
     check_replay(b, own, tmp_path / "both", 3e-5)
 
 
 def test_a_joints_own_name_may_end_as_an_added_ones(tmp_path):
-    """As a robot's elbow_flex; what a patch adds to it is known all the same."""
+    """A robot may have an elbow_flex; joints that a patch adds are found."""
     text, robot = ROBOTS["arm"].xml, ROBOTS["arm"]
     for old, name in (("shoulder", "shoulder_play"), ("elbow", "elbow_flex")):
         text = text.replace(f'name="{old}" type', f'name="{name}" type')

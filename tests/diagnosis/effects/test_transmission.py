@@ -15,7 +15,7 @@ from tests.support.effect_robots import (
 from tests.support.recorded_robots import ROBOTS
 
 
-def test_a_stop_or_a_limit_beyond_the_stated_one_changes_nothing(stating):
+def test_a_stop_or_a_limit_beyond_the_models_changes_nothing(stating):
     b = stating["arm"]
     wider = [
         ("hard_stop", {"side": 1}, (0.55, 0.1)),

@@ -19,10 +19,10 @@ def test_what_the_ground_is_like_is_what_its_contact_is_like(stating):
         ("ground_compliance", "solref", (0.03, 0.4)),
     ):
         (term,) = find_effect(name).propose_terms(b.robot)
-        plant = b.simulator.compiler.compile_variant([term])
-        contact = _resting(plant.build_model([term], np.array(values)))
-        told = np.atleast_1d(getattr(contact, field))[: len(values)]
-        np.testing.assert_allclose(told, values)
+        variant = b.simulator.compiler.compile_variant([term])
+        contact = _resting(variant.build_model([term], np.array(values)))
+        predicted = np.atleast_1d(getattr(contact, field))[: len(values)]
+        np.testing.assert_allclose(predicted, values)
 
 
 @pytest.mark.parametrize("geom", ["floor", "box"])
@@ -37,8 +37,8 @@ def test_of_two_geoms_that_with_priority_says_what_the_contact_is_like(tmp_path,
         model = b.simulator.compiler.compile_variant([term]).build_model(
             [term], np.array(values)
         )
-        told = np.atleast_1d(getattr(_resting(model), field))[: len(values)]
-        np.testing.assert_allclose(told, values)
+        predicted = np.atleast_1d(getattr(_resting(model), field))[: len(values)]
+        np.testing.assert_allclose(predicted, values)
         changed = getattr(model, f"geom_{field}") != getattr(
             b.simulator.compiler.nominal, f"geom_{field}"
         )
@@ -87,8 +87,8 @@ def test_a_flat_robot_stands_on_no_slope_across_its_plane(axis, azimuths, tmp_pa
     starts = [
         s for t in find_effect("slope").propose_terms(b.robot) for s in t.initial_values
     ]
-    told = np.rad2deg([azimuth for _, azimuth in starts])
-    assert np.allclose(told, azimuths)
+    found = np.rad2deg([azimuth for _, azimuth in starts])
+    assert np.allclose(found, azimuths)
 
 
 def test_what_moves_upright_alone_knows_no_slope(tmp_path):

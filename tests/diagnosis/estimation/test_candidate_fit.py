@@ -78,7 +78,7 @@ def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
     assert tried.cost < 0.01 * base.fit.cost
 
 
-def test_where_every_start_diverges_nothing_more_is_simulated(pendulum):
+def test_where_all_initial_values_diverge_nothing_more_is_simulated(pendulum):
     (boom,) = Explosion().propose_terms(pendulum.robot)
     problem = make_problem(pendulum)
     base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
@@ -89,7 +89,7 @@ def test_where_every_start_diverges_nothing_more_is_simulated(pendulum):
     assert asked == len(boom.initial_values) * len(problem.segments)
 
 
-def test_beside_an_effect_the_stated_value_that_it_overrides_does_nothing(arm):
+def test_a_nominal_value_that_an_effect_overrides_changes_no_residual(arm):
     stated = list_nominal_terms(arm)
     rotor = find_effect("armature").propose_terms(arm.robot)[1]
     ones = np.ones(len(stated))

@@ -26,7 +26,7 @@ from tests.support.problems import (
 )
 
 
-def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
+def test_intervals_hold_the_truth_where_only_the_prior_fixes_the_scale(pendulum):
     """Without torques all masses, gains and frictions are known up to one factor."""
     stated, term = (
         list_nominal_terms(pendulum),
@@ -47,8 +47,8 @@ def test_intervals_hold_the_truth_where_only_belief_tells_the_scale(pendulum):
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-5])
-def test_many_readings_make_no_stated_value_less_certain(noise, pendulum):
-    """They tell masses, gains and frictions up to one factor: belief tells that."""
+def test_many_readings_make_no_nominal_value_less_certain(noise, pendulum):
+    """Masses, gains and frictions are known up to one factor, which the prior fixes."""
     stated = list_nominal_terms(pendulum)
     problem = make_problem(pendulum, stated, np.ones(len(stated)), noise=noise)
     problem = replace(problem, sigma=np.full_like(problem.sigma, noise))
@@ -60,7 +60,7 @@ def test_many_readings_make_no_stated_value_less_certain(noise, pendulum):
     ).all()
 
 
-def test_nor_surer_of_the_scale_of_torques_than_belief_is(pendulum):
+def test_the_scale_of_torques_is_no_more_certain_than_its_prior(pendulum):
     """Slopes over a search's moves bend, and their bend would pass for knowledge."""
     stated = list_nominal_terms(pendulum)
     problem = make_problem(pendulum, stated, np.ones(len(stated)), noise=1e-5)
@@ -77,8 +77,8 @@ def test_intervals_consider_that_the_clock_is_not_known(arm):
     term = find_effect("command_delay").propose_terms(arm.robot)[0]
     problem = make_problem(arm, (term,), (0.01,))
     found = fit_parameters(problem, (term,), (0.01,))
-    told = found.terms, found.values, found.residuals
-    assert np.linalg.norm(problem.clock_error(*told)) > 0
+    predicted = found.terms, found.values, found.residuals
+    assert np.linalg.norm(problem.clock_error(*predicted)) > 0
     late = standard_errors(problem, found)[0]
     exact = standard_errors(as_type(problem, ExactClockProblem), found)[0]
     clock = np.sqrt(late**2 - exact**2)
@@ -105,7 +105,7 @@ def test_what_data_do_not_answer_has_no_bound_on_its_error(arm):
     assert np.isfinite(standard_errors(problem, idle)).tolist() == [True, False]
 
 
-def test_samples_that_are_alike_count_for_less(arm):
+def test_autocorrelated_samples_count_for_less(arm):
     problem = make_problem(arm)
     rng = np.random.default_rng(0)
     white = rng.normal(size=problem.segments.readings.size)

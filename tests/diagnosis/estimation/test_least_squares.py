@@ -97,8 +97,8 @@ def test_the_jacobian_predicts_small_changes(arm):
 
 
 @pytest.mark.parametrize("name", ["arm", "pendulum"])
-def test_planted_stated_values_are_recovered(name, request):
-    """By what they predict, and each one that the data pin down by its value."""
+def test_planted_nominal_values_are_recovered(name, request):
+    """Predictions fit, and so does each value that the data determine."""
     b = request.getfixturevalue(name)
     terms = list_nominal_terms(b)
     rng = np.random.default_rng(1)
@@ -136,7 +136,7 @@ def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):
         assert found.cost == pytest.approx(plain.cost, rel=1e-3)
 
 
-def test_where_something_touches_slopes_of_stated_values_are_kept(tmp_path):
+def test_in_contact_jacobian_columns_of_nominal_values_are_kept(tmp_path):
     b = bench("box", tmp_path, episodes=4, seconds=0.6)
     stated, (slip, *_) = (
         list_nominal_terms(b),
@@ -168,8 +168,8 @@ def test_a_stop_is_found_where_it_is_however_soft(soft, tmp_path):
 
     b = bench("arm", tmp_path, change=stopped, noise=3e-4, seed=2)
     stop = find_effect("hard_stop").propose_terms(b.robot)[3]  # of the elbow, above
-    pieces = cut_segments(b.simulator.episodes, STEPS)
-    problem = Problem(b.simulator, pieces, np.full(pieces.readings.shape[1], NOISE))
+    segments = cut_segments(b.simulator.episodes, STEPS)
+    problem = Problem(b.simulator, segments, np.full(segments.readings.shape[1], NOISE))
     found = fit_parameters(problem, (stop,), np.array(stop.initial_values[0]))
     assert found.values == pytest.approx([0.1, soft], rel=0.15)
     assert found.values[0] == pytest.approx(0.1, abs=2e-3)

@@ -27,16 +27,16 @@ from tests.support.problems import (
 from tests.support.recorded_robots import bench
 
 
-def test_whitening_takes_what_an_uncertain_start_explains(arm):
+def test_marginalization_removes_what_uncertain_initial_states_explain(arm):
     plain = make_problem(arm)
     problem = marginalize_initial_states(plain, (), np.zeros(0))
-    kick = build_initial_state_offsets(arm.simulator, plain.segments)
-    none = np.zeros((len(kick), 0))
+    offset = build_initial_state_offsets(arm.simulator, plain.segments)
+    none = np.zeros((len(offset), 0))
     raw, white = (
-        p.compute_residuals((), none, initial_state_offset=kick)
+        p.compute_residuals((), none, initial_state_offset=offset)
         for p in (plain, problem)
     )
-    for n in range(1, len(kick)):
+    for n in range(1, len(offset)):
         before = plain.sum_by_segment((raw[n] - raw[0]) ** 2)
         after = problem.sum_by_segment((white[n] - white[0]) ** 2)
         assert (after <= before + 1e-9).all()
@@ -44,7 +44,7 @@ def test_whitening_takes_what_an_uncertain_start_explains(arm):
         assert (after < 1.01).all()
 
 
-def test_whitening_leaves_what_no_start_explains(arm):
+def test_marginalization_leaves_what_no_initial_state_explains(arm):
     problem = make_problem(arm)
     white = marginalize_initial_states(problem, (), np.zeros(0))
     bias = find_effect("sensor_bias").propose_terms(arm.robot)[0]
@@ -55,17 +55,19 @@ def test_whitening_leaves_what_no_start_explains(arm):
     assert np.linalg.norm(moved[1]) > 0.3 * np.linalg.norm(moved[0])
 
 
-def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
+def test_after_impacts_initial_states_are_searched_where_they_are_likeliest(tmp_path):
     b = bench("box", tmp_path, episodes=6, seconds=0.6, noise=1e-3, states=False)
     plain, values = make_problem(b), np.zeros(0)
     rng = np.random.default_rng(0)
-    kick = build_initial_state_offsets(b.simulator, plain.segments)
-    off = (kick.sum(axis=0) * rng.normal(size=kick.shape[1:]))[None]
-    told = b.simulator.simulate(
+    offset = build_initial_state_offsets(b.simulator, plain.segments)
+    off = (offset.sum(axis=0) * rng.normal(size=offset.shape[1:]))[None]
+    predicted = b.simulator.simulate(
         (), values[None], plain.segments, initial_state_offset=off, centered=True
     )[0]
-    noise = NOISE * rng.normal(size=told.shape)
-    problem = replace(plain, segments=replace(plain.segments, readings=told + noise))
+    noise = NOISE * rng.normal(size=predicted.shape)
+    problem = replace(
+        plain, segments=replace(plain.segments, readings=predicted + noise)
+    )
     sought = marginalize_initial_states(problem, (), values)
     still = as_type(problem, MeasuredStatesProblem)
     linear = marginalize_initial_states(still, (), values)
@@ -77,9 +79,7 @@ def test_after_impacts_starts_are_sought_where_they_are_likeliest(tmp_path):
     assert again @ again < 1.01 * cost[1]
 
 
-def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
-    sticky, monkeypatch
-):
+def test_initial_speeds_are_searched_where_a_robot_sticks_or_slips(sticky, monkeypatch):
     b, term, values = sticky
     count = len(make_problem(b).segments)
     speeds = np.zeros((count, 2))
@@ -94,12 +94,12 @@ def test_starts_are_sought_at_other_speeds_where_a_robot_sticks_or_slips(
     assert lost.any() and (cost[1] < 3 * np.median(cost[0])).all()
 
 
-def test_slopes_of_starts_are_without_the_roughness_of_what_they_leave():
-    """Else starts would explain it, and with no other values are they as good."""
+def test_responses_to_initial_states_are_smoothed_in_contact():
+    """Initial states would explain the roughness of one simulation, and of no other."""
     rng, size, width = np.random.default_rng(0), 4000, 12
 
-    def residuals(terms, values, kick):
-        return rng.normal(size=(len(kick), size))
+    def residuals(terms, values, offset):
+        return rng.normal(size=(len(offset), size))
 
     jumps = SimpleNamespace(
         regime=CONTACT,
@@ -112,14 +112,14 @@ def test_slopes_of_starts_are_without_the_roughness_of_what_they_leave():
     assert np.abs(moved.T @ r).max() < 0.1 * (r @ r)
 
 
-def test_windows_are_told_while_errors_of_their_starts_stay_small(pendulum):
+def test_a_horizon_is_informative_while_errors_of_initial_states_stay_small(pendulum):
     problem = make_problem(pendulum)
     assert is_horizon_informative(problem, problem, (), np.zeros(0))
-    world = problem.simulator
+    simulator = problem.simulator
     signals = tuple(
-        replace(c, noise=np.full(c.width, 0.3 * c.spread)) for c in world.channels
+        replace(c, noise=np.full(c.width, 0.3 * c.spread)) for c in simulator.channels
     )
-    loud = replace(problem, simulator=replace(world, channels=signals))
+    loud = replace(problem, simulator=replace(simulator, channels=signals))
     assert not is_horizon_informative(loud, loud, (), np.zeros(0))
 
 
@@ -137,7 +137,7 @@ class Reversal(Effect):
         model.opt.gravity[:] *= -1
 
 
-def test_where_errors_of_the_starts_grow_longer_windows_are_not_told(
+def test_a_horizon_is_uninformative_where_errors_of_initial_states_grow(
     pendulum, tmp_path
 ):
     pole = bench("cart_pole", tmp_path, episodes=2, seconds=3.0, seed=3)

@@ -20,17 +20,17 @@ from selfheal.diagnosis.estimation.problem import Problem
 from tests.support.problems import NOISE, make_pose_problem, make_problem
 
 
-def test_one_loud_column_is_heard_among_many(arm):
+def test_one_column_with_large_residuals_is_found_among_many(arm):
     problem = make_problem(arm)
 
-    def ratio(column: int, times: float, problem=problem, windows=None) -> float:
-        pieces = problem.segments
+    def ratio(column: int, times: float, problem=problem, chosen=None) -> float:
+        segments = problem.segments
         off = times * NOISE * np.eye(len(problem.sigma))[column]
-        if windows is not None:
-            off = np.isin(pieces.segment_of_sample, windows)[:, None] * off
-        pieces = replace(pieces, readings=pieces.readings + off)
-        told = replace(problem, segments=pieces)
-        return worst_channel_ratio(told, fit_parameters(told, (), np.zeros(0)))
+        if chosen is not None:
+            off = np.isin(segments.segment_of_sample, chosen)[:, None] * off
+        segments = replace(segments, readings=segments.readings + off)
+        changed = replace(problem, segments=segments)
+        return worst_channel_ratio(changed, fit_parameters(changed, (), np.zeros(0)))
 
     quiet = ratio(0, 0)
     assert 0.5 < quiet < 2 and ratio(1, 20) > 10
@@ -39,9 +39,9 @@ def test_one_loud_column_is_heard_among_many(arm):
     rough = replace(problem, simulator=replace(problem.simulator, has_contact=True))
     half = range(len(problem.segments) // 2 - 1)
     assert ratio(1, 20, rough) > 10 and ratio(1, 20, rough, half) < 2
-    # one odd window is not the whole column
-    assert len(problem.segments) > 6 and ratio(1, 100, windows=[2]) < 2
-    assert ratio(1, 100, windows=half) > 10
+    # one odd segment is not the whole column
+    assert len(problem.segments) > 6 and ratio(1, 100, chosen=[2]) < 2
+    assert ratio(1, 100, chosen=half) > 10
 
 
 def test_errors_of_most_single_readings_are_their_noise(arm):
@@ -57,7 +57,7 @@ SIZE = 1e-3
 
 
 def _remembering(rng, shape, memory: float) -> np.ndarray:
-    """Noise of unit variance, of first order along the first axis."""
+    """AR(1) noise of unit variance along the first axis."""
     fresh = rng.normal(size=shape)
     for i in range(1, len(fresh)):
         fresh[i] = memory * fresh[i - 1] + np.sqrt(1 - memory**2) * fresh[i]
@@ -65,8 +65,8 @@ def _remembering(rng, shape, memory: float) -> np.ndarray:
 
 
 def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
-    """Windows of which a fit left these, and a parabola its share of their noise."""
-    pieces = cut_segments(b.simulator.episodes, 150)
+    """A problem and the residuals (R) of its fit; a parabola has found its scatter."""
+    segments = cut_segments(b.simulator.episodes, 150)
     _, m = choose_half_width(
         b.simulator.episodes[0].sample_steps * b.simulator.timestep
     )
@@ -75,10 +75,10 @@ def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
         replace(c, scatter=np.full(c.width, scatter), noise=np.full(c.width, scatter))
         for c in b.simulator.channels
     )
-    told = residuals(pieces.readings.shape)
-    sigma = np.full(told.shape[1], 2 * SIZE)
-    told = np.where(np.isfinite(pieces.readings), told / sigma, 0.0)
-    return Problem(b.simulator.with_channels(signals), pieces, sigma), told.ravel()
+    left = residuals(segments.readings.shape)
+    sigma = np.full(left.shape[1], 2 * SIZE)
+    left = np.where(np.isfinite(segments.readings), left / sigma, 0.0)
+    return Problem(b.simulator.with_channels(signals), segments, sigma), left.ravel()
 
 
 @pytest.mark.parametrize(
@@ -93,15 +93,17 @@ def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
         (0.8, 3.0),
     ],
 )
-def test_noise_is_as_large_as_it_is_however_slow(noiseless_arm, memory, mismatch):
+def test_the_noise_model_finds_the_size_of_autocorrelated_noise(
+    noiseless_arm, memory, mismatch
+):
     rng = np.random.default_rng(int(100 * memory))
 
     def residuals(shape):
         swing = np.sin(2 * np.pi * np.arange(shape[0]) / 90)[:, None]
         return SIZE * (_remembering(rng, shape, memory) + mismatch * swing)
 
-    problem, told = _left(noiseless_arm, residuals, memory)
-    for c in update_noise_model(problem, told).channels:
+    problem, left = _left(noiseless_arm, residuals, memory)
+    for c in update_noise_model(problem, left).channels:
         np.testing.assert_allclose(c.noise, SIZE, rtol=0.35)
         if memory:
             np.testing.assert_allclose(c.ar1, memory, atol=0.15)
@@ -110,22 +112,22 @@ def test_noise_is_as_large_as_it_is_however_slow(noiseless_arm, memory, mismatch
 @pytest.mark.parametrize(
     "grown", [np.cumsum, lambda x, axis: np.cumsum(np.cumsum(x, axis), axis)]
 )
-def test_what_a_mismatch_piles_up_is_no_noise(noiseless_arm, grown):
-    """As jumps of a velocity or a force do."""
+def test_what_a_model_error_accumulates_is_no_noise(noiseless_arm, grown):
+    """Jumps of a velocity or of a force accumulate so."""
     rng = np.random.default_rng(0)
 
     def residuals(shape):
         return SIZE * (rng.normal(size=shape) + grown(rng.normal(size=shape), axis=0))
 
-    problem, told = _left(noiseless_arm, residuals, 0.0)
-    for c in update_noise_model(problem, told).channels:
+    problem, left = _left(noiseless_arm, residuals, 0.0)
+    for c in update_noise_model(problem, left).channels:
         assert (c.noise < 1.2 * SIZE).all()
 
 
-def test_where_a_command_jumps_what_a_parabola_leaves_is_no_noise(noiseless_arm):
+def test_where_a_command_jumps_the_scatter_about_a_parabola_is_no_noise(noiseless_arm):
     rng = np.random.default_rng(0)
-    problem, told = _left(
+    problem, left = _left(
         noiseless_arm, lambda shape: 0.2 * SIZE * rng.normal(size=shape), 0.0
     )
-    for c in update_noise_model(problem, told).channels:
+    for c in update_noise_model(problem, left).channels:
         np.testing.assert_allclose(c.noise, 0.2 * SIZE, rtol=0.1)

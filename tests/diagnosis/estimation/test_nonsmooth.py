@@ -22,14 +22,14 @@ from tests.support.recorded_robots import bench
 
 
 def _rough(count: int, outlier: float = 0.0):
-    """A problem of one parameter: a valley at 1.0 with ripples, in each window."""
+    """A problem of one parameter: a valley at 1.0 with ripples, in each segment."""
 
     def residuals(terms, points):
         far = points[:, :1] - 1.0
         ripples = 0.1 * np.sin(60.0 * far)
-        told = np.tile(10 * np.hypot(far, 0.1) * (1 + ripples), (1, count))
-        told[:, 0] += outlier * np.abs(points[:, 0] - 0.49)
-        return told
+        predicted = np.tile(10 * np.hypot(far, 0.1) * (1 + ripples), (1, count))
+        predicted[:, 0] += outlier * np.abs(points[:, 0] - 0.49)
+        return predicted
 
     return SimpleNamespace(
         compute_residuals=residuals,
@@ -40,7 +40,7 @@ def _rough(count: int, outlier: float = 0.0):
 
 
 @pytest.mark.parametrize("outlier", [0.0, 1000.0])
-def test_a_better_value_farther_off_is_seen_by_most_windows(outlier):
+def test_a_better_minimum_farther_off_is_found_by_most_segments(outlier):
     free = Parameter("x", "1", 0.0, 0.0, 5.0, 1.0)
     term = Term(Effect(), ("world",), ({},), (free,), ())
     problem = _rough(9, outlier)
@@ -50,7 +50,7 @@ def test_a_better_value_farther_off_is_seen_by_most_windows(outlier):
     assert stays == 1.0
 
 
-def test_starts_of_another_friction_do_not_hold_it(tmp_path):
+def test_initial_states_of_another_friction_do_not_fix_it(tmp_path):
     b = bench("box", tmp_path, episodes=6, seconds=0.9)
     (slip, *_), truth = find_effect("ground_friction").propose_terms(b.robot), 0.3
     problem = with_contact(make_problem(b, (slip,), (truth,)))
@@ -60,7 +60,7 @@ def test_starts_of_another_friction_do_not_hold_it(tmp_path):
     assert search_along_valleys(problem, found) == pytest.approx(truth)
 
 
-def test_stated_values_follow_an_effect_that_moves(arm):
+def test_nominal_values_follow_an_effect_that_changes(arm):
     drag = find_effect("viscous_friction").propose_terms(arm.robot)[1]
     terms = (*list_nominal_terms(arm), drag)
     truth = np.append(np.full(len(terms) - 1, 1.02), 0.1)
@@ -77,9 +77,7 @@ def test_stated_values_follow_an_effect_that_moves(arm):
     assert costs[1] < 0.2 * costs[0]
 
 
-def test_what_touches_is_fitted_further_by_means_over_its_roughness(
-    tmp_path, monkeypatch
-):
+def test_in_contact_a_smoothed_fit_goes_further(tmp_path, monkeypatch):
     monkeypatch.setattr(nonsmooth, "FIT", replace(FIT, smoothed_iterations=2))
     b = bench("box", tmp_path, episodes=4, seconds=0.6)
     stated, (slip, *_) = (
@@ -92,8 +90,10 @@ def test_what_touches_is_fitted_further_by_means_over_its_roughness(
     begin = np.append(np.ones(len(stated)), 0.8 * 0.3)
     problem = marginalize_initial_states(problem, terms, begin)
     found = fit_parameters(problem, terms, begin)
-    seat, new = nonsmooth.fit_smoothed(problem, found)
+    reestimated, new = nonsmooth.fit_smoothed(problem, found)
     assert new.cost < 0.7 * found.cost
     assert abs(new.values[-1] - 0.3) < abs(found.values[-1] - 0.3)
-    np.testing.assert_array_equal(new.residuals, seat.residuals_at(terms, new.values))
+    np.testing.assert_array_equal(
+        new.residuals, reestimated.residuals_at(terms, new.values)
+    )
     assert new.jacobian.shape == found.jacobian.shape

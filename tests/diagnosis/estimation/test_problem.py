@@ -28,8 +28,10 @@ def test_the_steps_own_error_shrinks_with_the_step(arm):
     whole = np.linalg.norm(
         problem.timestep_error(*nothing, problem.residuals_at(*nothing))
     )
-    world = problem.simulator.with_half_step
-    finer = replace(problem, simulator=world, segments=problem.segments.with_half_step)
+    simulator = problem.simulator.with_half_step
+    finer = replace(
+        problem, simulator=simulator, segments=problem.segments.with_half_step
+    )
     assert (
         0
         < np.linalg.norm(finer.timestep_error(*nothing, finer.residuals_at(*nothing)))
@@ -38,7 +40,7 @@ def test_the_steps_own_error_shrinks_with_the_step(arm):
     assert expected_cost(problem, fit_parameters(problem, *nothing)) > whole**2
 
 
-def test_a_jacobian_is_carried_to_other_weights(arm):
+def test_a_jacobian_is_transferred_to_other_weights(arm):
     dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
     plain = make_problem(arm, (dry,), (0.1,))
     white = marginalize_initial_states(plain, (dry,), np.array([0.1]))

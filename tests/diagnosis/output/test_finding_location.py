@@ -7,9 +7,9 @@ from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.output.finding_location import improvement_p_value
 
 
-def test_few_windows_tell_as_much_as_few_can():
+def test_few_segments_have_the_smallest_p_value_they_can():
     at = np.arange(6)
-    pieces = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
-    assert improvement_p_value(pieces, np.zeros(6)) == 1
+    segments = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
+    assert improvement_p_value(segments, np.zeros(6)) == 1
     for n in range(1, 7):
-        assert improvement_p_value(pieces, 1.0 * (at < n)) == pytest.approx(0.5**n)
+        assert improvement_p_value(segments, 1.0 * (at < n)) == pytest.approx(0.5**n)

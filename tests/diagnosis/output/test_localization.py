@@ -16,15 +16,15 @@ def arm(tmp_path_factory):
 
 @pytest.mark.parametrize("regime", ["reversal", "fast", "slow", "after_step"])
 def test_an_error_in_one_regime_is_located_there(regime, arm):
-    pieces = cut_segments(arm.simulator.episodes, 150)
-    masks = localization.classify_samples(arm.simulator, arm.robot, pieces)
+    segments = cut_segments(arm.simulator.episodes, 150)
+    masks = localization.classify_samples(arm.simulator, arm.robot, segments)
     r = localization.REGIMES.index(regime)
     names = [c.name for c in arm.simulator.channels]
     elbow, shoulder = names.index("elbow"), names.index("shoulder")
     rng = np.random.default_rng(0)
-    square = rng.chisquare(1, (len(pieces.sample_steps), len(names)))
+    square = rng.chisquare(1, (len(segments.sample_steps), len(names)))
     square[:, elbow] += 20 * masks[r, :, elbow]
-    share, p = localization.localize_error(arm.simulator, arm.robot, pieces, square)
+    share, p = localization.localize_error(arm.simulator, arm.robot, segments, square)
     assert p[elbow, r] < 1e-3
     inside = masks[:, :, elbow]
     density = share[elbow] / inside.mean(axis=1)
@@ -35,19 +35,19 @@ def test_an_error_in_one_regime_is_located_there(regime, arm):
 
 
 def test_white_noise_lies_nowhere(arm):
-    pieces = cut_segments(arm.simulator.episodes, 150)
+    segments = cut_segments(arm.simulator.episodes, 150)
     rng = np.random.default_rng(1)
-    square = rng.chisquare(1, (len(pieces.sample_steps), len(arm.simulator.channels)))
-    _, p = localization.localize_error(arm.simulator, arm.robot, pieces, square)
+    square = rng.chisquare(1, (len(segments.sample_steps), len(arm.simulator.channels)))
+    _, p = localization.localize_error(arm.simulator, arm.robot, segments, square)
     assert p.min() > 0.01
 
 
 def test_regimes_are_what_they_are_called(arm):
-    pieces = cut_segments(arm.simulator.episodes, 150)
+    segments = cut_segments(arm.simulator.episodes, 150)
     masks = dict(
         zip(
             localization.REGIMES,
-            localization.classify_samples(arm.simulator, arm.robot, pieces),
+            localization.classify_samples(arm.simulator, arm.robot, segments),
             strict=True,
         )
     )
@@ -60,11 +60,11 @@ def test_regimes_are_what_they_are_called(arm):
 
 def test_contact_is_where_something_touches(tmp_path):
     b = bench("box", tmp_path, episodes=3, seconds=0.8)
-    pieces = cut_segments(b.simulator.episodes, None)
-    masks = localization.classify_samples(b.simulator, b.robot, pieces)
+    segments = cut_segments(b.simulator.episodes, None)
+    masks = localization.classify_samples(b.simulator, b.robot, segments)
     touch = masks[localization.REGIMES.index("contact"), :, 0]
-    low = pieces.readings[:, b.simulator.channels[0].first_column + 2] < 0.05
-    assert touch[low].mean() > 0.85 and not touch[pieces.sample_steps < 10].any()
+    low = segments.readings[:, b.simulator.channels[0].first_column + 2] < 0.05
+    assert touch[low].mean() > 0.85 and not touch[segments.sample_steps < 10].any()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -169,9 +169,13 @@ def written(tmp_path):
         for name, content in {"model.xml": text, **files}.items():
             (tmp_path / name).write_text(content)
         recording = record(ROBOTS["arm"], episodes=1, seconds=0.3)
-        world = build_simulator(ModelCompiler(str(tmp_path / "model.xml")), [recording])
+        simulator = build_simulator(
+            ModelCompiler(str(tmp_path / "model.xml")), [recording]
+        )
         return SimpleNamespace(
-            compiler=world.compiler, training=world, robot=summarize_robot(world)
+            compiler=simulator.compiler,
+            training=simulator,
+            robot=summarize_robot(simulator),
         )
 
     return write
@@ -180,7 +184,7 @@ def written(tmp_path):
 @pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
 @pytest.mark.parametrize("way", WAYS)
 def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
-    """With every stated value changed, and an effect at each of its places."""
+    """All nominal values are changed; each effect is at each of its places."""
     case, rng = written(way), np.random.default_rng(0)
     stated = build_nominal_terms(case.robot)
     for name in EFFECTS:
@@ -222,7 +226,7 @@ def test_play_is_as_wide_in_the_text(way, written, tmp_path):
         assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
 
 
-def test_an_inertia_stays_along_the_axes_that_are_stated(written, tmp_path):
+def test_an_inertia_keeps_the_axes_of_the_model(written, tmp_path):
     case = written("a stated inertia")
     (term,) = [
         t for t in build_nominal_terms(case.robot) if t.targets == ("body:lower/mass",)

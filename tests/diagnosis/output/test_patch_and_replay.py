@@ -32,7 +32,7 @@ from tests.support.recorded_robots import ROBOTS
 def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
     name, benches, tmp_path
 ):
-    """With every stated value changed too; on the patched and on the given model."""
+    """All nominal values are changed; the patched and the given model are replayed."""
     for n, (b, term) in enumerate(pick_terms(benches, name)):
         # a contact makes much of a text's last digit
         limit = 0.03 if b.robot.has_contact else 3e-6
@@ -57,23 +57,25 @@ def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
     assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
     document = make_document(stated, factors, own, present) | {"unpatched": unpatched}
     write_diagnosis(tmp_path / "out", same, document)
-    told = b.simulator.simulate(terms, values[None], b.segments)[0]
+    predicted = b.simulator.simulate(terms, values[None], b.segments)[0]
     assert (
-        compare_replay(b, replay_recording(tmp_path / "out", b.recording), told) < 3e-6
+        compare_replay(b, replay_recording(tmp_path / "out", b.recording), predicted)
+        < 3e-6
     )
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
 @pytest.mark.parametrize("stated", ["", 'delay="0.004" nsample="4" interp="linear"'])
 def test_a_delay_is_replayed_as_it_was_found(share, stated, tmp_path):
-    """Though MuJoCo makes a whole step of a part of one; beside a stated delay too."""
+    """MuJoCo rounds a delay to whole steps; the model may have a delay of its own."""
     servo = '<position name="servo" '
     b = make_pendulum(tmp_path, **{servo: f"{servo}{stated} "})
     (term,) = find_effect("command_delay").propose_terms(b.robot)
     values = np.array([share * b.simulator.timestep])
-    told = b.simulator.simulate((term,), values[None], b.segments)[0]
+    predicted = b.simulator.simulate((term,), values[None], b.segments)[0]
     document = make_document((), (), [term], [values])
     write_diagnosis(tmp_path / "out", write_patch_text(b, (term,), values), document)
     assert (
-        compare_replay(b, replay_recording(tmp_path / "out", b.recording), told) < 3e-6
+        compare_replay(b, replay_recording(tmp_path / "out", b.recording), predicted)
+        < 3e-6
     )

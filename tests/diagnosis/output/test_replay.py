@@ -56,17 +56,17 @@ def test_a_replay_is_what_plain_mujoco_does(empty_diagnosis):
     for key, episode in recording.episodes.items():
         data = mujoco.MjData(model)
         data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
-        told = []
+        predicted = []
         for u in episode.ctrl:
-            told.append(data.qpos.copy())
+            predicted.append(data.qpos.copy())
             data.ctrl[:] = u
             mujoco.mj_step(model, data, every)
         signals = played.episodes[key].signals
         both = np.stack([signals[n].values for n in ("shoulder", "elbow")], axis=1)
-        np.testing.assert_allclose(both, told, atol=1e-9)
+        np.testing.assert_allclose(both, predicted, atol=1e-9)
 
 
-def test_a_motor_torque_is_told_at_the_joint(tmp_path):
+def test_a_motor_torque_is_predicted_at_the_joint(tmp_path):
     xml = ROBOTS["arm"].xml.replace('kv="0.4"', 'kv="0.4" gear="-3"')
     path = tmp_path / "model.xml"
     path.write_text(xml)
@@ -92,13 +92,13 @@ def test_a_model_may_have_any_name(end, empty_diagnosis, tmp_path):
     )
     (tmp_path / f"other{end}").write_text(still)
     (tmp_path / "usual.xml").write_text(still)
-    told = [
+    predicted = [
         replay_recording(out, recording, model=tmp_path / n)
         .episodes["000"]
         .signals["elbow"]
         for n in (f"other{end}", "usual.xml")
     ]
-    np.testing.assert_array_equal(told[0].values, told[1].values)
+    np.testing.assert_array_equal(predicted[0].values, predicted[1].values)
     texts = [
         apply_edits(tmp_path / n, (), tmp_path) for n in (f"other{end}", "usual.xml")
     ]
@@ -170,7 +170,7 @@ def test_inputs_of_another_robot_are_refused(change, said, empty_diagnosis):
         replay_recording(out, _with(recording, **change))
 
 
-def test_a_diverging_model_is_told_with_episode_and_time(empty_diagnosis):
+def test_a_diverging_model_is_reported_with_episode_and_time(empty_diagnosis):
     out, recording = empty_diagnosis
     write_finding(out, effect="joint_spring", native=False,
           parameters=[{"name": "stiffness", "value": -1e9},

@@ -82,13 +82,13 @@ def test_what_a_diagnosis_writes_is_what_a_replay_takes(robot, tmp_path):
     scene = bench(robot, tmp_path).robot
     for effect in load_catalogue().values():
         for term in effect.propose_terms(scene)[:1]:
-            told = [{"name": p.name, "value": 1.0} for p in term.parameters]
+            stated = [{"name": p.name, "value": 1.0} for p in term.parameters]
             if effect.name == "payload":
-                told[1:] = [{"name": "position", "value": [0.0, 0.0, 1.0]}]
+                stated[1:] = [{"name": "position", "value": [0.0, 0.0, 1.0]}]
             entry = {
                 "effect": effect.name,
                 "target": term.targets[0],
                 **term.finding_fields,
             }
-            entries = {"findings": [{**entry, "parameters": told}], "refit": []}
+            entries = {"findings": [{**entry, "parameters": stated}], "refit": []}
             check_entries("diagnosis.json", entries)

@@ -146,15 +146,19 @@ def test_the_text_says_what_the_diagnosis_means(tmp_path):
     </joint><link name="stand"/>"""
     (tmp_path / "robot.urdf").write_text(URDF.replace('<link name="stand"/>', fixed))
     recording = record(SWINGING, episodes=1, seconds=0.3)
-    world = build_simulator(ModelCompiler(str(tmp_path / "robot.urdf")), [recording])
+    simulator = build_simulator(
+        ModelCompiler(str(tmp_path / "robot.urdf")), [recording]
+    )
     case = SimpleNamespace(
-        compiler=world.compiler, training=world, robot=summarize_robot(world)
+        compiler=simulator.compiler,
+        training=simulator,
+        robot=summarize_robot(simulator),
     )
     terms = build_nominal_terms(case.robot)
     values = np.linspace(0.98, 1.02, len(terms))
     new = compile_patch(case, terms, values, tmp_path)
     check_same_robot(
-        new, world.compiler.compile_variant(terms).build_model(terms, values)
+        new, simulator.compiler.compile_variant(terms).build_model(terms, values)
     )
 
 

@@ -26,7 +26,7 @@ def test_a_rare_effect_takes_a_usual_ones_place_only_where_little_is_left(arm, h
 
 
 def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
-    """Though it is absent at infinity only."""
+    """A limit is exactly absent at infinity only."""
     problem, limit = (
         make_problem(arm),
         find_effect("torque_saturation").propose_terms(arm.robot)[0],

@@ -40,16 +40,18 @@ def _changing(*, at: int, episodes: int = 6, seed: int = 0, change=_worn):
 
 
 def _stated_fit(folder, recording):
-    """A problem of all pieces, and the fit of what the model states."""
+    """A problem of all segments, and the fit of its nominal values."""
     from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
     from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 
     path = folder / "model.xml"
     path.write_text(PENDULUM.xml)
-    world = build_simulator(ModelCompiler(str(path)), [recording])
-    terms = build_nominal_terms(summarize_robot(world))
+    simulator = build_simulator(ModelCompiler(str(path)), [recording])
+    terms = build_nominal_terms(summarize_robot(simulator))
     sigma = np.full(1, PENDULUM.noise)
-    problem = Problem(world, cut_segments(world.episodes, round(0.5 / STEP)), sigma)
+    problem = Problem(
+        simulator, cut_segments(simulator.episodes, round(0.5 / STEP)), sigma
+    )
     problem = marginalize_initial_states(problem, terms, np.ones(len(terms)))
     return problem, fit_parameters(problem, terms, np.ones(len(terms)))
 
@@ -57,25 +59,25 @@ def _stated_fit(folder, recording):
 def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
     b = bench("pendulum", tmp_path, episodes=3)
     (term,) = find_effect("coulomb_friction").propose_terms(b.robot)
-    pieces, value = cut_segments(b.simulator.episodes, 250), np.array([[0.1]])
+    segments, value = cut_segments(b.simulator.episodes, 250), np.array([[0.1]])
     onset = Onset(1, "001", 1.0, 1.0, 1.0)
-    told, always = (
-        b.simulator.simulate([t], value, pieces)[0]
+    predicted, always = (
+        b.simulator.simulate([t], value, segments)[0]
         for t in (*set_onset([term], onset), term)
     )
-    never = b.simulator.simulate([], np.zeros((1, 0)), pieces)[0]
+    never = b.simulator.simulate([], np.zeros((1, 0)), segments)[0]
     number, begin = (
-        pieces.episode[pieces.segment_of_sample],
-        pieces.first_step[pieces.segment_of_sample] * STEP,
+        segments.episode[segments.segment_of_sample],
+        segments.first_step[segments.segment_of_sample] * STEP,
     )
     late = (number > 1) | ((number == 1) & (begin > 0.9))
     assert 0 < late.sum() < len(late)
-    np.testing.assert_allclose(told[late], always[late])
-    np.testing.assert_allclose(told[~late], never[~late])
+    np.testing.assert_allclose(predicted[late], always[late])
+    np.testing.assert_allclose(predicted[~late], never[~late])
     assert np.abs(always - never)[late].max() > 1e-3
 
 
-def test_since_when_the_robot_is_another_one_is_told(tmp_path):
+def test_the_time_since_which_the_robot_differs_is_reported(tmp_path):
     onset = detect_change_point(*_stated_fit(tmp_path, _changing(at=3)))
     assert onset is not None and (onset.number, onset.episode) == (3, "003")
     assert onset.time == 0

@@ -28,7 +28,7 @@ from tests.support.problems import (
 
 
 @pytest.mark.parametrize("factor", [1.1, 1.6])
-def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, factor):
+def test_nominal_values_at_their_bounds_are_relieved_by_the_missing_effect(arm, factor):
     """The elbow's rotor, which masses and lengths can stand for in rough readings."""
     stated = list_nominal_terms(arm)
     terms = [t for n in ("armature", "viscous_friction")
@@ -49,7 +49,7 @@ def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, fac
         assert won[0].values[0] == pytest.approx(inertia, rel=0.2)
 
 
-def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
+def test_a_significant_prior_penalty_is_larger_in_contact(arm):
     problem, terms = make_problem(arm), list_nominal_terms(arm)
     none = fit_parameters(problem, terms, np.ones(len(terms)), rounds=0)
     least = SELECTION.significant_prior_penalty
@@ -58,7 +58,7 @@ def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
 
 
 @pytest.mark.parametrize(("left", "rough", "smooth"), [(0.8, 1, 1), (0.92, 0, 1)])
-def test_a_small_gain_is_no_name_where_something_touches(arm, left, rough, smooth):
+def test_a_small_gain_names_nothing_in_contact(arm, left, rough, smooth):
     (_, dry, *_) = find_effect("coulomb_friction").propose_terms(arm.robot)
     problem = make_problem(arm, (dry,), (0.001,))
     now = fit_and_score(problem, (), np.zeros(0))
@@ -69,7 +69,7 @@ def test_a_small_gain_is_no_name_where_something_touches(arm, left, rough, smoot
         assert (choose_winner(p, now, [best], 1) is not None) == earns
 
 
-def test_a_lost_limb_is_looked_at_with_values_as_given(arm):
+def test_a_lost_limb_is_tried_with_nominal_values(arm):
     (loss,) = find_effect("limb_loss").propose_terms(arm.robot)
     dry, *_ = find_effect("coulomb_friction").propose_terms(arm.robot)
     stated, tell = list_nominal_terms(arm), lambda what, share: None
@@ -89,7 +89,7 @@ def test_a_lost_limb_is_looked_at_with_values_as_given(arm):
     assert fit_parameterless(whole, len(stated), [dry, loss], tell) == []
 
 
-def test_of_poses_read_once_what_acts_at_rest_goes_before_a_delay(arm):
+def test_of_single_readings_what_acts_at_rest_goes_before_a_delay(arm):
     problem, rng = make_pose_problem(arm, 12), np.random.default_rng(0)
     held, rows = rng.normal(size=12) ** 2, problem.segments.readings.size
 

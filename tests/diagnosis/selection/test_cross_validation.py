@@ -31,23 +31,25 @@ def test_held_out_errors_are_those_of_fits_that_did_not_see_them(arm):
             seen = of != fold
             x = np.linalg.lstsq(found.jacobian[seen], -y[seen], rcond=None)[0]
             expected[~seen] = (y[~seen] + found.jacobian[~seen] @ x) ** 2
-        told = predict_held_out(problem, found, of)
-        np.testing.assert_allclose(told, problem.sum_by_segment(expected), rtol=1e-5)
-        assert told.sum() > found.cost
+        predicted = predict_held_out(problem, found, of)
+        np.testing.assert_allclose(
+            predicted, problem.sum_by_segment(expected), rtol=1e-5
+        )
+        assert predicted.sum() > found.cost
 
 
-def test_whole_held_out_windows_are_simulated(arm):
-    """There a Jacobian may be wrong, as where a foot touches down or does not."""
+def test_whole_held_out_segments_are_simulated(arm):
+    """A Jacobian may be wrong there, as where a foot touches down or does not."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     fold = problem.segment_of_residual == 1
     jac = np.where(fold[:, None], 1e3 * found.jacobian, found.jacobian)
     wrong, of = replace(found, jacobian=jac), problem.segment_of_residual
-    told, right = (predict_held_out(problem, f, of)[1] for f in (wrong, found))
-    assert told == pytest.approx(right, rel=1e-3)
+    predicted, right = (predict_held_out(problem, f, of)[1] for f in (wrong, found))
+    assert predicted == pytest.approx(right, rel=1e-3)
 
 
-def test_long_windows_are_parted_too(arm, monkeypatch):
-    """Else the last fold of a few long ones would have to extrapolate."""
+def test_long_segments_are_divided_into_blocks(arm):
+    """The last fold of a few long segments would have to extrapolate."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     few = problem.select(np.arange(3))
     rows = np.isin(problem.segment_of_residual, [0, 1, 2])
@@ -56,7 +58,7 @@ def test_long_windows_are_parted_too(arm, monkeypatch):
     assert part.cost < predict_held_out(few, part).sum() < whole
 
 
-def test_what_explains_one_episode_only_does_not_carry_over(arm):
+def test_what_explains_one_episode_only_does_not_generalize(arm):
     rng = np.random.default_rng(1)
     problem, found, _ = make_linear_problem(arm, rng)
     log = problem.segments.episode[problem.segment_of_residual]
@@ -67,8 +69,8 @@ def test_what_explains_one_episode_only_does_not_carry_over(arm):
     assert not generalizes_across_episodes(*_added(problem, found, same, 3 * own))
 
 
-def test_an_effect_that_one_episode_alone_shows_may_carry_over(arm):
-    """As a torque's limit that is reached in one: from the others it cannot be told."""
+def test_an_effect_that_one_episode_alone_shows_may_generalize(arm):
+    """A torque's limit may be reached in one episode; others do not determine it."""
     rng = np.random.default_rng(1)
     problem, found, _ = make_linear_problem(arm, rng)
     log = problem.segments.episode[problem.segment_of_residual]
@@ -99,17 +101,17 @@ def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordi
     damaged = read(folder / "damaged.h5")
     chosen = list(damaged.episodes)[::2]
     damaged = replace(damaged, episodes={i: damaged.episodes[i] for i in chosen})
-    world = build_simulator(
+    simulator = build_simulator(
         ModelCompiler(str(folder / "published_body.xml")), [damaged]
     )
-    scene = summarize_robot(world)
-    pieces = cut_segments(world.episodes, None)
-    problem = Problem(world, pieces, np.full(pieces.readings.shape[1], 0.02))
+    robot = summarize_robot(simulator)
+    segments = cut_segments(simulator.episodes, None)
+    problem = Problem(simulator, segments, np.full(segments.readings.shape[1], 0.02))
     base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
     terms = [
         t
         for name, target in (("limb_loss", "right_lower"), ("com_shift", "torso"))
-        for t in find_effect(name).propose_terms(scene)
+        for t in find_effect(name).propose_terms(robot)
         if t.targets == (f"body:{target}",)
     ]
     tried = [ScoredFit.from_fit(problem, fit_candidate(base, t)) for t in terms]

@@ -47,7 +47,7 @@ def test_of_single_readings_a_large_one_counts_and_small_ones_do_not_outvote_it(
     assert bic(problem, now) > bic(problem, ScoredFit(more, now.held_out_errors))
 
 
-def test_what_one_piece_alone_gains_is_no_gain(arm):
+def test_a_gain_of_one_segment_alone_is_no_gain(arm):
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     now = ScoredFit(found, predict_held_out(problem, found))
     held = 1.05 * now.held_out_errors
@@ -56,8 +56,8 @@ def test_what_one_piece_alone_gains_is_no_gain(arm):
     assert improvement_p_value(problem, now, one, 1) == 1.0
 
 
-def test_one_piece_does_not_take_a_gain_away(arm):
-    """As one does that a start makes odd, where all others are predicted better."""
+def test_one_segment_does_not_cancel_a_gain(arm):
+    """One segment has an odd initial state; all others are predicted better."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     now = ScoredFit(found, predict_held_out(problem, found))
     held = 0.5 * now.held_out_errors
@@ -70,8 +70,8 @@ def test_one_piece_does_not_take_a_gain_away(arm):
 
 
 @pytest.mark.parametrize("left", [1.0, 3.0])
-def test_where_only_noise_is_left_likelihoods_tell_what_is_as_good(arm, left):
-    """By a third of the windows, more than chance alone would have it."""
+def test_where_only_noise_is_left_likelihoods_decide_what_is_as_good(arm, left):
+    """A third of the segments is worse than chance alone would have it."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     size = np.sqrt(expected_noise(problem) / found.cost)
     found = replace(found, residuals=left * size * found.residuals)

@@ -15,7 +15,7 @@ from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
 from tests.support.problems import make_problem, name_effect
 
 
-def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
+def test_what_held_out_segments_refute_gives_way_to_what_they_support(arm):
     dry, inert = (
         find_effect(name).propose_terms(arm.robot)[1]
         for name in ("coulomb_friction", "armature")
@@ -36,19 +36,19 @@ def test_what_held_out_pieces_refute_gives_way_to_what_they_bear_out(arm):
     assert try_equivalents(seen, held, refuted, with_it) == ([], with_it)
 
 
-def test_held_out_pieces_decide_between_hypotheses_only_where_they_clearly_do(arm):
+def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(arm):
     dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
     problem = make_problem(arm, (dry,), (0.1,))
     case = SimpleNamespace(held_out=arm.simulator)
-    told = arm.simulator.simulate((dry,), np.array([[0.1]]), problem.segments)[0]
-    seen = replace(problem, segments=replace(problem.segments, readings=told))
+    predicted = arm.simulator.simulate((dry,), np.array([[0.1]]), problem.segments)[0]
+    seen = replace(problem, segments=replace(problem.segments, readings=predicted))
 
     def naming(value: float, *says) -> Hypothesis:
         at = fit_parameters(seen, (dry,), np.array([value]), rounds=0)
         scored = ScoredFit.from_fit(seen, at)
         return Hypothesis(seen, scored, scored, tuple(map(name_effect, says)), ())
 
-    # the held-out pieces are those of a robot without any friction
+    # the held-out segments are those of a robot without any friction
     near, far, alike = ((naming(x, dry), ()) for x in (0.001, 0.1, 0.0009))
     assert choose_hypothesis(case, [far]) is far
     assert choose_hypothesis(case, [far, near]) is near

@@ -13,7 +13,7 @@ from selfheal.diagnosis.selection.refine import prefer_simpler_names
 from tests.support.problems import make_problem, name_effect
 
 
-def test_a_number_that_does_nothing_gives_way_to_the_plainer_name(arm):
+def test_a_parameter_without_effect_gives_way_to_the_simpler_name(arm):
     limit, falling = (
         find_effect(name).propose_terms(arm.robot)[1]
         for name in ("torque_saturation", "speed_torque_limit")
@@ -28,8 +28,8 @@ def test_a_number_that_does_nothing_gives_way_to_the_plainer_name(arm):
     name = name_effect(falling)
     naming = Hypothesis(problem, alone, found, (name,), ())
     assert prefer_simpler_names(naming) is naming
-    told = replace(naming, named=(replace(name, equivalent=(limit,)),))
-    plain = prefer_simpler_names(told)
+    rivaled = replace(naming, named=(replace(name, equivalent=(limit,)),))
+    plain = prefer_simpler_names(rivaled)
     (new,) = plain.named
     assert (new.term.key, new.equivalent) == (limit.key, (falling,))
     assert plain.final.fit.terms == (new.term,)

@@ -26,24 +26,24 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
         base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
         tried = fit_candidate(base, boom)
         assert np.isfinite(tried.cost) and np.isfinite(tried.jacobian).all()
-        told: list[str] = []
+        messages: list[str] = []
         fits, count, again = screen_candidates(
-            [base] * 3, [boom, dry], lambda what, share: told.append(what)
+            [base] * 3, [boom, dry], lambda what, share: messages.append(what)
         )
     assert fits[0].terms[-1].label == dry.label
     assert fits[0].cost < 0.5 * base.fit.cost
     # what gains nothing is not tried a third time
-    assert 1 <= count <= 2 and len(told) == 5
+    assert 1 <= count <= 2 and len(messages) == 5
     assert [t.label for t in again] == [dry.label, boom.label]
 
 
-def test_a_window_in_which_something_shows_is_not_overlooked(arm):
+def test_a_segment_that_shows_an_effect_is_not_overlooked(arm):
     problem = make_problem(arm)
     stop = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
-    told = arm.simulator.simulate((stop,), np.array([[0.1]]), problem.segments)[0]
+    predicted = arm.simulator.simulate((stop,), np.array([[0.1]]), problem.segments)[0]
     readings = problem.segments.readings.copy()
     rows = problem.segments.find_sample_rows(np.array([5]))
-    readings[rows] = told[rows]
+    readings[rows] = predicted[rows]
     odd = replace(problem, segments=replace(problem.segments, readings=readings))
     some, stated = np.arange(5), list_nominal_terms(arm)
     for p, numbers in ((problem, []), (odd, [5])):

@@ -49,7 +49,7 @@ def _bench_with_friction(robot: str, folder, dry: float):
 
 
 @pytest.mark.parametrize("dry", [0.0, 0.1])
-def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
+def test_a_replay_that_decides_nothing_refutes_no_name_that_segments_support(
     dry, tmp_path
 ):
     b = _bench_with_friction("arm", tmp_path, dry)
@@ -75,7 +75,7 @@ def dry_pendulum(tmp_path_factory):
     [(0.025, 0.2, False), (0.025, 0.3, True), (0.05, 0.3, False),
      (0.05, np.inf, True), (0.05, np.nan, True), (0.05, 0.7, True)],
 )  # fmt: skip
-def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
+def test_a_worse_replay_refutes_what_segments_do_not_support(
     value, patched, worse, dry_pendulum
 ):
     """Half of the friction explains about half of the error, all of it nearly all."""
@@ -90,39 +90,41 @@ def test_a_replay_that_diverges_stands_beside_no_other_that_does():
     assert makes_replay_worse(None, None, proof)
 
 
-def _is_astray(b, floor: float, off=()) -> bool:
-    """Whether the given model is, of whose episodes some were read elsewhere."""
+def _is_off(b, floor: float, off=()) -> bool:
+    """Whether a replay of the model is off; some episodes are read elsewhere."""
     held = replace(b.simulator, has_contact=b.robot.has_contact)
-    pieces, none = (
+    segments, none = (
         score.cut_replay_segments(held),
         SimpleNamespace(terms=(), values=np.zeros(0)),
     )
     spread = np.repeat(
         [c.spread for c in held.channels], [c.width for c in held.channels]
     )
-    moved = np.isin(pieces.episode, off)[pieces.segment_of_sample]
-    pieces = replace(pieces, readings=pieces.readings + np.outer(moved, spread))
-    squares = score.sum_squared_errors(held, pieces, none.terms, none.values)
-    count = score.count_readings(held, pieces)
+    moved = np.isin(segments.episode, off)[segments.segment_of_sample]
+    segments = replace(segments, readings=segments.readings + np.outer(moved, spread))
+    squares = score.sum_squared_errors(held, segments, none.terms, none.values)
+    count = score.count_readings(held, segments)
     patched = score.compute_score(held, squares, count)
-    proof = SimpleNamespace(segments=pieces, count=count, squares={"patched": squares},
-                            numbers={"patched": patched, "floor": floor})  # fmt: skip
+    numbers = {"patched": patched, "floor": floor}
+    proof = SimpleNamespace(
+        segments=segments, count=count, squares={"patched": squares}, numbers=numbers
+    )
     assert patched > 6 * floor
     naming = SimpleNamespace(final=SimpleNamespace(fit=none))
     return is_replay_off(SimpleNamespace(held_out=held), naming, proof)
 
 
-@pytest.mark.parametrize("robot, off, astray", [
+@pytest.mark.parametrize("robot, off, is_off", [
     ("box", [3], False),  # fell on another side
     ("box", [0, 2, 3], True),
     ("arm", [3], True),
 ])  # fmt: skip
-def test_a_replay_is_astray_where_chance_is_no_reason(robot, off, astray, tmp_path):
+def test_a_replay_is_off_where_chance_is_no_reason(robot, off, is_off, tmp_path):
     b = bench(robot, tmp_path, episodes=5, seconds=0.8)
-    assert _is_astray(b, 0.05, off) is astray
+    assert _is_off(b, 0.05, off) is is_off
 
 
-def test_a_coarse_time_step_leads_no_replay_astray(tmp_path):
+def test_a_coarse_time_step_makes_no_replay_off(tmp_path):
     b = bench("pendulum", tmp_path, episodes=2, seconds=2.0, finer=20)
     _, each, _ = score_model(b.path, b.recording)
-    assert not _is_astray(b, each[0] / 8)
+    assert not _is_off(b, each[0] / 8)

@@ -10,8 +10,8 @@ from tests.support.recorded_robots import ROBOTS, bench
 
 
 @pytest.mark.parametrize("states", [True, False])
-def test_an_integrators_command_goes_on_where_a_piece_begins(states, tmp_path):
-    """From 0 where a state is given, from where the joint is where none is."""
+def test_an_integrators_state_goes_on_where_a_segment_begins(states, tmp_path):
+    """The state begins at 0 where one is given, else where the joint is."""
     servo = '<position name="servo" joint="hinge" kp="3" kv="0.1"/>'
     speed = '<intvelocity name="servo" joint="hinge" kp="3" actrange="-0.4 0.4"/>'
     robot = replace(
@@ -20,7 +20,7 @@ def test_an_integrators_command_goes_on_where_a_piece_begins(states, tmp_path):
     )  # fmt: skip
     how = {"episodes": 1, "seconds": 3.0, "noise": 1e-6, "finer": 1}
     b = bench(robot, tmp_path, states=states, **how)
-    pieces = cut_readable_segments(b.simulator, 0.5)
-    told = b.simulator.simulate([], np.zeros((1, 0)), pieces, centered=False)[0]
-    assert np.ptp(pieces.readings) > 0.3
-    np.testing.assert_allclose(told, pieces.readings, atol=5e-3)
+    segments = cut_readable_segments(b.simulator, 0.5)
+    predicted = b.simulator.simulate([], np.zeros((1, 0)), segments, centered=False)[0]
+    assert np.ptp(segments.readings) > 0.3
+    np.testing.assert_allclose(predicted, segments.readings, atol=5e-3)

@@ -35,9 +35,9 @@ def test_an_answer_is_worked_out_once(tmp_path):
     answers = [Checkpoint(tmp_path).load_or_compute(QUESTION, work) for _ in range(3)]
     assert work.done == 1
     for answer in answers:
-        for told, expected in zip(answer, work.answer, strict=True):
-            np.testing.assert_array_equal(told, expected)
-            assert told.dtype == expected.dtype
+        for value, expected in zip(answer, work.answer, strict=True):
+            np.testing.assert_array_equal(value, expected)
+            assert value.dtype == expected.dtype
 
 
 @pytest.mark.parametrize(
@@ -55,9 +55,9 @@ def test_another_question_has_another_answer(tmp_path, other):
     memory = Checkpoint(tmp_path)
     memory.load_or_compute(QUESTION, Work())
     work = Work((np.zeros(1),))
-    (told,) = memory.load_or_compute(other, work)
+    (answer,) = memory.load_or_compute(other, work)
     assert work.done == 1
-    assert told == 0
+    assert answer == 0
 
 
 def test_nothing_is_kept_without_a_folder():
@@ -109,7 +109,7 @@ def test_what_answers_are_about_is_the_model_and_every_reading(tmp_path):
 
 
 class Killed(BaseException):
-    """As Ctrl-C is."""
+    """An exception that, like Ctrl-C, is no Exception."""
 
 
 @pytest.fixture(scope="module")

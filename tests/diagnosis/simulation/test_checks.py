@@ -20,7 +20,7 @@ UNSTABLE = ARM.xml.replace('kp="20" kv="0.8"', 'kp="2e7" kv="0"').replace(
 
 
 class Reached(Exception):
-    """What was given is usable: the search for names begins."""
+    """The inputs are usable: the search for effects begins."""
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +78,7 @@ def _only(*kinds):
 
 
 def _meaning(**more):
-    """An elbow that means something else."""
+    """A signal of the elbow whose readings are something else."""
     return lambda e: replace(
         e, signals={**e.signals, "elbow": replace(e.signals["elbow"], **more)}
     )
@@ -151,8 +151,8 @@ def test_a_time_step_that_is_none_is_refused(step, usable, tmp_path):
         selfheal.diagnose(path, usable)
 
 
-def test_joints_that_no_signal_tells_are_named(diagnose):
-    """Their episodes are not cut into pieces, so that these are few."""
+def test_joints_that_no_signal_measures_are_named(diagnose):
+    """Episodes of single readings are not cut, so that segments are few."""
     blind = record(ROBOTS["half_seen_arm"], episodes=3, seconds=1.5, finer=1)
     with pytest.raises(RecordingError, match="position of joint 'elbow', .* and 2 are"):
         diagnose(blind)
@@ -215,7 +215,9 @@ def test_what_no_finding_speaks_of_needs_no_name(text, diagnose, usable):
 # divergence
 
 
-def test_a_model_that_diverges_at_once_is_told_with_episode_and_time(diagnose, usable):
+def test_a_model_that_diverges_at_once_is_reported_with_episode_and_time(
+    diagnose, usable
+):
     said = r"model\.xml: the model diverges, first in episode '000' at 0\.00\d* s"
     with pytest.raises(ModelError, match=said):
         diagnose(usable, UNSTABLE)
@@ -233,7 +235,7 @@ def test_the_moment_of_divergence_is_found(tmp_path):
         replace(b.simulator.episodes[1], ctrl=wild),
         b.simulator.episodes[2],
     )
-    world = replace(b.simulator, episodes=logs)
-    count, episode, time = find_divergence(world, cut_replay_segments(world))
+    simulator = replace(b.simulator, episodes=logs)
+    count, episode, time = find_divergence(simulator, cut_replay_segments(simulator))
     assert (count, episode) == (1, "001")
-    assert time == pytest.approx(0.6, abs=3 * world.timestep)
+    assert time == pytest.approx(0.6, abs=3 * simulator.timestep)

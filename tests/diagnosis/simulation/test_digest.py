@@ -154,7 +154,7 @@ def _add(x, y=1):
         (frozenset({1}), frozenset({2})),
     ],
 )
-def test_values_that_look_alike_are_told_apart(one, other):
+def test_values_that_look_alike_are_distinguished(one, other):
     digester = Digester()
     assert digester.digest(one) != digester.digest(other)
     assert digester.digest(one) == Digester().digest(one)
@@ -164,7 +164,7 @@ def test_a_scalar_counts_the_same_before_and_after_a_file():
     assert Digester().digest(np.float64(2)) == Digester().digest(np.array(2.0))
 
 
-def test_what_cannot_be_told_is_refused():
+def test_what_has_no_digest_is_refused():
     with pytest.raises(TypeError, match="no digest of a generator"):
         Digester().digest([1, (i for i in range(3))])
 

@@ -61,7 +61,7 @@ def test_the_score_is_the_contracts(name, tmp_path):
 
 
 def _with_gaps(recording):
-    """Some samples are missing, whole ones."""
+    """The recording without some of its samples."""
     rng = np.random.default_rng(0)
     episodes = {}
     for key, episode in recording.episodes.items():
@@ -97,10 +97,10 @@ def test_an_exact_model_scores_its_noise(tmp_path):
     assert number == pytest.approx(score.compute_noise_floor(b.simulator)[0], rel=0.25)
 
 
-def test_without_a_given_state_pieces_of_half_a_second_are_scored(tmp_path):
+def test_without_a_given_state_segments_of_half_a_second_are_scored(tmp_path):
     b = bench("pendulum", tmp_path, episodes=2, seconds=2.0, states=False, finer=1)
-    pieces = score.cut_replay_segments(b.simulator)
-    assert np.abs(pieces.lengths * b.simulator.timestep - 0.5).max() < 0.1
+    segments = score.cut_replay_segments(b.simulator)
+    assert np.abs(segments.lengths * b.simulator.timestep - 0.5).max() < 0.1
     number, _, _ = score_model(b.path, b.recording)
     (channel,) = b.simulator.channels
     assert number < 5e-3 / channel.spread
@@ -108,22 +108,24 @@ def test_without_a_given_state_pieces_of_half_a_second_are_scored(tmp_path):
 
 def test_a_diverging_model_scores_infinitely_and_raises_nothing(tmp_path):
     b = bench("pendulum", tmp_path, episodes=1, seconds=0.3)
-    pieces = score.cut_replay_segments(b.simulator)
+    segments = score.cut_replay_segments(b.simulator)
     terms = Explosion().propose_terms(b.robot)
     with np.errstate(all="ignore"):
-        squares = score.sum_squared_errors(b.simulator, pieces, terms, np.array([25.0]))
+        squares = score.sum_squared_errors(
+            b.simulator, segments, terms, np.array([25.0])
+        )
     assert np.isinf(
         score.compute_score(
-            b.simulator, squares, score.count_readings(b.simulator, pieces)
+            b.simulator, squares, score.count_readings(b.simulator, segments)
         )
     )
 
 
 def test_an_interval_holds_its_value(tmp_path):
     b = bench("pendulum", tmp_path, episodes=8, seconds=0.5)
-    pieces = score.cut_replay_segments(b.simulator)
-    squares = score.sum_squared_errors(b.simulator, pieces, (), np.zeros(0))
-    count = score.count_readings(b.simulator, pieces)
+    segments = score.cut_replay_segments(b.simulator)
+    squares = score.sum_squared_errors(b.simulator, segments, (), np.zeros(0))
+    count = score.count_readings(b.simulator, segments)
     value, low, high = score.bootstrap_interval(b.simulator, squares, count, 0)
     assert low <= value <= high and low < high
 
