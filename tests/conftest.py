@@ -6,17 +6,29 @@ import numpy as np
 import pytest
 
 from selfheal.recording import Episode, Recording, Signal
+from tests.support.paths import RECORDINGS
 
-SHARED = Path(__file__).parents[2] / "shared"
+
+@pytest.fixture(scope="session")
+def shared_recordings() -> Path:
+    """The folder of real recordings, which stands beside the repository."""
+    if not RECORDINGS.is_dir():
+        pytest.skip(f"no real recordings at {RECORDINGS}")
+    return RECORDINGS
+
+
+@pytest.fixture(scope="session")
+def walker() -> np.ndarray:
+    """Weights with which the whole quadruped walks."""
+    from tests.support.short_recover import find_walker
+
+    return find_walker()
 
 
 @pytest.fixture
-def shared_recordings() -> Path:
-    """The folder of real recordings, which stands beside the repository."""
-    folder = SHARED / "recordings"
-    if not folder.is_dir():
-        pytest.skip(f"no real recordings at {folder}")
-    return folder
+def rng() -> np.random.Generator:
+    """Random numbers that are the same in every test."""
+    return np.random.default_rng(7)
 
 
 @pytest.fixture

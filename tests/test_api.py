@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from toys_diagnosis import ROBOTS, record
 
 import selfheal
 from selfheal.diagnosis import diagnose as module
@@ -15,8 +14,9 @@ from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.errors import InputError, ModelError, RecordingError
 from selfheal.recording import read, write
+from tests.support.paths import DOCS
+from tests.support.recorded_robots import ROBOTS, record
 
-DOCS = Path(__file__).parents[1] / "docs"
 PENDULUM = ROBOTS["pendulum"]
 BIAS = 0.08  # [rad]
 
@@ -59,8 +59,15 @@ def home(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(few, home):
-    return selfheal.diagnose(home / "model.xml", home / "recording.h5")
+def memory(tmp_path_factory):
+    """Where what is worked out of the robot is kept."""
+    return tmp_path_factory.mktemp("memory")
+
+
+@pytest.fixture(scope="module")
+def found(few, home, memory):
+    files = home / "model.xml", home / "recording.h5"
+    return selfheal.diagnose(*files, memory=memory)
 
 
 def test_what_is_missing_is_found(found):
@@ -130,10 +137,19 @@ def test_a_model_that_was_changed_since_is_not_saved(found, home, tmp_path):
 
 
 @pytest.mark.parametrize("page", ["quickstart.md", "../README.md"])
-def test_the_examples_of_the_pages_run(page, few, home, tmp_path, monkeypatch, capsys):
+def test_the_examples_of_the_pages_run(
+    page, found, home, memory, tmp_path, monkeypatch, capsys
+):
+    """With what was worked out of the same robot before."""
     for name in ("model.xml", "robot.xml", "recording.h5"):
         (tmp_path / name).write_bytes((home / name).read_bytes())
     monkeypatch.chdir(tmp_path)
+    diagnose = module.diagnose
+
+    def remembering(*args, **more):
+        return diagnose(*args, **more | {"memory": memory})
+
+    monkeypatch.setattr(module, "diagnose", remembering)
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S)
     (code,) = (b for b in blocks if "selfheal.diagnose(" in b)
     exec(compile(code, page, "exec"), {})

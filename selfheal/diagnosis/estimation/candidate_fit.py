@@ -1,4 +1,9 @@
-"""One more term beside a fit: takes a fit and a term, gives the best of both."""
+"""Fits of one more term: takes a fit and a candidate term, gives the fit of both.
+
+The candidate's values are found by Gauss-Newton iterations. The values of the fit
+answer linearly: they are always where the linearization has its minimum. That is
+variable projection (Golub and Pereyra 1973), with the Jacobian of the fit held fixed.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -9,30 +14,31 @@ from ...recording.data import Floats
 from ..effects.base import Term, find_overridden
 from ..simulation.checkpoint import Arrays
 from .least_squares import (
-    TRIFLE,
-    WRONG,
     Fit,
+    Trial,
     compute_jacobian,
-    find_lowest,
+    search_dampings,
+    update_broyden,
+)
+from .problem import Problem
+from .quadratic_model import (
+    QuadraticModel,
     prior_precision,
     solve_bounded_step,
     stack_bounds,
-    update_broyden,
 )
-from .problem import FAR, Problem
-
-LOST = 0.5  # of the residuals so far off, from which no search begins; chosen
+from .settings import FIT
 
 
 @dataclass(frozen=True, eq=False)
 class LinearizedFit:
-    """A fit in whose neighborhood other effects are tried.
+    """A fit and the quadratic model of its cost, beside which other terms are tried.
 
     Attributes:
         problem: that was fitted.
-        fit: its best values.
-        weights: (P) of what is believed.
-        curvature: (P, P), of what is believed too.
+        fit: of its P values.
+        prior: (P) diagonal of Lambda, the prior's precision.
+        curvature: (P, P) J'J + Lambda.
     """
 
     problem: Problem
@@ -41,173 +47,282 @@ class LinearizedFit:
     curvature: Floats
 
     @classmethod
-    def from_fit(cls, problem: Problem, found: Fit) -> "LinearizedFit":
-        """With the curvature worked out."""
-        weights = prior_precision(found.terms)
-        curvature = found.jacobian.T @ found.jacobian + np.diag(weights)
-        return cls(problem, found, weights, curvature)
+    def from_fit(cls, problem: Problem, fit: Fit) -> "LinearizedFit":
+        """Linearize a fit of a problem by its Jacobian."""
+        prior = prior_precision(fit.terms)
+        curvature = fit.jacobian.T @ fit.jacobian + np.diag(prior)
+        return cls(problem, fit, prior, curvature)
 
     def select(self, chosen: np.ndarray) -> "LinearizedFit":
-        """The same fit in some of the windows."""
-        segments, found = self.problem.segments, self.fit
+        """The fit in some of the segments, by number, with its values as they are."""
+        segments, fit = self.problem.segments, self.fit
         width = segments.readings.shape[1]
         rows = segments.find_sample_rows(chosen)[:, None] * width + np.arange(width)
-        r, jac = found.residuals[rows.ravel()], found.jacobian[rows.ravel()]
+        residuals, jacobian = fit.residuals[rows.ravel()], fit.jacobian[rows.ravel()]
         return LinearizedFit.from_fit(
-            self.problem.select(chosen), Fit(found.terms, found.values, r, jac)
+            self.problem.select(chosen),
+            Fit(fit.terms, fit.values, residuals, jacobian),
         )
 
     def release_overridden(self, term: Term) -> "LinearizedFit":
-        """The same fit, where stated values that a term overrides do nothing."""
-        idle = find_overridden(term, self.fit.terms)
-        if not idle:
+        """The fit in which nominal values that a term overrides have no effect."""
+        overridden = find_overridden(term, self.fit.terms)
+        if not overridden:
             return self
-        jac = self.fit.jacobian.copy()
-        jac[:, idle] = 0.0
-        return LinearizedFit.from_fit(self.problem, replace(self.fit, jacobian=jac))
+        jacobian = self.fit.jacobian.copy()
+        jacobian[:, overridden] = 0.0
+        return LinearizedFit.from_fit(
+            self.problem, replace(self.fit, jacobian=jacobian)
+        )
 
     @cached_property
     def gradient(self) -> Floats:
-        """(P) of the cost where the fit ended."""
+        """(P) half the gradient of the penalized cost at the fit."""
         return self.gradient_at(self.fit.residuals)
 
+    def gradient_at(self, residuals: Floats) -> Floats:
+        """(P) J'r + Lambda (x - 1) at other residuals r (R)."""
+        return self.fit.jacobian.T @ residuals + self.prior * (self.fit.values - 1)
+
     def drop_residuals(self, rows: np.ndarray) -> tuple[float, Floats]:
-        """What others' cost falls by without some residuals, and the move (P) to it.
+        """Predict the fit without some residuals, by one Gauss-Newton step.
 
-        By one Gauss-Newton step; `rows` (R) says which residuals go.
-        """
-        low, high, scale = stack_bounds(self.fit.terms)
-        x, a = self.fit.values, self.fit.jacobian[rows]
-        h, g = self.curvature - a.T @ a, self.gradient - a.T @ self.fit.residuals[rows]
-        move = solve_bounded_step(h, g, low - x, high - x, scale)
-        return -float((2 * g + h @ move) @ move), move
-
-    def gradient_at(self, r: Floats) -> Floats:
-        """(P) of the cost at residuals r (R), with the pull of what is believed."""
-        return self.fit.jacobian.T @ r + self.prior * (self.fit.values - 1)
-
-    def minimize(
-        self, r: Floats, hold: np.ndarray | None = None
-    ) -> tuple[float, Floats]:
-        """Lowest cost and the move (P) to it, of residuals r if the rest is linear.
+        Their share of the curvature and of the gradient is subtracted (downdating).
 
         Args:
-            r: (R).
-            hold: numbers of parameters that do not move.
+            rows: (R) whether each residual is dropped.
+
+        Returns:
+            By how much the cost of the other residuals falls [1], and the step (P)
+            [units of the parameters].
         """
         low, high, scale = stack_bounds(self.fit.terms)
-        x = self.fit.values
-        g = self.gradient_at(r)
-        low, high = low - x, high - x
+        values, jacobian = self.fit.values, self.fit.jacobian[rows]
+        model = QuadraticModel(
+            self.curvature - jacobian.T @ jacobian,
+            self.gradient - jacobian.T @ self.fit.residuals[rows],
+            low - values,
+            high - values,
+            scale,
+        )
+        step = model.solve()
+        return -model.predict_change(step), step
+
+    def minimize(
+        self, residuals: Floats, hold: np.ndarray | None = None
+    ) -> tuple[float, Floats]:
+        """Minimize the penalized cost of other residuals over the values of the fit.
+
+        The residuals answer linearly, by the Jacobian of the fit.
+
+        Args:
+            residuals: (R) with the values of the fit [standard deviations].
+            hold: numbers of parameters that stay.
+
+        Returns:
+            The lowest cost [1], and the step (P) to it [units of the parameters].
+        """
+        low, high, scale = stack_bounds(self.fit.terms)
+        values = self.fit.values
+        gradient = self.gradient_at(residuals)
+        low, high = low - values, high - values
         if hold is not None:
             low[hold] = high[hold] = 0.0
-        move = solve_bounded_step(self.curvature, g, low, high, scale)
-        cost = r @ r + 2 * g @ move + move @ self.curvature @ move
-        return float(cost + self.prior @ (x - 1) ** 2), move
+        step = solve_bounded_step(self.curvature, gradient, low, high, scale)
+        cost = (
+            residuals @ residuals + 2 * gradient @ step + step @ self.curvature @ step
+        )
+        return float(cost + self.prior @ (values - 1) ** 2), step
 
 
-def fit_candidate(base: LinearizedFit, term: Term, *, rounds: int = 4) -> Fit:
-    """The best of one more term, while all others answer linearly.
+def fit_candidate(
+    base: LinearizedFit, term: Term, *, rounds: int = FIT.candidate_iterations
+) -> Fit:
+    """Fit one more term, while the values of a fit answer linearly.
+
+    Args:
+        base: the fit without the term.
+        term: to be fitted, from each of its initial values.
+        rounds: iterations at most.
 
     Returns:
-        All terms; residuals and Jacobian are those of the linear answer.
+        The fit of all terms, the new one last. Residuals and Jacobian are those of the
+        linear answer.
     """
     base = base.release_overridden(term)
-    found = base.fit
-    x, r, jac, move = base.problem.simulator.load_or_compute(
+    old = base.fit
+    values, residuals, jacobian, others_step = base.problem.simulator.load_or_compute(
         partial(_fit_candidate, base, term, rounds)
     )
     return Fit(
-        (*found.terms, term), np.concatenate([found.values + move, x]),
-        r + found.jacobian @ move, np.hstack([found.jacobian, jac]),
-    )  # fmt: skip
+        (*old.terms, term),
+        np.concatenate([old.values + others_step, values]),
+        residuals + old.jacobian @ others_step,
+        np.hstack([old.jacobian, jacobian]),
+    )
 
 
-def _fit_candidate(base: LinearizedFit, term: Term, rounds: int) -> Arrays:
-    """The term's values, residuals and Jacobian, and the move of all others."""
-    problem, terms = base.problem, (*base.fit.terms, term)
-    low, high, scale = term.low, term.high, term.scale
-    fixed = base.fit.values
+@dataclass(frozen=True, eq=False)
+class _CandidateProblem:
+    """The problem whose unknowns are the p values of one more term."""
 
-    def residuals(points: Floats) -> Floats:
-        rows = np.hstack([np.tile(fixed, (len(points), 1)), points])
-        return problem.compute_residuals(terms, rows)
+    base: LinearizedFit
+    term: Term
 
-    def slopes(x: Floats, r: Floats) -> Floats:
-        return compute_jacobian(problem, terms, np.append(fixed, x), r, len(fixed))
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Those of the fit, and the new one."""
+        return (*self.base.fit.terms, self.term)
 
-    def settled(points: Floats) -> list[tuple]:
-        found = [(new, base.minimize(new)) for new in residuals(points)]
-        return [(cost, new, others) for new, (cost, others) in found]
+    def compute_residuals(self, points: Floats) -> Floats:
+        """(n, R) residuals at values (n, p) of the term, those of the fit as fitted."""
+        fixed = np.tile(self.base.fit.values, (len(points), 1))
+        return self.base.problem.compute_residuals(
+            self.terms, np.hstack([fixed, points])
+        )
 
-    points = np.array(term.initial_values, float).reshape(len(term.initial_values), -1)
-    predicted = residuals(points)
-    if term.effect.is_periodic and len(points) > 1:
-        points = np.clip(_find_best_sinusoid(base, points, predicted), low, high)
-        predicted = residuals(points)
-    if (np.abs(predicted) >= FAR).mean(axis=1).min() > LOST:
-        rounds = 0
-    ends = [base.minimize(r) for r in predicted]
-    first = int(np.argmin([c for c, _ in ends]))
-    x, r, (cost, move) = points[first], predicted[first], ends[first]
-    jac = slopes(x, r) if rounds else np.zeros((len(r), len(x)))
-    for _ in range(rounds if len(x) else 0):
-        propose = partial(_propose_joint_step, base, jac, r, x, low, high, scale)
-        best = find_lowest(cost, propose, settled, TRIFLE)
-        if best is None or best[1] >= cost * (1 - 1e-6):
+    def compute_jacobian(self, values: Floats, residuals: Floats) -> Floats:
+        """(R, p) Jacobian at values (p) of the term with residuals (R)."""
+        fixed = self.base.fit.values
+        return compute_jacobian(
+            self.base.problem,
+            self.terms,
+            np.append(fixed, values),
+            residuals,
+            len(fixed),
+        )
+
+    def minimize_others(self, values: Floats, residuals: Floats) -> Trial:
+        """The trial at values (p) with residuals (R), all others at their best."""
+        cost, others_step = self.base.minimize(residuals)
+        return Trial(values, cost, residuals, others_step)
+
+    def evaluate(self, points: Floats) -> list[Trial]:
+        """Trials at n points (n, p)."""
+        residuals = self.compute_residuals(points)
+        return [
+            self.minimize_others(x, r) for x, r in zip(points, residuals, strict=True)
+        ]
+
+    def build_model(self, now: Trial, jacobian: Floats) -> QuadraticModel:
+        """The model of the cost over all P + p values, from those of the fit and now.
+
+            [J'J + Lambda  J'K]            [J'r + Lambda (x - 1)]
+        H = [K'J           K'K],       g = [K'r                 ]
+
+        `now` is the trial that the model is of, `jacobian` is K (R, p).
+        """
+        base, term = self.base, self.term
+        low, high, scale = stack_bounds(base.fit.terms)
+        cross = base.fit.jacobian.T @ jacobian
+        return QuadraticModel(
+            np.block([[base.curvature, cross], [cross.T, jacobian.T @ jacobian]]),
+            np.concatenate(
+                [base.gradient_at(now.residuals), jacobian.T @ now.residuals]
+            ),
+            np.concatenate([low - base.fit.values, term.low - now.point]),
+            np.concatenate([high - base.fit.values, term.high - now.point]),
+            np.concatenate([scale, term.scale]),
+        )
+
+    def search_step(self, now: Trial, jacobian: Floats) -> Trial | None:
+        """The best step from a trial with Jacobian (R, p); None: none lowers the cost.
+
+        Steps are of all values together, but the cost counts with the values of the fit
+        at their best beside the term's.
+        """
+        model, fitted = self.build_model(now, jacobian), self.base.fit.values
+        cost = now.residuals @ now.residuals + self.base.prior @ (fitted - 1) ** 2
+
+        def propose(damping: float) -> tuple[float, Floats]:
+            """Predicted cost and the term's values (p) of a damping."""
+            step = model.solve(damping)
+            return (
+                float(cost + model.predict_change(step)),
+                now.point + step[len(fitted) :],
+            )
+
+        return search_dampings(
+            now.cost, propose, self.evaluate, FIT.candidate_min_predicted_gain
+        )
+
+
+def _fit_candidate(base: LinearizedFit, term: Term, iterations: int) -> Arrays:
+    """The term's values (p), residuals (R), Jacobian (R, p) and the others' step (P).
+
+    Arguments are those of `fit_candidate`.
+    """
+    candidate = _CandidateProblem(base, term)
+    now, has_diverged = _find_start(candidate)
+    if has_diverged:
+        iterations = 0
+    if iterations:
+        jacobian = candidate.compute_jacobian(now.point, now.residuals)
+    else:
+        jacobian = np.zeros((len(now.residuals), len(now.point)))
+    for _ in range(iterations if len(now.point) else 0):
+        old, trial = now, candidate.search_step(now, jacobian)
+        if trial is None or trial.cost >= old.cost * (1 - FIT.candidate_min_step_gain):
             break
-        before, moved, change = cost, best[0] - x, best[2] - r
-        x, cost, r, move = best
-        if rounds == 1 or before - cost < 2e-3 * before:
-            jac = update_broyden(jac, moved, change, scale)
-            break
-        wrong = change - jac @ moved
-        if wrong @ wrong < WRONG * (r @ r):
-            jac = update_broyden(jac, moved, change, scale)
+        now = trial
+        step, change = now.point - old.point, now.residuals - old.residuals
+        error, gain = change - jacobian @ step, old.cost - now.cost
+        is_last = iterations == 1 or gain < FIT.candidate_min_iteration_gain * old.cost
+        is_linear = error @ error < FIT.broyden_error * (now.residuals @ now.residuals)
+        if is_last or is_linear:
+            jacobian = update_broyden(jacobian, step, change, term.scale)
         else:
-            jac = slopes(x, r)
-    return x, r, jac, move
+            jacobian = candidate.compute_jacobian(now.point, now.residuals)
+        if is_last:
+            break
+    return now.point, now.residuals, jacobian, now.others_step
+
+
+def _find_start(candidate: _CandidateProblem) -> tuple[Trial, bool]:
+    """The best of a term's initial values, and whether all of them diverge."""
+    base, term = candidate.base, candidate.term
+    points = np.array(term.initial_values, float).reshape(len(term.initial_values), -1)
+    residuals = candidate.compute_residuals(points)
+    if term.effect.is_periodic and len(points) > 1:
+        best = _find_best_sinusoid(base, points, residuals)
+        points = np.clip(best, term.low, term.high)
+        residuals = candidate.compute_residuals(points)
+    clipped = (np.abs(residuals) >= FIT.max_residual).mean(axis=1)
+    trials = [
+        candidate.minimize_others(x, r) for x, r in zip(points, residuals, strict=True)
+    ]
+    best_trial = trials[int(np.argmin([t.cost for t in trials]))]
+    return best_trial, bool(clipped.min() > FIT.max_clipped_share)
 
 
 def _find_best_sinusoid(
-    base: LinearizedFit, points: Floats, predicted: Floats
+    base: LinearizedFit, points: Floats, residuals: Floats
 ) -> Floats:
-    """Amplitude, frequency and phase (1, 3) that explain most if all answers linearly.
+    """The sinusoid that lowers the cost most if residuals answer linearly.
 
-    By the sine and the cosine of each frequency (Lomb 1976), fitted with all else.
+    For each frequency, the amplitudes of a sine and a cosine are solved for together
+    with all values of the fit: a periodogram by least squares (Lomb 1976).
 
     Args:
-        base: the fit without it.
-        points: (2 n, 3) starts, those of a frequency a quarter turn apart.
-        predicted: (2 n, R) residuals with them.
+        base: the fit without the sinusoid.
+        points: (2 n, 3) amplitude, frequency and phase to begin with, two of each
+            frequency a quarter turn apart.
+        residuals: (2 n, R) with them [standard deviations].
+
+    Returns:
+        (1, 3) amplitude, frequency and phase [units of the points].
     """
-    r, jac = base.fit.residuals, base.fit.jacobian
-    best, most = points[:1], 0.0
+    r, jacobian = base.fit.residuals, base.fit.jacobian
+    best, best_gain = points[:1], 0.0
     for k in range(0, len(points), 2):
-        pair = (predicted[k : k + 2] - r).T
-        cross = jac.T @ pair
+        pair = (residuals[k : k + 2] - r).T
+        cross = jacobian.T @ pair
         h = np.block([[base.curvature, cross], [cross.T, pair.T @ pair]])
         g = np.concatenate([base.gradient_at(r), pair.T @ r])
-        x = -np.linalg.lstsq(h, g, rcond=1e-12)[0]
-        if -g @ x > most:
-            most, (sine, cosine) = -g @ x, x[-2:]
+        step = -np.linalg.lstsq(h, g, rcond=FIT.sinusoid_rank_tolerance)[0]
+        if -g @ step > best_gain:
+            best_gain, (sine, cosine) = -g @ step, step[-2:]
             phase = np.mod(points[k, 2] + np.arctan2(cosine, sine), 2 * np.pi)
-            wave = points[k, 0] * np.hypot(sine, cosine), points[k, 1], phase
-            best = np.array([wave])
+            amplitude = points[k, 0] * np.hypot(sine, cosine)
+            best = np.array([[amplitude, points[k, 1], phase]])
     return best
-
-
-def _propose_joint_step(base: LinearizedFit, jac, r, x, low, high, scale, damping):
-    """The cost that a move of all values promises, and the term's own values then."""
-    all_low, all_high, all_scale = stack_bounds(base.fit.terms)
-    cross = base.fit.jacobian.T @ jac
-    h = np.block([[base.curvature, cross], [cross.T, jac.T @ jac]])
-    g = np.concatenate([base.gradient_at(r), jac.T @ r])
-    move = solve_bounded_step(
-        h, g,
-        np.concatenate([all_low - base.fit.values, low - x]),
-        np.concatenate([all_high - base.fit.values, high - x]),
-        np.concatenate([all_scale, scale]), damping,
-    )  # fmt: skip
-    cost = r @ r + base.prior @ (base.fit.values - 1) ** 2
-    return float(cost + (2 * g + h @ move) @ move), x + move[len(base.fit.values) :]

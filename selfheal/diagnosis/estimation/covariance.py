@@ -1,110 +1,193 @@
-"""How sure a fit is of its values: takes it, gives errors and intervals."""
+"""Covariance of a fit's values: takes a fit, gives standard errors and intervals.
+
+With A the Jacobian, Lambda the prior's precision, H = A'A + Lambda, and g_b = A_b'r_b
+of the residuals in block b of neighboring segments, the covariances are
+
+    usual:     H^-1 (s^2 A'A + Lambda) H^-1,           s^2 = r'r / (R - P)
+    sandwich:  H^-1 (B / (B - 1) sum g_b g_b' + Lambda) H^-1
+
+(Huber 1967, White 1980, over clusters: Liang and Zeger 1986). The prior is one more
+reading of each nominal value, off by its own standard deviation.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Parameter
-from .least_squares import Fit, prior_precision
+from .least_squares import Fit
 from .problem import Problem, assign_blocks
+from .quadratic_model import prior_precision
+from .settings import FIT
 
 
-def effective_sample_size(problem: Problem, r: Floats) -> float:
-    """How many independent samples the squared residuals (R) amount to.
+def effective_sample_size(problem: Problem, residuals: Floats) -> float:
+    """Number of independent samples that squared residuals amount to.
 
-    Each column of each window counts by its correlation time; the sum's spread by
-    Satterthwaite's (1946) rule.
+    Each column of each segment, with squared sum E and correlation time tau, counts as
+    n / tau samples. Their sum has the size of Satterthwaite's (1946) rule,
+
+        (sum E)^2 / sum (E^2 tau / n).
+
+    Args:
+        problem: of the residuals.
+        residuals: (R) [standard deviations].
     """
     width = problem.segments.readings.shape[1]
-    r = r.reshape(-1, width)
+    residuals = residuals.reshape(-1, width)
     edges = np.searchsorted(
         problem.segments.segment_of_sample, np.arange(len(problem.segments) + 1)
     )
     energy, spread = 0.0, 0.0
     for a, b in zip(edges[:-1], edges[1:], strict=True):
-        for x in r[a:b].T:
-            size = float(x @ x)
-            if size > 0:
-                energy += size
-                spread += size**2 / (len(x) / _correlation_time(x))
+        for series in residuals[a:b].T:
+            squared = float(series @ series)
+            if squared > 0:
+                energy += squared
+                spread += squared**2 / (len(series) / _correlation_time(series))
     return energy**2 / spread if spread else 0.0
 
 
-def _correlation_time(x: Floats) -> float:
-    """Integrated correlation time of a series [samples], about zero."""
-    n = len(x)
-    if n < 4:
+def _correlation_time(series: Floats) -> float:
+    """Integrated autocorrelation time [samples] of a series (n) about zero.
+
+    tau = 1 + 2 sum rho(k), up to the first lag k whose autocorrelation is not positive
+    (Geyer 1992), between 1 and n; by the fast Fourier transform.
+    """
+    n = len(series)
+    if n < FIT.min_correlated_samples:
         return float(n)
-    power = np.abs(np.fft.rfft(x, 2 * n)) ** 2
+    power = np.abs(np.fft.rfft(series, 2 * n)) ** 2
     rho = np.fft.irfft(power)[:n]
     rho = rho / rho[0]
     end = int(np.argmax(rho <= 0)) or n
     return float(min(n, 1 + 2 * rho[1:end].sum()))
 
 
-LEVEL = 1.645  # standard errors of a 90 % interval
-# times as wide is that of a finding: models are wrong in ways that no error counts, and
-# of 71 values that other hands hid 1.645 errors held 75 %, these 83 (results, diagnose)
-WIDER = 1.4
+def standard_errors(problem: Problem, fit: Fit) -> Floats:
+    """Standard errors of a fit's values, robust to correlation within a block.
 
+    The larger of the usual and of the sandwich variance. To it are added the squared
+    changes of the values by the time step's error and by an error of the commands'
+    clock: parameters that are considered and not estimated (Schmidt 1966).
 
-def standard_errors(problem: Problem, found: Fit) -> Floats:
-    """Standard errors (P), robust to residuals that are alike in a window.
+    Args:
+        problem: that was fitted.
+        fit: with a Jacobian as fine as it can be (`refine_jacobian`).
 
-    The sandwich of Huber (1967) and White (1980) over blocks of windows, or the usual
-    estimate where that is larger; what is believed of stated values counts as one more
-    reading of each, off by its own standard deviation. What the time step, and not
-    knowing the clock better, move a value by are errors of it, too: those of parameters
-    that are considered and not estimated (Schmidt 1966).
+    Returns:
+        (P) [units of the parameters]; infinite where no reading tells.
     """
-    jac, r = found.jacobian, found.residuals
-    scale = np.sqrt((jac**2).sum(axis=0))
-    live = scale > 1e-9 * max(scale.max(initial=0.0), 1e-300)
-    out = np.full(len(found.values), np.inf)
-    if not live.any():
-        return out
-    a = jac[:, live] / scale[live]
-    block = assign_blocks(problem)[problem.segment_of_residual]
-    slopes = np.stack([
-        a[block == b].T @ r[block == b] for b in np.unique(block)
-    ])  # fmt: skip
-    belief = np.diag(prior_precision(found.terms)[live] / scale[live] ** 2)
-    size, turn = np.linalg.eigh(a.T @ a + belief)
-    # a direction that no reading shows is as uncertain as can be, not certain; what is
-    # believed is ever so little beside many readings, and tells it all the same
-    size = np.maximum(size, 1e-14 * size.max())
-    curvature = turn * size @ turn.T
-    usual = (curvature - belief) * float(r @ r) / max(len(r) - len(a.T), 1)
-    robust = slopes.T @ slopes * len(slopes) / max(len(slopes) - 1, 1)
-    # no direction is more uncertain than it was before anything was read
-    most = 1 / np.sqrt(np.maximum((turn * (belief @ turn)).sum(axis=0), 1e-300))
-
-    def cover(causes: Floats) -> Floats:
-        """Variances that columns of `causes` make, as slopes of the cost."""
-        along = (turn / size).T @ causes
-        kept = most / np.maximum(np.linalg.norm(along, axis=1), most)
-        return ((turn * kept @ along) ** 2).sum(axis=1)
-
-    slopes_of_errors = (
-        a.T @ considered(found.terms, found.values, r)
-        for considered in (problem.timestep_error, problem.clock_error)
+    norms = np.sqrt((fit.jacobian**2).sum(axis=0))
+    largest = max(norms.max(initial=0.0), FIT.tiny)
+    is_observed = norms > FIT.min_column_share * largest
+    errors = np.full(len(fit.values), np.inf)
+    if not is_observed.any():
+        return errors
+    jacobian = fit.jacobian[:, is_observed] / norms[is_observed]
+    prior = np.diag(prior_precision(fit.terms)[is_observed] / norms[is_observed] ** 2)
+    propagation = _Propagation.build(jacobian, prior)
+    usual, clustered = _gradient_covariances(
+        problem, fit.residuals, jacobian, propagation.curvature - prior
     )
     variance = np.maximum(
-        *(cover(_matrix_root(data + belief)) for data in (usual, robust))
+        propagation.compute_variances(_matrix_root(usual + prior)),
+        propagation.compute_variances(_matrix_root(clustered + prior)),
     )
-    variance += sum(cover(slope[:, None]) for slope in slopes_of_errors)
-    out[live] = np.sqrt(variance) / scale[live]
-    return out
+    gradients_of_errors = [
+        jacobian.T @ compute_error(fit.terms, fit.values, fit.residuals)
+        for compute_error in (problem.timestep_error, problem.clock_error)
+    ]
+    variance += sum(
+        propagation.compute_variances(g[:, None]) for g in gradients_of_errors
+    )
+    errors[is_observed] = np.sqrt(variance) / norms[is_observed]
+    return errors
+
+
+def _gradient_covariances(
+    problem: Problem, residuals: Floats, jacobian: Floats, information: Floats
+) -> tuple[Floats, Floats]:
+    """Covariances (P, P) of the gradient A'r: the usual one and that over blocks.
+
+    Args:
+        problem: of the residuals.
+        residuals: (R) r [standard deviations].
+        jacobian: (R, P) A, its columns of length 1.
+        information: (P, P) A'A.
+    """
+    block = assign_blocks(problem)[problem.segment_of_residual]
+    gradients = np.stack(
+        [jacobian[block == b].T @ residuals[block == b] for b in np.unique(block)]
+    )
+    count, free = len(gradients), len(residuals) - len(jacobian.T)
+    usual = information * float(residuals @ residuals) / max(free, 1)
+    return usual, gradients.T @ gradients * count / max(count - 1, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Propagation:
+    """How errors of a gradient propagate to values, by H = V diag(l) V'.
+
+    Attributes:
+        eigenvalues: (P) l.
+        eigenvectors: (P, P) V.
+        prior_std: (P) of each eigenvector's direction, before any reading.
+    """
+
+    eigenvalues: Floats
+    eigenvectors: Floats
+    prior_std: Floats
+
+    @classmethod
+    def build(cls, jacobian: Floats, prior: Floats) -> "_Propagation":
+        """From a Jacobian (R, P) and the prior's precision (P, P).
+
+        Eigenvalues have a floor, for a direction that no reading shows is as uncertain
+        as can be, and not certain. It is so low that the prior, small as it may be
+        beside many readings, still counts.
+        """
+        eigenvalues, v = np.linalg.eigh(jacobian.T @ jacobian + prior)
+        floor = FIT.min_eigenvalue_share * eigenvalues.max()
+        precision = np.maximum((v * (prior @ v)).sum(axis=0), FIT.tiny)
+        return cls(np.maximum(eigenvalues, floor), v, 1 / np.sqrt(precision))
+
+    @property
+    def curvature(self) -> Floats:
+        """(P, P) H, with the floor of its eigenvalues."""
+        return self.eigenvectors * self.eigenvalues @ self.eigenvectors.T
+
+    def compute_variances(self, root: Floats) -> Floats:
+        """(P) diagonal of H^-1 S H^-1, with S = root root' of a gradient.
+
+        No direction becomes more uncertain than it was before anything was read.
+        `root`: (P, k).
+        """
+        along = (self.eigenvectors / self.eigenvalues).T @ root
+        std = np.linalg.norm(along, axis=1)
+        kept = self.prior_std / np.maximum(std, self.prior_std)
+        return ((self.eigenvectors * kept @ along) ** 2).sum(axis=1)
 
 
 def _matrix_root(matrix: Floats) -> Floats:
-    """R with R R' = a matrix that is not negative."""
-    size, turn = np.linalg.eigh(matrix)
-    return np.asarray(turn * np.sqrt(np.maximum(size, 0.0)))
+    """(P, P) root with root root' = a positive semidefinite matrix (P, P)."""
+    eigenvalues, v = np.linalg.eigh(matrix)
+    return np.asarray(v * np.sqrt(np.maximum(eigenvalues, 0.0)))
 
 
 def confidence_interval(
     parameter: Parameter, value: float, error: float
 ) -> tuple[float, float]:
-    """The 90 % interval of an effect's parameter, of its standard error."""
-    apart = WIDER * LEVEL * error
-    return max(parameter.low, value - apart), min(parameter.high, value + apart)
+    """The 90 % interval of an effect's parameter, within its bounds.
+
+    Args:
+        parameter: with its bounds.
+        value: fitted [unit of the parameter].
+        error: standard error [unit of the parameter].
+
+    Returns:
+        Lower and upper end [unit of the parameter].
+    """
+    half = FIT.interval_factor * FIT.interval_standard_errors * error
+    return max(parameter.low, value - half), min(parameter.high, value + half)

@@ -1,4 +1,18 @@
-"""Least squares of a simulation to recordings: takes terms, gives their values."""
+"""Nonlinear least squares: takes a problem and terms, gives fits of their values.
+
+With residuals r(x) in standard deviations, whose covariance is the unit matrix, and a
+normal prior of mean 1 and precision Lambda (diagonal), a fit minimizes
+
+    cost(x) = r(x)'r(x) + (x - 1)' Lambda (x - 1),   low <= x <= high,
+
+which is twice the negative logarithm of the posterior density, up to a constant. An
+iteration of Gauss-Newton linearizes r with the Jacobian J and solves
+
+    (J'J + Lambda + D) step = -(J'r + Lambda (x - 1)),
+
+where D damps the step (Levenberg 1944, Marquardt 1963). See Nocedal and Wright 2006,
+chapter 10.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,29 +24,27 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
 from .problem import Problem
-
-STAYS = 0.01  # squared residuals; chosen: nothing against a thousand readings
-# a step stays in the neighborhood that gains less than this share of the cost, or after
-# which the Jacobian was wrong by less than this share of what is left; chosen
-NEAR, WRONG = 0.02, 0.01
-# of each curvature: the first is tried alone, the others where it gains less than this
-# share of what it promised; a promise of less than this share of the cost is not tried
-DAMPING, KEPT, TRIFLE = (1e-4, 1e-2, 1.0, 30.0), 0.75, 1e-3
-# of `rested`: steps at most, what it moves values by for slopes [of their scale], and
-# the gain [squared residuals] worth a step; chosen: a fifth of a standard deviation
-RESTS, FINE, WORTH = 3, 1e-4, 0.05
+from .quadratic_model import (
+    QuadraticModel,
+    penalized_cost,
+    prior_precision,
+    stack_bounds,
+)
+from .settings import FIT
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where a search ended.
+    """Values of parameters that fit a problem, and the linearization there.
 
     Attributes:
         terms: that were fitted.
-        values: (P) of their parameters, in a row.
-        residuals: (R) there.
-        jacobian: (R, P) there or near.
-        is_fine: whether that is there, by differences as fine as errors need.
+        values: (P) [units of the parameters] of all terms in a row.
+        residuals: (R) [standard deviations] at the values.
+        jacobian: (R, P) [1 per unit of the parameter] of the residuals, at the values
+            or near them.
+        has_fine_jacobian: whether the Jacobian is differenced at the values, and as
+            finely as standard errors need it.
     """
 
     terms: tuple[Term, ...]
@@ -43,237 +55,342 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """Sum of squared residuals."""
+        """Sum of squared residuals [1], without the prior."""
         return float(self.residuals @ self.residuals)
 
     @property
     def prior_penalty(self) -> float:
-        """How far stated values are from what is believed of them [variances]."""
+        """(x - 1)' Lambda (x - 1) [variances]: how far values are from their prior."""
         return float(prior_precision(self.terms) @ (self.values - 1) ** 2)
 
-    def without_terms(self, *gone: Term) -> tuple[tuple[Term, ...], Floats]:
-        """The terms without some, and their values."""
-        kept = tuple(t for t in self.terms if t not in gone)
-        return kept, self.values[self._find_kept_columns(gone)]
+    def without_terms(self, *removed: Term) -> tuple[tuple[Term, ...], Floats]:
+        """The terms without some, and their values (P) [units of the parameters]."""
+        kept = tuple(t for t in self.terms if t not in removed)
+        return kept, self.values[self._find_kept_columns(removed)]
 
-    def jacobian_without(self, *gone: Term) -> Floats:
-        """The Jacobian without the columns of some terms."""
-        return self.jacobian[:, self._find_kept_columns(gone)]
+    def jacobian_without(self, *removed: Term) -> Floats:
+        """(R, P) the Jacobian without the columns of some terms."""
+        return self.jacobian[:, self._find_kept_columns(removed)]
 
-    def _find_kept_columns(self, gone: Sequence[Term]) -> np.ndarray:
-        """(P) which parameters stay without some terms."""
-        stays = [t not in gone for t in self.terms for _ in t.parameters]
-        return np.array(stays, bool)
-
-
-def stack_bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
-    """Low, high and scale (P) of all parameters."""
-    return tuple(
-        np.concatenate([getattr(t, k) for t in terms] or [np.zeros(0)])
-        for k in ("low", "high", "scale")
-    )  # type: ignore[return-value]
-
-
-def prior_precision(terms: Sequence[Term]) -> Floats:
-    """Weights (P) by which a careful user believes that stated values' factors are 1.
-
-    Half of what the contract grants is a standard deviation: where readings do not tell
-    two values apart, both stay near what the model states.
-    """
-    low, high, _ = stack_bounds(terms)
-    nominal_terms = [t.effect.name == "stated" for t in terms for _ in t.parameters]
-    return np.where(nominal_terms, 16 / np.maximum(high - low, 1e-9) ** 2, 0.0)
-
-
-def solve_bounded_step(
-    curvature: Floats, slope: Floats, low: Floats, high: Floats, scale: Floats,
-    damping: float = 1e-9,
-) -> Floats:  # fmt: skip
-    """The move (P) between low and high that lowers a quadratic the most."""
-    from scipy.optimize import lsq_linear
-
-    if not len(slope):
-        return slope
-    h = curvature * np.outer(scale, scale)
-    g = slope * scale
-    size = np.diag(h)
-    # what no reading shows stays: a step of its scale costs a hundredth of a residual
-    h = h + np.diag(damping * size + 1e-9 * max(size.max(), 1e-12) + STAYS)
-    root = np.linalg.cholesky(h).T
-    target = -np.linalg.solve(root.T, g)
-    a, b = np.minimum(low / scale, 0), np.maximum(high / scale, 0)
-    move = np.linalg.solve(root, target)
-    if (move < a).any() or (move > b).any():
-        b = np.maximum(b, a + 1e-12)
-        move = lsq_linear(root, target, (a, b), method="bvls", max_iter=200).x
-    return np.clip(move, a, b) * scale
+    def _find_kept_columns(self, removed: Sequence[Term]) -> np.ndarray:
+        """(P) whether each parameter stays without some terms."""
+        is_kept = [t not in removed for t in self.terms for _ in t.parameters]
+        return np.array(is_kept, bool)
 
 
 def compute_jacobian(
-    problem: Problem, terms: Sequence[Term], values: Floats, at: Floats, first: int = 0,
-    moved: float = 0.0,
-) -> Floats:  # fmt: skip
-    """Differences (R, P - first) of residuals at values (P), where they are `at` (R).
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    residuals: Floats,
+    first: int = 0,
+    *,
+    difference_step: float | None = None,
+) -> Floats:
+    """Jacobian of the residuals by forward differences, backward at an upper bound.
 
-    By all parameters, or without the first ones; over so much of their scale, or as
-    much as suits the problem.
-    """
-    _, high, scale = (x[first:] for x in stack_bounds(terms))
-    own = values[first:]
-    if not len(own):
-        return np.zeros((len(at), 0))
-    moves = (moved or problem.regime.difference_step) * scale
-    moves = np.where(own + moves > high, -moves, moves)
-    points = np.tile(values, (len(own), 1))
-    points[:, first:] += np.diag(moves)
-    return ((problem.compute_residuals(terms, points) - at) / moves[:, None]).T
-
-
-def fit_parameters(
-    problem: Problem, terms: Sequence[Term], start: Floats, *, rounds: int = 8,
-    gain: float = 1e-3, known: Floats | None = None,
-) -> Fit:  # fmt: skip
-    """Values of the terms' parameters, within their bounds, that fit best.
-
-    Gauss-Newton with several dampings (Levenberg 1944, Marquardt 1963).
+    All P - first simulations are one batch.
 
     Args:
-        problem: whose residuals shrink.
-        terms: what is true beyond the given model.
-        start: (P).
-        rounds: at most.
-        gain: share of the cost below which another round is not worth it.
-        known: (R, P), a Jacobian near the start if there is one.
-    """
-    terms = tuple(terms)
-    work_out = partial(_run_gauss_newton, problem, terms, start, rounds, gain, known)
-    values, residuals, slopes = problem.simulator.load_or_compute(work_out)
-    return Fit(terms, values, residuals, slopes)
-
-
-def _run_gauss_newton(
-    problem: Problem, terms, start: Floats, rounds, gain, known
-) -> Arrays:
-    """Values, residuals and Jacobian of `fit`."""
-    low, high, scale = stack_bounds(terms)
-    weights = prior_precision(terms)
-
-    def told(points: Floats) -> list[tuple[float, Floats]]:
-        found = problem.compute_residuals(terms, points)
-        pull = (weights * (points - 1) ** 2).sum(axis=1)
-        return [(float(r @ r + p), r) for r, p in zip(found, pull, strict=True)]
-
-    x = np.clip(np.asarray(start, float), low, high)
-    r = problem.residuals_at(terms, x)
-    jac = compute_jacobian(problem, terms, x, r) if known is None else known
-    nominal_terms = int(np.count_nonzero(weights))  # the first ones
-    for _ in range(rounds if len(x) else 0):
-        h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-        before = float(r @ r + weights @ (x - 1) ** 2)
-
-        propose = partial(_propose_step, x, before, h, g, low, high, scale)
-        best = find_lowest(before, propose, told)
-        if best is None and known is not None:
-            jac, known = compute_jacobian(problem, terms, x, r), None
-            continue
-        if best is None:
-            break
-        point, cost, there = best
-        move, change = point - x, there - r
-        x, r, gained = point, there, before - cost
-        wrong = change - jac @ move
-        if gained < NEAR * before or wrong @ wrong < WRONG * (r @ r):
-            jac = update_broyden(jac, move, change, scale)
-        elif problem.regime.is_nonsmooth:  # and that is most of what it was wrong by
-            jac = update_broyden(jac, move, change, scale)[:, :nominal_terms]
-            jac = known = np.hstack(
-                [jac, compute_jacobian(problem, terms, x, r, nominal_terms)]
-            )
-        else:
-            jac, known = compute_jacobian(problem, terms, x, r), None
-        if gained < gain * before:
-            break
-    return x, r, jac
-
-
-def _propose_step(x, cost, h, g, low, high, scale, damping) -> tuple[float, Floats]:
-    """The cost that a step from values (P) promises, and where it leads."""
-    move = solve_bounded_step(h, g, low - x, high - x, scale, damping)
-    return float(cost + (2 * g + h @ move) @ move), x + move
-
-
-def find_lowest(
-    cost: float, propose: Callable[[float], tuple[float, Floats]],
-    tell: Callable[[Floats], Sequence[tuple]], least: float = 0.0,
-) -> tuple | None:  # fmt: skip
-    """The best of some steps: the least damped one, others if it keeps too little.
-
-    Args:
-        cost: where the steps begin.
-        propose: of a damping, the cost that its step promises, and where it leads (p).
-        tell: of places (n, p), what is there, first of all the cost.
-        least: share of the cost, a promise below which is not tried.
+        problem: of the residuals.
+        terms: P parameters in all.
+        values: (P) where to linearize [units of the parameters].
+        residuals: (R) at the values [standard deviations].
+        first: number of the first parameter to difference by.
+        difference_step: of each parameter [scales]; None: as suits the problem.
 
     Returns:
-        The place and what is told of it; None where none is lower.
+        (R, P - first) [1 per unit of the parameter].
     """
-    best, now = None, cost
-    for dampings in DAMPING[:1], DAMPING[1:]:
-        promises, places = zip(*map(propose, dampings), strict=True)
-        promised = cost - min(promises)
-        if promised < least * cost:
+    _, high, scale = (x[first:] for x in stack_bounds(terms))
+    differenced = values[first:]
+    if not len(differenced):
+        return np.zeros((len(residuals), 0))
+    if difference_step is None:
+        difference_step = problem.regime.difference_step
+    steps = difference_step * scale
+    steps = np.where(differenced + steps > high, -steps, steps)
+    points = np.tile(values, (len(differenced), 1))
+    points[:, first:] += np.diag(steps)
+    changes = problem.compute_residuals(terms, points) - residuals
+    return (changes / steps[:, None]).T
+
+
+def update_broyden(
+    jacobian: Floats, step: Floats, change: Floats, scale: Floats
+) -> Floats:
+    """Broyden's (1965) update of a Jacobian, with parameters in their scales.
+
+        J + (change - J step) (step / scale^2)' / |step / scale|^2
+
+    Args:
+        jacobian: (R, P) before the step.
+        step: (P) [units of the parameters].
+        change: (R) of the residuals by the step.
+        scale: (P) of the parameters.
+
+    Returns:
+        (R, P), of all matrices that predict the change the nearest one.
+    """
+    scaled = step / scale
+    if not scaled.any():
+        return jacobian
+    error = change - jacobian @ step
+    return jacobian + np.outer(error, scaled / scale / (scaled @ scaled))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A point that a step leads to, simulated.
+
+    Attributes:
+        point: (P) values there [units of the parameters].
+        cost: there.
+        residuals: (R) there [standard deviations].
+        others_step: step of the values that answer linearly; empty without any.
+    """
+
+    point: Floats
+    cost: float
+    residuals: Floats
+    others_step: Floats
+
+
+def search_dampings(
+    cost: float,
+    propose: Callable[[float], tuple[float, Floats]],
+    evaluate: Callable[[Floats], Sequence[Trial]],
+    min_predicted_gain: float = 0.0,
+) -> Trial | None:
+    """Try the least damped step, and all others if it gains too little.
+
+    "Too little" is by the gain ratio: the fall of the cost over the predicted one. The
+    other dampings are one batch, where Marquardt tries one after the other.
+
+    Args:
+        cost: before a step.
+        propose: gives the predicted cost and the point (P) of a damping.
+        evaluate: simulates points (n, P).
+        min_predicted_gain: share of the cost; a step predicted to save less is not
+            tried.
+
+    Returns:
+        The trial of the lowest cost; None: no step lowers the cost.
+    """
+    best, lowest = None, cost
+    for dampings in FIT.dampings[:1], FIT.dampings[1:]:
+        predicted, points = zip(*map(propose, dampings), strict=True)
+        predicted_gain = cost - min(predicted)
+        if predicted_gain < min_predicted_gain * cost:
             break
-        for place, predicted in zip(places, tell(np.array(places)), strict=True):
-            if predicted[0] < now:
-                best, now = (place, *predicted), predicted[0]
-        if cost - now > KEPT * promised:
+        for trial in evaluate(np.array(points)):
+            if trial.cost < lowest:
+                best, lowest = trial, trial.cost
+        if cost - lowest > FIT.min_gain_ratio * predicted_gain:
             break
     return best
 
 
-def refine_undamped(problem: Problem, found: Fit) -> Fit:
-    """The same fit where what is believed has had its way.
+def fit_parameters(
+    problem: Problem,
+    terms: Sequence[Term],
+    start: Floats,
+    *,
+    rounds: int = FIT.iterations,
+    known: Floats | None = None,
+) -> Fit:
+    """Fit the values of terms by damped Gauss-Newton iterations within bounds.
 
-    Readings without a torque leave all masses, gains and frictions free together, up
-    to one factor: a curved valley along which damped steps hardly move. Plain
-    Gauss-Newton follows it, over its walls if need be, with slopes fine enough to tell
-    how flat it is.
+    Args:
+        problem: whose residuals are minimized.
+        terms: effects beside the given model, P parameters in all.
+        start: (P) values to begin with [units of the parameters].
+        rounds: iterations at most.
+        known: (R, P) a Jacobian near the start; None: by differences.
     """
-    terms, x, r = found.terms, found.values, found.residuals
-    low, high, scale = stack_bounds(terms)
-    weights = prior_precision(terms)
-    best, least = found, np.inf
-    for last in range(RESTS + 1):
-        jac = compute_jacobian(problem, terms, x, r, moved=FINE)
-        cost = float(r @ r + weights @ (x - 1) ** 2)
-        if cost < least:
-            best, least = Fit(terms, x, r, jac, has_fine_jacobian=True), cost
-        h, g = jac.T @ jac + np.diag(weights), jac.T @ r + weights * (x - 1)
-        move = solve_bounded_step(h, g, low - x, high - x, scale)
-        if last == RESTS or -(2 * g + h @ move) @ move < WORTH:
+    terms = tuple(terms)
+    compute = partial(_run_gauss_newton, problem, terms, start, rounds, known)
+    values, residuals, jacobian = problem.simulator.load_or_compute(compute)
+    return Fit(terms, values, residuals, jacobian)
+
+
+@dataclass(frozen=True, eq=False)
+class _Iterate:
+    """Where an iteration begins: values (P), residuals (R) and Jacobian (R, P).
+
+    `is_stale` says whether differences at the values may give another Jacobian.
+    """
+
+    values: Floats
+    residuals: Floats
+    jacobian: Floats
+    is_stale: bool
+
+
+def _run_gauss_newton(
+    problem: Problem,
+    terms: tuple[Term, ...],
+    start: Floats,
+    iterations: int,
+    jacobian: Floats | None,
+) -> Arrays:
+    """Values, residuals and Jacobian of a fit; arguments as of `fit_parameters`.
+
+    Each iteration proposes damped steps from the linearization and simulates them. The
+    best one is accepted and linearized. If none lowers the cost the Jacobian is
+    differenced once more, where it was only updated or given. The iterations stop where
+    they save little, or no step saves anything.
+    """
+    low, high, _ = stack_bounds(terms)
+    x = np.clip(np.asarray(start, float), low, high)
+    r = problem.residuals_at(terms, x)
+    if jacobian is None:
+        now = _linearize(problem, terms, x, r)
+    else:
+        now = _Iterate(x, r, jacobian, is_stale=True)
+    for _ in range(iterations if len(x) else 0):
+        cost = penalized_cost(terms, now.values, now.residuals)
+        trial = _search_step(problem, terms, now, cost)
+        if trial is None:
+            if not now.is_stale:
+                break
+            now = _linearize(problem, terms, now.values, now.residuals)
+            continue
+        gain = cost - trial.cost
+        now = _accept(problem, terms, now, trial, gain < FIT.broyden_gain * cost)
+        if gain < FIT.min_iteration_gain * cost:
             break
-        x = x + move
+    return now.values, now.residuals, now.jacobian
+
+
+def _linearize(
+    problem: Problem, terms: Sequence[Term], values: Floats, residuals: Floats
+) -> _Iterate:
+    """The iterate with a Jacobian of differences.
+
+    Args:
+        problem: of the residuals.
+        terms: P parameters in all.
+        values: (P) [units of the parameters].
+        residuals: (R) at the values [standard deviations].
+    """
+    jacobian = compute_jacobian(problem, terms, values, residuals)
+    return _Iterate(values, residuals, jacobian, is_stale=False)
+
+
+def _search_step(
+    problem: Problem, terms: Sequence[Term], now: _Iterate, cost: float
+) -> Trial | None:
+    """The best of the damped steps from an iterate; None: no step lowers the cost.
+
+    Args:
+        problem: of the residuals.
+        terms: P parameters in all.
+        now: the iterate.
+        cost: there, with the prior [1].
+    """
+    model = QuadraticModel.linearize(terms, now.values, now.residuals, now.jacobian)
+    prior = prior_precision(terms)
+
+    def propose(damping: float) -> tuple[float, Floats]:
+        """Predicted cost and point (P) of a damping."""
+        step = model.solve(damping)
+        return float(cost + model.predict_change(step)), now.values + step
+
+    def evaluate(points: Floats) -> list[Trial]:
+        """Trials at points (n, P)."""
+        residuals = problem.compute_residuals(terms, points)
+        penalties = (prior * (points - 1) ** 2).sum(axis=1)
+        return [
+            Trial(x, float(r @ r + penalty), r, np.zeros(0))
+            for x, r, penalty in zip(points, residuals, penalties, strict=True)
+        ]
+
+    return search_dampings(cost, propose, evaluate)
+
+
+def _accept(
+    problem: Problem,
+    terms: Sequence[Term],
+    old: _Iterate,
+    trial: Trial,
+    is_short: bool,
+) -> _Iterate:
+    """The iterate at a trial, its Jacobian updated or differenced.
+
+    Where the step was short, or the linear prediction good, Broyden's update does. In
+    contact it also does for nominal values, which are most of the columns; those of
+    effects, which are most of the error, are differenced.
+
+    Args:
+        problem: of the residuals.
+        terms: nominal ones first.
+        old: iterate before the step.
+        trial: accepted.
+        is_short: whether the step gained little.
+    """
+    x, r = trial.point, trial.residuals
+    _, _, scale = stack_bounds(terms)
+    step, change = x - old.values, r - old.residuals
+    error = change - old.jacobian @ step
+    if is_short or error @ error < FIT.broyden_error * (r @ r):
+        updated = update_broyden(old.jacobian, step, change, scale)
+        return _Iterate(x, r, updated, old.is_stale)
+    if not problem.regime.is_nonsmooth:
+        return _linearize(problem, terms, x, r)
+    count = int(np.count_nonzero(prior_precision(terms)))
+    updated = update_broyden(old.jacobian, step, change, scale)[:, :count]
+    differenced = compute_jacobian(problem, terms, x, r, count)
+    return _Iterate(x, r, np.hstack([updated, differenced]), is_stale=True)
+
+
+def refine_undamped(problem: Problem, fit: Fit) -> Fit:
+    """Refine a fit by undamped Gauss-Newton steps with fine Jacobians.
+
+    Readings without a torque leave all masses, gains and frictions free together, up to
+    one factor. Their cost is a curved valley along which damped steps hardly move.
+    Undamped steps follow it, over a rise of the cost if need be. Fine differences tell
+    how flat the valley is, and so how far the prior moves the values along it.
+
+    Args:
+        problem: that was fitted.
+        fit: to begin with.
+
+    Returns:
+        The fit of the lowest cost, with a fine Jacobian.
+    """
+    terms, x, r = fit.terms, fit.values, fit.residuals
+    best, lowest = fit, np.inf
+    for i in range(FIT.undamped_iterations + 1):
+        step_size = FIT.fine_difference_step
+        jacobian = compute_jacobian(problem, terms, x, r, difference_step=step_size)
+        cost = penalized_cost(terms, x, r)
+        if cost < lowest:
+            best, lowest = Fit(terms, x, r, jacobian, has_fine_jacobian=True), cost
+        model = QuadraticModel.linearize(terms, x, r, jacobian)
+        step = model.solve()
+        predicted_gain = -model.predict_change(step)
+        if i == FIT.undamped_iterations or predicted_gain < FIT.undamped_min_gain:
+            break
+        x = x + step
         r = problem.residuals_at(terms, x)
     return best
 
 
-def refine_jacobian(problem: Problem, found: Fit) -> Fit:
-    """The same fit with slopes of where it is, as fine as its errors need.
+def refine_jacobian(problem: Problem, fit: Fit) -> Fit:
+    """The fit with a fine Jacobian, as its standard errors need it.
 
-    Over the moves of a search readings of long pieces bend, and along a valley, in
-    which large slopes cancel, what is left of them would look like knowledge. Where
-    something touches, fine slopes tell of the roughness alone.
+    Over the difference steps of a search, readings of long segments bend. Along a
+    valley large slopes cancel, and what that leaves of them would pass for information.
+    In contact fine differences would show the roughness alone: the Jacobian stays.
     """
-    if problem.regime.is_nonsmooth or found.has_fine_jacobian:
-        return found
-    x, r = found.values, found.residuals
-    jac = compute_jacobian(problem, found.terms, x, r, moved=FINE)
-    return replace(found, jacobian=jac, has_fine_jacobian=True)
-
-
-def update_broyden(jac: Floats, move: Floats, change: Floats, scale: Floats) -> Floats:
-    """The Jacobian after a small move, by what that changed (Broyden 1965)."""
-    size = move / scale
-    if not size.any():
-        return jac
-    return jac + np.outer(change - jac @ move, size / scale / (size @ size))
+    if problem.regime.is_nonsmooth or fit.has_fine_jacobian:
+        return fit
+    jacobian = compute_jacobian(
+        problem,
+        fit.terms,
+        fit.values,
+        fit.residuals,
+        difference_step=FIT.fine_difference_step,
+    )
+    return replace(fit, jacobian=jacobian, has_fine_jacobian=True)

@@ -1,7 +1,20 @@
-"""Initial states marginalized out of a problem (Golub & Pereyra 1973)."""
+"""Marginalization: takes a problem, gives one that allows for errors of its states.
+
+Let s be the errors of a segment's initial state in standard deviations, and S the
+linear response of the residuals r to them. The cost is |r + S s|^2 + |s|^2. Its minimum
+over s is the Schur complement of s in the normal equations,
+
+    s* = -(I + S'S)^-1 S'r,
+    cost* = r'(I - S (I + S'S)^-1 S') r = r'(I + S S')^-1 r
+
+(variable projection, Golub and Pereyra 1973). That is also the likelihood of r with s
+integrated out. With S = U diag(z) V' it is the squared sum of marginalized residuals
+
+    (I + S S')^-1/2 r = (I - U diag(1 - 1 / sqrt(1 + z^2)) U') r.
+"""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,207 +22,340 @@ from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from .problem import (
-    HAIR,
     Problem,
     build_initial_state_offsets,
     initial_state_std,
     unit_offsets,
 )
-
-LINEAR = 0.1  # of a signal's spread, that a start's error may cause; chosen
-# rounds in which starts are sought, the shares of a step tried at once, and of the
-# squared residuals what a step of starts may leave that is not linear; chosen
-SOUGHT, SHORTER, BENT = 5, (1.0, 0.5, 0.2), 0.01
-# times the median of a reading's squared residual, above which a window's start is
-# sought at other speeds, and how many errors from the speed read; and how many errors a
-# start may be away from what was read, before it is sought from there again; chosen
-ODD, SPEEDS, AWAY = 4.0, 2.0, 3.0
-GROWS = 2.0  # times what it causes in a shorter piece; chosen
+from .settings import FIT
 
 
 def is_horizon_informative(
     problem: Problem, shorter: Problem, terms: Sequence[Term], values: Floats
 ) -> bool:
-    """Whether the windows are short enough for their starts.
+    """Whether segments are short enough for the errors of their initial states.
 
-    What an error of the start causes in them stays linear and is not much more than it
-    is in shorter ones; where it grows too fast, longer pieces say less, not more.
+    What these errors cause must stay in the linear range, and must not be much more
+    than in shorter segments. Where it grows too fast, longer segments tell less.
+
+    Args:
+        problem: with the segments in question.
+        shorter: the problem with shorter segments.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
     """
-    moved = [_initial_state_sensitivity(p, terms, values) for p in (problem, shorter)]
-    return moved[0] < min(LINEAR, GROWS * moved[1])
+    response, response_if_shorter = (
+        _measure_state_response(p, terms, values) for p in (problem, shorter)
+    )
+    return response < min(
+        FIT.max_state_response, FIT.max_state_response_growth * response_if_shorter
+    )
 
 
-def _initial_state_sensitivity(
+def _measure_state_response(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> float:
-    """Root mean square of what errors of the starts cause, of the signals' spreads."""
-    initial_state_offset = build_initial_state_offsets(
-        problem.simulator, problem.segments
-    )
-    hypotheses = np.tile(values, (len(initial_state_offset), 1))
+    """Root mean square of what errors of the initial states cause.
+
+    Args:
+        problem: with the segments in question.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+
+    Returns:
+        All 2 nv errors together, each of one standard deviation [standard deviations of
+        the signals].
+    """
+    offsets = build_initial_state_offsets(problem.simulator, problem.segments)
     predicted = problem.simulator.simulate(
         terms,
-        hypotheses,
+        np.tile(values, (len(offsets), 1)),
         problem.segments,
-        initial_state_offset=initial_state_offset,
+        initial_state_offset=offsets,
         centered=problem.centered,
     )
     spread = repeat_by_column(problem.simulator.channels, "spread")
-    moved = ((predicted[1:] - predicted[0]) / spread) ** 2
-    return float(np.sqrt(np.nanmean(moved.sum(axis=0))))
+    squared = ((predicted[1:] - predicted[0]) / spread) ** 2
+    return float(np.sqrt(np.nanmean(squared.sum(axis=0))))
+
+
+@dataclass(frozen=True, eq=False)
+class _StateEstimates:
+    """Initial states of W segments, and the linearization there.
+
+    Attributes:
+        offset: (W, 2 nv) from the states that were read [standard deviations].
+        linearizations: of each segment, residuals r (R_w) and their response S
+            (R_w, 2 nv) to one standard deviation of each state.
+        cost: (W) |r + S s|^2 + |offset + s|^2 at the best step s.
+        is_nonlinear: (W) whether a step of the states does not act linearly.
+    """
+
+    offset: Floats
+    linearizations: list[tuple[Floats, Floats]]
+    cost: Floats
+    is_nonlinear: np.ndarray
+
+    def keep_best(
+        self, chosen: np.ndarray, other: "_StateEstimates"
+    ) -> "_StateEstimates":
+        """These, and where they cost less others of some segments, by number."""
+        offset, cost = self.offset.copy(), self.cost.copy()
+        linearizations = list(self.linearizations)
+        for i in np.flatnonzero(other.cost < cost[chosen]):
+            w = chosen[i]
+            offset[w], cost[w] = other.offset[i], other.cost[i]
+            linearizations[w] = other.linearizations[i]
+        return _StateEstimates(offset, linearizations, cost, self.is_nonlinear)
 
 
 def marginalize_initial_states(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> Problem:
-    """The same problem, in which what an uncertain start could cause costs less.
+    """The problem in which what errors of the initial states explain costs less.
 
-    Starts are eliminated from the least squares, each believed to be as read but for
-    its error. After an impact what they cause is not linear: there they are first moved
-    to where, with these values, they are likeliest (Bock 1983, multiple shooting).
+    Each initial state has a normal prior: what was read, with its standard deviation.
+    After an impact, and where dry friction decides whether a joint sticks, the response
+    is not linear. There the states are first moved to where they are likeliest with
+    these values, as in multiple shooting (Bock 1983), and linearized anew. Outliers,
+    and states that came to lie far from what was read, are searched from other states
+    again.
+
+    Args:
+        problem: marginalized or not.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
     """
     std = initial_state_std(problem.simulator, problem.segments)
-    std = np.maximum(std, 1e-300)  # without noise; then no start moves
-    plain = replace(problem.unmarginalized, initial_state_shift=None)
-    off = (
+    std = np.maximum(std, FIT.min_initial_state_std)
+    plain = problem.with_measured_states
+    start = (
         np.zeros_like(std)
         if problem.initial_state_shift is None
         else problem.initial_state_shift / std
     )
-    begun = off.any(axis=1)  # elsewhere than from what was read
-    predicted, cost, bent = _search_initial_states(plain, terms, values, off, std)
-    known = off, std, predicted, cost
-    each = cost / np.maximum(
-        problem.sum_by_segment(np.ones(len(problem.segment_of_residual))), 1
+    states = _search_initial_states(plain, terms, values, start, std)
+    count = plain.sum_by_segment(np.ones(len(plain.segment_of_residual)))
+    mean_squares = states.cost / np.maximum(count, 1)
+    is_outlier = states.is_nonlinear & (
+        mean_squares > FIT.outlier_ratio * np.median(mean_squares)
     )
-    is_odd = bent & (each > ODD * np.median(each))
-    is_far = begun & (is_odd | ((off**2).sum(axis=1) > AWAY**2))
+    distance = (states.offset**2).sum(axis=1)
+    is_far = start.any(axis=1) & (is_outlier | (distance > FIT.max_state_offset**2))
     if is_far.any():
         far = np.flatnonzero(is_far)
-        _keep_likelier(plain, terms, values, known, far, np.zeros_like(off[far]))
-    if is_odd.any():
-        odd = np.flatnonzero(is_odd)
-        others = _try_other_speeds(plain, terms, values, std, odd)
-        _keep_likelier(plain, terms, values, known, odd, others)
-    whiten = []
-    for _, moved in predicted:
-        u, s, _ = np.linalg.svd(moved, full_matrices=False)
-        whiten.append((u, 1 - 1 / np.sqrt(1 + s**2)))
-    plain = replace(plain, marginal_bases=tuple(whiten))
-    if not off.any():
-        return plain
-    pull = [moved @ o for (_, moved), o in zip(predicted, off, strict=True)]
+        part, as_read = plain.select(far), np.zeros_like(start[far])
+        other = _search_initial_states(part, terms, values, as_read, std[far])
+        states = states.keep_best(far, other)
+    if is_outlier.any():
+        outliers = np.flatnonzero(is_outlier)
+        part = plain.select(outliers)
+        tried = _try_other_velocities(part, terms, values, std[outliers])
+        other = _search_initial_states(part, terms, values, tried, std[outliers])
+        states = states.keep_best(outliers, other)
+    return _eliminate_states(plain, states, std)
+
+
+def _eliminate_states(
+    problem: Problem, states: _StateEstimates, std: Floats
+) -> Problem:
+    """The problem with initial states as estimated, and their errors eliminated.
+
+    Args:
+        problem: whose initial states are as read and certain.
+        states: estimates of them.
+        std: (W, 2 nv) their standard deviations [rad or m, and per s].
+    """
+    bases = []
+    for _, response in states.linearizations:
+        u, z, _ = np.linalg.svd(response, full_matrices=False)
+        bases.append((u, 1 - 1 / np.sqrt(1 + z**2)))
+    problem = replace(problem, marginal_bases=tuple(bases))
+    if not states.offset.any():
+        return problem
+    responses = [
+        response @ offset
+        for (_, response), offset in zip(
+            states.linearizations, states.offset, strict=True
+        )
+    ]
     return replace(
-        plain, initial_state_shift=off * std, shift_response=np.concatenate(pull)
+        problem,
+        initial_state_shift=states.offset * std,
+        shift_response=np.concatenate(responses),
     )
 
 
 def _search_initial_states(
-    problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
-) -> tuple[list[tuple[Floats, Floats]], Floats, np.ndarray]:
-    """Move starts to where they are likeliest, as far as what they cause is not linear.
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    start: Floats,
+    std: Floats,
+) -> _StateEstimates:
+    """Search the likeliest initial states of segments whose response is not linear.
+
+    Gauss-Newton iterations of all segments at once. Where the response is linear the
+    states stay, for marginalization finds the minimum.
 
     Args:
-        problem: without what starts explain.
-        terms: of one hypothesis.
-        values: (P) of it.
-        off: (W, 2 nv) of the starts, in their errors; written to.
-        std: (W, 2 nv) errors of what was read.
-
-    Returns:
-        Of each window: residuals (R_w), and what one error of each state adds to them
-        (R_w, 2 nv). And what is left (W) of its squares with the likeliest start, that
-        start's own errors included. And where (W) what starts cause is not linear.
+        problem: whose initial states are as read and certain.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        start: (W, 2 nv) offsets to begin with [standard deviations].
+        std: (W, 2 nv) standard deviations of the states [rad or m, and per s].
     """
-    predicted = [(np.zeros(0), np.zeros((0, 0)))] * len(off)
-    cost, is_bent = np.zeros(len(off)), np.zeros(len(off), bool)
-    active = np.arange(len(off))
-    for last in range(SOUGHT + 1):
-        part, start, unit = problem.select(active), off[active], std[active]
-        own = _respond_to_offsets(part, terms, values, start, unit)
-        for w, one in zip(active, own, strict=True):
-            predicted[w] = one
-        if last == SOUGHT or problem.regime.has_single_readings:
+    offset = start.copy()
+    linearizations = [(np.zeros(0), np.zeros((0, 0)))] * len(offset)
+    cost, is_nonlinear = np.zeros(len(offset)), np.zeros(len(offset), bool)
+    active = np.arange(len(offset))
+    iterations = problem.regime.state_iterations
+    for i in range(iterations + 1):
+        part = problem.select(active)
+        linear = _respond_to_offsets(part, terms, values, offset[active], std[active])
+        for w, linearization in zip(active, linear, strict=True):
+            linearizations[w] = linearization
+        if i == iterations:
             break
-        best = [
-            _solve_initial_state(*one, o) for one, o in zip(own, start, strict=True)
-        ]
-        tries = start + np.array(SHORTER)[:, None, None] * (np.array(best) - start)
-        rows = np.tile(values, (len(tries), 1))
-        after = part.compute_residuals(terms, rows, tries * unit)
-        costs = [part.sum_by_segment(x**2) for x in after] + (tries**2).sum(axis=2)
-        before = np.array([r @ r for r, _ in own]) + (start**2).sum(axis=1)
-        moves = zip(own, tries[0] - start, strict=True)
-        linear = np.concatenate([r + moved @ move for (r, moved), move in moves])
-        bent = part.sum_by_segment((after[0] - linear) ** 2) > BENT * before.mean()
-        which = costs.argmin(axis=0), np.arange(len(active))
-        gains = bent & (costs[which] < before)
-        is_bent[active] |= bent
-        straight = part.sum_by_segment(linear**2) + (tries[0] ** 2).sum(axis=1)
-        cost[active] = np.where(bent, np.minimum(costs[which], before), straight)
-        active = active[gains]
+        step = _step_states(part, terms, values, linear, offset[active], std[active])
+        is_nonlinear[active] |= step.is_nonlinear
+        cost[active] = step.cost
+        moved = active[step.is_better]
+        offset[moved] = step.offset[step.is_better]
+        active = moved
         if not len(active):
             break
-        off[active] = tries[which][gains]
-    return predicted, cost, is_bent
+    return _StateEstimates(offset, linearizations, cost, is_nonlinear)
 
 
-def _keep_likelier(problem, terms, values, known, which, begin: Floats) -> None:
-    """Let some windows start where others led that begin elsewhere, if likelier.
+@dataclass(frozen=True, eq=False)
+class _StateStep:
+    """A Gauss-Newton step of v initial states: (v, 2 nv) where to, and (v) each else.
+
+    `cost` is the lowest one found or, where the response is linear, its minimum.
+    """
+
+    offset: Floats
+    cost: Floats
+    is_nonlinear: np.ndarray
+    is_better: np.ndarray
+
+
+def _step_states(
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    linearizations: Sequence[tuple[Floats, Floats]],
+    offset: Floats,
+    std: Floats,
+) -> _StateStep:
+    """One Gauss-Newton step of each initial state, with a line search.
 
     Args:
-        problem, terms, values: as in `_sought`.
-        known: `off` and `std` as there, and what it returned: all written to.
-        which: windows (v).
-        begin: (v, 2 nv), as `off`; written to.
+        problem: of v segments.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        linearizations: of each segment, residuals (R_w) and response (R_w, 2 nv).
+        offset: (v, 2 nv) of the states [standard deviations].
+        std: (v, 2 nv) standard deviations [rad or m, and per s].
     """
-    off, std, predicted, cost = known
-    again, new, _ = _search_initial_states(
-        problem.select(which), terms, values, begin, std[which]
+    best = [
+        _solve_initial_state(r, response, o)
+        for (r, response), o in zip(linearizations, offset, strict=True)
+    ]
+    shares = np.array(FIT.state_step_shares)[:, None, None]
+    tried = offset + shares * (np.array(best) - offset)
+    rows = np.tile(values, (len(tried), 1))
+    residuals = problem.compute_residuals(terms, rows, tried * std)
+    costs = [problem.sum_by_segment(r**2) for r in residuals] + (tried**2).sum(axis=2)
+    before = np.array([r @ r for r, _ in linearizations]) + (offset**2).sum(axis=1)
+    predicted = np.concatenate(
+        [
+            r + response @ step
+            for (r, response), step in zip(
+                linearizations, tried[0] - offset, strict=True
+            )
+        ]
     )
-    for i in np.flatnonzero(new < cost[which]):
-        w = which[i]
-        off[w], predicted[w], cost[w] = begin[i], again[i], new[i]
+    error = problem.sum_by_segment((residuals[0] - predicted) ** 2)
+    is_nonlinear = error > FIT.state_nonlinearity * before.mean()
+    lowest = costs.argmin(axis=0), np.arange(len(offset))
+    is_better = is_nonlinear & (costs[lowest] < before)
+    minimum = problem.sum_by_segment(predicted**2) + (tried[0] ** 2).sum(axis=1)
+    cost = np.where(is_nonlinear, np.minimum(costs[lowest], before), minimum)
+    return _StateStep(tried[lowest], cost, is_nonlinear, is_better)
 
 
-def _try_other_speeds(problem, terms, values, std, which) -> Floats:
-    """Starts (v, 2 nv) of windows, in errors: the likeliest of some other speeds.
+def _try_other_velocities(
+    problem: Problem, terms: Sequence[Term], values: Floats, std: Floats
+) -> Floats:
+    """The likeliest of some states with one velocity higher or lower than read.
 
-    A robot with dry friction sticks or slips by how fast it was; from one side of that
+    A robot with dry friction sticks or slips by how fast it was. From one side of that
     no slope leads to the other.
+
+    Args:
+        problem: of v segments.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        std: (v, 2 nv) standard deviations [rad or m, and per s].
+
+    Returns:
+        (v, 2 nv) offsets [standard deviations].
     """
-    width = std.shape[1]
-    speeds = SPEEDS * np.eye(width)[width // 2 :, None]
-    tries = np.concatenate([speeds, -speeds]).repeat(len(which), axis=1)
-    part = problem.select(which)
-    rows = np.tile(values, (len(tries), 1))
-    after = part.compute_residuals(terms, rows, tries * std[which])
-    costs = np.array([part.sum_by_segment(r**2) for r in after]) + (tries**2).sum(
-        axis=2
-    )
-    return tries[costs.argmin(axis=0), np.arange(len(which))]
+    count, width = std.shape
+    velocities = FIT.velocity_offset * np.eye(width)[width // 2 :, None]
+    tried = np.concatenate([velocities, -velocities]).repeat(count, axis=1)
+    rows = np.tile(values, (len(tried), 1))
+    residuals = problem.compute_residuals(terms, rows, tried * std)
+    costs = np.array([problem.sum_by_segment(r**2) for r in residuals])
+    costs = costs + (tried**2).sum(axis=2)
+    return tried[costs.argmin(axis=0), np.arange(count)]
 
 
 def _respond_to_offsets(
-    problem: Problem, terms: Sequence[Term], values: Floats, off: Floats, std: Floats
+    problem: Problem, terms: Sequence[Term], values: Floats, offset: Floats, std: Floats
 ) -> list[tuple[Floats, Floats]]:
-    """What `_sought` returns first, of starts as they are; arguments as there."""
-    count, width = off.shape
-    each = unit_offsets(width)
-    if problem.regime.is_nonsmooth:  # else roughness at one point is in all slopes
-        hair = np.full((1, 1, width), HAIR)
-        each = np.concatenate([each, hair, -hair])
-    rows = np.tile(values, (len(each), 1))
-    predicted = problem.compute_residuals(terms, rows, (off + each) * std)
+    """Linearize the residuals in the initial states, by forward differences.
+
+    In contact they are differences to the mean of two residuals slightly off, else the
+    roughness of one would be in all slopes.
+
+    Args:
+        problem: of v segments.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        offset: (v, 2 nv) of the states [standard deviations].
+        std: (v, 2 nv) standard deviations [rad or m, and per s].
+
+    Returns:
+        Of each segment, residuals (R_w) and their response (R_w, 2 nv) to one standard
+        deviation of each state [standard deviations].
+    """
+    count, width = offset.shape
+    moves, middle = unit_offsets(width), slice(1)
+    if problem.regime.is_nonsmooth:
+        pair = np.full((1, 1, width), FIT.antithetic_offset)
+        moves, middle = np.concatenate([moves, pair, -pair]), slice(1 + width, None)
+    rows = np.tile(values, (len(moves), 1))
+    residuals = problem.compute_residuals(terms, rows, (offset + moves) * std)
     edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
-    middle = slice(1 + width, None) if problem.regime.is_nonsmooth else slice(1)
     return [
         (part[0], (part[1 : 1 + width] - part[middle].mean(axis=0)).T)
-        for part in np.split(predicted, edges, axis=1)
+        for part in np.split(residuals, edges, axis=1)
     ]
 
 
-def _solve_initial_state(r: Floats, moved: Floats, off: Floats) -> Floats:
-    """A window's start, if all were linear; arguments as in `_answers`."""
-    curvature = np.eye(len(off)) + moved.T @ moved
-    return np.asarray(np.linalg.solve(curvature, moved.T @ (moved @ off - r)))
+def _solve_initial_state(residuals: Floats, response: Floats, offset: Floats) -> Floats:
+    """The offset (2 nv) of lowest cost if the response is linear.
+
+    (I + S'S) s = S'(S offset - r), all in standard deviations.
+
+    Args:
+        residuals: (R_w) r at the offset.
+        response: (R_w, 2 nv) S of the residuals.
+        offset: (2 nv) of the initial state from what was read.
+    """
+    curvature = np.eye(len(offset)) + response.T @ response
+    target = response.T @ (response @ offset - residuals)
+    return np.asarray(np.linalg.solve(curvature, target))

@@ -1,4 +1,8 @@
-"""How large the readings' noise is: takes a fit's residuals, gives what it leaves."""
+"""Noise of the readings: takes residuals, gives a noise model and what it would leave.
+
+Noise is autoregressive of first order, AR(1): e[t] = a e[t-1] + w[t] with white w
+(Ljung 1999, section 4.2).
+"""
 
 from dataclasses import replace
 
@@ -10,169 +14,215 @@ from ..data.robot_summary import repeat_by_column
 from ..simulation.simulator import Simulator
 from .least_squares import Fit
 from .problem import Problem
-
-# of `_slow`: lags [samples] whose differences are compared; memories that are tried, of
-# which the longest is none of a noise; how far off [1] what is made of them may be; and
-# how much more noise [1] there may be about a parabola than was found there; chosen
-LAGS, MEMORIES = np.array([1, 2, 3, 4, 6, 8]), np.linspace(0.1, 0.98, 45)
-ASTRAY, ROOM = 0.03, 1.3
-JUMPS = 0.7  # of the scatter, less than which a fit does not leave if that is noise
-SLOW, ALIKE = 1.2, 0.1  # times the scatter's variance, a noise that is not white; a
-# difference [1] of noises that is none; chosen
-RARELY = 10  # windows of which the worst one makes no column loud; chosen
-ABOVE = 2.0  # times the noise that an unexplained residual must be, to be one; chosen
-LEFT = 1.3  # times the noise, beside names that may stand for others; chosen
+from .settings import FIT
 
 
 def update_noise_model(problem: Problem, residuals: Floats) -> Simulator:
-    """The problem's world, knowing of its readings' noise what residuals (R) tell.
+    """The problem's simulator with the noise that residuals (R) show.
 
-    The same one where that is what it knew before.
+    Noise that is autocorrelated is larger than the scatter about local polynomials.
+    Where residuals are much smaller than that scatter, the scatter is motion.
+
+    Returns:
+        A simulator whose channels have new standard deviations and AR(1) coefficients;
+        the same object where they hardly change.
     """
     simulator = problem.simulator
-    if problem.regime.has_single_readings:
+    if not problem.regime.estimates_noise:
         return simulator
-    variance, memory = _fit_variograms(problem, residuals)
+    variance, ar1 = _fit_variograms(problem, residuals)
     scatter = np.concatenate([c.scatter for c in simulator.channels])
-    left = residual_rms(problem, residuals) / np.sqrt(_noise_share_kept(problem))
-    # where commands jump, so do torques: about a parabola that is no noise
-    white = np.where(left < JUMPS * scatter, left, scatter)
+    rms = residual_rms(problem, residuals) / np.sqrt(_noise_share_left(problem))
+    white = np.where(rms < FIT.min_scatter_ratio * scatter, rms, scatter)
     noise = np.fmax(white, np.sqrt(variance))
-    signals = tuple(
-        replace(c, ar1=memory[c.columns], noise=noise[c.columns])
+    channels = tuple(
+        replace(c, ar1=ar1[c.columns], noise=noise[c.columns])
         for c in simulator.channels
     )
-    pairs = [(a, b) for s, t in zip(signals, simulator.channels, strict=True)
-             for a, b in ((s.noise, t.noise), (s.ar1, t.ar1))]  # fmt: skip
-    if all(np.allclose(a, b, rtol=ALIKE, equal_nan=True) for a, b in pairs):
-        return simulator
-    return simulator.with_channels(signals)
+    is_same = all(
+        np.allclose(a, b, rtol=FIT.same_noise_tolerance, equal_nan=True)
+        for new, old in zip(channels, simulator.channels, strict=True)
+        for a, b in ((new.noise, old.noise), (new.ar1, old.ar1))
+    )
+    return simulator if is_same else simulator.with_channels(channels)
 
 
-def _noise_share_kept(problem: Problem) -> float:
-    """Share of the readings' noise that is left where uncertain starts take theirs."""
+def _noise_share_left(problem: Problem) -> float:
+    """Share of the noise variance [1] left in residuals by estimated initial states.
+
+    1 - W 2 nv / n of n readings, as of any linear regression.
+    """
     readings = np.isfinite(problem.segments.readings).sum()
-    starts = 2 * problem.simulator.compiler.nominal.nv * len(problem.segments)
-    return float(max(1 - starts / max(readings, 1), 0.5))
+    states = 2 * problem.simulator.compiler.nominal.nv * len(problem.segments)
+    return float(max(1 - states / max(readings, 1), FIT.min_noise_share))
 
 
 def _fit_variograms(problem: Problem, residuals: Floats) -> tuple[Floats, Floats]:
-    """Variance (C) [its unit^2] and memory (C) of slow noise; 0 where there is none.
+    """Variance and AR(1) coefficient of autocorrelated noise, by the variogram.
 
-    A parabola through neighbors takes most of a slow noise for motion. What a fit
-    leaves tells it: differences k samples apart have half the variance w + s (1 - a^k)
-    + q k^2, where w is white noise, s one of first order with memory a, and q what is
-    left of the motion: a variogram of nugget, exponential and drift (Cressie 1993,
-    2.3), by least squares of its relative errors.
+    Half the mean squared difference of residuals k samples apart is
+
+        gamma(k) = w + s (1 - a^k) + q k^2
+
+    with the variance w of white noise, the variance s of AR(1) noise with coefficient
+    a, and q of a drift that the fit leaves: nugget, exponential and drift (Cressie
+    1993, section 2.3). Relative errors are minimized over w, s, q >= 0 for each a.
+
+    Args:
+        problem: with the readings.
+        residuals: (R) [standard deviations].
+
+    Returns:
+        Variance w + s (C) [square of the column's unit] and a (C) [1]; 0 in columns
+        without autocorrelated noise.
     """
     from scipy.optimize import nnls
 
-    known, simulator = np.isfinite(problem.segments.readings), problem.simulator
-    x, window = residuals.reshape(known.shape), problem.segments.segment_of_sample
-    of_lags = np.empty((len(LAGS), known.shape[1]))
-    for i, k in enumerate(LAGS):
-        both = (window[k:] == window[:-k])[:, None] & known[k:] & known[:-k]
-        squares = np.where(both, (x[k:] - x[:-k]) ** 2, 0.0).sum(axis=0)
-        of_lags[i] = squares / 2 / np.maximum(both.sum(axis=0), 1)
-    parts = np.array([[LAGS**0, 1 - a**LAGS, LAGS**2] for a in MEMORIES])
+    simulator = problem.simulator
+    lags = np.array(FIT.variogram_lags)
+    coefficients = np.linspace(*FIT.ar1_range, FIT.ar1_count)
+    gamma = _compute_variograms(problem, residuals, lags)
+    models = np.array([[lags**0, 1 - a**lags, lags**2] for a in coefficients])
     _, m = choose_half_width(simulator.episodes[0].sample_steps * simulator.timestep)
     scatter = np.concatenate([c.scatter for c in simulator.channels]) / problem.sigma
-    variance, memory = np.zeros((2, known.shape[1]))
-    for c in np.flatnonzero(of_lags.all(axis=0)):
-        tries = [nnls((p / of_lags[:, c]).T, np.ones(len(LAGS))) for p in parts]
-        best = int(np.argmin([error for _, error in tries[:-1]]))
-        (white, slow, _), error = tries[best]
-        near = white + slow * ar1_error_factors(MEMORIES[best], m)[2]
-        predicted = error < ASTRAY * np.sqrt(len(LAGS)) and error < tries[-1][1]
-        predicted = predicted and near < ROOM * scatter[c] ** 2
-        if predicted and white + slow > SLOW * scatter[c] ** 2:
-            variance[c], memory[c] = white + slow, MEMORIES[best]
-    return variance * problem.sigma**2, memory
+    variance, ar1 = np.zeros((2, gamma.shape[1]))
+    for c in np.flatnonzero(gamma.all(axis=0)):
+        fits = [nnls((x / gamma[:, c]).T, np.ones(len(lags))) for x in models]
+        best = int(np.argmin([error for _, error in fits[:-1]]))
+        (w, s, _), error = fits[best]
+        about_polynomial = w + s * ar1_error_factors(coefficients[best], m)[2]
+        is_noise = (
+            error < FIT.max_variogram_error * np.sqrt(len(lags))
+            and error < fits[-1][1]
+            and about_polynomial < FIT.max_short_noise_ratio * scatter[c] ** 2
+        )
+        if is_noise and w + s > FIT.min_noise_excess * scatter[c] ** 2:
+            variance[c], ar1[c] = w + s, coefficients[best]
+    return variance * problem.sigma**2, ar1
+
+
+def _compute_variograms(
+    problem: Problem, residuals: Floats, lags: np.ndarray
+) -> Floats:
+    """Empirical variogram of each column within segments, by the method of moments.
+
+    Args:
+        problem: with the readings.
+        residuals: (R) [standard deviations].
+        lags: (L) [samples].
+
+    Returns:
+        (L, C) half the mean squared difference [variances].
+    """
+    is_read = np.isfinite(problem.segments.readings)
+    x, segment = residuals.reshape(is_read.shape), problem.segments.segment_of_sample
+    gamma = np.empty((len(lags), is_read.shape[1]))
+    for i, k in enumerate(lags):
+        is_same_segment = segment[k:] == segment[:-k]
+        is_pair = is_same_segment[:, None] & is_read[k:] & is_read[:-k]
+        squares = np.where(is_pair, (x[k:] - x[:-k]) ** 2, 0.0).sum(axis=0)
+        gamma[i] = squares / 2 / np.maximum(is_pair.sum(axis=0), 1)
+    return gamma
 
 
 def expected_noise(problem: Problem) -> float:
-    """Squared residuals that the readings' noise alone would leave."""
-    return float(_noise_by_column(problem).sum())
+    """Squared residuals [1] that the readings' noise alone would leave."""
+    count = np.isfinite(problem.segments.readings).sum(axis=0)
+    return float((count * _normalized_noise(problem) ** 2).sum())
 
 
 def expected_noise_by_segment(problem: Problem) -> Floats:
-    """The same in each window (W)."""
-    of_each = np.isfinite(problem.segments.readings) * _normalized_noise(problem) ** 2
-    return problem.sum_by_segment(of_each.ravel())
-
-
-def _noise_by_column(problem: Problem) -> Floats:
-    """The same in each column (C)."""
-    count = np.isfinite(problem.segments.readings).sum(axis=0)
-    return count * _normalized_noise(problem) ** 2
+    """(W) squared residuals [1] that the noise alone would leave in each segment."""
+    squares = np.isfinite(problem.segments.readings) * _normalized_noise(problem) ** 2
+    return problem.sum_by_segment(squares.ravel())
 
 
 def _normalized_noise(problem: Problem) -> Floats:
-    """Noise (C) of each column, in standard deviations of its residuals."""
-    noise = np.concatenate([
-        np.maximum(np.nan_to_num(c.noise), c.quantum / np.sqrt(12))
-        for c in problem.simulator.channels
-    ])  # fmt: skip
+    """(C) noise of each column [standard deviations of its residuals].
+
+    At least that of rounding, whose error is uniform: quantum / sqrt(12).
+    """
+    noise = np.concatenate(
+        [
+            np.maximum(np.nan_to_num(c.noise), c.quantum / np.sqrt(12))
+            for c in problem.simulator.channels
+        ]
+    )
     return noise / problem.sigma
 
 
 def noise_ratio(problem: Problem, residuals: Floats) -> float:
-    """Root mean square of residuals (R) over what the readings' noise would leave."""
-    return float(np.sqrt((residuals**2).sum() / max(expected_noise(problem), 1e-12)))
+    """Root mean square of residuals (R) over that of the readings' noise [1]."""
+    expected = max(expected_noise(problem), FIT.min_expected_noise)
+    return float(np.sqrt((residuals**2).sum() / expected))
 
 
-def expected_cost(problem: Problem, found: Fit) -> float:
-    """Squared residuals that the readings' noise and the time step would leave."""
-    of_step = problem.timestep_error(found.terms, found.values, found.residuals)
-    return expected_noise(problem) + float(of_step @ of_step)
+def expected_cost(problem: Problem, fit: Fit) -> float:
+    """Squared residuals [1] that noise and the time step's error would leave."""
+    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
+    return expected_noise(problem) + float(error @ error)
 
 
-def worst_channel_ratio(problem: Problem, found: Fit) -> float:
-    """Root mean square in the worst scored column over what noise and time step leave.
+def worst_channel_ratio(problem: Problem, fit: Fit) -> float:
+    """Root mean square residual over what is expected, in the worst scored column [1].
 
-    Among many columns one that is wrong hardly shows in the sum of all. It is wrong
-    throughout: a tenth of the windows, its worst ones, do not count; nor half of them
-    where something touches, for each may be wrong by impacts. Of poses nothing tells
-    the noise: 0.
+    Expected are the noise and the time step's error. Among many columns one that is
+    wrong hardly shows in the sum of all. It is wrong throughout: the worst tenth of the
+    segments does not count. In contact the median segment counts, for each may be wrong
+    by an impact. Single readings do not tell the noise: 0.
     """
-    if problem.regime.has_single_readings:
+    if not problem.regime.estimates_noise:
         return 0.0
-    of_step = problem.timestep_error(found.terms, found.values, found.residuals)
-    scored = repeat_by_column(problem.simulator.channels, "is_scored") & (
-        _normalized_noise(problem) > 0
+    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
+    noise = _normalized_noise(problem)
+    is_tested = repeat_by_column(problem.simulator.channels, "is_scored") & (noise > 0)
+    squares, squared_errors = (
+        r.reshape(-1, len(is_tested))[:, is_tested] ** 2 for r in (fit.residuals, error)
     )
-    squares, steps = (
-        r.reshape(-1, len(scored))[:, scored] ** 2 for r in (found.residuals, of_step)
+    is_read = np.isfinite(problem.segments.readings)[:, is_tested]
+    expected = is_read * noise[is_tested] ** 2 + squared_errors
+    segment, count = problem.segments.segment_of_sample, len(problem.segments)
+    pick = _median_ratio if problem.regime.has_rough_cost else _trimmed_ratio
+    ratios = []
+    for column in zip(squares.T, expected.T, strict=True):
+        actual, usual = (np.bincount(segment, x, count).astype(float) for x in column)
+        ratios.append(pick(actual, usual))
+    return float(np.sqrt(max([0.0, *ratios])))
+
+
+def _median_ratio(squares: Floats, expected: Floats) -> float:
+    """Median over segments (W) of squares over expected ones; 0 without any."""
+    is_read = expected > 0
+    if not is_read.any():
+        return 0.0
+    return float(np.median(squares[is_read] / expected[is_read]))
+
+
+def _trimmed_ratio(squares: Floats, expected: Floats) -> float:
+    """Sum of squares over that of expected ones (W), without the worst segments."""
+    size = len(squares)
+    outliers = min(
+        -(-size // FIT.segments_per_outlier),
+        (size - 1) // FIT.min_segments_per_outlier,
     )
-    known = np.isfinite(problem.segments.readings)[:, scored]
-    usual = known * _normalized_noise(problem)[scored] ** 2 + steps
-    window, size = problem.segments.segment_of_sample, len(problem.segments)
-    odd = min(-(-size // RARELY), (size - 1) // 3)
-    ratios = [0.0]
-    for left, ours in zip(squares.T, usual.T, strict=True):
-        left, ours = (np.bincount(window, x, size) for x in (left, ours))
-        if problem.regime.has_rough_cost:
-            read = ours > 0
-            ratios.append(np.median(left[read] / ours[read]) if read.any() else 0.0)
-            continue
-        kept = np.argsort(left - ours)[: size - odd]
-        ratios.append(left[kept].sum() / max(ours[kept].sum(), 1e-300))
-    return float(np.sqrt(max(ratios)))
+    kept = np.argsort(squares - expected)[: size - outliers]
+    return float(squares[kept].sum() / max(expected[kept].sum(), FIT.tiny))
 
 
 def robust_noise(problem: Problem, residuals: Floats) -> float:
-    """Squared residuals that errors of the size of most of these (R) would leave.
+    """Squared residuals that errors of the size of most of these (R) would leave [1].
 
-    Of single readings nothing else tells the noise. By the median (Huber 1981, 5.2).
+    By the median absolute value of each column (Huber 1981, section 5.2). Of single
+    readings nothing else tells the noise.
     """
-    known = np.isfinite(problem.segments.readings)
-    columns = zip(residuals.reshape(known.shape).T, known.T, strict=True)
-    of_each = [np.abs(r[there]) for r, there in columns if there.any()]
-    return float(sum(len(r) * (1.4826 * np.median(r)) ** 2 for r in of_each))
+    is_read = np.isfinite(problem.segments.readings)
+    columns = zip(residuals.reshape(is_read.shape).T, is_read.T, strict=True)
+    sizes = [np.abs(r[read]) for r, read in columns if read.any()]
+    return float(sum(len(r) * (FIT.mad_to_std * np.median(r)) ** 2 for r in sizes))
 
 
 def residual_rms(problem: Problem, residuals: Floats) -> Floats:
-    """Root mean squares (C) [its unit] of residuals (R) in each column."""
-    known = np.isfinite(problem.segments.readings)
-    squares = (residuals.reshape(known.shape) ** 2).sum(axis=0)
-    return np.sqrt(squares / np.maximum(known.sum(axis=0), 1)) * problem.sigma
+    """(C) root mean squares [unit of each column] of residuals (R)."""
+    is_read = np.isfinite(problem.segments.readings)
+    squares = (residuals.reshape(is_read.shape) ** 2).sum(axis=0)
+    return np.sqrt(squares / np.maximum(is_read.sum(axis=0), 1)) * problem.sigma

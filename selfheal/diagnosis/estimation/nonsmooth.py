@@ -1,4 +1,8 @@
-"""Fits where something touches: takes one, gives a better one and its problem."""
+"""Fits over a rough cost: takes a problem in contact, gives values of a lower cost.
+
+Impacts make the cost rough, with many minima. Values are searched at multiples of what
+they are, along valleys of the cost, and by steps over a smoothed cost.
+"""
 
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -9,147 +13,215 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
 from .candidate_fit import LinearizedFit
-from .least_squares import Fit, prior_precision, solve_bounded_step, stack_bounds
+from .least_squares import Fit
 from .marginalization import marginalize_initial_states
 from .problem import Problem
-
-# times a value, where to look for better ones: far and near
-ABOUT, CLOSE = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0), (0.9, 0.95, 1.05, 1.1)
-# rounds at most; simulations begun a hair apart, of which each slope and cost is the
-# mean, and how many of a robot of which so much is stated that one round takes all of
-# the time; steps of simulation in all, times degrees of freedom (a minute, about); and
-# the shares of a step that are tried (more than all of it, for roughness makes slopes
-# steeper); chosen
-ROUNDS, JOLTS, FEW, EFFORT, SHARES = 8, 4, 2, 6e7, (2.0, 1.0, 0.5)
+from .quadratic_model import prior_precision, solve_bounded_step, stack_bounds
+from .settings import FIT
 
 
 def search_multiples(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
-    """The values (P), or better ones at so many times one of them.
+    """Search values at multiples of what they are, one effect's value after the other.
 
-    Where impacts make the cost rough a search ends in the nearest of many minima, and
-    one window, in which a body falls on another side, may outweigh all others: so each
-    counts by the logarithm of its cost, as if each had a noise of its own. Single
-    readings are too few for that.
+    A search by slopes ends in the nearest of many minima. Points are compared by the
+    likelihood of `_choose_likeliest`, for which single readings are too few.
+
+    Args:
+        problem: to be fitted.
+        terms: P parameters in all; nominal values stay.
+        values: (P) to begin with [units of the parameters].
+
+    Returns:
+        (P) likeliest values [units of the parameters].
     """
     if problem.regime.has_single_readings:
         return values
     for i in np.flatnonzero(prior_precision(terms) == 0):
-        points = _scale_one_value(terms, values, i, ABOUT)
-        values = _choose_likeliest(
-            problem, points, problem.compute_residuals(terms, points)
-        )
+        points = _scale_one_value(terms, values, i, FIT.far_multiples)
+        residuals = problem.compute_residuals(terms, points)
+        values = _choose_likeliest(problem, points, residuals)
     return values
 
 
-def search_along_valleys(problem: Problem, found: Fit) -> Floats:
-    """The values (P) of a fit, or likelier ones near them, each with its own starts.
+def search_along_valleys(problem: Problem, fit: Fit) -> Floats:
+    """Search values near a fit, each with initial states of its own.
 
-    Starts that were sought with other values hold these where they are. So an effect's
-    value is moved a little, all others follow as the fit's slopes ask, and starts are
-    sought there. Windows count as in `looked_about`.
+    States that were estimated with other values hold these where they are. So an
+    effect's value is moved a little, all other values follow as the quadratic model
+    asks, and initial states are estimated there: a profile likelihood. It is not
+    searched where that takes more than `FIT.smoothed_effort`.
+
+    Args:
+        problem: that was fitted.
+        fit: to begin with.
+
+    Returns:
+        (P) likeliest values [units of the parameters].
     """
-    terms, values, base = (
-        found.terms,
-        found.values,
-        LinearizedFit.from_fit(problem, found),
-    )
+    terms, values = fit.terms, fit.values
+    base = LinearizedFit.from_fit(problem, fit)
     effects = np.flatnonzero(base.prior == 0)
-    each = _simulation_effort(problem) * (2 * problem.simulator.compiler.nominal.nv + 3)
-    if each * (1 + len(CLOSE)) * len(effects) > EFFORT:  # to seek starts, about
+    # to linearize initial states: as they are, 2 nv offsets, an antithetic pair
+    simulations = 2 * problem.simulator.compiler.nominal.nv + 3
+    effort = _simulation_effort(problem) * simulations
+    if effort * (1 + len(FIT.near_multiples)) * len(effects) > FIT.smoothed_effort:
         return values
-    low, high, scale = stack_bounds(terms)
-    h, g = base.curvature, base.gradient
     for i in effects:
-        rest = np.arange(len(values)) != i
-        points = _scale_one_value(terms, values, i, CLOSE)
-        for point in points[1:]:
-            slope = g + h @ (point - found.values)
-            room = (low - point)[rest], (high - point)[rest]
-            point[rest] += solve_bounded_step(
-                h[rest][:, rest], slope[rest], *room, scale[rest]
-            )
-        predicted = (
-            marginalize_initial_states(problem, terms, p).residuals_at(terms, p)
-            for p in points
+        points = _scale_one_value(terms, values, i, FIT.near_multiples)
+        points[1:] = [_follow_linearly(base, x, i) for x in points[1:]]
+        residuals = (
+            marginalize_initial_states(problem, terms, x).residuals_at(terms, x)
+            for x in points
         )
-        values = _choose_likeliest(problem, points, predicted)
+        values = _choose_likeliest(problem, points, residuals)
     return values
 
 
-def fit_smoothed(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
-    """A fit, moved on over what is rough.
+def _follow_linearly(base: LinearizedFit, values: Floats, i: np.integer) -> Floats:
+    """Move all values but one to the minimum of the quadratic model.
 
-    After an impact readings jump at whatever change, by as much at a small as at a
-    large one, and a slope tells of that jump: too steep, in every direction. So slopes
-    are taken over a whole scale, and each is the mean of several that begin a hair
-    apart, as each cost is (randomized smoothing, Duchi et al. 2012). Starts that were
-    sought with other values hold these: they are sought anew for every step.
+    Args:
+        base: the fit with the model.
+        values: (P) [units of the parameters].
+        i: number of the value that stays.
+
+    Returns:
+        (P) [units of the parameters].
     """
-    terms, values, jac = found.terms, found.values, found.jacobian
+    low, high, scale = stack_bounds(base.fit.terms)
+    moved, rest = values.copy(), np.arange(len(values)) != i
+    gradient = base.gradient + base.curvature @ (values - base.fit.values)
+    moved[rest] += solve_bounded_step(
+        base.curvature[rest][:, rest],
+        gradient[rest],
+        (low - values)[rest],
+        (high - values)[rest],
+        scale[rest],
+    )
+    return moved
+
+
+def fit_smoothed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """Continue a fit by Gauss-Newton steps over a smoothed cost.
+
+    After an impact readings jump at any change of the values, by as much at a small as
+    at a large one. A slope over a small change shows that jump: too steep, in every
+    direction. So slopes are differences over a whole scale, and residuals are means
+    over perturbed initial states (randomized smoothing, Duchi et al. 2012). Before each
+    step, initial states are estimated again, for those of other values hold these.
+
+    Args:
+        problem: that was fitted.
+        fit: to begin with.
+
+    Returns:
+        The problem with initial states of the last values, and the fit to it. Its
+        Jacobian is that of the last step.
+    """
+    terms, values, jacobian = fit.terms, fit.values, fit.jacobian
     if not len(values):
-        return problem, found
-    each = _simulation_effort(problem) * JOLTS * (len(values) + 2 + len(SHARES))
-    kicks = JOLTS if each < EFFORT else FEW
-    for i in range(max(1, int(min(ROUNDS, EFFORT // each)))):
-        reestimated = marginalize_initial_states(problem, terms, values)
-        hairs = reestimated.draw_antithetic_offsets(kicks, np.random.default_rng(i))
-        work_out = partial(_take_smoothed_step, reestimated, terms, values, hairs)
-        new, slopes = reestimated.simulator.load_or_compute(work_out)
-        problem, jac, values = reestimated, slopes, new
-    reestimated = marginalize_initial_states(problem, terms, values)
-    return reestimated, Fit(
+        return problem, fit
+    points = len(values) + 2 + len(FIT.smoothed_step_shares)
+    effort = _simulation_effort(problem) * FIT.smoothed_samples * points
+    is_slow = effort >= FIT.smoothed_effort
+    samples = FIT.smoothed_samples_if_slow if is_slow else FIT.smoothed_samples
+    affordable = FIT.smoothed_effort // effort
+    for i in range(max(1, int(min(FIT.smoothed_iterations, affordable)))):
+        marginalized = marginalize_initial_states(problem, terms, values)
+        offsets = marginalized.draw_antithetic_offsets(
+            samples, np.random.default_rng(i)
+        )
+        values, jacobian = marginalized.simulator.load_or_compute(
+            partial(_take_smoothed_step, marginalized, terms, values, offsets)
+        )
+        problem = marginalized
+    marginalized = marginalize_initial_states(problem, terms, values)
+    return marginalized, Fit(
         terms,
         values,
-        reestimated.residuals_at(terms, values),
-        problem.transfer_jacobian(reestimated, jac),
+        marginalized.residuals_at(terms, values),
+        problem.transfer_jacobian(marginalized, jacobian),
     )
 
 
 def _simulation_effort(problem: Problem) -> int:
-    """Steps of one simulation of all windows, times degrees of freedom."""
+    """[simulation steps times degrees of freedom] of one simulation of all segments."""
     return int(problem.segments.lengths.sum()) * problem.simulator.compiler.nominal.nv
 
 
 def _scale_one_value(
-    terms, values: Floats, i: np.integer, about: Sequence[float]
+    terms: Sequence[Term], values: Floats, i: np.integer, multiples: Sequence[float]
 ) -> Floats:
-    """The values (P), and with the i-th so many times as large, within its bounds."""
+    """Values, and the same with multiples of one of them within its bounds.
+
+    Args:
+        terms: P parameters in all.
+        values: (P) [units of the parameters].
+        i: number of the parameter.
+        multiples: n of them.
+
+    Returns:
+        (1 + n, P) [units of the parameters].
+    """
     low, high, _ = stack_bounds(terms)
-    points = np.tile(values, (1 + len(about), 1))
-    points[1:, i] = np.clip(values[i] * np.array(about), low[i], high[i])
+    points = np.tile(values, (1 + len(multiples), 1))
+    points[1:, i] = np.clip(values[i] * np.array(multiples), low[i], high[i])
     return points
 
 
 def _choose_likeliest(
-    problem: Problem, points: Floats, predicted: Iterable[Floats]
+    problem: Problem, points: Floats, residuals: Iterable[Floats]
 ) -> Floats:
-    """Of some points, the one whose residuals are, if each window has its own noise."""
-    least = problem.sum_by_segment(np.ones(len(problem.segment_of_residual)))
-    costs = [np.log(least + problem.sum_by_segment(r**2)).sum() for r in predicted]
+    """The likeliest of some points if each segment has a noise variance of its own.
+
+    With n_w readings and cost c_w in segment w, sum log(n_w + c_w) is minimized. That
+    is a normal likelihood, each variance at its maximum, of equally many readings in
+    all segments, but for n_w, which keeps an exact fit from deciding. One segment in
+    which a body falls on another side cannot outweigh all others then.
+
+    Args:
+        problem: of the residuals.
+        points: (n, P) [units of the parameters].
+        residuals: n of (R) [standard deviations].
+    """
+    count = problem.sum_by_segment(np.ones(len(problem.segment_of_residual)))
+    costs = [np.log(count + problem.sum_by_segment(r**2)).sum() for r in residuals]
     return points[int(np.argmin(costs))]
 
 
 def _take_smoothed_step(
-    problem: Problem, terms: tuple[Term, ...], x: Floats, hairs
+    problem: Problem, terms: tuple[Term, ...], values: Floats, offsets: Floats
 ) -> Arrays:
-    """Values after one step, or the same ones; and the slopes there, a mean."""
+    """One Gauss-Newton step over the smoothed cost.
+
+    Args:
+        problem: with initial states estimated at the values.
+        terms: P parameters in all.
+        values: (P) [units of the parameters].
+        offsets: (k, W, 2 nv) perturbations of the initial states [rad or m, and per s].
+
+    Returns:
+        Values (P) after the best share of the step, or those before it; and the
+        Jacobian (R, P) at the latter.
+    """
     low, high, scale = stack_bounds(terms)
 
-    def told(points: Floats) -> Floats:
-        """(n, len(hairs), R) residuals."""
-        rows = np.repeat(points, len(hairs), axis=0)
-        found = problem.compute_residuals(
-            terms, rows, np.tile(hairs, (len(points), 1, 1))
+    def simulate(points: Floats) -> Floats:
+        """(n, k, R) residuals at points (n, P)."""
+        rows = np.repeat(points, len(offsets), axis=0)
+        residuals = problem.compute_residuals(
+            terms, rows, np.tile(offsets, (len(points), 1, 1))
         )
-        return found.reshape(len(points), len(hairs), -1)
+        return residuals.reshape(len(points), len(offsets), -1)
 
-    r = told(x[None])[0].mean(axis=0)
-    moves = np.where(x + scale > high, -scale, scale)
-    ends = [told(point[None])[0].mean(axis=0) for point in x + np.diag(moves)]
-    jac = (np.array(ends) - r).T / moves
-    base = LinearizedFit.from_fit(problem, Fit(terms, x, r, jac))
-    _, move = base.minimize(r)
-    points = np.clip(x + np.append(0.0, SHARES)[:, None] * move, low, high)
-    pull = ((points - 1) ** 2) @ base.prior
-    costs = (told(points) ** 2).sum(axis=2).mean(axis=1) + pull
-    return points[int(np.argmin(costs))], jac
+    residuals = simulate(values[None])[0].mean(axis=0)
+    moves = np.where(values + scale > high, -scale, scale)
+    moved = [simulate(x[None])[0].mean(axis=0) for x in values + np.diag(moves)]
+    jacobian = (np.array(moved) - residuals).T / moves
+    base = LinearizedFit.from_fit(problem, Fit(terms, values, residuals, jacobian))
+    _, step = base.minimize(residuals)
+    shares = np.append(0.0, FIT.smoothed_step_shares)[:, None]
+    points = np.clip(values + shares * step, low, high)
+    prior_penalties = ((points - 1) ** 2) @ base.prior
+    costs = (simulate(points) ** 2).sum(axis=2).mean(axis=1) + prior_penalties
+    return points[int(np.argmin(costs))], jacobian

@@ -1,4 +1,12 @@
-"""Windows whose residuals are to be small: takes hypotheses, gives residuals."""
+"""Problems: takes segments and weights, gives residuals of hypotheses.
+
+The residuals of hypothesis x in a segment with initial state s0 are
+
+    r = (y_hat(x, s0) - y) / sigma,
+
+with readings y and their prediction y_hat. What errors of s0 can explain is removed
+from them where initial states are marginalized (`marginalization`).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,25 +29,27 @@ from ..simulation.dataset import (
 )
 from ..simulation.simulator import Simulator
 from .regime import Regime, find_regime
-
-FAR = 300.0  # of a residual's standard deviations; a diverged sample is that far off
-# of an error, a move of a start that changes nothing but which roughness is met; chosen
-HAIR = 0.1
-BLOCKS = 24  # at most, of neighboring windows, each predicted from the others; chosen
+from .settings import FIT
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Windows whose residuals are to be small.
+    """Segments whose residuals are to be minimized, and how they are weighted.
+
+    R residuals are those of M samples in C columns, a sample's columns in a row.
 
     Attributes:
-        world: that is simulated.
-        windows: the pieces.
-        sigma: (C) of each column's residual [its unit].
-        whiten: of each window, what its uncertain start explains: (R_w, k), (k).
-        shift: (W, 2 nv) of the states that were read, where the windows begin; None: 0.
-        pull: (R) what the shift alone makes of the residuals, as far as it is linear.
-        centered: as `World.simulate` has it.
+        simulator: predicts the readings.
+        segments: W of them.
+        sigma: (C) standard deviation of each column's residual [unit of the column].
+        marginal_bases: of each segment, directions U (R_w, k) that errors of its
+            initial state can explain, and the share (k) [1] of each that is removed.
+            Without any, initial states are taken as certain.
+        initial_state_shift: (W, 2 nv) from the initial states that were read to those
+            that are used [rad or m, and per s]; None: 0.
+        shift_response: (R) [standard deviations] linear response of the residuals to
+            that shift, which is subtracted: the shift is an error like any other.
+        centered: whether motion is a leapfrog's (`Simulator.simulate`).
     """
 
     simulator: Simulator
@@ -52,14 +62,14 @@ class Problem:
 
     @property
     def segment_of_residual(self) -> np.ndarray:
-        """(R) window of each residual."""
+        """(R) number of each residual's segment."""
         return np.repeat(
             self.segments.segment_of_sample, self.segments.readings.shape[1]
         )
 
     @property
     def regime(self) -> Regime:
-        """What its data allow a fit to ask."""
+        """What the data allow a fit to ask."""
         return find_regime(self.simulator.has_contact, self.segments.is_single_readings)
 
     def compute_residuals(
@@ -68,18 +78,28 @@ class Problem:
         values: Floats,
         initial_state_offset: Floats | None = None,
     ) -> Floats:
-        """(n, R) readings less prediction, in standard deviations; 0 where missing.
+        """Residuals of hypotheses: prediction less reading, over sigma.
 
-        `initial_state_offset`: (n, W, 2 nv) added to the starts.
+        They are clipped at `FIT.max_residual`, which a diverged sample counts. Then
+        what errors of the initial states explain is removed.
+
+        Args:
+            terms: effects beside the given model, P parameters in all.
+            values: (n, P) a row a hypothesis [units of the parameters].
+            initial_state_offset: (n, W, 2 nv) added to the initial states [rad or m,
+                and per s].
+
+        Returns:
+            (n, R) [standard deviations]; 0 where a reading is missing.
         """
         values = remove_rounding(terms, values)
         if self.initial_state_shift is not None:
-            more = (
+            offset = (
                 np.zeros((len(values), 1, 1))
                 if initial_state_offset is None
                 else initial_state_offset
             )
-            initial_state_offset = self.initial_state_shift + more
+            initial_state_offset = self.initial_state_shift + offset
         predicted = self.simulator.simulate(
             terms,
             values,
@@ -87,131 +107,182 @@ class Problem:
             initial_state_offset=initial_state_offset,
             centered=self.centered,
         )
-        apart = predicted - self.segments.readings
-        apart = _align_quaternions(apart, predicted, self) / self.sigma
-        known = np.isfinite(self.segments.readings)
-        lost = ~np.isfinite(apart)
-        apart = np.where(lost, FAR, np.clip(np.where(lost, 0, apart), -FAR, FAR))
-        flat = np.where(known, apart, 0.0).reshape(len(predicted), -1)
-        return self.marginalize(
-            flat if self.shift_response is None else flat - self.shift_response
-        )
+        errors = self._subtract_readings(predicted) / self.sigma
+        is_read = np.isfinite(self.segments.readings)
+        has_diverged, limit = ~np.isfinite(errors), FIT.max_residual
+        clipped = np.clip(np.where(has_diverged, 0, errors), -limit, limit)
+        errors = np.where(has_diverged, limit, clipped)
+        residuals = np.where(is_read, errors, 0.0).reshape(len(predicted), -1)
+        if self.shift_response is not None:
+            residuals = residuals - self.shift_response
+        return self.marginalize(residuals)
 
     def residuals_at(self, terms: Sequence[Term], values: Floats) -> Floats:
-        """(R) residuals of one hypothesis."""
+        """(R) residuals of one hypothesis with values (P); see `compute_residuals`."""
         return self.compute_residuals(terms, values[None])[0]
 
-    def draw_antithetic_offsets(self, count: int, rng: np.random.Generator) -> Floats:
-        """Kicks (count, W, 2 nv) so small that they change nothing but roughness.
+    def _subtract_readings(self, predicted: Floats) -> Floats:
+        """Predictions (n, M, C) less the readings [unit of each column].
 
-        Half of them are the others' opposites, so that their mean is no kick.
+        Quaternions q and -q are the same orientation: the nearer one counts.
+        """
+        errors = predicted - self.segments.readings
+        for c in self.simulator.channels:
+            if c.kind == "body_orientation":
+                q, read = (
+                    predicted[..., c.columns],
+                    self.segments.readings[:, c.columns],
+                )
+                dot = np.sum(q * read, axis=-1, keepdims=True)
+                sign = np.where(dot < 0, -1.0, 1.0)
+                errors[..., c.columns] = q * sign - read
+        return errors
+
+    def draw_antithetic_offsets(self, count: int, rng: np.random.Generator) -> Floats:
+        """Draw perturbations of the initial states, in pairs of opposite sign.
+
+        They are so small that only the roughness of the residuals changes. Their mean
+        is zero (antithetic variates, Hammersley and Morton 1956).
+
+        Args:
+            count: of perturbations, even.
+            rng: draws signs.
+
+        Returns:
+            (count, W, 2 nv) [rad or m, and per s].
         """
         std = initial_state_std(self.simulator, self.segments)
-        half = rng.choice([-HAIR, HAIR], size=(count // 2, *std.shape)) * std
+        size = FIT.antithetic_offset
+        half = rng.choice([-size, size], size=(count // 2, *std.shape)) * std
         return np.concatenate([half, -half])
 
-    def marginalize(self, flat: Floats) -> Floats:
-        """Without what starts explain (Gauss-Newton, starts eliminated)."""
-        if self.marginal_bases:
-            edges = np.searchsorted(
-                self.segment_of_residual, np.arange(len(self.segments) + 1)
-            )
-            for i, (u, shrink) in enumerate(self.marginal_bases):
-                part = flat[:, edges[i] : edges[i + 1]]
-                part -= ((part @ u) * shrink) @ u.T
-        return flat
+    def marginalize(self, residuals: Floats) -> Floats:
+        """Remove from residuals (n, R) what errors of the initial states explain.
 
-    def transfer_jacobian(self, other: "Problem", jac: Floats) -> Floats:
-        """A Jacobian (R, P) as in another problem, that weighs the same otherwise."""
-        flat = jac.T.copy()
+        (I - U diag(share) U') r in each segment; see `marginalize_initial_states`.
+        """
+        if not self.marginal_bases:
+            return residuals
+        residuals = residuals.copy()
+        for rows, (u, share) in zip(
+            self._segment_rows, self.marginal_bases, strict=True
+        ):
+            part = residuals[:, rows]
+            part -= ((part @ u) * share) @ u.T
+        return residuals
+
+    def transfer_jacobian(self, other: "Problem", jacobian: Floats) -> Floats:
+        """Express a Jacobian (R, P) in the residuals of another problem.
+
+        The other problem has the same segments and weights them otherwise. Here
+        marginalization is undone, which multiplies by I + U diag(share / (1 - share))
+        U', and so is the division by sigma; there both are done.
+        """
+        columns = jacobian.T.copy()
+        if self.marginal_bases:
+            for rows, (u, share) in zip(
+                self._segment_rows, self.marginal_bases, strict=True
+            ):
+                part = columns[:, rows]
+                part += ((part @ u) * (share / (1 - share))) @ u.T
+        shape = len(columns), *self.segments.readings.shape
+        in_units = columns.reshape(shape) * self.sigma
+        return other.marginalize((in_units / other.sigma).reshape(columns.shape)).T
+
+    @property
+    def _segment_rows(self) -> list[slice]:
+        """Residuals of each segment (W)."""
         edges = np.searchsorted(
             self.segment_of_residual, np.arange(len(self.segments) + 1)
         )
-        for i, (u, shrink) in enumerate(self.marginal_bases):
-            part = flat[:, edges[i] : edges[i + 1]]
-            part += ((part @ u) * (shrink / (1 - shrink))) @ u.T
-        rows, width = len(self.segment_of_residual), len(self.sigma)
-        plain = flat.reshape(len(flat), rows // width, width) * self.sigma
-        return other.marginalize((plain / other.sigma).reshape(flat.shape)).T
+        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
     def timestep_error(
-        self, terms: Sequence[Term], values: Floats, at: Floats
+        self, terms: Sequence[Term], values: Floats, residuals: Floats
     ) -> Floats:
-        """(R) of residuals `at` (R) what the time step makes, as halving it tells.
+        """Error of residuals by the time step, by Richardson's extrapolation (1911).
 
-        Half the step halves the error of a method of first order, so that it changes
-        half of it (Richardson 1911); after an impact the two are as large.
+        Halving the step of a first-order integrator halves its error, so that the error
+        is 2 (r(h) - r(h / 2)). After an impact both are as wrong.
+
+        Args:
+            terms: effects beside the given model.
+            values: (P) [units of the parameters].
+            residuals: (R) r(h) at the values [standard deviations].
+
+        Returns:
+            (R) [standard deviations].
         """
         finer = replace(
             self,
             simulator=self.simulator.with_half_step,
             segments=self.segments.with_half_step,
         )
-        return 2 * (at - finer.residuals_at(terms, values))
+        return 2 * (residuals - finer.residuals_at(terms, values))
 
-    def clock_error(self, terms: Sequence[Term], values: Floats, at: Floats) -> Floats:
-        """(R) of residuals `at` (R) what commands make that act a little later."""
-        return (
-            replace(self, simulator=self.simulator.with_late_commands).residuals_at(
-                terms, values
-            )
-            - at
-        )
+    def clock_error(
+        self, terms: Sequence[Term], values: Floats, residuals: Floats
+    ) -> Floats:
+        """Change of residuals if commands act a fraction of a step later.
+
+        Args:
+            terms: effects beside the given model.
+            values: (P) [units of the parameters].
+            residuals: (R) at the values [standard deviations].
+
+        Returns:
+            (R) [standard deviations].
+        """
+        later = replace(self, simulator=self.simulator.with_late_commands)
+        return later.residuals_at(terms, values) - residuals
 
     def select(self, chosen: np.ndarray) -> "Problem":
-        """The same with some of the windows."""
+        """The problem in some of the segments, by number."""
         if np.array_equal(chosen, np.arange(len(self.segments))):
             return self
-        whiten = (
+        bases = (
             tuple(self.marginal_bases[i] for i in chosen) if self.marginal_bases else ()
         )
-        shift, pull = self.initial_state_shift, self.shift_response
+        shift, response = self.initial_state_shift, self.shift_response
         if shift is not None:
             shift = shift[chosen]
-        if pull is not None:
-            pull = pull.reshape(self.segments.readings.shape)
-            pull = pull[self.segments.find_sample_rows(chosen)].ravel()
-        segments = self.simulator.select_segments(self.segments, chosen)
+        if response is not None:
+            response = response.reshape(self.segments.readings.shape)
+            response = response[self.segments.find_sample_rows(chosen)].ravel()
         return replace(
             self,
-            segments=segments,
-            marginal_bases=whiten,
+            segments=self.simulator.select_segments(self.segments, chosen),
+            marginal_bases=bases,
             initial_state_shift=shift,
-            shift_response=pull,
+            shift_response=response,
         )
 
     @property
     def unmarginalized(self) -> "Problem":
-        """The same, in which what starts could explain counts in full."""
+        """The problem whose initial states are those used now, and certain."""
         return replace(self, marginal_bases=(), shift_response=None)
 
+    @property
+    def with_measured_states(self) -> "Problem":
+        """The problem whose initial states are those that were read, and certain."""
+        return replace(self.unmarginalized, initial_state_shift=None)
+
     def sum_by_segment(self, values: Floats) -> Floats:
-        """Sum of (R) values over each window (W)."""
+        """(W) sums over each segment of values (R) of the residuals."""
         count = len(self.segments)
         return np.bincount(self.segment_of_residual, values, minlength=count).astype(
             float
         )
 
 
-def _align_quaternions(apart: Floats, predicted: Floats, problem: Problem) -> Floats:
-    """Differences of which those of orientations take the nearer of two signs."""
-    for c in problem.simulator.channels:
-        if c.kind == "body_orientation":
-            read = problem.segments.readings[:, c.columns]
-            dot = np.sum(predicted[..., c.columns] * read, axis=-1, keepdims=True)
-            sign = np.where(dot < 0, -1.0, 1.0)
-            apart[..., c.columns] = predicted[..., c.columns] * sign - read
-    return apart
-
-
 def build_initial_state_offsets(simulator: Simulator, segments: Segments) -> Floats:
-    """Initial states (1 + 2 nv, W, 2 nv) off by nothing, and by one error each."""
+    """Offsets (1 + 2 nv, W, 2 nv): none, and one standard deviation of each state."""
     std = initial_state_std(simulator, segments)
     return unit_offsets(std.shape[1]) * std
 
 
 def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
-    """Standard deviations (W, 2 nv) of the states that were read."""
+    """(W, 2 nv) standard deviations of the initial states [rad or m, and per s]."""
     std = np.empty((len(segments), 2 * simulator.compiler.nominal.nv))
     for episode in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == episode)
@@ -222,38 +293,44 @@ def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
 
 
 def unit_offsets(width: int) -> Floats:
-    """(1 + width, 1, width): nothing, and one of each."""
+    """(1 + width, 1, width): zero, and one unit vector each."""
     return np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
 
 
 def build_problem(dataset: Dataset, seconds: float) -> Problem:
-    """Windows of the fitted recordings, weighted by the given model's error."""
+    """Pose a problem of the training data, weighted by the given model's error.
+
+    Args:
+        dataset: training data.
+        seconds: length of the segments [s].
+    """
     simulator = dataset.training
     segments = cut_readable_segments(simulator, seconds)
-    apart = simulator.simulate([], np.zeros((1, 0)), segments)[0] - segments.readings
+    predicted = simulator.simulate([], np.zeros((1, 0)), segments)[0]
+    errors = predicted - segments.readings
     sigma = np.sqrt(
-        np.nanmean(np.where(np.isfinite(apart), apart, np.nan) ** 2, axis=0)
+        np.nanmean(np.where(np.isfinite(errors), errors, np.nan) ** 2, axis=0)
     )
     spread = repeat_by_column(simulator.channels, "spread")
-    sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), 1e-9 * spread, spread)
+    least = FIT.min_residual_std_share * spread
+    sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), least, spread)
     return Problem(simulator, segments, sigma)
 
 
 def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
-    """Refuse what could only be answered with "nothing", for want of evidence.
+    """Refuse recordings that are too few, too short or too still for a diagnosis.
 
     Raises:
-        RecordingError: too short, or nothing moved.
+        RecordingError: whose message says what would fit.
     """
     if len(problem.segments) < MIN_SEGMENTS and (
-        lost := list_unmeasured_joints(simulator)
+        unmeasured := list_unmeasured_joints(simulator)
     ):
         raise RecordingError(
-            f"no signal tells the position of {', '.join(lost)}, so that an episode is "
-            f"one piece, and {len(simulator.episodes)} are too few to decide anything; "
-            "would "
-            f"fit: record it, or at least {MIN_SEGMENTS} episodes beside what is held "
-            "out"
+            f"no signal tells the position of {', '.join(unmeasured)}, so that an "
+            f"episode is one piece, and {len(simulator.episodes)} are too few to "
+            f"decide anything; would fit: record it, or at least {MIN_SEGMENTS} "
+            "episodes beside what is held out"
         )
     if len(problem.segments) < MIN_SEGMENTS:
         raise RecordingError(
@@ -261,11 +338,10 @@ def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
             f"decide anything; would fit: at least {MIN_SEGMENTS}, better 40, beside "
             "what is held out"
         )
-    loud = [
-        c.name for c in simulator.channels
-        if c.is_scored and not c.spread < MIN_SNR * np.sqrt(np.nansum(c.noise**2))
-    ]  # fmt: skip
-    if not loud:
+    if not any(
+        c.is_scored and not c.spread < MIN_SNR * np.sqrt(np.nansum(c.noise**2))
+        for c in simulator.channels
+    ):
         raise RecordingError(
             "no position-like signal moves by more than its noise; would fit: a "
             "recording in which the robot moves"
@@ -273,9 +349,6 @@ def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
 
 
 def assign_blocks(problem: Problem) -> np.ndarray:
-    """(W) block of each window: neighbors in time share one."""
-    return (
-        np.arange(len(problem.segments))
-        * min(BLOCKS, len(problem.segments))
-        // len(problem.segments)
-    )
+    """(W) number of each segment's block; neighbors in time share one."""
+    count = len(problem.segments)
+    return np.arange(count) * min(FIT.max_blocks, count) // count

@@ -1,27 +1,35 @@
-"""Regimes: what the data of a problem allow a fit and a choice of models to ask."""
+"""Regimes: takes contact and the way of reading, gives what fits may ask of data."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Regime:
-    """One row of the table below.
+    """One row of the table: what a fit may ask of one kind of data.
+
+    All numbers are chosen, for the reasons below.
 
     Attributes:
         has_rough_cost: whether the robot makes and breaks contact. Impacts make the
-            cost a rough function of the values, which drives each of them some way.
+            cost a rough function of the values, which moves each of them some way.
         has_single_readings: whether each episode was read once, as of a robot that
             takes poses. Nothing then tells the noise, or when something happened.
-        difference_step: of a parameter's scale, over which a Jacobian is differenced.
-            0.02 stays above the solver's noise. Readings of a motion with impacts jump
-            at any change, and only over 0.3 does the slope tell more than the jump.
-            Both chosen.
-        min_gain: least share of the held-out squared error that a named effect
-            removes; chosen.
-        explained_ratio: residual over noise up to which a fit counts as explained;
-            chosen.
-        prior_penalty_of_value: [variances] by which impacts drive one nominal value;
-            chosen.
+        difference_step: [scales of the parameters] over which a Jacobian is
+            differenced. 0.02 stays above the solver's noise. Readings of a motion with
+            impacts jump at any change, and only over 0.3 does the slope exceed the
+            jump.
+        min_gain: least share of the held-out squared error that a named effect removes.
+            Five times as much in contact, for roughness gains a little by chance.
+        explained_ratio: root mean square residual over noise up to which a fit counts
+            as explained. More in contact, where no fit reaches the noise.
+        prior_penalty_of_value: [variances] by which impacts move one nominal value.
+        estimates_noise: whether residuals are numerous enough to estimate the noise.
+        reestimates_states: whether initial states follow a candidate's values. In
+            contact that takes too long; single readings have no velocities.
+        state_iterations: Gauss-Newton iterations of the initial states, at most. Single
+            readings are linearized once.
+        misleading_state_trials: segments whose initial states are estimated again
+            because they mislead a fit, at most.
     """
 
     has_rough_cost: bool
@@ -30,6 +38,10 @@ class Regime:
     min_gain: float
     explained_ratio: float
     prior_penalty_of_value: float
+    estimates_noise: bool
+    reestimates_states: bool
+    state_iterations: int
+    misleading_state_trials: int
 
     @property
     def is_nonsmooth(self) -> bool:
@@ -37,14 +49,58 @@ class Regime:
         return self.has_rough_cost and not self.has_single_readings
 
 
-SMOOTH = Regime(False, False, 0.02, 0.02, 1.3, 0.0)
-CONTACT = Regime(True, False, 0.3, 0.1, 2.0, 1.0)
-SINGLE_READINGS = Regime(False, True, 0.02, 0.02, 1.3, 0.0)
-POSES_IN_CONTACT = Regime(True, True, 0.02, 0.02, 2.0, 1.0)
+SMOOTH = Regime(
+    has_rough_cost=False,
+    has_single_readings=False,
+    difference_step=0.02,
+    min_gain=0.02,
+    explained_ratio=1.3,
+    prior_penalty_of_value=0.0,
+    estimates_noise=True,
+    reestimates_states=True,
+    state_iterations=5,
+    misleading_state_trials=2,
+)
+CONTACT = Regime(
+    has_rough_cost=True,
+    has_single_readings=False,
+    difference_step=0.3,
+    min_gain=0.1,
+    explained_ratio=2.0,
+    prior_penalty_of_value=1.0,
+    estimates_noise=True,
+    reestimates_states=False,
+    state_iterations=5,
+    misleading_state_trials=2,
+)
+SINGLE_READINGS = Regime(
+    has_rough_cost=False,
+    has_single_readings=True,
+    difference_step=0.02,
+    min_gain=0.02,
+    explained_ratio=1.3,
+    prior_penalty_of_value=0.0,
+    estimates_noise=False,
+    reestimates_states=False,
+    state_iterations=0,
+    misleading_state_trials=0,
+)
+POSES_IN_CONTACT = Regime(
+    has_rough_cost=True,
+    has_single_readings=True,
+    difference_step=0.02,
+    min_gain=0.02,
+    explained_ratio=2.0,
+    prior_penalty_of_value=1.0,
+    estimates_noise=False,
+    reestimates_states=False,
+    state_iterations=0,
+    misleading_state_trials=0,
+)
 
 
 def find_regime(has_contact: bool, has_single_readings: bool) -> Regime:
-    """The regime of a robot that touches something or not, and of how it was read."""
+    """The regime of a robot that makes contact or not, read in motion or in poses."""
     if has_single_readings:
         return POSES_IN_CONTACT if has_contact else SINGLE_READINGS
     return CONTACT if has_contact else SMOOTH

@@ -1,4 +1,10 @@
-"""Weights of residuals and initial states, found anew where a fit shows them wrong."""
+"""Reweighting: takes a fit, gives its problem with weights and states that suit it.
+
+Iteratively reweighted least squares: each column's residuals are divided by their own
+root mean square, the fit is repeated, and so on. With weights per column that is
+feasible generalized least squares (Greene 2012, section 9.2). Initial states are
+marginalized again with the new weights.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,97 +18,108 @@ from ..simulation.simulator import Simulator
 from .candidate_fit import LinearizedFit
 from .least_squares import Fit, fit_parameters
 from .marginalization import marginalize_initial_states
-from .noise import LEFT, noise_ratio, residual_rms, update_noise_model
+from .noise import noise_ratio, residual_rms, update_noise_model
 from .problem import Problem
-
-UNSCORED = 4.0  # times as far off may be what is not scored; chosen
-TAILS = 4.0  # degrees of freedom of single readings' errors (Lange et al. 1989)
-# of `reseated`: share of the cost that all other windows would save without one, above
-# which its start may be wrong, and of the cost, what starts sought anew have to save;
-# and how many such windows are looked at; chosen
-HARMS, SEATS = 0.01, 2
+from .settings import FIT
 
 
-def downweight_unscored(problem: Problem, found: Fit) -> Floats:
-    """Sigma (C), larger where something stays unexplained for what is not scored.
+def downweight_unscored(problem: Problem, fit: Fit) -> Floats:
+    """(C) sigma [unit of each column], larger in unscored columns if much is left.
 
-    A fit is a compromise there.
+    A fit that leaves more than noise is a compromise between channels, and those that
+    are not scored should hardly decide it.
     """
-    if noise_ratio(problem, found.residuals) <= LEFT:
+    if noise_ratio(problem, fit.residuals) <= FIT.strictly_unexplained_ratio:
         return problem.sigma
-    scored = repeat_by_column(problem.simulator.channels, "is_scored")
-    return np.where(scored, problem.sigma, UNSCORED * problem.sigma)
+    is_scored = repeat_by_column(problem.simulator.channels, "is_scored")
+    return np.where(is_scored, problem.sigma, FIT.unscored_std_factor * problem.sigma)
 
 
-def reweight_residuals(problem: Problem, found: Fit) -> Problem:
-    """Each column's residuals measured by how large they are now.
+def reweight_residuals(problem: Problem, fit: Fit) -> Problem:
+    """The problem weighted by the residuals of a fit, with the noise that they show.
 
-    What is heard of the noise changes how far starts are believed, and starts that are
-    believed too much leave what is no noise: so it is heard once more.
+    A noise model changes how far initial states may move, and states that may not move
+    far enough leave more than noise. So noise is estimated a second time, with the
+    states of the first one.
     """
-    residuals = found.residuals
-    problem = _weight_by_residuals(
-        problem, found, residuals, update_noise_model(problem, residuals)
-    )
-    if problem.regime.has_single_readings:
+    residuals = fit.residuals
+    simulator = update_noise_model(problem, residuals)
+    problem = _weight_by_residuals(problem, fit, residuals, simulator)
+    if not problem.regime.estimates_noise:
         return problem
-    residuals = problem.residuals_at(found.terms, found.values)
+    residuals = problem.residuals_at(fit.terms, fit.values)
     simulator = update_noise_model(problem, residuals)
     if simulator is problem.simulator:
         return problem
-    return _weight_by_residuals(problem, found, residuals, simulator)
+    return _weight_by_residuals(problem, fit, residuals, simulator)
 
 
 def _weight_by_residuals(
-    problem: Problem, found: Fit, residuals: Floats, simulator: Simulator
+    problem: Problem, fit: Fit, residuals: Floats, simulator: Simulator
 ) -> Problem:
-    """The problem in a world that knows its noise, weighed by residuals (R)."""
+    """The problem with another noise model, weighted by residuals.
+
+    Args:
+        problem: that was fitted.
+        fit: with the values at which initial states are marginalized.
+        residuals: (R) [standard deviations]; their root mean square is the new sigma,
+            but no less than the noise.
+        simulator: whose channels have the noise model.
+    """
     noise = np.concatenate([c.noise for c in simulator.channels])
     least = np.where(np.isfinite(noise), noise, 0.0)
     sigma = np.maximum(residual_rms(problem, residuals), least)
     sigma = np.where(sigma > 0, sigma, problem.sigma)
-    new = replace(problem, sigma=sigma, simulator=simulator)
-    return marginalize_initial_states(new, found.terms, found.values)
+    weighted = replace(problem, sigma=sigma, simulator=simulator)
+    return marginalize_initial_states(weighted, fit.terms, fit.values)
 
 
 def reestimate_initial_states(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> Problem:
-    """The problem with starts sought with these values, if any had to be sought.
+    """The problem with initial states estimated from these values.
 
-    A start that was sought without a friction is where a robot without it would have
-    begun; a chaotic one then leaves no way to what is true. Where something touches,
-    that takes too long.
+    States that were searched without a friction are where a robot without it would have
+    begun. That of a chaotic robot leaves no way to the true value. States that are as
+    read stay, and so do all of them where the regime does not ask for it.
+
+    Args:
+        problem: marginalized.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
     """
-    if (
-        problem.initial_state_shift is None
-        or problem.regime.is_nonsmooth
-        or problem.regime.has_single_readings
-    ):
+    if problem.initial_state_shift is None or not problem.regime.reestimates_states:
         return problem
     return marginalize_initial_states(problem, terms, values)
 
 
-def reestimate_misleading_states(problem: Problem, found: Fit) -> tuple[Problem, Fit]:
-    """The fit with starts sought anew where a window holds its values off.
+def reestimate_misleading_states(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """The fit with initial states estimated again where one segment holds its values.
 
-    Whether a robot sticks or slips at first may hang on a start that was sought with
-    other values; those then stay where that window alone would have them. So starts are
-    sought with the values that all others ask for.
+    Whether a robot sticks or slips at first may depend on an initial state that was
+    searched with other values. These then stay where that segment alone would have
+    them. So states are searched with the values that all other segments ask for (case
+    deletion, Cook 1977).
     """
-    for _ in range(0 if problem.regime.has_single_readings else SEATS):
-        base, segments = (
-            LinearizedFit.from_fit(problem, found),
-            range(len(problem.segments)),
+    for _ in range(problem.regime.misleading_state_trials):
+        base = LinearizedFit.from_fit(problem, fit)
+        deletions = [
+            base.drop_residuals(problem.segment_of_residual == w)
+            for w in range(len(problem.segments))
+        ]
+        gain, step = max(deletions, key=lambda deletion: deletion[0])
+        if gain < FIT.misleading_cost_share * fit.cost:
+            break
+        values = fit.values + step
+        new_problem = marginalize_initial_states(problem, fit.terms, values)
+        new_fit = fit_parameters(
+            new_problem,
+            fit.terms,
+            values,
+            rounds=FIT.misleading_iterations,
+            known=fit.jacobian,
         )
-        each = [base.drop_residuals(problem.segment_of_residual == w) for w in segments]
-        saved, move = max(each, key=lambda x: x[0])
-        if saved < HARMS * found.cost:
+        if new_fit.cost > (1 - FIT.misleading_cost_share) * fit.cost:
             break
-        values = found.values + move
-        new = marginalize_initial_states(problem, found.terms, values)
-        tried = fit_parameters(new, found.terms, values, rounds=3, known=found.jacobian)
-        if tried.cost > (1 - HARMS) * found.cost:
-            break
-        problem, found = new, tried
-    return problem, found
+        problem, fit = new_problem, new_fit
+    return problem, fit

@@ -8,8 +8,9 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..estimation.covariance import LEVEL, confidence_interval
+from ..estimation.covariance import confidence_interval
 from ..estimation.least_squares import Fit
+from ..estimation.settings import FIT
 from ..selection.hypotheses import Hypothesis, NamedEffect
 from ..simulation.model_variants import split_values
 
@@ -108,7 +109,9 @@ def build_refit(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
         given = term.finding_fields["value"]
         (p,) = term.parameters
         low, high = sorted(
-            given * np.clip(factor + k * LEVEL * error, p.low, p.high) for k in (-1, 1)
+            given
+            * np.clip(factor + k * FIT.interval_standard_errors * error, p.low, p.high)
+            for k in (-1, 1)
         )
         out.append({"parameter": term.targets[0], "given": given,
                     "value": given * factor, "low": low, "high": high,

@@ -18,9 +18,10 @@ from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import expected_noise_by_segment
 from ..estimation.problem import Problem
+from ..estimation.settings import FIT
 from ..simulation.simulator import Simulator
 from .cross_validation import ScoredFit, fit_and_score
-from .evidence import TINY, is_as_good
+from .evidence import is_as_good
 from .settings import SELECTION
 
 
@@ -62,7 +63,7 @@ def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
 
 def _noise_ratios(problem: Problem, fit: Fit) -> Floats:
     """(W) [1] squared residuals of each segment over those that its noise leaves."""
-    problem = replace(problem.unmarginalized, initial_state_shift=None)
+    problem = problem.with_measured_states
     problem = marginalize_initial_states(problem, fit.terms, fit.values)
     squares = problem.residuals_at(fit.terms, fit.values) ** 2
     noise = expected_noise_by_segment(problem)
@@ -174,7 +175,7 @@ def _find_likeliest_onset(problem: Problem, fit: Fit) -> Onset:
     gains = problem.sum_by_segment(without**2) - problem.sum_by_segment(with_effects**2)
     residuals = problem.residuals_at(fit.terms, fit.values)
     samples = effective_sample_size(problem, residuals)
-    scale = samples / max(float(residuals @ residuals), TINY)
+    scale = samples / max(float(residuals @ residuals), FIT.tiny)
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
     nats = scale / 2 * np.append(np.cumsum(gains[order][::-1])[::-1], 0)
     at = int(nats[:-1].argmax())

@@ -16,13 +16,14 @@ from ..estimation.least_squares import (
     Fit,
     compute_jacobian,
     fit_parameters,
-    prior_precision,
     refine_undamped,
 )
 from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.noise import LEFT, noise_ratio
+from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
+from ..estimation.quadratic_model import prior_precision
 from ..estimation.reweighting import reestimate_initial_states
+from ..estimation.settings import FIT
 from .cross_validation import ScoredFit, fit_and_score, generalizes_across_episodes
 from .evidence import (
     Evidence,
@@ -107,7 +108,7 @@ def fit_parameterless(
     problem, fit = base.problem, base.fit
     if not parameterless or problem.regime.has_single_readings:
         return []
-    as_read = replace(problem.unmarginalized, initial_state_shift=None)
+    as_read = problem.with_measured_states
     values = np.append(np.ones(nominal_count), fit.values[nominal_count:])
     before = as_read.residuals_at(fit.terms, values)
     ratios = {}
@@ -187,7 +188,7 @@ def find_relieving(
     from scipy.stats import chi2
 
     problem = base.problem
-    if noise_ratio(problem, old.fit.residuals) >= LEFT:
+    if noise_ratio(problem, old.fit.residuals) >= FIT.strictly_unexplained_ratio:
         return None
     # in contact the cost is too rough to follow a valley
     refine = (
@@ -314,7 +315,11 @@ def is_plausible(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
     """
     is_usual = not is_rare_or_restating(new.candidate)
     is_large = new.error < SELECTION.large_gain_error_ratio * old.error
-    return is_usual or is_large or noise_ratio(problem, new.fit.residuals) < LEFT
+    return (
+        is_usual
+        or is_large
+        or noise_ratio(problem, new.fit.residuals) < FIT.strictly_unexplained_ratio
+    )
 
 
 def is_rare_or_restating(term: Term) -> bool:

@@ -13,7 +13,8 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
-from ..estimation.problem import BLOCKS, Problem, assign_blocks
+from ..estimation.problem import Problem, assign_blocks
+from ..estimation.settings import FIT
 from .settings import SELECTION
 
 
@@ -97,10 +98,10 @@ def predict_held_out(
 
 def assign_folds(problem: Problem) -> np.ndarray:
     """(R) fold of each residual: blocks of segments, or parts of few long segments."""
-    if len(problem.segments) >= BLOCKS:
+    if len(problem.segments) >= FIT.max_blocks:
         return assign_blocks(problem)[problem.segment_of_residual]
     rows = len(problem.segment_of_residual)
-    return np.arange(rows) * BLOCKS // rows
+    return np.arange(rows) * FIT.max_blocks // rows
 
 
 def generalizes_across_episodes(

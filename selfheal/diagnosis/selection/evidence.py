@@ -13,11 +13,9 @@ from ...recording.data import Floats
 from ..estimation.covariance import effective_sample_size
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem, assign_blocks
-from ..estimation.reweighting import TAILS
+from ..estimation.settings import FIT
 from .cross_validation import ScoredFit
 from .settings import SELECTION
-
-TINY = 1e-300  # keeps ratios finite; chosen: no error of a simulation is as small
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +96,7 @@ def _significant_nats(
     # the larger residuals are the old ones, and the more alike their neighbors
     residuals = old.fit.residuals * used[problem.segment_of_residual]
     samples = effective_sample_size(problem, residuals)
-    return float(0.5 * samples * np.log(before / max(after, TINY)))
+    return float(0.5 * samples * np.log(before / max(after, FIT.tiny)))
 
 
 def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
@@ -124,12 +122,13 @@ def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
             np.bincount(problem.segments.segment_of_sample, is_read, len(errors))
             * channel.free_columns
         )
-    scale = mean = max(errors.sum() / count.sum(), TINY)
+    freedom = FIT.student_degrees_of_freedom
+    scale = mean = max(errors.sum() / count.sum(), FIT.tiny)
     least = SELECTION.student_min_scale**2 * mean
     for _ in range(SELECTION.student_iterations):
-        weight = (TAILS + count) / (TAILS + errors / scale)
+        weight = (freedom + count) / (freedom + errors / scale)
         scale = max(float((weight * errors).sum() / count.sum()), least)
-    tails = (TAILS + count) / 2 * np.log1p(errors / scale / TAILS)
+    tails = (freedom + count) / 2 * np.log1p(errors / scale / freedom)
     normal = -count.sum() / 2 * np.log(mean)
     return np.array([normal, -count.sum() / 2 * np.log(scale) - tails.sum()])
 
@@ -171,9 +170,9 @@ def is_as_good(
         assign_blocks(problem), other.held_out_errors - lead.held_out_errors
     )
     error = losses.std(ddof=1) * np.sqrt(len(losses)) if len(losses) > 1 else np.inf
-    ratio = other.error / max(lead.error, TINY)
+    ratio = other.error / max(lead.error, FIT.tiny)
     samples = effective_sample_size(problem, lead.fit.residuals)
-    nats = 0.5 * samples * np.log(max(ratio, TINY))
+    nats = 0.5 * samples * np.log(max(ratio, FIT.tiny))
     is_within_errors = losses.sum() <= margin * error
     is_close = ratio < SELECTION.max_equivalent_error_ratio
     return bool(is_within_errors and is_close) or bool(nats < margin)
@@ -192,10 +191,10 @@ def _is_clearly_likelier(problem: Problem, lead: ScoredFit, other: ScoredFit) ->
     losses = other.held_out_errors - lead.held_out_errors
     rest = np.arange(len(losses)) != np.argmax(losses)
     before, after = (s.held_out_errors[rest].sum() for s in (other, lead))
-    ratio = before / max(after, TINY)
+    ratio = before / max(after, FIT.tiny)
     left = noise_ratio(problem, lead.fit.residuals) ** 2
     samples = effective_sample_size(problem, lead.fit.residuals)
-    nats = 0.5 * samples * np.log(max(ratio, TINY))
+    nats = 0.5 * samples * np.log(max(ratio, FIT.tiny))
     least = max(left, 1 + SELECTION.certain_error_excess)
     return bool(nats > SELECTION.certain_nats and ratio > least)
 
@@ -225,4 +224,4 @@ def bootstrap_stability(
 
 def gain_nats(old: ScoredFit, new: ScoredFit) -> float:
     """Gain [nats] per effective sample of held-out predictions: log(old / new) / 2."""
-    return float(0.5 * np.log(old.error / max(new.error, TINY)))
+    return float(0.5 * np.log(old.error / max(new.error, FIT.tiny)))

@@ -12,10 +12,11 @@ from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import ABOVE, noise_ratio
+from ..estimation.noise import noise_ratio
 from ..estimation.nonsmooth import fit_smoothed, search_along_valleys, search_multiples
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
+from ..estimation.settings import FIT
 from ..simulation.dataset import (
     LONG_SEGMENT,
     SHORT_SEGMENT,
@@ -73,7 +74,7 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     # in contact, or where error is left, the cost is too rough for it
     if (
         not problem.regime.has_rough_cost
-        and noise_ratio(problem, final.residuals) <= ABOVE
+        and noise_ratio(problem, final.residuals) <= FIT.unexplained_ratio
     ):
         final = refine_undamped(problem, final)
     scored = ScoredFit.from_fit(problem, final)

@@ -13,8 +13,9 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit
-from ..estimation.marginalization import ODD, marginalize_initial_states
+from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
+from ..estimation.settings import FIT
 from .settings import SELECTION
 
 Progress = Callable[[str, float], None]
@@ -115,7 +116,7 @@ def find_overlooked_segments(
         _mean_squares(p, r) for p, r in ((rest, predicted), (part, fit.residuals))
     )
     worst = np.argsort(-left)[: len(usual) // 2]
-    return others[worst[left[worst] > ODD * np.median(usual)]]
+    return others[worst[left[worst] > FIT.outlier_ratio * np.median(usual)]]
 
 
 def _mean_squares(problem: Problem, residuals: Floats) -> Floats:

@@ -11,18 +11,18 @@ import numpy as np
 
 from ..effects.base import Term, find_other_forms, restates_nominal_value
 from ..estimation.covariance import effective_sample_size
-from ..estimation.least_squares import Fit, fit_parameters, stack_bounds
+from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import (
-    ABOVE,
-    LEFT,
     expected_cost,
     noise_ratio,
     worst_channel_ratio,
 )
 from ..estimation.nonsmooth import search_multiples
 from ..estimation.problem import Problem
+from ..estimation.quadratic_model import stack_bounds
 from ..estimation.reweighting import reweight_residuals
+from ..estimation.settings import FIT
 from .criteria import Claim
 from .cross_validation import ScoredFit, fit_and_score
 from .settings import SELECTION
@@ -91,7 +91,7 @@ class SearchState:
     @property
     def has_bad_channel(self) -> bool:
         """Whether one scored column is far above its noise, whatever the others are."""
-        return worst_channel_ratio(self.problem, self.best.fit) > ABOVE
+        return worst_channel_ratio(self.problem, self.best.fit) > FIT.unexplained_ratio
 
     @property
     def is_mostly_explained(self) -> bool:
@@ -146,7 +146,9 @@ class SearchState:
         """
         is_doubtful = any(t.effect.rarity for t in self.named) or len(self.named) > 1
         is_strict = is_doubtful and not self.problem.regime.has_rough_cost
-        is_near_noise = self.noise_ratio <= (LEFT if is_strict else ABOVE)
+        is_near_noise = self.noise_ratio <= (
+            FIT.strictly_unexplained_ratio if is_strict else FIT.unexplained_ratio
+        )
         is_quiet = (
             self.is_white
             or is_near_noise

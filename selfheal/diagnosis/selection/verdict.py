@@ -15,13 +15,13 @@ from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import (
-    ABOVE,
     expected_cost,
     expected_noise,
     robust_noise,
     worst_channel_ratio,
 )
 from ..estimation.problem import Problem, build_initial_state_offsets
+from ..estimation.settings import FIT
 from ..simulation import score
 from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
@@ -84,7 +84,7 @@ class RemainingStructure:
         )
         return (is_shown and self.noise_ratio > 1) or max(
             self.noise_ratio, self.worst_channel_ratio
-        ) > ABOVE
+        ) > FIT.unexplained_ratio
 
 
 def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStructure:

@@ -1,0 +1,300 @@
+"""Every number of the fits, each with its unit and its reason."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Numbers of the least squares, of the noise model and of the standard errors.
+
+    Residuals are in standard deviations, so that a cost, a sum of their squares, has no
+    unit. A parameter's "scale" is the change that its effect declares as usual.
+    "Chosen" marks what no source and no benchmark prescribes; the reason follows. What
+    depends on the kind of data is in the table of `regime`.
+    """
+
+    # Residuals
+
+    max_residual: float = 300.0
+    """[standard deviations] at which a residual is clipped, and what a diverged sample
+    counts. Chosen: far beyond any residual that tells of a parameter."""
+
+    min_residual_std_share: float = 1e-9
+    """Least standard deviation of a residual, of its signal's standard deviation.
+    Chosen: it only keeps quotients finite where a model is exact."""
+
+    max_blocks: int = 24
+    """Blocks of neighboring segments, each predicted from the others, at most. Chosen:
+    enough to estimate a standard error, and each costs a simulation."""
+
+    # Prior of the nominal values
+
+    prior_stds_in_range: float = 4.0
+    """[standard deviations] between the bounds of a nominal value. Chosen: a value at
+    its bound, which the contract grants, is off by two."""
+
+    min_prior_range: float = 1e-9
+    """[1] least range of a nominal value. Chosen: it only keeps quotients finite."""
+
+    # Step of a Gauss-Newton iteration
+
+    step_penalty: float = 0.01
+    """Cost of a step of one scale. Chosen: what no reading shows stays where it is, and
+    it is nothing against a thousand readings."""
+
+    solver_damping: float = 1e-9
+    """Share of each diagonal element, and of the largest one, added to a curvature.
+    Chosen: it keeps the Cholesky factor real where columns are collinear."""
+
+    min_curvature: float = 1e-12
+    """Least scaled curvature that `solver_damping` takes its share of. Chosen: it only
+    matters where no reading shows anything."""
+
+    min_bound_gap: float = 1e-12
+    """[scales] least distance of the bounds of a step. Chosen: the solver with bounds
+    takes no equal ones."""
+
+    bounded_solver_iterations: int = 200
+    """Iterations of the solver with bounds. Chosen: about three for each of the 70
+    parameters of a quadruped."""
+
+    # Gauss-Newton iterations of a fit
+
+    iterations: int = 8
+    """Iterations of a fit, at most. Chosen: a fit that saves little ends sooner."""
+
+    min_iteration_gain: float = 1e-3
+    """Share of the cost that an iteration must save for another one. Chosen: a
+    twentieth of what a name must remove."""
+
+    dampings: tuple[float, ...] = (1e-4, 1e-2, 1.0, 30.0)
+    """Shares of the diagonal of the curvature that damp a step (Marquardt 1963). The
+    first one is tried alone. Chosen: from a full step to one of a thirtieth."""
+
+    min_gain_ratio: float = 0.75
+    """Fall of the cost over the fall that the quadratic model predicts, above which the
+    other dampings are not tried. Chosen: the customary bound of a good step (Nocedal
+    and Wright 2006, algorithm 4.1)."""
+
+    broyden_gain: float = 0.02
+    """Share of the cost below which a step is so short that Broyden's update is good
+    enough. Chosen: as much as a name must remove."""
+
+    broyden_error: float = 0.01
+    """Squared error of the linear prediction over the squared residuals, below which
+    Broyden's update is good enough. Chosen: the prediction is then right to a tenth of
+    a residual."""
+
+    # Undamped refinement
+
+    undamped_iterations: int = 3
+    """Undamped steps, at most. Chosen: each costs a fine Jacobian."""
+
+    fine_difference_step: float = 1e-4
+    """[scales] over which a Jacobian of standard errors is differenced. Chosen:
+    readings hardly bend over it."""
+
+    undamped_min_gain: float = 0.05
+    """Fall of the cost that the quadratic model must predict for another undamped step.
+    Chosen: values then move by a fifth of a standard error."""
+
+    # One more term beside a fit
+
+    candidate_iterations: int = 4
+    """Iterations of the fit of one more term, at most. Chosen: half of those of a fit,
+    for all other values answer linearly."""
+
+    candidate_min_predicted_gain: float = 1e-3
+    """Share of the cost that a step of one more term must be predicted to save, to be
+    tried. Chosen: as `min_iteration_gain`."""
+
+    candidate_min_step_gain: float = 1e-6
+    """Share of the cost that a step of one more term must save to be accepted. Chosen:
+    less is rounding."""
+
+    candidate_min_iteration_gain: float = 2e-3
+    """Share of the cost that an iteration must save for another one. Chosen: a tenth of
+    what a name must remove where nothing touches."""
+
+    max_clipped_share: float = 0.5
+    """Share of clipped residuals from which no search begins. Chosen: half of a
+    simulation that diverged has no slope to follow."""
+
+    sinusoid_rank_tolerance: float = 1e-12
+    """Singular values, of the largest one, that count as zero where the amplitudes of a
+    sinusoid are solved for. Chosen: above the rounding of a double."""
+
+    # Initial states
+
+    min_initial_state_std: float = 1e-300
+    """Least standard deviation of an initial state. Chosen: without noise no initial
+    state moves, and quotients stay finite."""
+
+    max_state_response: float = 0.1
+    """[standard deviations of a signal] that errors of the initial states may cause in
+    a horizon that still informs. Chosen: a tenth of what the signal tells."""
+
+    max_state_response_growth: float = 2.0
+    """Times what they cause in a shorter horizon, likewise. Chosen: a response that
+    grows faster has become nonlinear."""
+
+    state_step_shares: tuple[float, ...] = (1.0, 0.5, 0.2)
+    """Shares of a step of the initial states that are tried at once. Chosen: a line
+    search in one batch of simulations."""
+
+    state_nonlinearity: float = 0.01
+    """Squared error of a segment's linear prediction over the mean cost of a segment,
+    above which initial states do not act linearly. Chosen: as `broyden_error`."""
+
+    outlier_ratio: float = 4.0
+    """Times the median mean squared residual of the segments, above which a segment is
+    an outlier. Chosen: twice the root mean square."""
+
+    velocity_offset: float = 2.0
+    """[standard deviations] by which an outlier's initial velocities are tried above
+    and below those read. Chosen: readings hold 95 % within."""
+
+    max_state_offset: float = 3.0
+    """[standard deviations] of an initial state from what was read, above which it is
+    searched from there again. Chosen: beyond the 99.7 % of an error."""
+
+    misleading_cost_share: float = 0.01
+    """Share of the cost that the other segments would save without one, above which its
+    initial state may mislead; and that a new one must save. Chosen: half of what a name
+    must remove where nothing touches."""
+
+    misleading_iterations: int = 3
+    """Iterations of the fit with such an initial state estimated again. Chosen: it
+    begins near its end."""
+
+    # Contact: fits over a rough cost
+
+    antithetic_offset: float = 0.1
+    """[standard deviations] of initial states, of the perturbations over which rough
+    residuals are averaged. Chosen: it changes nothing but which roughness is met."""
+
+    far_multiples: tuple[float, ...] = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)
+    """Multiples of a value at which better minima are looked for. Chosen: from half of
+    it to double."""
+
+    near_multiples: tuple[float, ...] = (0.9, 0.95, 1.05, 1.1)
+    """Multiples of a value along a valley. Chosen: so near that all other values answer
+    linearly."""
+
+    smoothed_iterations: int = 8
+    """Iterations of a smoothed fit, at most. Chosen: as `iterations`."""
+
+    smoothed_samples: int = 4
+    """Perturbations over which residuals are averaged. Chosen: two pairs."""
+
+    smoothed_samples_if_slow: int = 2
+    """Perturbations where one iteration would take all of `smoothed_effort`. Chosen:
+    one pair."""
+
+    smoothed_effort: float = 6e7
+    """[simulation steps times degrees of freedom] of one such search. Chosen: about a
+    minute."""
+
+    smoothed_step_shares: tuple[float, ...] = (2.0, 1.0, 0.5)
+    """Shares of a smoothed step that are tried. Chosen: more than all of it, too, for
+    roughness makes slopes steeper."""
+
+    # Noise model
+
+    variogram_lags: tuple[int, ...] = (1, 2, 3, 4, 6, 8)
+    """[samples] lags of the variogram. Chosen: over so few samples what is left of a
+    motion drifts linearly."""
+
+    ar1_range: tuple[float, float] = (0.1, 0.98)
+    """Least and largest AR(1) coefficient that is tried. Chosen: below, noise is white;
+    residuals that the largest one fits best are motion."""
+
+    ar1_count: int = 45
+    """AR(1) coefficients that are tried. Chosen: every 0.02."""
+
+    max_variogram_error: float = 0.03
+    """Root mean square relative error of a variogram that fits. Chosen: within 3 %."""
+
+    max_short_noise_ratio: float = 1.3
+    """Variance of noise about a local polynomial over the one found there, above which
+    residuals are not that noise. Chosen: a tolerance of 30 %."""
+
+    min_noise_excess: float = 1.2
+    """Variance of autocorrelated noise over the one found about a local polynomial,
+    below which noise counts as white. Chosen: less changes no weight much."""
+
+    min_scatter_ratio: float = 0.7
+    """Root mean square residual over the scatter about a local polynomial, below which
+    the scatter is not noise. Chosen: half its variance. Where commands jump, torques
+    do, and no polynomial follows."""
+
+    same_noise_tolerance: float = 0.1
+    """Relative difference of noises that changes nothing. Chosen: weights then change
+    by less than a fifth."""
+
+    min_noise_share: float = 0.5
+    """Share of the noise that estimated initial states leave in residuals, at least.
+    Chosen: half, where states are about as many as readings."""
+
+    min_expected_noise: float = 1e-12
+    """Least squared residuals that noise is said to leave. Chosen: it only keeps
+    quotients finite."""
+
+    mad_to_std: float = 1.4826
+    """Standard deviation over the median absolute value of a normal distribution,
+    1 / Phi^-1(3/4) (Huber 1981, section 5.2)."""
+
+    student_degrees_of_freedom: float = 4.0
+    """Degrees of freedom of Student's t distribution of single readings' errors (Lange,
+    Little, Taylor 1989)."""
+
+    unexplained_ratio: float = 2.0
+    """Root mean square residual over noise, above which something is unexplained.
+    Chosen: double, for the noise is an estimate."""
+
+    strictly_unexplained_ratio: float = 1.3
+    """The ratio above which something is unexplained beside names that may stand for
+    others. Chosen: stricter than `unexplained_ratio`, as several names, or a rare one,
+    fit more easily."""
+
+    segments_per_outlier: int = 10
+    """Segments among which the worst one does not make a channel unexplained. Chosen: a
+    channel that is wrong is so throughout."""
+
+    min_segments_per_outlier: int = 3
+    """Segments, but for one, among which that holds where they are few. Chosen: most of
+    them still count."""
+
+    unscored_std_factor: float = 4.0
+    """Times the standard deviation of residuals of channels that are not scored.
+    Chosen: a fit is a compromise there."""
+
+    # Standard errors
+
+    min_correlated_samples: int = 4
+    """Samples of a series from which on its correlation time is estimated. Chosen:
+    fewer tell no correlation in time."""
+
+    tiny: float = 1e-300
+    """Least denominator of a quotient. Chosen: near the smallest double, so that it
+    only replaces zero."""
+
+    min_column_share: float = 1e-9
+    """Norm of a column of a Jacobian, of the largest one, below which a parameter is
+    not identifiable. Chosen: less is rounding of a simulation."""
+
+    min_eigenvalue_share: float = 1e-14
+    """Least eigenvalue of a curvature, of the largest one. Chosen: at the rounding of a
+    double; the prior alone may be that small beside many readings."""
+
+    interval_standard_errors: float = 1.645
+    """[standard errors] half a 90 % interval: the 95 % quantile of a normal
+    distribution."""
+
+    interval_factor: float = 1.4
+    """Times as wide is the interval of a finding, for models are wrong in ways that no
+    standard error counts. Measured: of 71 values that others hid, 1.645 standard errors
+    held 75 %, these 83 %."""
+
+
+FIT = FitSettings()

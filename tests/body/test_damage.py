@@ -1,0 +1,39 @@
+"""Damage as data: what users say, and what a robot loses with it."""
+
+import pytest
+
+from selfheal.body.damage import KINDS, parse_damages
+from selfheal.errors import UnknownNameError
+from selfheal.robot.actions import load_published_body
+
+BODY = load_published_body()
+ANATOMY = BODY.anatomy
+
+
+def test_every_kind_can_be_said():
+    said = (
+        "right_lower:0.1, loss:left_upper, jam:left_hip:20, weak:back_knee:0.4, "
+        "dead:clearance, slope:8:90, friction:0.2"
+    )
+    kinds = [damage.kind for damage in parse_damages(said, ANATOMY)]
+    legged = {"weak_sensor", "neuron_dead", "wind"}  # struck by `robot.scenarios`
+    assert sorted(kinds) == sorted(set(KINDS) - {"none"} - legged)
+
+
+def test_an_actuator_may_be_named_by_its_joint():
+    assert parse_damages("weak:left_hip", ANATOMY) == parse_damages(
+        "weak:left_hip_servo:0.5", ANATOMY
+    )
+
+
+@pytest.mark.parametrize(
+    ("said", "listed"),
+    [
+        ("loss:tail", "left_upper"),
+        ("dead:nose", "clearance"),
+        ("jam:left_lower", "left_hip"),
+    ],
+)
+def test_a_name_that_is_not_there_is_refused_with_those_that_are(said, listed):
+    with pytest.raises(UnknownNameError, match=listed):
+        parse_damages(said, ANATOMY)

@@ -1,0 +1,382 @@
+"""`diagnose`, `replay`, `effects`: JSON, files, tables; refusals before any work."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.cli import app
+from selfheal.recording import read, shorten_names, write
+from tests.support.made_up_diagnosis import DELAY, FINDING, make_diagnosis
+
+
+def _run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def _refused(result) -> str:
+    """The one line that a refusal says."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1 and "Traceback" not in result.stderr
+    assert result.stderr.startswith("selfheal: ")
+    return result.stderr
+
+
+class Doctor:
+    """Stands in for the diagnoser: says what it is told to, and what it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict] = []
+        self.answer = make_diagnosis(findings=(FINDING, DELAY))
+
+    def diagnose(
+        self, model, recordings, *, held_out=(), seed=0, memory=None, progress=None
+    ):
+        self.asked.append(
+            {"model": model, "files": [r.file for r in recordings],
+             "held_out": list(held_out), "seed": seed}
+        )  # fmt: skip
+        self.memory = Path(memory)
+        self.found = sorted(p.name for p in self.memory.glob("*"))
+        self.memory.mkdir(exist_ok=True)
+        (self.memory / "answer").touch()
+        progress("trying coulomb_friction at joint:knee", 0.2)
+        progress("trying backlash at joint:knee", 0.4)
+        if isinstance(self.answer, BaseException):
+            raise self.answer
+        text = Path(model).read_text()
+        return replace(self.answer, model=str(model), patched=text)
+
+    memory, found = Path(), ()  # of the last diagnosis: where, and what was there
+
+    def replay_recording(self, folder, recording, *, model=None):
+        self.asked.append({"folder": folder, "file": recording.file, "model": model})
+        filled = {}
+        for name, episode in recording.episodes.items():
+            signals = {
+                k: replace(s, values=np.zeros_like(s.values))
+                for k, s in episode.signals.items()
+                if s.kind == "joint_position"
+            }
+            filled[name] = replace(episode, signals=signals)
+        return replace(recording, episodes=filled)
+
+
+@pytest.fixture
+def doctor(monkeypatch):
+    """The stand-in, in its place."""
+    stand_in = Doctor()
+    for name, function in (
+        ("diagnose", "diagnose"), ("output.replay", "replay_recording"),
+    ):  # fmt: skip
+        module = ModuleType(f"selfheal.diagnosis.{name}")
+        setattr(module, function, getattr(stand_in, function))
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    return stand_in
+
+
+@pytest.fixture
+def files(recording, model, tmp_path):
+    """A model, two recordings."""
+    for name in ("a.h5", "b.h5"):
+        write(recording, tmp_path / name)
+    return model, tmp_path / "a.h5", tmp_path / "b.h5"
+
+
+def _names(folder) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+# ---- diagnose
+
+
+def test_json_is_the_document_and_nothing_else(doctor, files, tmp_path):
+    out = tmp_path / "out"
+    result = _run("diagnose", *files, "--out", out, "--seed", "3", "--json")
+    assert result.exit_code == 0, result.output
+    assert result.stderr == "" and result.stdout.count("\n") == 1
+    told = json.loads(result.stdout)
+    assert told == {**doctor.answer.document, "seconds": 41.2, "folder": str(out)}
+    assert doctor.asked[0]["files"] == [str(file) for file in files[1:]]
+    assert doctor.asked[0]["seed"] == 3 and doctor.asked[0]["held_out"] == []
+
+
+def test_a_diagnosis_leaves_three_files(doctor, files, tmp_path):
+    _run("diagnose", *files, "--out", tmp_path / "out")
+    assert _names(tmp_path / "out") == ["diagnosis.json", "patched.xml", "report.html"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Diagnosis of arm.xml" in page and str(files[2]) in page
+
+
+def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_path):
+    result = _run("diagnose", *files, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    for word in ("things differ from the model", "coulomb_friction", "joint:knee",
+                 "0.14 N m", "stribeck", "to separate command_delay: move the joint",
+                 "0.21", "95 %", "note: The hip never", "report.html"):  # fmt: skip
+        assert word in result.stdout, word
+    assert result.stderr.count("s  trying every effect") == 1  # one stage
+    assert "trying" not in result.stdout
+
+
+@pytest.mark.parametrize("verdict", ["nothing", "unlisted"])
+def test_no_finding_is_told_too(verdict, doctor, files, tmp_path):
+    answer = make_diagnosis(verdict, ())
+    fit = answer.document["fit"] | {"floor": None, "explainable_removed": None}
+    doctor.answer = replace(answer, document={**answer.document, "fit": fit})
+    result = _run("diagnose", *files, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "held-out error" in result.stdout and "joint:knee" not in result.stdout
+
+
+def test_names_with_brackets_are_no_markup(doctor, files, tmp_path):
+    found = {**FINDING, "target": "joint:[bold]knee[/]"}
+    doctor.answer = make_diagnosis(findings=(found,))
+    result = _run("diagnose", *files, "--out", tmp_path / "out")
+    assert result.exit_code == 0 and "[bold]knee[/]" in result.stdout
+
+
+def test_what_is_held_out_may_be_an_episode_or_a_file(doctor, files, tmp_path):
+    model, a, b = files
+    given = ["--held-out", "a.h5:zeta", "--held-out", b, "--out", tmp_path / "out"]
+    _run("diagnose", model, a, *given)
+    assert doctor.asked[0]["files"] == [str(a), str(b)]
+    held_out = [f"{a}:zeta", f"{b}:zeta", f"{b}:alpha"]
+    assert doctor.asked[0]["held_out"] == held_out
+
+
+def test_an_episode_of_several_recordings_is_not_guessed(doctor, files, tmp_path):
+    _, a, b = files
+    given = ["--held-out", "alpha[0.1,0.2]", "--out", tmp_path / "out"]
+    said = _refused(_run("diagnose", *files, *given))
+    assert f"{a}:alpha[0.1,0.2], {b}:alpha[0.1,0.2]" in said and doctor.asked == []
+
+
+@pytest.mark.parametrize(
+    "told", ["fb/r.h5", "./fb/r.h5", "{}/fb/r.h5", "fa/../fb/r.h5"]
+)
+def test_a_folder_tells_recordings_of_one_name_apart(
+    told, doctor, files, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("fa", "fb"):
+        (tmp_path / folder).mkdir()
+        write(read(files[1]), tmp_path / folder / "r.h5")
+    given = ["--held-out", told.format(tmp_path) + ":zeta", "--out", "out"]
+    result = _run("diagnose", files[0], "fa/r.h5", "fb/r.h5", *given)
+    assert result.exit_code == 0, result.output
+    assert doctor.asked[0]["held_out"] == ["fb/r.h5:zeta"]
+    assert shorten_names(["fa/r.h5", "fb/r.h5", "x.h5"]) == [
+        "fa/r.h5",
+        "fb/r.h5",
+        "x.h5",
+    ]
+
+
+def test_a_file_to_hold_out_may_end_in_hdf5(doctor, files, tmp_path):
+    files[2].rename(tmp_path / "b.hdf5")
+    given = ["--held-out", tmp_path / "b.hdf5", "--out", tmp_path / "out"]
+    assert _run("diagnose", *files[:2], *given).exit_code == 0
+    assert len(doctor.asked[0]["held_out"]) == 2
+
+
+BAD = [
+    (["no.xml", "a.h5"], "no.xml: there is no such file"),
+    (["arm.xml", "no.h5"], "no.h5: there is no such file"),
+    (["arm.xml", "a.h5", "a.h5"], "a.h5 is given twice"),
+    (["arm.xml", "a.h5", "./b.h5", "b.h5"], "b.h5 is given twice"),
+    (["arm.xml", "arm.xml"], "arm.xml: it is damaged or not HDF5"),
+    (["arm.xml", "a.h5", "--seed", "-1"], "seed must not be negative"),
+    (["arm.xml", "a.h5", "--out", "b.h5"], "b.h5 is a file"),
+    (["arm.xml", "a.h5", "--out", "/proc/x/y"], "cannot write"),
+    (["arm.xml", "a.h5", "--out", "x" * 300], "name too long"),
+    (["arm.xml", "no.h5", "--out", "new/folder/out"], "no.h5: there is no such file"),
+    (["arm.xml", "a.h5", "--out", "x" * 245], "name too long"),
+    (["arm.xml", "a.h5", "--out", "x/" * 3000], "name too long"),
+    (["arm.xml", "a.h5", "--out", "loop"], "levels of symbolic links"),
+    (["x" * 300, "a.h5"], "cannot be read: File name too long"),
+    (["loop", "a.h5"], "loop: it cannot be read: Too many levels"),
+    (["arm.xml", "x" * 300], "cannot be read: File name too long"),
+    (["arm.xml", "/tmp"], "/tmp: it is a folder"),
+    (["arm.xml", "/dev/null"], "/dev/null: it is no regular file"),
+    (["arm.xml", "a.h5/b.h5"], "a.h5/b.h5: there is no such file"),
+    ([".", "a.h5"], ".: it is a folder"),
+    (["arm.xml", "a.h5", "--out", "."], "no part of a diagnosis"),
+    (["arm.xml", "a.h5", "--out", ".", "--force"], "no part of a diagnosis"),
+    (["arm.xml", "a.h5", "--out", "b.h5/x/y"], "b.h5 is a file"),
+]
+
+
+@pytest.mark.parametrize("arguments, said", BAD, ids=[" ".join(a)[:40] for a, _ in BAD])
+def test_bad_input_is_refused_before_any_work(
+    arguments, said, doctor, files, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to("loop")
+    before = _names(tmp_path)
+    out = [] if "--out" in arguments else ["--out", "out"]
+    for extra in ([], ["--json"]):
+        assert said in _refused(_run("diagnose", *arguments, *out, *extra))
+    assert doctor.asked == [] and _names(tmp_path) == before
+
+
+def test_an_argument_left_out_is_refused(doctor, files, tmp_path):
+    for arguments in ([*files], [files[0], "--out", tmp_path / "out"]):
+        result = _run("diagnose", *arguments)
+        assert result.exit_code == 2 and "Traceback" not in result.output
+    assert doctor.asked == []
+
+
+def test_an_earlier_diagnosis_is_overwritten_by_force_only(doctor, files, tmp_path):
+    out = ["--out", tmp_path / "out"]
+    assert _run("diagnose", *files, *out).exit_code == 0
+    doctor.answer = make_diagnosis("nothing", ())
+    assert "--force" in _refused(_run("diagnose", *files, *out))
+    assert _run("diagnose", *files, *out, "--force").exit_code == 0
+    document = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert document["verdict"] == "nothing"
+
+
+def test_the_folder_one_stands_in_is_taken_and_stays(
+    doctor, files, tmp_path, monkeypatch
+):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    for extra in ([], ["--force"]):
+        result = _run("diagnose", *files, "--out", ".", *extra)
+        assert result.exit_code == 0, result.output
+        assert _names(Path()) == ["diagnosis.json", "patched.xml", "report.html"]
+    assert _names(tmp_path) == ["a.h5", "arm.xml", "b.h5", "here"]
+
+
+@pytest.mark.parametrize("error, code", [(KeyboardInterrupt(), 130), (OSError(), 1)])
+def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
+    error, code, doctor, files, tmp_path
+):
+    answer, doctor.answer, before = doctor.answer, error, _names(tmp_path)
+    words = ["diagnose", *files, "--out", tmp_path / "out"]
+    result = _run(*words)
+    assert result.exit_code == code
+    assert ("--resume goes on" in result.stderr) == (code == 130)
+    assert set(_names(tmp_path)) - set(before) == {doctor.memory.name}
+    doctor.answer = answer
+    assert _run(*words, "--resume").exit_code == 0
+    assert doctor.found == ["answer"]
+    assert set(_names(tmp_path)) - set(before) == {"out"}
+
+
+def test_without_resume_a_diagnosis_begins_anew(doctor, files, tmp_path):
+    answer, doctor.answer = doctor.answer, KeyboardInterrupt()
+    words = ["diagnose", *files, "--out", tmp_path / "out"]
+    _run(*words)
+    doctor.answer = answer
+    assert _run(*words).exit_code == 0
+    assert doctor.found == []
+
+
+def test_with_nothing_to_resume_it_says_so_and_begins(doctor, files, tmp_path):
+    result = _run("diagnose", *files, "--out", tmp_path / "out", "--resume")
+    assert result.exit_code == 0
+    assert "from the beginning" in " ".join(result.stderr.split())
+
+
+def test_a_name_to_hold_out_that_is_none_is_refused(files, tmp_path):
+    """By the diagnoser itself."""
+    given = ["--held-out", "omega", "--out", tmp_path / "out"]
+    said = _refused(_run("diagnose", *files[:2], *given, "--json"))
+    assert "omega" in said and "alpha" in said
+    assert not (tmp_path / "out").exists()
+
+
+# ---- replay
+
+
+@pytest.fixture
+def diagnosed(doctor, files, tmp_path):
+    """The folder of a diagnosis."""
+    assert _run("diagnose", *files, "--out", tmp_path / "out").exit_code == 0
+    doctor.asked.clear()
+    return tmp_path / "out"
+
+
+def test_replay_writes_a_recording(doctor, diagnosed, files, tmp_path):
+    model, a, _ = files
+    out = tmp_path / "predicted.h5"
+    result = _run("replay", diagnosed, a, "--out", out, "--model", model, "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert result.stderr == "" and told.pop("seconds") >= 0
+    assert told == {
+        "format": "selfheal-replay", "version": 1, "diagnosis": str(diagnosed),
+        "model": str(model), "inputs": str(a), "predicted": str(out), "episodes": 2,
+        "samples": 17,
+    }  # fmt: skip
+    assert doctor.asked == [{"folder": diagnosed, "file": str(a), "model": model}]
+    assert set(read(out).episodes) == {"zeta", "alpha"}
+    plain = _run("replay", diagnosed, a, "--out", out)  # over an earlier one
+    assert plain.exit_code == 0 and "samples predicted in" in plain.stdout
+
+
+def test_replay_refuses_before_any_work(doctor, diagnosed, files, tmp_path):
+    model, a, b = files
+    good = tmp_path / "predicted.h5"
+    bad = [
+        ([tmp_path, a, "--out", good], "is no diagnosis: it has no diagnosis.json"),
+        ([diagnosed, "no.h5", "--out", good], "no.h5: there is no such file"),
+        ([diagnosed, model, "--out", good], "it is damaged or not HDF5"),
+        ([diagnosed, a, "--out", a], "would overwrite"),
+        ([diagnosed, a, "--out", diagnosed / "patched.xml"], "would overwrite"),
+        ([diagnosed, a, "--out", a, "--force"], "would overwrite"),
+        ([diagnosed, a, "--out", b], "b.h5 is there already; --force replaces it"),
+        ([diagnosed, a, "--out", tmp_path], "it is a folder"),
+        ([diagnosed, a, "--out", "x" * 245], "name too long"),
+        ([diagnosed, a, "--out", "/dev/null", "--force"], "it is no regular file"),
+        (["x" * 300, a, "--out", good], "is no diagnosis"),
+        ([diagnosed, a, "--out", "/proc/x/p.h5"], "cannot write"),
+        (
+            [diagnosed, a, "--out", good, "--model", "no.xml"],
+            "no.xml: there is no such",
+        ),
+    ]
+    before = _names(tmp_path)
+    for arguments, said in bad:
+        assert said in _refused(_run("replay", *arguments))
+    assert doctor.asked == [] and _names(tmp_path) == before
+
+
+# ---- effects
+
+
+@pytest.fixture
+def effects(monkeypatch):
+    """A catalogue of two."""
+    from selfheal.diagnosis import effects
+    from selfheal.diagnosis.effects.friction import CoulombFriction, ViscousFriction
+
+    both = {e.name: e for e in (CoulombFriction(), ViscousFriction())}
+    monkeypatch.setattr(effects, "load_catalogue", lambda: both)
+    return both
+
+
+def test_effects_are_listed(effects):
+    table = _run("effects")
+    assert table.exit_code == 0
+    for word in (*effects, "friction", "torque", "tau", "equation"):
+        assert word in table.stdout
+    told = json.loads(_run("effects", "--json").stdout)
+    assert (told["format"], told["version"]) == ("selfheal-effects", 1)
+    assert [effect["name"] for effect in told["effects"]] == [*effects]
+    keys = {"name", "group", "says", "equation", "source", "separate_by"}
+    assert all(set(e) == keys and all(e.values()) for e in told["effects"])
+
+
+@pytest.mark.parametrize("command", ["diagnose", "replay", "effects"])
+def test_help_is_given(command):
+    result = _run(command, "--help")
+    assert result.exit_code == 0 and "Usage" in result.stdout

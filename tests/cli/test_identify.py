@@ -1,0 +1,355 @@
+"""`identify`, `show`, `robots`: JSON and files; refusals before anything is written."""
+
+import json
+import math
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import mujoco
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.cli import app
+from selfheal.recording import Recording, write
+from selfheal.robot.base import open_robot
+from selfheal.selfmodel.run import Run, Settings, load_run, save_run
+from tests.support.stick_robot import Toy
+
+SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]
+SMALL += ["--budget", "600", "--seed", "5"]
+
+
+def _run(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def _identify(*arguments):
+    return _run("identify", *arguments)
+
+
+def _refused(result) -> str:
+    """The one line that a refusal says."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert result.stderr.count("\n") == 1 and "Traceback" not in result.stderr
+    assert result.stderr.startswith("selfheal: ")
+    return result.stderr
+
+
+def _numbers(value):
+    """Every number in a JSON value."""
+    if isinstance(value, dict):
+        value = [*value.values()]
+    if isinstance(value, list):
+        return [n for item in value for n in _numbers(item)]
+    return [value] if isinstance(value, int | float) else []
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a finished run, and what `--json` said of it."""
+    folder = tmp_path_factory.mktemp("runs") / "star"
+    result = _identify(*SMALL, "--out", folder, "--json")
+    assert result.exit_code == 0, result.output
+    return folder, result
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """A copy of that folder, to spoil."""
+    shutil.copytree(finished[0], tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """A recording of the first three actions of a simulated starfish."""
+    robot, episodes = open_robot("starfish"), {}
+    for action in range(3):
+        episodes |= robot.act(action).episodes
+    write(Recording(episodes), tmp_path / "three.h5")
+    return tmp_path / "three.h5"
+
+
+def test_json_is_one_object_with_the_keys_of_the_contract(finished):
+    folder, result = finished
+    assert result.stderr == "" and result.stdout.count("\n") == 1
+    told = json.loads(result.stdout)
+    assert set(told) == {
+        *("format", "version", "robot", "method", "seed", "parent", "sureness"),
+        *("length", "tilt_error", "actions", "simulations", "seconds"),
+        *("run", "model"),
+    }
+    assert (told["format"], told["version"]) == ("selfheal-identify", 1)
+    assert (told["robot"], told["method"], told["seed"]) == ("starfish", "default", 5)
+    assert all(math.isfinite(number) for number in _numbers(told))
+    sizes = {len(told[name]) for name in ("parent", "sureness", "length")}
+    assert sizes == {8}
+    assert all(0 <= parent <= part for part, parent in enumerate(told["parent"]))
+    assert all(0 <= share <= 1 for share in told["sureness"])
+    assert len(told["actions"]) == 2 and told["simulations"]["mujoco"] == 36
+    assert (told["run"], told["model"]) == (
+        str(folder / "run.h5"),
+        str(folder / "best.xml"),
+    )
+
+
+def test_a_run_leaves_the_run_the_body_and_the_page(finished):
+    folder, result = finished
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == ["best.xml", "report.html", "run.h5"]
+    assert load_run(folder / "run.h5").result == json.loads(result.stdout)
+    model = mujoco.MjModel.from_xml_path(str(folder / "best.xml"))
+    assert model.nu == 8
+    page = (folder / "report.html").read_text()
+    assert page.startswith("<!doctype html>") or page.startswith("<!DOCTYPE html>")
+
+
+def test_progress_goes_to_stderr_and_the_table_to_stdout(tmp_path):
+    result = _identify(*SMALL, "--out", tmp_path)
+    assert result.exit_code == 0
+    for word in ("left_upper", "hangs on", "truth", "tilt error", "report.html"):
+        assert word in result.stdout
+    assert "disagreement" in result.stderr and "disagreement" not in result.stdout
+
+
+def test_files_go_to_a_folder_named_after_robot_and_seed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert _identify(*SMALL, "--json").exit_code == 0
+    assert [str(p.parent) for p in tmp_path.rglob("run.h5")] == [
+        str(tmp_path / "runs" / "starfish-5")
+    ]
+
+
+BAD = [
+    (["--robot", "crab"], "unknown robot 'crab'; valid: starfish, starfish-2006"),
+    (["--robot", "starfish", "--method", "luck"], "unknown method 'luck'; valid: def"),
+    (["--robot", "starfish", "--space", "any"], "unknown space 'any'; valid: free"),
+    (["--robot", "starfish", "--engine", "ode"], "unknown engine 'ode'; valid: auto"),
+    (["--robot", "starfish", "--cycles", "0"], "cycles must be 1 to 36"),
+    (["--robot", "starfish", "--known-lengths"], "known lengths go with space 'full'"),
+    (["--robot", "starfish", "--space", "sides", "--known-lengths"], "always known"),
+    (
+        ["--robot", "starfish", "--method", "paper", "--random-actions"],
+        "random actions go with method 'default', not 'paper'",
+    ),
+    (["--robot", "starfish", "--cycles", "37"], "cycles must be 1 to 36"),
+    (["--robot", "starfish", "--budget", "-5"], "budget must be positive; not -5"),
+    (["--robot", "starfish", "--seed", "-1"], "seed must not be negative"),
+    (["--robot", "tree", "--seed", "-1"], "seed must not be negative"),
+    (["--robot", "starfish-2006"], "--recordings intact.h5"),
+    (["--robot", "starfish-2006", "--recordings", "no.h5"], "there is no such file"),
+    (["--robot", "starfish", "--recordings", "no.h5"], "answers from no recording"),
+    (["--robot", "starfish", "--resume", "a.h5"], "either --robot NAME or --resume"),
+    ([], "either --robot NAME or --resume"),
+    (["--resume", "nowhere.h5"], "nowhere.h5: no such run file"),
+    (["--resume", "no/where.h5"], "no/where.h5"),
+    (["--resume", "a.h5", "--cycles", "3", "--force"], "leave out --cycles, --force"),
+]
+
+
+@pytest.mark.parametrize("arguments, text", BAD, ids=[" ".join(a) for a, _ in BAD])
+def test_bad_input_is_refused_and_writes_nothing(
+    arguments, text, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for extra in ([], ["--json"]):
+        assert text in _refused(_identify(*arguments, *extra))
+        assert not list(tmp_path.iterdir())
+
+
+def test_a_number_that_is_none_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = _identify("--robot", "starfish", "--cycles", "many")
+    assert result.exit_code == 2 and "Traceback" not in result.output
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("below", ["a file", "proc"])
+def test_a_folder_that_cannot_be_written_is_refused(below, tmp_path):
+    (tmp_path / "file").touch()
+    folder = tmp_path / "file" / "x" if below == "a file" else "/proc/x"
+    assert f"cannot write into {folder}" in _refused(_identify(*SMALL, "--out", folder))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_recording_without_vertical_is_refused(recorded, tmp_path):
+    from selfheal.recording import read
+
+    recording = read(recorded)
+    episodes = {}
+    for name, episode in recording.episodes.items():
+        signals = {k: v for k, v in episode.signals.items() if k != "vertical"}
+        episodes[name] = replace(episode, signals=signals)
+    write(Recording(episodes), tmp_path / "blind.h5")
+    said = _refused(
+        _identify(
+            *("--robot", "starfish-2006", "--recordings", tmp_path / "blind.h5"),
+            *("--out", tmp_path / "out"),
+        )
+    )
+    assert "blind.h5" in said and "'vertical'" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_offers_only_its_own_actions(recorded, tmp_path):
+    given = ["--robot", "starfish-2006", "--recordings", recorded, *SMALL[2:]]
+    out = ["--out", tmp_path / "out"]
+    assert "must be 1 to 3" in _refused(_identify(*given, "--cycles", "4", *out))
+    result = _identify(*given, "--cycles", "3", *out, "--json")
+    assert sorted(json.loads(result.stdout)["actions"]) == [[0], [1], [2]]
+
+
+def test_a_run_is_not_started_over_by_accident(copied):
+    before = (copied / "run.h5").read_bytes()
+    said = _refused(_identify(*SMALL, "--out", copied))
+    for way in (f"--resume {copied / 'run.h5'}", "--force", "--out"):
+        assert way in said
+    assert (copied / "run.h5").read_bytes() == before
+    again = _identify(*SMALL, "--seed", "6", "--out", copied, "--force", "--json")
+    assert json.loads(again.stdout)["seed"] == 6
+    assert load_run(copied / "run.h5").settings.seed == 6
+
+
+@pytest.mark.parametrize("name", ["best.xml", "report.html"])
+def test_files_of_somebody_else_are_not_overwritten_by_accident(name, tmp_path):
+    (tmp_path / name).write_text("mine")
+    said = _refused(_identify(*SMALL, "--out", tmp_path))
+    assert f"{tmp_path / name} is there already; start over by --force" in said
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_runs_without_a_folder_get_one_each(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told = [json.loads(_identify(*SMALL, "--json").stdout) for _ in range(2)]
+    assert told[0]["run"] != told[1]["run"]
+    assert told[0]["parent"] == told[1]["parent"]
+    assert all((tmp_path / each["run"]).is_file() for each in told)
+
+
+def test_refused_settings_leave_the_old_run_even_by_force(copied):
+    before = (copied / "run.h5").read_bytes()
+    _refused(_identify(*SMALL, "--cycles", "0", "--out", copied, "--force"))
+    assert (copied / "run.h5").read_bytes() == before
+
+
+def test_a_finished_run_resumed_says_the_same_again(copied, finished):
+    result = _identify("--resume", copied / "run.h5", "--json")
+    assert result.stdout == finished[1].stdout
+
+
+def test_a_run_without_a_cycle_begins_when_resumed(copied, finished):
+    run = load_run(copied / "run.h5")
+    empty = Run(run.settings, run.anatomy, run.actions, truth=run.truth)
+    save_run(empty, copied / "run.h5")
+    assert "no cycle yet" in _refused(_run("show", copied / "run.h5"))
+    told = json.loads(_identify("--resume", copied / "run.h5", "--json").stdout)
+    first = json.loads(finished[1].stdout)
+    assert told["parent"] == first["parent"] and told["actions"] == first["actions"]
+    assert told["run"] == str(copied / "run.h5")
+
+
+@pytest.mark.parametrize("command", [["identify", "--resume"], ["show"]])
+def test_a_broken_run_is_refused(command, copied):
+    file = copied / "run.h5"
+    file.write_bytes(file.read_bytes()[:-500])
+    assert "truncated" in _refused(_run(*command, file))
+    file.write_text("no HDF5")
+    assert "not an HDF5 file" in _refused(_run(*command, file))
+    names = sorted(path.name for path in copied.iterdir())
+    assert names == ["best.xml", "report.html", "run.h5"]
+
+
+def _started(recorded, tmp_path):
+    """A run that answers from a recording, stopped after its first cycle."""
+    from selfheal.selfmodel.loop import identify_body
+
+    settings = Settings(
+        "starfish-2006", str(recorded), engine="statics", cycles=3, budget=300
+    )
+    robot = open_robot("starfish-2006", recordings=recorded)
+    save_run(next(identify_body(robot, settings)), tmp_path / "run.h5")
+    return tmp_path / "run.h5"
+
+
+def test_a_run_whose_recording_has_gone_is_refused(recorded, tmp_path):
+    file = _started(recorded, tmp_path)
+    recorded.unlink()
+    assert f"{recorded}: there is no such file" in _refused(_identify("--resume", file))
+
+
+def test_a_run_whose_recording_has_changed_is_refused(recorded, tmp_path):
+    from selfheal.recording import read
+
+    file, recording = _started(recorded, tmp_path), read(recorded)
+    some = [*recording.episodes][:2]
+    fewer = {name: recording.episodes[name] for name in some}
+    write(replace(recording, episodes=fewer), recorded)
+    other = f"{recorded} has other parts or actions"
+    assert other in _refused(_identify("--resume", file))
+    for episode in recording.episodes.values():
+        episode.signals["vertical"].values[-1] = [0.6, 0, 0.8]
+    write(recording, recorded)
+    assert f"{recorded} answers otherwise" in _refused(_identify("--resume", file))
+
+
+HOLD = """
+import sys
+from selfheal.selfmodel.run import held
+with held(sys.argv[1]):
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_two_processes_do_not_share_a_folder(copied):
+    pipe, file = subprocess.PIPE, copied / "run.h5"
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, file], stdin=pipe, stdout=pipe, text=True
+    ) as other:
+        assert other.stdout.readline() == "ready\n"
+        busy = "another process is working on this run"
+        assert busy in _refused(_identify("--resume", file))
+        assert busy in _refused(_identify(*SMALL, "--out", copied, "--force"))
+        other.communicate()
+    assert _identify("--resume", file, "--json").exit_code == 0
+
+
+def test_show_tells_what_identify_told(copied, finished):
+    shown = _run("show", copied / "run.h5", "--json")
+    assert shown.exit_code == 0 and shown.stdout == finished[1].stdout
+    (copied / "report.html").unlink()
+    table = _run("show", copied / "run.h5")
+    assert table.exit_code == 0 and "hangs on" in table.stdout
+    assert (copied / "report.html").is_file()
+
+
+def test_show_of_an_interrupted_run_says_how_to_go_on(copied):
+    run = load_run(copied / "run.h5")
+    save_run(replace(run, cycles=run.cycles[:1], result={}), copied / "run.h5")
+    shown = _run("show", copied / "run.h5")
+    assert shown.exit_code == 0 and "1 of 2 cycles" in shown.stdout
+    assert f"--resume {copied / 'run.h5'}" in shown.stdout
+    told = json.loads(_run("show", copied / "run.h5", "--json").stdout)
+    assert told["cycles"] == 1
+
+
+def test_robots_are_listed():
+    lines = _run("robots").stdout.splitlines()
+    told = json.loads(_run("robots", "--json").stdout)
+    assert [line.split()[0] for line in lines] == [*told["robots"]]
+    assert "starfish" in told["robots"]
+
+
+@pytest.mark.parametrize("command", [[], ["identify"], ["show"], ["robots"]])
+def test_help_is_given(command):
+    result = _run(*command, "--help")
+    assert result.exit_code == 0 and "Usage" in result.stdout
+
+
+def test_a_toys_name_is_no_robot():
+    """Tests do not install robots."""
+    assert Toy().name in _refused(_identify("--robot", Toy().name))

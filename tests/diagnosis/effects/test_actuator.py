@@ -1,0 +1,87 @@
+"""Effects of actuators: integral action, lag, weak motors."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.effects import find_effect
+from tests.support.effect_robots import (
+    make_effect_bench,
+    make_pendulum,
+    write_patch_text,
+)
+from tests.support.recorded_robots import ROBOTS
+
+
+def test_a_servo_with_a_gear_sums_up_in_another_unit(tmp_path):
+    assert find_effect("integral_action").propose_terms(make_pendulum(tmp_path).robot)
+    geared = make_pendulum(tmp_path, **{'kv="0.1"': 'kv="0.1" gear="2"'})
+    assert not find_effect("integral_action").propose_terms(geared.robot)
+
+
+def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
+    pose = 0.8
+    robot = replace(
+        ROBOTS["pendulum"],
+        command=lambda t, rng: np.full((len(t), 1), pose),
+        begin=lambda rng: (np.array([pose]), np.zeros(1)),
+    )
+    b = make_effect_bench(robot, tmp_path)
+    fresh, settled = find_effect("integral_action").propose_terms(b.robot)
+    assert settled.is_negligible(0.1 * settled.scale)  # no more than a torque
+    kp = b.robot.model.actuator_gainprm[0, 0]
+
+    def sag(term, most):
+        told = b.simulator.simulate((term,), np.array([[kp, most]]), b.segments)[0]
+        return np.abs(told - pose).max()
+
+    assert sag(settled, 10.0) < 1e-3 < 20e-3 < sag(fresh, 10.0)
+    assert sag(settled, 1e-3) == pytest.approx(sag(fresh, 1e-3), rel=0.1)
+
+
+def test_a_servo_lets_go_as_soon_as_its_error_turns():
+    """As MuJoCo's pid does: what its sum cannot hold is forgotten."""
+    ki, imax, step = 2.0, 0.5, 0.01
+    place, values = {"actuator": 0, "qpos": 0, "dof": 0}, np.array([[ki, imax]])
+    sums = {0: np.zeros(1)}
+
+    def torque(error, steps):
+        for _ in range(steps):
+            now = SimpleNamespace(
+                ctrl=np.array([[error]]),
+                qpos=np.zeros((1, 1)),
+                applied_force=np.zeros((1, 1)),
+                integral_errors=sums,
+                timestep=step,
+            )
+            find_effect("integral_action").apply_forces(now, place, values)
+        return now.applied_force[0, 0]  # fmt: skip
+
+    assert torque(1.0, 1000) == pytest.approx(imax)
+    turned = round(2 * imax / ki / step)
+    assert torque(-1.0, turned // 2 + 1) == pytest.approx(0.0, abs=1e-9)
+    assert torque(-1.0, 1000) == pytest.approx(-imax)
+
+
+def test_a_lag_keeps_the_range_that_a_servo_inherited(tmp_path):
+    b = make_pendulum(
+        tmp_path,
+        **{'armature="0.002"': 'armature="0.002" range="-40 40"',
+           'kv="0.1"': 'kv="0.1" inheritrange="1"'},
+    )  # fmt: skip
+    terms = tuple(find_effect("actuator_lag").propose_terms(b.robot))
+    text = write_patch_text(b, terms, np.array([0.05]))
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.actuator_ctrllimited.all()
+    np.testing.assert_allclose(model.actuator_ctrlrange, np.deg2rad([[-40, 40]]))
+
+
+def test_a_motor_is_weak_more_seldom_than_its_load_is_heavy(benches):
+    (weak, *_) = find_effect("servo_gain").propose_terms(benches["cart_pole"].robot)
+    (heavy, *_) = find_effect("payload").propose_terms(benches["cart_pole"].robot)
+    assert [p.name for p in weak.parameters] == ["kp"]
+    own, other = (t.effect.rate_rarity(t, np.zeros(9)) for t in (weak, heavy))
+    assert own > other

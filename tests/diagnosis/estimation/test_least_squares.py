@@ -1,0 +1,175 @@
+"""Damped least squares within bounds: its steps, and planted values found again."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.estimation.covariance import standard_errors
+from selfheal.diagnosis.estimation.least_squares import compute_jacobian, fit_parameters
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.estimation.quadratic_model import (
+    solve_bounded_step,
+    stack_bounds,
+)
+from tests.support.problems import (
+    NOISE,
+    STEPS,
+    LoggedProblem,
+    as_type,
+    list_nominal_terms,
+    make_problem,
+    with_contact,
+)
+from tests.support.recorded_robots import bench
+
+
+def _quadratic(rng, size=5):
+    a = rng.normal(size=(30, size)) * np.exp(rng.normal(size=size))
+    many = 1e6  # residuals weigh far more than that what they do not show stays
+    return many * a.T @ a, many * a.T @ rng.normal(size=30)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_step_inside_its_bounds_is_the_unconstrained_one(seed):
+    rng = np.random.default_rng(seed)
+    h, g = _quadratic(rng)
+    free = -np.linalg.solve(h, g)
+    wide = 2 * np.abs(free).max() * np.ones(5)
+    scale = np.exp(rng.normal(size=5))
+    np.testing.assert_allclose(
+        solve_bounded_step(h, g, -wide, wide, scale), free, rtol=1e-4, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_step_stays_in_its_bounds_and_no_point_there_is_lower(seed):
+    rng = np.random.default_rng(seed)
+    h, g = _quadratic(rng)
+    free = np.abs(np.linalg.solve(h, g))
+    low, high = -0.5 * free, 0.3 * free
+    move = solve_bounded_step(h, g, low, high, np.ones(5))
+    assert (low <= move + 1e-12).all() and (move <= high + 1e-12).all()
+
+    def cost(x):
+        return 0.5 * np.einsum("...i,ij,...j", x, h, x) + x @ g
+
+    others = rng.uniform(low, high, (2000, 5))
+    near = np.clip(move + 0.01 * free * rng.normal(size=(2000, 5)), low, high)
+    assert cost(move) <= min(cost(others).min(), cost(near).min()) + 1e-3
+
+
+def test_damping_shortens_a_step():
+    h, g = _quadratic(np.random.default_rng(0))
+    wide = np.full(5, 1e6)
+    steps = [
+        solve_bounded_step(h, g, -wide, wide, np.ones(5), d) for d in (1e-4, 1.0, 100.0)
+    ]
+    assert np.all(np.diff([np.linalg.norm(s) for s in steps]) < 0)
+
+
+def test_what_no_residual_shows_stays():
+    h, g = np.zeros((2, 2)), np.zeros(2)
+    h[0, 0], g[0] = 1e4, -1e4
+    h[1, 1], g[1] = 1e-8, -1e-8
+    wide = np.full(2, 1e6)
+    np.testing.assert_allclose(
+        solve_bounded_step(h, g, -wide, wide, np.ones(2)), [1, 0], atol=1e-4
+    )
+
+
+def test_nothing_to_fit_is_no_step():
+    none = np.zeros(0)
+    assert solve_bounded_step(np.zeros((0, 0)), none, none, none, none).size == 0
+
+
+def test_the_jacobian_predicts_small_changes(arm):
+    problem, terms = make_problem(arm), list_nominal_terms(arm)
+    x = np.ones(len(terms))
+    r = problem.compute_residuals(terms, x[None])[0]
+    jac = compute_jacobian(problem, terms, x, r)
+    rng = np.random.default_rng(0)
+    move = 1e-3 * rng.normal(size=len(x))
+    change = problem.compute_residuals(terms, (x + move)[None])[0] - r
+    assert np.linalg.norm(change - jac @ move) < 0.05 * np.linalg.norm(change)
+
+
+@pytest.mark.parametrize("name", ["arm", "pendulum"])
+def test_planted_stated_values_are_recovered(name, request):
+    """By what they predict, and each one that the data pin down by its value."""
+    b = request.getfixturevalue(name)
+    terms = list_nominal_terms(b)
+    rng = np.random.default_rng(1)
+    truth = 1 + 0.5 * rng.uniform(-1, 1, len(terms)) * (stack_bounds(terms)[1] - 1)
+    problem = make_problem(b, terms, truth)
+    found = fit_parameters(problem, terms, np.ones(len(terms)))
+    assert found.cost < 1.05 * np.isfinite(problem.segments.readings).sum()
+    low, high, _ = stack_bounds(terms)
+    assert (low <= found.values).all() and (found.values <= high).all()
+    error = standard_errors(problem, found)
+    before = (high - low) / 4  # anything was read
+    pinned = error < 0.25 * before
+    apart = np.abs(found.values - truth)
+    assert (apart[pinned] < 4 * error[pinned] + 0.01).all()
+    # a lone joint's inertia and torques are known up to a factor only
+    assert pinned.any() == (name == "arm")
+
+
+def test_a_fit_never_ends_worse_than_it_began(arm):
+    terms = list_nominal_terms(arm)
+    problem = make_problem(
+        arm, (find_effect("coulomb_friction").propose_terms(arm.robot)[0],), (0.3,)
+    )
+    begin = problem.compute_residuals(terms, np.ones((1, len(terms))))[0]
+    assert fit_parameters(problem, terms, np.ones(len(terms))).cost <= begin @ begin
+
+
+def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):
+    dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
+    problem = make_problem(arm, (dry,), (0.1,))
+    plain = fit_parameters(problem, (dry,), (0.3,), rounds=20)
+    rng = np.random.default_rng(0)
+    for known in (plain.jacobian, rng.normal(size=plain.jacobian.shape)):
+        found = fit_parameters(problem, (dry,), (0.3,), rounds=20, known=known)
+        assert found.cost == pytest.approx(plain.cost, rel=1e-3)
+
+
+def test_where_something_touches_slopes_of_stated_values_are_kept(tmp_path):
+    b = bench("box", tmp_path, episodes=4, seconds=0.6)
+    stated, (slip, *_) = (
+        list_nominal_terms(b),
+        find_effect("ground_friction").propose_terms(b.robot),
+    )
+    terms, truth = (*stated, slip), np.append(np.ones(len(stated)), 0.3)
+    problem = as_type(with_contact(make_problem(b, terms, truth)), LoggedProblem)
+    rng = np.random.default_rng(4)
+    start = truth + 0.01 * rng.normal(size=len(truth))
+    before = problem.residuals_at(terms, start)
+    found = fit_parameters(problem, terms, start)
+    assert found.cost < 2 * len(before) < 0.5 * (before @ before)
+    batches = problem.batches[1:]  # after that of `before`
+    whole = [k for k, points in enumerate(batches) if len(points) == len(truth)]
+    # a batch that moves nothing but the friction from where the last one was
+    alone = [
+        len(two) == 1 and (one[:, :-1] == two[0, :-1]).all(axis=1).any()
+        for one, two in pairwise(batches)
+    ]
+    assert whole[0] == 1 and any(alone)
+
+
+@pytest.mark.parametrize("soft", [0.004, 0.03])
+def test_a_stop_is_found_where_it_is_however_soft(soft, tmp_path):
+    def stopped(model):
+        joint = model.joint("elbow").id
+        model.jnt_range[joint], model.jnt_limited[joint] = (-3, 0.1), 1
+        model.jnt_solref[joint] = soft, 1
+
+    b = bench("arm", tmp_path, change=stopped, noise=3e-4, seed=2)
+    stop = find_effect("hard_stop").propose_terms(b.robot)[3]  # of the elbow, above
+    pieces = cut_segments(b.simulator.episodes, STEPS)
+    problem = Problem(b.simulator, pieces, np.full(pieces.readings.shape[1], NOISE))
+    found = fit_parameters(problem, (stop,), np.array(stop.initial_values[0]))
+    assert found.values == pytest.approx([0.1, soft], rel=0.15)
+    assert found.values[0] == pytest.approx(0.1, abs=2e-3)

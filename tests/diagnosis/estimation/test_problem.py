@@ -1,0 +1,66 @@
+"""Residuals of a problem: readings left out, error of the time step, blocks."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.estimation.least_squares import compute_jacobian, fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.noise import expected_cost
+from selfheal.diagnosis.estimation.problem import assign_blocks
+from tests.support.problems import STEPS, make_problem
+
+
+def test_residuals_do_not_count_what_was_not_read(arm):
+    problem = make_problem(arm)
+    readings = problem.segments.readings.copy()
+    readings[::3] = np.nan
+    lost = replace(problem, segments=replace(problem.segments, readings=readings))
+    r = lost.compute_residuals((), np.zeros((1, 0))).reshape(readings.shape)
+    assert (r[::3] == 0).all() and np.abs(r[1::3]).max() > 0
+
+
+def test_the_steps_own_error_shrinks_with_the_step(arm):
+    problem = make_problem(arm)
+    nothing = (), np.zeros(0)
+    whole = np.linalg.norm(
+        problem.timestep_error(*nothing, problem.residuals_at(*nothing))
+    )
+    world = problem.simulator.with_half_step
+    finer = replace(problem, simulator=world, segments=problem.segments.with_half_step)
+    assert (
+        0
+        < np.linalg.norm(finer.timestep_error(*nothing, finer.residuals_at(*nothing)))
+        < 0.7 * whole
+    )
+    assert expected_cost(problem, fit_parameters(problem, *nothing)) > whole**2
+
+
+def test_a_jacobian_is_carried_to_other_weights(arm):
+    dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
+    plain = make_problem(arm, (dry,), (0.1,))
+    white = marginalize_initial_states(plain, (dry,), np.array([0.1]))
+    rng = np.random.default_rng(0)
+    sigma = plain.sigma * rng.uniform(0.5, 2, len(plain.sigma))
+    other = marginalize_initial_states(
+        replace(plain, sigma=sigma), (dry,), np.array([0.1])
+    )
+    at = np.array([0.15])
+    here, there = (
+        compute_jacobian(p, (dry,), at, p.residuals_at((dry,), at))
+        for p in (white, other)
+    )
+    np.testing.assert_allclose(
+        white.transfer_jacobian(other, here), there, rtol=1e-6, atol=1e-6
+    )
+    assert white.transfer_jacobian(other, here[:, :0]).shape == (len(here), 0)
+
+
+def test_blocks_are_neighbors_and_cover_all(arm):
+    blocks = assign_blocks(make_problem(arm))
+    assert (np.diff(blocks) >= 0).all() and (np.diff(blocks) <= 1).all()
+    assert blocks[0] == 0 and len(blocks) == len(
+        cut_segments(arm.simulator.episodes, STEPS)
+    )

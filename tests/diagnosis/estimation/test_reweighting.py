@@ -1,0 +1,51 @@
+"""Initial states are estimated anew where the present ones mislead a fit."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.problem import build_initial_state_offsets
+from selfheal.diagnosis.estimation.reweighting import (
+    reestimate_initial_states,
+    reestimate_misleading_states,
+)
+from tests.support.problems import make_misread_problem, make_problem, with_contact
+
+
+def test_a_candidate_is_judged_with_the_starts_that_its_values_ask_for(sticky):
+    b, term, values = sticky
+    plain = make_misread_problem(
+        b, term, values, np.zeros((len(make_problem(b).segments), 2))
+    )
+    errors = build_initial_state_offsets(b.simulator, plain.segments)[1:].sum(axis=0)
+    without = replace(
+        plain, initial_state_shift=5 * errors
+    )  # where something else would have begun
+    seat = reestimate_initial_states(without, (term,), values)
+    cost = [
+        float((p.residuals_at((term,), values) ** 2).sum()) for p in (without, seat)
+    ]
+    assert cost[1] < 0.5 * cost[0]
+    # where no start had to be sought, or something touches, all stays as it is
+    assert reestimate_initial_states(plain, (term,), values) is plain
+    touching = with_contact(without)
+    assert reestimate_initial_states(touching, (term,), values) is touching
+
+
+def test_a_start_that_holds_values_off_is_sought_anew(sticky):
+    b, term, values = sticky
+    speeds = np.zeros((len(make_problem(b).segments), 2))
+    speeds[::4, 0], speeds[2::4, 0] = -2, 2
+    problem = make_misread_problem(b, term, values, speeds)
+    begin = np.array([0.3, 0.6, 0.05])
+    seated = marginalize_initial_states(problem, (term,), begin)
+    bad = fit_parameters(seated, (term,), begin)
+    problem, good = reestimate_misleading_states(seated, bad)
+    assert good.cost < 0.97 * bad.cost
+    apart = [np.linalg.norm((f.values - values) / values) for f in (bad, good)]
+    assert apart[1] < 0.5 * apart[0]
+    # where no window holds them, nothing changes
+    same, found = reestimate_misleading_states(problem, good)
+    assert same is problem and found is good

@@ -1,0 +1,38 @@
+"""The document of a diagnosis: JSON without NaN, intervals in order."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.effects.base import Parameter
+from selfheal.diagnosis.effects.nominal import is_unidentified
+from selfheal.diagnosis.output.document import (
+    build_refit,
+    format_document,
+    to_json_values,
+)
+
+
+def test_json_has_no_nan_and_no_numpy():
+    thing = {"a": np.float64("nan"), "b": (np.inf, np.int64(3), np.bool_(True)),
+             "c": np.array([1.0, np.nan]), "d": "x", "e": None}  # fmt: skip
+    told = json.loads(
+        format_document(thing), parse_constant=lambda word: pytest.fail(word)
+    )
+    assert told == {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x",
+                    "e": None}  # fmt: skip
+    assert to_json_values(thing) == told
+
+
+def test_the_interval_of_a_negative_value_is_in_order():
+    term = SimpleNamespace(
+        effect=SimpleNamespace(name="stated"), targets=("joint:a/springref",),
+        parameters=(Parameter("x", "1", 1.0, 0.7, 1.3, 0.1),),
+        finding_fields={"value": -2.0, "unit": "rad"},
+    )  # fmt: skip
+    (told,) = build_refit(
+        SimpleNamespace(terms=(term,), values=np.array([1.1])), np.array([0.01])
+    )
+    assert told["low"] < told["value"] < told["high"] < 0 and not is_unidentified(told)

@@ -1,0 +1,257 @@
+"""A diagnosed change as text: whichever way a user writes the same robot."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.output import build_result
+from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
+from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.mjcf.edit import Set
+from tests.support.patched_models import check_same_robot, compile_patch
+from tests.support.recorded_robots import ARM, ROBOTS, bench, record
+
+RADIAN = '<compiler angle="radian"/>'
+ELBOW = '<position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>'
+(ACTUATORS,) = re.findall(r"<actuator>.*</actuator>", ARM, flags=re.S)
+(BODIES,) = re.findall(r"<worldbody>.*</worldbody>", ARM, flags=re.S)
+
+
+def _put(old: str, new: str, text: str = ARM) -> str:
+    assert text.count(old) == 1
+    return text.replace(old, new)
+
+
+def _driven(kind: str, more: str = "") -> str:
+    return _put(ELBOW, f'<{kind} name="elbow_servo" joint="elbow" {more}/>')
+
+
+INERTIAL = (
+    '<inertial pos="0.1 0 0.01" mass="0.2" diaginertia="1e-4 3e-4 2.5e-4" {}="{}"/>'
+)
+# the same robot, or nearly: the model, and the files that it includes
+WAYS: dict[str, tuple[str, dict[str, str]]] = {
+    "plain": (ARM, {}),
+    "two dashes in a comment": (_put("<actuator>", "<!-- a -- b --><actuator>"), {}),
+    "a bare ampersand": (_put('model="arm"', 'model="arm & hand"'), {}),
+    "an included compiler": (
+        _put(RADIAN, '<include file="c.xml"/>'),
+        {"c.xml": f"<mujoco>{RADIAN}</mujoco>"},
+    ),
+    "included actuators": (
+        _put(ACTUATORS, '<include file="a.xml"/>'),
+        {"a.xml": f"<mujoco>{ACTUATORS}</mujoco>"},
+    ),
+    "included bodies": (
+        _put(BODIES, '<include file="b.xml"/>'),
+        {"b.xml": f"<mujoco>{BODIES}</mujoco>"},
+    ),
+    "two compilers": (_put(RADIAN, f'<compiler autolimits="true"/>{RADIAN}'), {}),
+    "two sections of actuators": (_put(ELBOW, f"</actuator><actuator>{ELBOW}"), {}),
+    "a muscle": (
+        _driven("muscle", 'ctrlrange="0 1" force="5" lengthrange="-1 1"'),
+        {},
+    ),
+    "a DC motor": (_driven("dcmotor", 'resistance="2" motorconst="0.05"'), {}),
+    "a law of the user's": (
+        _driven("general", 'gaintype="user" biastype="user" gainprm="3"'),
+        {},
+    ),
+    "a sticky body": (
+        _put(
+            ELBOW,
+            '<adhesion name="elbow_servo" body="lower" ctrlrange="0 1" gain="3"/>',
+        ),
+        {},
+    ),
+    "a propeller": (
+        _put(
+            ELBOW,
+            '<general name="elbow_servo" site="tip" gear="0 0 2 0 0 0" gainprm="3"/>',
+        ),
+        {},
+    ),
+    "degrees": (_put(RADIAN, ""), {}),
+    "masses of the geoms": (
+        _put(
+            '<joint name="elbow"',
+            '<inertial pos="0 0 0" mass="9" diaginertia="1 1 1"/><joint name="elbow"',
+            _put('angle="radian"', 'angle="radian" inertiafromgeom="true"'),
+        ),
+        {},
+    ),
+    "a total mass": (_put('angle="radian"', 'angle="radian" settotalmass="1"'), {}),
+    "frames": (
+        _put(
+            '<body name="lower" pos="0.2 0 0">',
+            '<frame pos="0.1 0 0" euler="0 0.3 0.2"><frame pos="0 0.1 0"><body '
+            'name="lower" pos="0.1 -0.1 0">',
+            _put("      </body>\n", "      </body></frame></frame>\n"),
+        ),
+        {},
+    ),
+    "geoms in a frame": (
+        _put(
+            '<geom name="lower" type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"\n'
+            '          mass="0.2"/>',
+            '<frame pos="0 0 0.01" euler="0 0 0.2"><geom name="lower" type="capsule" '
+            'fromto="0 0 0 0.2 0 0" size="0.02" mass="0.2"/><geom type="box" '
+            'size="0.1 0.01 0.01" pos="0.1 0 0" euler="0 0 -0.2" mass="0.1"/></frame>',
+        ),
+        {},
+    ),
+    "a stated inertia": (
+        _put(
+            '<joint name="elbow"',
+            f'{INERTIAL.format("quat", "1 1 0 0")}<joint name="elbow"',
+        ),
+        {},
+    ),
+    "a turned inertia": (
+        _put(
+            '<joint name="elbow"',
+            f'{INERTIAL.format("euler", "0.1 0.2 0.3")}<joint name="elbow"',
+        ),
+        {},
+    ),
+    "fused bodies": (
+        _put(
+            '<body name="upper" pos="0 0 1">',
+            '<body name="stand" pos="0 0 0.4"><body name="upper" pos="0 0 0.6">',
+            _put(
+                "  </worldbody>",
+                "</body></worldbody>",
+                _put('angle="radian"', 'angle="radian" fusestatic="true"'),
+            ),
+        ),
+        {},
+    ),
+    "a geared motor": (_driven("motor", 'gear="20"'), {}),
+    "a velocity servo": (_driven("velocity", 'kv="0.4"'), {}),
+    "an integrated velocity": (
+        _driven("intvelocity", 'kp="10" kv="0.4" actrange="-3 3"'),
+        {},
+    ),
+    "a damper": (_driven("damper", 'kv="0.4" ctrlrange="0 1"'), {}),
+    "a lagging servo": (_driven("position", 'kp="10" timeconst="0.03"'), {}),
+    "a damping ratio": (_driven("position", 'kp="10" dampratio="1"'), {}),
+    "a general actuator": (
+        _driven("general", 'gainprm="10" biastype="affine" biasprm="0 -10 -0.4"'),
+        {},
+    ),
+    "an inherited range": (
+        _put(
+            'armature="0.005"',
+            'armature="0.005" range="-2 2"',
+            _driven("position", 'kp="10" kv="0.4" inheritrange="1"'),
+        ),
+        {},
+    ),
+}
+EFFECTS = (
+    "coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload",
+    "link_length", "torque_saturation",
+)  # fmt: skip
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Writes a robot in one of the ways; gives what a diagnosis has of it."""
+
+    def write(way):
+        text, files = WAYS[way]
+        for name, content in {"model.xml": text, **files}.items():
+            (tmp_path / name).write_text(content)
+        recording = record(ROBOTS["arm"], episodes=1, seconds=0.3)
+        world = build_simulator(ModelCompiler(str(tmp_path / "model.xml")), [recording])
+        return SimpleNamespace(
+            compiler=world.compiler, training=world, robot=summarize_robot(world)
+        )
+
+    return write
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
+@pytest.mark.parametrize("way", WAYS)
+def test_the_text_says_what_the_diagnosis_means(way, written, tmp_path):
+    """With every stated value changed, and an effect at each of its places."""
+    case, rng = written(way), np.random.default_rng(0)
+    stated = build_nominal_terms(case.robot)
+    for name in EFFECTS:
+        for term in find_effect(name).propose_terms(case.robot):
+            start = np.array(term.initial_values[0]) + 0.3 * term.scale
+            factors = 1 + 0.02 * rng.uniform(-1, 1, len(stated))
+            terms, values = (*stated, term), np.concatenate([factors, start])
+            new = compile_patch(case, terms, values, tmp_path)
+            check_same_robot(
+                new, case.compiler.compile_variant(terms).build_model(terms, values)
+            )
+
+
+def test_what_a_ball_joint_states_is_in_the_text(tmp_path):
+    b = bench("wrist", tmp_path, episodes=1, seconds=0.3)
+    case = SimpleNamespace(compiler=b.simulator.compiler)
+    terms = [
+        t
+        for t in build_nominal_terms(b.robot)
+        if t.targets[0].startswith("joint:wrist")
+    ]
+    fields = [t.targets[0].partition("/")[2] for t in terms]
+    assert fields == ["damping", "stiffness"]
+    values = np.array([1.2, 0.8])
+    new = compile_patch(case, terms, values, tmp_path)
+    check_same_robot(
+        new, case.compiler.compile_variant(terms).build_model(terms, values)
+    )
+    np.testing.assert_allclose(new.dof_damping, 1.2 * b.robot.model.dof_damping)
+
+
+@pytest.mark.parametrize("way", ["plain", "degrees"])
+def test_play_is_as_wide_in_the_text(way, written, tmp_path):
+    case = written(way)
+    for term in find_effect("backlash").propose_terms(case.robot):
+        values = np.array(term.initial_values[0])
+        new = compile_patch(case, (term,), values, tmp_path)
+        joint = new.joint(term.targets[0].partition(":")[2] + "_play")
+        assert np.ptp(joint.range) == pytest.approx(values[0], rel=1e-5)
+
+
+def test_an_inertia_stays_along_the_axes_that_are_stated(written, tmp_path):
+    case = written("a stated inertia")
+    (term,) = [
+        t for t in build_nominal_terms(case.robot) if t.targets == ("body:lower/mass",)
+    ]
+    length = next(
+        t
+        for t in find_effect("link_length").propose_terms(case.robot)
+        if "lower" in t.label
+    )
+    for terms, value in (((term,), [1.1]), ((length,), [0.21])):
+        found = Fit(terms, np.array(value), np.zeros(0), np.zeros((0, 0)))
+        text, *_ = build_patch(case, found)
+        (inertial,) = re.findall("<inertial[^>]*>", text)
+        assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
+
+
+def test_a_change_of_one_number_changes_one_line(written, tmp_path):
+    case = written("frames")
+    term = find_effect("coulomb_friction").propose_terms(case.robot)[0]
+    found = Fit((term,), np.array([0.1]), np.zeros(0), np.zeros((0, 0)))
+    _, diff, _ = build_patch(case, found)
+    changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
+    assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
+
+
+def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
+    wrong = [Set("joint", "elbow", {"stickiness": "much"})]
+    monkeypatch.setattr(build_result, "build_edits", lambda *_: wrong)
+    case, found = written("plain"), Fit((), *np.zeros((2, 0)), np.zeros((0, 0)))
+    text, diff, edits, unpatched = patch_or_nominal(case, found)
+    assert (text, diff, edits) == (ARM, "", [])
+    assert "MuJoCo refuses the patch" in unpatched and "stickiness" in unpatched

@@ -1,0 +1,127 @@
+"""A diagnosis on disk: whole or not there."""
+
+import os
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.output import storage
+from selfheal.diagnosis.output.result import Diagnosis, Localization
+from selfheal.errors import InputError
+from tests.support.recorded_robots import ROBOTS
+
+FILES = ["diagnosis.json", "patched.xml", "report.html"]
+
+
+@pytest.fixture
+def given(tmp_path_factory):
+    """The file of a model."""
+    path = tmp_path_factory.mktemp("robot") / "model.xml"
+    path.write_text(ROBOTS["pendulum"].xml)
+    return path
+
+
+def _diagnosis(given, verdict="nothing", page="<html/>") -> Diagnosis:
+    document = {
+        "format": "selfheal-diagnosis", "version": 1, "verdict": verdict,
+        "findings": [], "refit": [], "fit": {"floor": float("nan")},
+    }  # fmt: skip
+    located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
+    return Diagnosis(
+        str(given), document, (), given.read_text(), "", (), located, (), (), (), 1.0,
+        2, page,
+    )  # fmt: skip
+
+
+def _names(path) -> list[str]:
+    return sorted(p.name for p in path.iterdir())
+
+
+def test_a_diagnosis_is_three_files_and_is_read_back(given, tmp_path):
+    out = tmp_path / "out"
+    _diagnosis(given).save(out)
+    assert _names(out) == FILES and _names(tmp_path) == ["out"]
+    assert storage.read_document(out)["verdict"] == "nothing"
+    assert storage.read_document(out)["fit"] == {"floor": None}
+
+
+def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
+    out = tmp_path / "out"
+    _diagnosis(given).save(out)
+    with pytest.raises(InputError, match="--force"):
+        _diagnosis(given, "unlisted").save(out)
+    assert storage.read_document(out)["verdict"] == "nothing"
+    _diagnosis(given, "unlisted").save(out, force=True)
+    assert storage.read_document(out)["verdict"] == "unlisted" and _names(tmp_path) == [
+        "out"
+    ]
+
+
+def test_an_empty_folder_is_taken(given, tmp_path):
+    (tmp_path / "out").mkdir()
+    _diagnosis(given).save(tmp_path / "out")
+    assert _names(tmp_path / "out") == FILES
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_other_files_are_never_deleted(force, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("")
+    with pytest.raises(InputError):
+        storage.check_folder(out, force)
+    assert _names(out) == ["thesis.tex"]
+
+
+def test_a_link_to_a_folder_stays_one(given, tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "out").symlink_to("real")
+    _diagnosis(given).save(tmp_path / "out")
+    assert (tmp_path / "out").is_symlink() and _names(tmp_path / "real") == FILES
+    assert _names(tmp_path) == ["out", "real"]
+
+
+def test_a_file_is_no_folder(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(InputError, match="is a file"):
+        storage.check_folder(tmp_path / "out", True)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
+    there, given, tmp_path, monkeypatch
+):
+    out = tmp_path / "out"
+    if there:
+        _diagnosis(given, page="old").save(out)
+    with pytest.raises(TypeError):
+        _diagnosis(given, page=None).save(out, force=True)
+    assert _names(tmp_path) == (["out"] if there else [])
+    if there:
+        assert (out / "report.html").read_text() == "old"
+
+    def refuse(*_):
+        raise OSError("no")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(OSError, match="no"):
+        _diagnosis(given, page="new").save(out, force=True)
+    assert _names(tmp_path) == (["out"] if there else [])
+
+
+BAD = [
+    (None, "cannot read"),
+    ("{", "is not JSON"),
+    ("[]", "is not a selfheal-diagnosis"),
+    ("[" * 100_000, "is nested too deeply"),
+    ('{"format": "selfheal-diagnosis", "version": 2}', "of version 1"),
+    ('{"format": "selfheal-run", "version": 1}', "is not a selfheal-diagnosis"),
+]
+
+
+@pytest.mark.parametrize("text, said", BAD, ids=[b[1] for b in BAD])
+def test_what_is_no_diagnosis_is_refused(text, said, tmp_path):
+    if text is not None:
+        (tmp_path / "diagnosis.json").write_text(text)
+    with pytest.raises(InputError, match=said):
+        storage.read_document(tmp_path)

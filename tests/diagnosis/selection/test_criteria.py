@@ -1,0 +1,110 @@
+"""Which candidate wins: gains, priors of fitted values, effects without parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.effects.base import restates_nominal_value
+from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit
+from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.quadratic_model import stack_bounds
+from selfheal.diagnosis.selection.criteria import (
+    _choose_likeliest,
+    choose_winner,
+    find_relieving,
+    fit_parameterless,
+    significant_prior_penalty,
+)
+from selfheal.diagnosis.selection.cross_validation import ScoredFit, fit_and_score
+from selfheal.diagnosis.selection.settings import SELECTION
+from tests.support.problems import (
+    list_nominal_terms,
+    make_pose_problem,
+    make_problem,
+    with_contact,
+)
+
+
+@pytest.mark.parametrize("factor", [1.1, 1.6])
+def test_values_pushed_to_their_bounds_speak_for_the_one_that_left_them(arm, factor):
+    """The elbow's rotor, which masses and lengths can stand for in rough readings."""
+    stated = list_nominal_terms(arm)
+    terms = [t for n in ("armature", "viscous_friction")
+             for t in find_effect(n).propose_terms(arm.robot)]  # fmt: skip
+    assert all(restates_nominal_value(t, stated) for t in terms)
+    (rotor,) = (t for t in terms if t.label == "armature at joint:elbow")
+    inertia = arm.simulator.compiler.nominal.dof_armature[1] * factor
+    ones = np.ones(len(stated))
+    problem = make_problem(arm, (*stated, rotor), (*ones, inertia), noise=0.03)
+    rough = [replace(c, noise=np.full(c.width, 0.03)) for c in arm.simulator.channels]
+    problem = replace(problem, simulator=replace(arm.simulator, channels=tuple(rough)))
+    base = LinearizedFit.from_fit(problem, fit_parameters(problem, stated, ones))
+    now = ScoredFit.from_fit(problem, base.fit)
+    won = find_relieving(base, now, terms, lambda what, share: None)
+    assert (won is None) == (factor < 1.3)  # inside what the contract grants
+    if won is not None:
+        assert won[0].candidate.label == rotor.label
+        assert won[0].values[0] == pytest.approx(inertia, rel=0.2)
+
+
+def test_strain_of_note_grows_with_what_impacts_may_drive(arm):
+    problem, terms = make_problem(arm), list_nominal_terms(arm)
+    none = fit_parameters(problem, terms, np.ones(len(terms)), rounds=0)
+    least = SELECTION.significant_prior_penalty
+    assert significant_prior_penalty(problem, none) == least
+    assert significant_prior_penalty(with_contact(problem), none) == least + len(terms)
+
+
+@pytest.mark.parametrize(("left", "rough", "smooth"), [(0.8, 1, 1), (0.92, 0, 1)])
+def test_a_small_gain_is_no_name_where_something_touches(arm, left, rough, smooth):
+    (_, dry, *_) = find_effect("coulomb_friction").propose_terms(arm.robot)
+    problem = make_problem(arm, (dry,), (0.001,))
+    now = fit_and_score(problem, (), np.zeros(0))
+    best = ScoredFit(
+        fit_parameters(problem, (dry,), np.array([0.001])), left * now.held_out_errors
+    )
+    for p, earns in (problem, smooth), (with_contact(problem), rough):
+        assert (choose_winner(p, now, [best], 1) is not None) == earns
+
+
+def test_a_lost_limb_is_looked_at_with_values_as_given(arm):
+    (loss,) = find_effect("limb_loss").propose_terms(arm.robot)
+    dry, *_ = find_effect("coulomb_friction").propose_terms(arm.robot)
+    stated, tell = list_nominal_terms(arm), lambda what, share: None
+    low, _, _ = stack_bounds(stated)  # where what is missing may have driven them
+    problem = make_problem(arm, (loss,))
+    lost = LinearizedFit.from_fit(
+        problem, fit_parameters(problem, stated, low, rounds=0)
+    )
+    (best,) = fit_parameterless(lost, len(stated), [dry, loss], tell)
+    assert best.candidate is loss and best.reestimated is not None
+    assert best.error < 2 * np.count_nonzero(best.fit.residuals) < 0.1 * lost.fit.cost
+    np.testing.assert_allclose(best.fit.values, 1, atol=0.1)
+    problem = make_problem(arm)  # nothing is lost
+    whole = LinearizedFit.from_fit(
+        problem, fit_parameters(problem, stated, low, rounds=0)
+    )
+    assert fit_parameterless(whole, len(stated), [dry, loss], tell) == []
+
+
+def test_of_poses_read_once_what_acts_at_rest_goes_before_a_delay(arm):
+    problem, rng = make_pose_problem(arm, 12), np.random.default_rng(0)
+    held, rows = rng.normal(size=12) ** 2, problem.segments.readings.size
+
+    def tried(name: str, held) -> ScoredFit:
+        term = find_effect(name).propose_terms(arm.robot)[0]
+        at = Fit(
+            (term,),
+            np.array(term.initial_values[0]),
+            np.zeros(rows),
+            np.zeros((rows, 1)),
+        )
+        return ScoredFit(at, held)
+
+    late, stopped = tried("actuator_lag", held), tried("hard_stop", 1.01 * held)
+    assert _choose_likeliest(problem, late, [late, stopped]) is stopped
+    # unless the poses speak against it
+    worse = tried("hard_stop", 3 * held)
+    assert _choose_likeliest(problem, late, [late, worse]) is late

@@ -1,0 +1,118 @@
+"""Held-out errors are those of fits that did not see the held-out readings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
+from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.selection.cross_validation import (
+    ScoredFit,
+    assign_folds,
+    generalizes_across_episodes,
+    predict_held_out,
+    refit_without_folds,
+)
+from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.recording import read
+from tests.support.problems import LinearProblem, make_linear_problem
+
+
+def test_held_out_errors_are_those_of_fits_that_did_not_see_them(arm):
+    problem, found, y = make_linear_problem(arm, np.random.default_rng(0))
+    expected = np.empty(len(y))
+    for of in (assign_folds(problem), problem.segment_of_residual):
+        for fold in np.unique(of):
+            seen = of != fold
+            x = np.linalg.lstsq(found.jacobian[seen], -y[seen], rcond=None)[0]
+            expected[~seen] = (y[~seen] + found.jacobian[~seen] @ x) ** 2
+        told = predict_held_out(problem, found, of)
+        np.testing.assert_allclose(told, problem.sum_by_segment(expected), rtol=1e-5)
+        assert told.sum() > found.cost
+
+
+def test_whole_held_out_windows_are_simulated(arm):
+    """There a Jacobian may be wrong, as where a foot touches down or does not."""
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    fold = problem.segment_of_residual == 1
+    jac = np.where(fold[:, None], 1e3 * found.jacobian, found.jacobian)
+    wrong, of = replace(found, jacobian=jac), problem.segment_of_residual
+    told, right = (predict_held_out(problem, f, of)[1] for f in (wrong, found))
+    assert told == pytest.approx(right, rel=1e-3)
+
+
+def test_long_windows_are_parted_too(arm, monkeypatch):
+    """Else the last fold of a few long ones would have to extrapolate."""
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    few = problem.select(np.arange(3))
+    rows = np.isin(problem.segment_of_residual, [0, 1, 2])
+    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
+    whole = predict_held_out(few, part, few.segment_of_residual).sum()
+    assert part.cost < predict_held_out(few, part).sum() < whole
+
+
+def test_what_explains_one_episode_only_does_not_carry_over(arm):
+    rng = np.random.default_rng(1)
+    problem, found, _ = make_linear_problem(arm, rng)
+    log = problem.segments.episode[problem.segment_of_residual]
+    assert len(np.unique(log)) == 3
+    same = rng.normal(size=len(log))
+    own = same * np.array([1.0, -1.0, 1.0])[log]  # of another sign in one episode
+    assert generalizes_across_episodes(*_added(problem, found, same, 3 * same))
+    assert not generalizes_across_episodes(*_added(problem, found, same, 3 * own))
+
+
+def test_an_effect_that_one_episode_alone_shows_may_carry_over(arm):
+    """As a torque's limit that is reached in one: from the others it cannot be told."""
+    rng = np.random.default_rng(1)
+    problem, found, _ = make_linear_problem(arm, rng)
+    log = problem.segments.episode[problem.segment_of_residual]
+    column = rng.normal(size=len(log)) * np.array([1.0, 1e3, 1.0])[log]
+    lacking, old, new = _added(problem, found, column, 3 * column)
+    worse = new.jacobian.copy()
+    worse[log == 1, -1] *= -0.5  # from the others the wrong way
+    lacking = replace(lacking, jac=worse)
+    assert generalizes_across_episodes(lacking, old, new)
+
+
+def _added(
+    problem: LinearProblem, found: Fit, column, missing
+) -> tuple[LinearProblem, Fit, Fit]:
+    """A fit that lacks something, and that with a column for it, at its best."""
+    old = replace(found, residuals=found.residuals + missing)
+    (new,) = np.linalg.lstsq(column[:, None], -old.residuals, rcond=None)[0]
+    jac = np.column_stack([found.jacobian, column])
+    terms = (*found.terms, replace(found.terms[0]))
+    values, left = np.append(found.values, new), old.residuals + column * new
+    lacking = replace(problem, y=problem.y + missing, jac=jac)
+    return lacking, old, Fit(terms, values, left, jac)
+
+
+def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordings):
+    """The damaged robot of 2006: a torso heavy on one side explains its poses too."""
+    folder = shared_recordings / "starfish_2006"
+    damaged = read(folder / "damaged.h5")
+    chosen = list(damaged.episodes)[::2]
+    damaged = replace(damaged, episodes={i: damaged.episodes[i] for i in chosen})
+    world = build_simulator(
+        ModelCompiler(str(folder / "published_body.xml")), [damaged]
+    )
+    scene = summarize_robot(world)
+    pieces = cut_segments(world.episodes, None)
+    problem = Problem(world, pieces, np.full(pieces.readings.shape[1], 0.02))
+    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    terms = [
+        t
+        for name, target in (("limb_loss", "right_lower"), ("com_shift", "torso"))
+        for t in find_effect(name).propose_terms(scene)
+        if t.targets == (f"body:{target}",)
+    ]
+    tried = [ScoredFit.from_fit(problem, fit_candidate(base, t)) for t in terms]
+    assert max(s.error for s in tried) < 0.1 * base.fit.cost
+    (best,) = refit_without_folds(base, tried, terms)
+    assert best.candidate is terms[0] and best.error < 0.1 * base.fit.cost

@@ -1,0 +1,86 @@
+"""Evidence for an effect: what counts as better, and as as good."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.estimation.covariance import effective_sample_size
+from selfheal.diagnosis.estimation.noise import expected_noise
+from selfheal.diagnosis.selection.cross_validation import ScoredFit, predict_held_out
+from selfheal.diagnosis.selection.evidence import bic, improvement_p_value, is_as_good
+from tests.support.problems import make_linear_problem, make_pose_problem, make_problem
+
+
+def test_a_worse_prediction_is_never_better_and_tries_are_paid_for(arm):
+    rng = np.random.default_rng(0)
+    problem, found, _ = make_linear_problem(arm, rng)
+    now = ScoredFit(found, predict_held_out(problem, found))
+    more = replace(found, values=np.zeros(4))
+    worse = ScoredFit(more, 1.1 * now.held_out_errors)
+    assert improvement_p_value(problem, now, worse, 1) == 1.0
+    ratio = 1 - 12 / effective_sample_size(problem, found.residuals)
+    good = ScoredFit(more, ratio * now.held_out_errors)
+    p = [improvement_p_value(problem, now, good, tries) for tries in (1, 10, 100)]
+    assert p[0] < 0.01 and p[1] == pytest.approx(10 * p[0])
+    assert p[2] == pytest.approx(min(1, 100 * p[0]))
+
+
+def test_of_single_readings_a_large_one_counts_and_small_ones_do_not_outvote_it(arm):
+    problem = make_pose_problem(arm, 12)
+    assert (
+        problem.segments.is_single_readings
+        and not make_problem(arm).segments.is_single_readings
+    )
+    _, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    large, small = [0, 0, 1.5, 25, 6, 1.3, 0.1, 0, 1.6, 0, 0.1, 0], [1.5, 6, 1.3, 1.6]
+    now = ScoredFit(found, np.array(large, float))
+    tips, drifts = now.held_out_errors.copy(), now.held_out_errors.copy()
+    tips[3] = 1.6
+    drifts[[2, 4, 5, 8]] = 0.2 * np.array(small)
+    more = replace(found, values=np.append(found.values, 0.0))
+    assert improvement_p_value(problem, now, ScoredFit(more, tips), 3) < 0.01
+    assert improvement_p_value(problem, now, ScoredFit(more, drifts), 3) > 0.01
+    assert is_as_good(problem, now, now)
+    assert not is_as_good(problem, now, ScoredFit(more, tips))
+    # one that predicts as well with fewer numbers is the likelier
+    assert bic(problem, now) > bic(problem, ScoredFit(more, now.held_out_errors))
+
+
+def test_what_one_piece_alone_gains_is_no_gain(arm):
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    now = ScoredFit(found, predict_held_out(problem, found))
+    held = 1.05 * now.held_out_errors
+    held[0] = -0.9 * now.held_out_errors.sum()
+    one = ScoredFit(replace(found, values=np.zeros(4)), held)
+    assert improvement_p_value(problem, now, one, 1) == 1.0
+
+
+def test_one_piece_does_not_take_a_gain_away(arm):
+    """As one does that a start makes odd, where all others are predicted better."""
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    now = ScoredFit(found, predict_held_out(problem, found))
+    held = 0.5 * now.held_out_errors
+    held[0] += 0.45 * now.held_out_errors.sum()
+    more = ScoredFit(replace(found, values=np.zeros(4)), held)
+    assert improvement_p_value(problem, now, more, 1) < 0.01
+    worse = 1.5 * now.held_out_errors
+    worse[0] = 0.0
+    assert improvement_p_value(problem, now, ScoredFit(more.fit, worse), 1) == 1.0
+
+
+@pytest.mark.parametrize("left", [1.0, 3.0])
+def test_where_only_noise_is_left_likelihoods_tell_what_is_as_good(arm, left):
+    """By a third of the windows, more than chance alone would have it."""
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    size = np.sqrt(expected_noise(problem) / found.cost)
+    found = replace(found, residuals=left * size * found.residuals)
+    lead = ScoredFit(found, problem.sum_by_segment(found.residuals**2))
+    held = (
+        np.where(np.arange(len(lead.held_out_errors)) % 3, 1.0, 2.5)
+        * lead.held_out_errors
+    )
+    assert is_as_good(problem, ScoredFit(found, held), lead, 1e6) == (left > 1)
+    alone = lead.held_out_errors.copy()
+    alone[0] *= 1 + len(alone) / 3
+    assert is_as_good(problem, ScoredFit(found, alone), lead, 1e6)

@@ -1,0 +1,128 @@
+"""Verdicts: when a replay of held-out episodes refutes what was named."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.selection.cross_validation import ScoredFit
+from selfheal.diagnosis.selection.hypotheses import Hypothesis
+from selfheal.diagnosis.selection.verdict import (
+    is_replay_off,
+    makes_replay_worse,
+    removes_too_little,
+)
+from selfheal.diagnosis.simulation import score
+from tests.support.diagnosis_folder import score_model
+from tests.support.problems import NOISE, STEPS
+from tests.support.recorded_robots import bench
+
+
+def _make_hypothesis(b, value: float | None = None) -> Hypothesis:
+    """Dry friction of the last joint beside the model: fitted, or of this value."""
+    segments = cut_segments(b.simulator.episodes, STEPS)
+    sigma = np.full(segments.readings.shape[1], 5 * NOISE)
+    problem = marginalize_initial_states(
+        Problem(b.simulator, segments, sigma), (), np.zeros(0)
+    )
+    term = find_effect("coulomb_friction").propose_terms(b.robot)[-1]
+    nominal = fit_parameters(problem, (), np.zeros(0))
+    if value is None:
+        final = fit_parameters(problem, (term,), np.array([0.05]))
+    else:
+        final = fit_parameters(problem, (term,), np.array([value]), rounds=0)
+    scored = (ScoredFit.from_fit(problem, fit) for fit in (nominal, final))
+    return Hypothesis(problem, *scored, (), ())
+
+
+def _bench_with_friction(robot: str, folder, dry: float):
+    def change(model):
+        model.dof_frictionloss[-1] = dry
+
+    return bench(robot, folder, episodes=3, seconds=1.2, seed=2, change=change)
+
+
+@pytest.mark.parametrize("dry", [0.0, 0.1])
+def test_a_replay_that_tells_nothing_refutes_no_name_that_pieces_bear_out(
+    dry, tmp_path
+):
+    b = _bench_with_friction("arm", tmp_path, dry)
+    naming = _make_hypothesis(b)
+
+    def little(patched: float) -> bool:
+        numbers = {"refit": 0.2, "patched": patched, "floor": 0.1}
+        proof = SimpleNamespace(numbers=numbers, segments=naming.problem.segments)
+        return removes_too_little(SimpleNamespace(held_out=b.simulator), naming, proof)
+
+    assert not little(0.1)
+    assert little(0.2) == (dry == 0.0)
+
+
+@pytest.fixture(scope="module")
+def dry_pendulum(tmp_path_factory):
+    """A pendulum with dry friction of 0.05 N m."""
+    return _bench_with_friction("pendulum", tmp_path_factory.mktemp("dry"), 0.05)
+
+
+@pytest.mark.parametrize(
+    "value, patched, worse",
+    [(0.025, 0.2, False), (0.025, 0.3, True), (0.05, 0.3, False),
+     (0.05, np.inf, True), (0.05, np.nan, True), (0.05, 0.7, True)],
+)  # fmt: skip
+def test_a_worse_replay_refutes_what_pieces_do_not_bear_out(
+    value, patched, worse, dry_pendulum
+):
+    """Half of the friction explains about half of the error, all of it nearly all."""
+    naming = _make_hypothesis(dry_pendulum, value)
+    proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
+    case = SimpleNamespace(held_out=dry_pendulum.simulator)
+    assert makes_replay_worse(case, naming, proof) is worse
+
+
+def test_a_replay_that_diverges_stands_beside_no_other_that_does():
+    proof = SimpleNamespace(numbers={"refit": np.inf, "patched": np.inf})
+    assert makes_replay_worse(None, None, proof)
+
+
+def _is_astray(b, floor: float, off=()) -> bool:
+    """Whether the given model is, of whose episodes some were read elsewhere."""
+    held = replace(b.simulator, has_contact=b.robot.has_contact)
+    pieces, none = (
+        score.cut_replay_segments(held),
+        SimpleNamespace(terms=(), values=np.zeros(0)),
+    )
+    spread = np.repeat(
+        [c.spread for c in held.channels], [c.width for c in held.channels]
+    )
+    moved = np.isin(pieces.episode, off)[pieces.segment_of_sample]
+    pieces = replace(pieces, readings=pieces.readings + np.outer(moved, spread))
+    squares = score.sum_squared_errors(held, pieces, none.terms, none.values)
+    count = score.count_readings(held, pieces)
+    patched = score.compute_score(held, squares, count)
+    proof = SimpleNamespace(segments=pieces, count=count, squares={"patched": squares},
+                            numbers={"patched": patched, "floor": floor})  # fmt: skip
+    assert patched > 6 * floor
+    naming = SimpleNamespace(final=SimpleNamespace(fit=none))
+    return is_replay_off(SimpleNamespace(held_out=held), naming, proof)
+
+
+@pytest.mark.parametrize("robot, off, astray", [
+    ("box", [3], False),  # fell on another side
+    ("box", [0, 2, 3], True),
+    ("arm", [3], True),
+])  # fmt: skip
+def test_a_replay_is_astray_where_chance_is_no_reason(robot, off, astray, tmp_path):
+    b = bench(robot, tmp_path, episodes=5, seconds=0.8)
+    assert _is_astray(b, 0.05, off) is astray
+
+
+def test_a_coarse_time_step_leads_no_replay_astray(tmp_path):
+    b = bench("pendulum", tmp_path, episodes=2, seconds=2.0, finer=20)
+    _, each, _ = score_model(b.path, b.recording)
+    assert not _is_astray(b, each[0] / 8)

@@ -1,0 +1,58 @@
+"""Predicted readings are those of the moment at which they are read."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.simulation.build import build_simulator
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from tests.support.recorded_robots import ROBOTS, bench
+
+
+@pytest.mark.parametrize("acting", [[], ["quadratic_damping", "joint_coupling"]])
+def test_motion_is_sensed_to_second_order_in_the_step(acting, tmp_path):
+    """Also what depends on pose and speed at once, as a gyroscope's readings do."""
+    b = bench("gimbal", tmp_path, episodes=2, seconds=0.8, noise=0.0)
+    terms = [find_effect(name).propose_terms(b.robot)[0] for name in acting]
+    # little: a drag by the speed of half a step before is of first order
+    values = 0.01 * np.concatenate([np.zeros(0), *(t.initial_values[0] for t in terms)])
+    worlds = [
+        b.simulator,
+        b.simulator.with_half_step,
+        b.simulator.with_half_step.with_half_step,
+    ]
+    told = []
+    for world in worlds:
+        pieces = cut_segments(world.episodes, None)
+        told.append(world.simulate(terms, values[None], pieces, centered=True)[0])
+    coarse, fine = (
+        np.abs(a - b).max(axis=0) for a, b in zip(told, told[1:], strict=False)
+    )
+    assert (coarse > 3 * fine - 1e-12).all()  # 2 if of first order, and 4
+
+
+def test_torques_are_read_of_the_command_that_holds_then(tmp_path):
+    """Also between two steps, in whole steps and in halves, and where it jumps."""
+    plain = ROBOTS["arm"].xml.replace('kp="10" kv="0.4"', 'kp="10"')
+    b = bench(replace(ROBOTS["arm"], xml=plain), tmp_path, episodes=1, seconds=0.5)
+    rng = np.random.default_rng(0)
+    (first,) = b.recording.episodes.values()
+    time = np.append(0, np.cumsum(rng.uniform(0.0047, 0.0062, first.time.size - 1)))
+    ctrl = rng.normal(size=first.ctrl.shape)
+    episode = replace(first, time=time, ctrl=ctrl)
+    workshop = ModelCompiler(str(b.path))
+    world = build_simulator(
+        workshop, [replace(b.recording, episodes={"jumps": episode})]
+    )
+    (c,) = [c for c in world.channels if c.kind == "joint_torque"]
+    a = workshop.nominal.actuator(c.target).id
+    gain = workshop.nominal.actuator_gainprm[a, 0]
+    q = next(i.first_column for i in world.channels if i.name == "elbow")
+    for own in (world, world.with_half_step):
+        pieces = cut_segments(own.episodes, None)
+        told = own.simulate((), np.zeros((1, 0)), pieces, centered=True)[0]
+        servo = gain * (ctrl[:, a] - told[:, q])
+        np.testing.assert_allclose(told[:, c.first_column], servo, atol=1e-9)

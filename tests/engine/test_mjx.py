@@ -1,0 +1,92 @@
+"""The MJX engine: one compiled program for all trees, rows that ignore each other."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.engine._mjx_body import list_sphere_owners
+from selfheal.engine.mjx import Mjx, _compile_program
+from selfheal.engine.statics import Statics
+from tests.support.paths import ROOT
+from tests.support.star_robot import ANATOMY, draw_trees, list_star_actions, make_stars
+
+ENGINE = Mjx(batch=40)
+
+
+def _same(one, other) -> None:
+    """Bit for bit the same readings."""
+    np.testing.assert_array_equal(one.tilt, other.tilt)
+    np.testing.assert_array_equal(one.clearance, other.clearance)
+    np.testing.assert_array_equal(one.touch, other.touch)
+
+
+def test_the_star_rests_as_in_statics():
+    actions = list_star_actions()
+    dynamic = ENGINE.simulate(make_stars(36), actions)
+    static = Statics(10).simulate(make_stars(36), actions)
+    assert not dynamic.failed.any()
+    assert np.degrees(np.abs(dynamic.tilt - static.tilt)).max() < 0.5
+    assert np.abs(dynamic.clearance - static.clearance).max() < 0.002
+    assert (dynamic.touch == static.touch).mean() > 0.95
+
+
+def test_most_random_trees_rest_as_in_statics():
+    targets = list_star_actions()[np.random.default_rng(1).integers(36, size=40)]
+    gap = ENGINE.simulate(draw_trees(40), targets).tilt
+    gap = gap - Statics(10).simulate(draw_trees(40), targets).tilt
+    assert (np.degrees(np.abs(gap)).max(axis=1) < 2).mean() > 0.85
+
+
+def test_one_program_serves_every_tree():
+    ENGINE.simulate(make_stars(3), list_star_actions()[:3])
+    ENGINE.simulate(draw_trees(45), list_star_actions()[np.arange(45) % 36])
+    shape = list_sphere_owners(ANATOMY), ANATOMY.feet
+    program = _compile_program(*shape, ENGINE.ramp, ENGINE.hold, ENGINE.batch)
+    assert program._cache_size() == 1
+
+
+def test_rows_do_not_depend_on_how_many_there_are():
+    bodies, targets = draw_trees(5), list_star_actions()[:5]
+    together = ENGINE.simulate(bodies, targets)
+    for i in range(5):
+        _same(ENGINE.simulate(bodies[[i]], targets[[i]]), together[[i]])
+    nobody = ENGINE.simulate(bodies[:0], targets[:0])
+    assert nobody.tilt.shape == (0, 2) and nobody.angles.shape == (0, 8)
+
+
+@pytest.mark.parametrize(
+    "field, value", [("length", np.nan), ("mass", 1e300), ("mass", -0.1)]
+)
+def test_a_failed_candidate_spoils_nobody_else(field, value):
+    bodies, targets = draw_trees(4), list_star_actions()[:4]
+    broken = getattr(bodies, field).copy()
+    broken[1, 2] = value
+    mixed = ENGINE.simulate(replace(bodies, **{field: broken}), targets)
+    assert mixed.failed.tolist() == [False, True, False, False]
+    assert np.isnan(mixed.tilt[1]).all()
+    others = np.array([0, 2, 3])
+    _same(mixed[others], ENGINE.simulate(bodies, targets)[others])
+
+
+def test_a_large_batch_ends_from_a_fresh_process(tmp_path):
+    """On two cores it waited forever for an XLA pool of two threads (engines.md)."""
+    code = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+from selfheal.engine.mjx import Mjx
+from tests.support.star_robot import list_star_actions, make_stars
+rest = Mjx(0.1, 0.1, batch=256).simulate(make_stars(36), list_star_actions())
+print(int(rest.failed.sum()))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,  # [s]; it takes 10 to 20
+    )
+    assert done.stdout == "0\n", done.stderr
+    assert not list(tmp_path.iterdir()), "something was written where it ran"

@@ -1,0 +1,53 @@
+"""Gaits that are searched: repeatable, better than standing still."""
+
+import numpy as np
+import pytest
+
+from selfheal.engine.plant import build_rated_plant
+from selfheal.gait import synthesis
+from selfheal.gait.synthesis import (
+    Gait,
+    evaluate_gait,
+    project_on_heading,
+    synthesize_gait,
+    walk_gait,
+)
+from selfheal.robot.actions import load_published_body
+
+PLANT = build_rated_plant(load_published_body())
+
+
+def test_heading_turns_the_way():
+    along, across = project_on_heading(np.array([[0.0, 2.0]]), np.pi / 2)
+    assert along == pytest.approx(2.0)
+    assert across == pytest.approx(0.0)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """A search that takes a second."""
+    monkeypatch.setattr(synthesis, "_RUNGS", ((2, 3, 2.0), (1, 6, 2.0)))
+    monkeypatch.setattr(synthesis, "_RANDOM", 12)
+
+
+def test_synthesis_repeats_and_beats_standing_still(short):
+    first, again = (synthesize_gait([PLANT], seed=5) for _ in range(2))
+    assert np.array_equal(first.genes, again.genes)
+    assert first.predicted == again.predicted
+    assert first.low <= first.predicted <= first.high
+    assert first.predicted > 0.02
+    assert first.simulations == 12 + (2 * 3 + 6) * 14 + 16
+
+
+def test_a_search_from_a_good_gait_keeps_it(short):
+    good = max(
+        (synthesize_gait([PLANT], seed=s) for s in (5, 6)), key=lambda g: g.predicted
+    )
+    again = synthesize_gait([PLANT], seed=9, start=good)
+    assert again.predicted > 0.5 * good.predicted
+
+
+def test_the_judge_knows_that_standing_still_goes_nowhere():
+    still = Gait("waves", np.zeros(25), 0.0, 9.0, 9.0, 9.0, 0, 0)
+    assert evaluate_gait([PLANT], still).predicted == pytest.approx(0.0, abs=0.03)
+    assert walk_gait([PLANT], still, 2.0).energy[0] < 0.5

@@ -1,0 +1,255 @@
+"""The whole loop: what is found, what is printed, and going on after a kill."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.body.damage import parse_damages
+from selfheal.body.mjcf import format_mjcf
+from selfheal.cli import app
+from selfheal.errors import InputError, RunFileError
+from selfheal.gait.rival_bodies import select_rival_bodies
+from selfheal.gait.synthesis import Gait
+from selfheal.recording import read, write
+from selfheal.recovery import phases
+from selfheal.recovery.heal import heal_robot
+from selfheal.recovery.phased_run import load_phased_run, save_phased_run
+from selfheal.recovery.phases import make_robot_states
+from selfheal.recovery.record import HealRun, HealSettings
+from selfheal.recovery.watch_recording import watch_recording
+from selfheal.report.heal import make_heal_page
+from selfheal.robot.base import open_robot, require_walker
+from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot, shorten
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short():
+    """Searches that take a second, from a gait that walks."""
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch.setattr)
+        yield
+
+
+def _heal(said, run=None):
+    damage = parse_damages(said, BODY.anatomy)
+    settings = HealSettings("run.h5", damage, 12.0, seed=1)
+    robots = make_robot_states(robot(), settings)
+    return list(heal_robot(robots, BODY, np.ones(1), settings, run=run))
+
+
+@pytest.fixture(scope="module")
+def steps(short):
+    """A heal of a short leg, phase by phase."""
+    return _heal("right_lower:0.1")
+
+
+def test_a_short_leg_is_noticed_and_found(steps):
+    result = steps[-1].result
+    best = result["hypotheses"][0]
+    assert 12.0 <= result["alarm"]["time"] <= 16.0
+    assert (best["kind"], best["target"]) == ("part_scale", "body:right_lower")
+    assert best["value"] == pytest.approx(0.1, abs=0.1)
+    assert best["probability"] > 0.9
+    assert result["actions"] <= 8
+    assert result["distance"]["damaged"] < 0.5 * result["distance"]["intact"]
+
+
+def test_the_result_is_what_the_contract_says(steps):
+    result = json.loads(json.dumps(steps[-1].result, allow_nan=False))
+    assert list(result) == [
+        *("format", "version", "robot", "seed", "damage", "alarm", "hypotheses"),
+        *("actions", "distance", "predicted", "seconds", "run"),
+    ]
+    assert list(result["alarm"]) == ["time", "sensor", "p_value"]
+    assert list(result["damage"][0]) == ["kind", "target", "value"]
+    kept = ["kind", "target", "value", "probability"]
+    assert all(list(h) == kept for h in result["hypotheses"])
+    chances = [h["probability"] for h in result["hypotheses"]]
+    assert chances == sorted(chances, reverse=True)
+    assert list(result["distance"]) == ["intact", "damaged", "healed", "best_known"]
+    assert list(result["predicted"]) == ["intact", "healed"]
+
+
+def _told(run):
+    """All of a heal but how long it took, as text."""
+    told = [*run.phases.items(), ("result", run.result)]
+    whole = [(name, {**what, "seconds": 0}) for name, what in told]
+    return json.dumps(whole, default=np.ndarray.tolist, sort_keys=True)
+
+
+def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
+    save_phased_run(steps[3], tmp_path / "heal.h5")  # after the first action
+    kept = load_phased_run(tmp_path / "heal.h5", HealRun)
+    assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01"]
+    assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
+
+
+@pytest.mark.parametrize("new_is_good", [True, False])
+def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
+    monkeypatch, new_is_good
+):
+    good, idle = (
+        Gait("waves", genes, 0.0, 9.0, 9.0, 9.0, 0, 0) for genes in (GENES, 0 * GENES)
+    )
+    new, old = (good, idle) if new_is_good else (idle, good)
+    monkeypatch.setattr(phases, "synthesize_gait", lambda *a, **k: new)
+    settings = HealSettings("", parse_damages("friction:0.8", BODY.anatomy), 12.0)
+    robots = make_robot_states(robot(), settings)
+    work = phases.HealPhases(robots, BODY, np.ones(1), settings, lambda *told: None)
+    assert work._choose_gait("healed", work.plants, [1.0], old).genes is good.genes
+
+
+def test_a_finished_heal_is_not_done_again(steps, tmp_path):
+    save_phased_run(steps[-1], tmp_path / "heal.h5")
+    kept = load_phased_run(tmp_path / "heal.h5", HealRun)
+    again = _heal("right_lower:0.1", kept)
+    assert len(again) == 1 and again[0].result == steps[-1].result
+
+
+def test_the_page_tells_it_and_asks_for_nothing(steps, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    page = make_heal_page(steps[-1], BODY)
+    assert "right lower x" in page and "image/gif" in page
+    assert "<script" not in page and "http" not in page.replace(
+        "http-equiv", ""
+    ).replace("http://www.w3.org", "")
+
+
+@pytest.fixture
+def still(monkeypatch):
+    """Pages without their moving picture, which takes seconds."""
+    monkeypatch.setattr("selfheal.report.heal.make_film", lambda *a, **k: "")
+
+
+def test_the_page_of_a_heal_that_nothing_called_for(steps, still):
+    run = steps[-1]
+    kept = {k: v for k, v in run.phases.items() if not k.startswith("ask")}
+    kept["alarm"] = {**kept["alarm"], "alarm": None}
+    nothing = {"kind": "none", "target": "world", "value": 0.0, "azimuth": 0.0}
+    kept["verdict"] = {"believed": [{**nothing, "probability": 1.0}]}
+    quiet = replace(run, phases=kept, result={**run.result, "alarm": None})
+    assert "no alarm" in make_heal_page(quiet, BODY)
+
+
+def test_a_file_that_is_no_heal_is_refused(tmp_path):
+    (tmp_path / "x.h5").write_text("nothing")
+    for name in ("x.h5", "y.h5"):
+        with pytest.raises(RunFileError, match=name):
+            load_phased_run(tmp_path / name, HealRun)
+
+
+def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):
+    askew = PLACEMENT + 0.02
+    bodies, weights = select_rival_bodies(identified(tmp_path, askew)[1])
+    assert bodies.anchor[0] == pytest.approx(BODY.anchor[0], abs=1e-6)
+    assert weights.sum() == pytest.approx(1)
+
+
+def _run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
+    path, _ = identified(tmp_path)
+    dead, out = "left_hip_position", tmp_path / "h"
+    made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")
+    assert made.exit_code == 0, made.output
+    result = json.loads(made.stdout)
+    assert result["run"] == str(path)
+    assert result["hypotheses"][0]["target"] == f"sensor:{dead}"
+    assert result["predicted"]["healed"] == result["predicted"]["intact"]
+    assert (out / "report.html").is_file()
+    again = _run("heal", "--resume", out / "heal.h5", "--json")
+    assert json.loads(again.stdout) == result
+
+
+def test_gait_on_the_command_line(tmp_path):
+    path, _ = identified(tmp_path)
+    made = _run("gait", path, "--heading", 90, "--json")
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)
+    assert told["heading"] == 90
+    assert told["predicted"]["energy"] > 0
+    assert np.hypot(told["walked"], told["across"]) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("heal",), "--resume HEAL.h5"),
+        (("heal", "{run}"), "--damage"),
+        (("heal", "{run}", "--damage", "loss:tail"), "left_upper"),
+        (("heal", "{run}", "--damage", "loss:left_upper", "--gait", "trot"), "waves"),
+        (("heal", "--resume", "{run}"), "not a heal's file"),
+        (("heal", "--resume", "{run}", "--seed", "2"), "leave out --seed"),
+        (("gait", "{run}", "--seed", "-1"), "negative"),
+        (("gait", "{run}", "--heading", "nan"), "heading"),
+        (("gait", "nothere.h5"), "no such run file"),
+        (("watch", "nothere.xml", "{run}"), "no such file"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words, said, tmp_path):
+    path, _ = identified(tmp_path)
+    made = _run(*(word.format(run=path) for word in words))
+    assert made.exit_code == 2
+    assert said in made.stderr and "Traceback" not in made.stderr
+
+
+def test_a_robot_that_only_answers_cannot_walk(shared_recordings):
+    replayed = open_robot(
+        "starfish-2006", recordings=shared_recordings / "starfish_2006" / "intact.h5"
+    )
+    with pytest.raises(InputError, match="cannot walk"):
+        require_walker(replayed)
+
+
+@pytest.fixture(scope="module")
+def walks():
+    """Recordings of 40 s: whole, and breaking after 25 s."""
+    gait = Gait("waves", GENES, 0.0, 0.0, 0.0, 0.0, 0, 0)
+    hidden, commands = robot(), gait.commands(8, 40.0)
+    breaking = hidden.struck(parse_damages("left_lower:0.4", BODY.anatomy), 25.0)
+    return hidden.move(commands), breaking.move(commands)
+
+
+def test_watch_says_when_a_recording_stopped_fitting(walks):
+    whole, broken = (watch_recording(BODY, walk)[0] for walk in walks)
+    assert whole["alarm"] is None
+    assert whole["cycle"] == pytest.approx(1.4, abs=0.02)
+    assert broken["alarm"]["time"] == pytest.approx(26.5, abs=1.5)
+
+
+def test_watch_bears_missing_samples_and_a_clock_that_starts_late(walks):
+    (episode,) = walks[1].episodes.values()
+    signals = dict(episode.signals)
+    del signals["clearance"]
+    gaps = signals["vertical"].values.copy()
+    gaps[3::7] = np.nan
+    signals["vertical"] = replace(signals["vertical"], values=gaps)
+    late = replace(episode, time=episode.time + 1000, signals=signals)
+    found = watch_recording(BODY, replace(walks[1], episodes={"late": late}))[0]
+    assert found["alarm"]["time"] == pytest.approx(1026.5, abs=1.5)
+
+
+def test_watch_on_the_command_line(walks, tmp_path):
+    (tmp_path / "body.xml").write_text(format_mjcf(BODY))
+    write(walks[1], tmp_path / "walk.h5")
+    made = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--json")
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)["episodes"][0]["alarm"]["p_value"] < 0.01
+    short = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--learn", 3)
+    assert short.exit_code == 2 and "to learn from" in short.stderr
+
+
+def test_watch_tells_the_damaged_robot_of_2006_from_the_whole_one(shared_recordings):
+    folder = shared_recordings / "starfish_2006"
+    whole, broken = (
+        watch_recording(BODY, read(folder / name))[0]
+        for name in ("intact.h5", "damaged.h5")
+    )
+    assert whole["alarm"] is None
+    assert broken["episode"] == "down_1_3"
+    assert broken["alarm"]["sensor"] == "vertical"

@@ -1,0 +1,133 @@
+"""Recovering legged robots: the loop, its result, and going on after a kill."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.body.damage import Damage
+from selfheal.engine.reflex import (
+    build_damaged_plants,
+    simulate_controllers,
+)
+from selfheal.errors import RunFileError
+from selfheal.recovery.explain import HypothesisPosterior
+from selfheal.recovery.phased_run import load_phased_run, save_phased_run
+from selfheal.recovery.recover import recover_robot
+from selfheal.recovery.recover_run import (
+    METHODS,
+    RecoverRun,
+    RecoverSettings,
+    is_damage_named,
+    serialize_hypotheses,
+    summarize_beliefs,
+)
+from selfheal.report.recover import make_recover_page
+from selfheal.robot.scenarios import draw_scenario
+from selfheal.robot.simulated_legs import SimulatedLegs
+from tests.support.short_recover import DEAF, FLAT, JAM, LOWER, QUADRUPED, shorten
+
+
+def test_what_reads_the_same_is_believed_once():
+    weak = Damage("weak_sensor", DEAF.target, 0.02)
+    several = [(weak,), (DEAF,), (replace(weak, value=0.0201),)]
+    phase = {
+        "believed": serialize_hypotheses(several),
+        "probability": [0.4, 0.35, 0.25],
+    }
+    shares = summarize_beliefs(phase)
+    assert list(shares.values()) == [pytest.approx(0.65), pytest.approx(0.35)]
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Searches of a second."""
+    shorten(monkeypatch.setattr)
+
+
+def _settings(method="ours", number=1, **more):
+    damage = (LOWER,) if number == 1 else draw_scenario(number, QUADRUPED, 0)
+    return RecoverSettings("quadruped", number, damage, method, seed=2,
+                           generations=2, **more)  # fmt: skip
+
+
+def _steps(settings, run=None):
+    robot = SimulatedLegs(settings.legged_robot, settings.seed, settings.gap)
+    return list(recover_robot(robot, settings, run=run))
+
+
+def _told(run):
+    phases = {k: {**p, "seconds": 0} for k, p in run.phases.items()}
+    told = [phases, {**run.result, "seconds": 0}]
+    return json.dumps(told, default=np.ndarray.tolist, sort_keys=True)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_recovery_that_was_killed_goes_on_to_the_same_end(method, short, tmp_path):
+    settings = _settings(method, trials=2)
+    steps = _steps(settings)
+    save_phased_run(steps[1], tmp_path / "recover.h5")
+    kept = load_phased_run(tmp_path / "recover.h5", RecoverRun)
+    assert _told(_steps(settings, kept)[-1]) == _told(steps[-1])
+    assert len(_steps(settings, steps[-1])) == 1
+    page = make_recover_page(steps[-1])
+    assert "Footfalls" in page and "left front lower lost" in page
+    assert "<script" not in page
+
+
+def test_the_result_has_what_scripts_need(short):
+    run = _steps(_settings(trials=1))[-1]
+    result = json.loads(json.dumps(run.result, allow_nan=False))
+    assert list(result) == [
+        *("format", "version", "robot", "seed", "scenario", "method", "damage"),
+        *("alarm", "hypotheses", "actions", "trials", "distance", "predicted"),
+        "seconds",
+    ]
+    assert is_damage_named(run) is True
+    assert list(result["hypotheses"][0]) == ["kind", "target", "value", "probability"]
+    assert len(result["trials"]) == result["actions"] == 1
+    assert list(result["distance"]) == ["intact", "damaged", "healed", "best_known"]
+
+
+def test_the_belief_never_depends_on_what_is_said_to_be_true(short):
+    """The hidden truth stands in the settings, for the report; nobody decides by it."""
+    settings = _settings(trials=1)
+    robot = SimulatedLegs(settings.legged_robot, 2)
+    lied = replace(settings, damage=(DEAF,))
+
+    class Other:
+        legged = robot.legged
+
+        def run_trials(self, weights):
+            return robot.run_trials(weights)
+
+        def struck(self, damage):
+            return robot.struck((LOWER,))
+
+    *_, one = recover_robot(robot, settings)
+    *_, two = recover_robot(Other(), lied)
+    assert one.phases["estimate-1"]["believed"] == two.phases["estimate-1"]["believed"]
+    np.testing.assert_array_equal(
+        one.phases["explore-1"]["weights"], two.phases["explore-1"]["weights"]
+    )
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    (tmp_path / "x.h5").write_text("nothing")
+    with pytest.raises(RunFileError, match=r"x\.h5"):
+        load_phased_run(tmp_path / "x.h5", RecoverRun)
+
+
+def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):
+    doubt = [(DEAF,), (JAM,)]
+
+    def torn(robot, trims, trials, before, known, progress):
+        return HypothesisPosterior(tuple(doubt), np.array([0.5, 0.5]), FLAT)
+
+    monkeypatch.setattr("selfheal.recovery.recover.estimate_damage", torn)
+    run = _steps(_settings(trials=1))[-1]
+    assert run.phases["explore-1"]["why"] == "separates 2 hypotheses"
+    drives = simulate_controllers(build_damaged_plants(QUADRUPED, doubt),
+                   np.tile(run.phases["explore-1"]["weights"], (2, 1)))  # fmt: skip
+    assert np.abs(drives.sensors[0] - drives.sensors[1]).max() > 0.1

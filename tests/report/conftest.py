@@ -1,0 +1,31 @@
+"""A browser without a screen."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.support.browser import CHROMIUM
+
+
+@pytest.fixture
+def browse(tmp_path):
+    """Open a page in headless Chromium: path and options in, stdout and log out."""
+    if CHROMIUM is None:
+        pytest.skip("no chromium to open the page with (Debian: apt install chromium)")
+
+    def run(path: Path, *options: str) -> tuple[str, str]:
+        command = [
+            CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update",
+            "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars",
+            f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1200,6000",
+            "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr", "--v=0",
+            *options, path.as_uri(),
+        ]  # fmt: skip
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=120, check=True
+        )
+        return done.stdout, done.stderr
+
+    return run

@@ -1,0 +1,263 @@
+"""The page of a diagnosis: in order, in plain words, escaped, drawn in a browser."""
+
+import html
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.output.result import (
+    Candidate,
+    Diagnosis,
+    Localization,
+    SignalFit,
+)
+from selfheal.report import diagnose
+from selfheal.report.page import write_page
+from tests.support.browser import CHROMIUM, HOSTILE, MEASURE, list_console_lines
+from tests.support.made_up_diagnosis import (
+    DELAY,
+    DIFF,
+    FINDING,
+    NAN,
+    PLAY,
+    SUM,
+    make_diagnosis,
+    make_document,
+    make_trace,
+    read_page_words,
+    write_page_text,
+)
+
+
+def _hostile() -> Diagnosis:
+    """A diagnosis in which every text tries to break out of the page."""
+
+    def spoil(value):
+        if isinstance(value, dict):
+            return {key: spoil(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [spoil(each) for each in value]
+        return f"{value}{HOSTILE}\ud800\x07" if isinstance(value, str) else value
+
+    given = make_diagnosis(findings=(FINDING, DELAY))
+    names = tuple(map(spoil, given.located.signals))
+    return replace(
+        given,
+        document={**spoil(given.document), "verdict": "explained"},
+        diff=spoil(DIFF) + f"\n+{HOSTILE}",
+        traces=tuple(
+            replace(t, episode=HOSTILE, signal=HOSTILE, unit="$\\frac{x$")
+            for t in given.traces
+        ),
+        located=replace(given.located, signals=names, regimes=(HOSTILE,) * 6),
+        signals=tuple(replace(s, name=spoil(s.name)) for s in given.signals),
+        candidates=tuple(
+            replace(c, effect=HOSTILE, target=HOSTILE) for c in given.candidates
+        ),
+        remarks=(HOSTILE,),
+    )
+
+
+@pytest.mark.parametrize(
+    "verdict, says, means",
+    [
+        (
+            "nothing",
+            "Nothing is missing that these recordings can show",
+            "stands under",
+        ),
+        (
+            "unlisted",
+            "lacks physics that is not in the catalogue",
+            "tells where to look",
+        ),
+        ("partly", "structured error remains that has no name", "no further effect"),
+        ("explained", "explains 95", "as large as noise"),
+    ],
+)
+def test_every_verdict_has_a_sentence_and_what_it_means(verdict, says, means):
+    named = verdict in ("explained", "partly")
+    words = read_page_words(make_diagnosis(verdict, (FINDING,) if named else ()))
+    assert says in words and means in words
+    assert words.index(says) < words.index("Before and after")
+    assert ("What is missing" in words) == named
+    assert ("Nothing is named" in words) != named
+
+
+def test_what_is_said_of_the_rest_is_so():
+    noise, more = "is as large as noise", "nine tenths or more of what exceeds"
+    words = read_page_words(make_diagnosis())
+    assert noise in words and more not in words and "times the floor" not in words
+    words = read_page_words(replace(make_diagnosis(), more_than_noise=True))
+    assert noise not in words and more in words
+    document = make_document()
+    document["fit"] |= {"patched": 0.1, "floor": 0.02}
+    assert "off by 0.1, 5 times the floor" in read_page_words(
+        replace(make_diagnosis(), document=document)
+    )
+
+
+def test_what_patched_xml_has_of_an_effect_is_said():
+    for effect, said in (("asymmetric_friction", "only a part"), ("cogging", "not in")):
+        words = read_page_words(
+            make_diagnosis(findings=({**FINDING, "effect": effect, "native": False},))
+        )
+        assert said in words
+
+
+def test_what_the_data_leave_open_is_marked():
+    """An interval as wide as a careful user would grant says nothing."""
+    made = make_diagnosis()
+    assert "not pinned down" not in read_page_words(made)
+    open_ = {"parameter": "joint:hip/damping", "given": 1.0, "value": 1.1, "low": 0.7,
+             "high": 1.3, "unit": "N m s/rad"}  # fmt: skip
+    document = {**made.document, "refit": [*made.document["refit"], open_]}
+    words = read_page_words(replace(made, document=document))
+    assert "Not pinned down: 1;" in words
+    assert "not pinned down" in words.partition("joint:hip/damping")[2]
+
+
+def test_experiments_are_offered_where_the_catalogue_was_not_enough(monkeypatch):
+    effect = type("Spring", (), {"name": "joint_spring", "separate_by": "let it hang"})
+    monkeypatch.setattr(diagnose, "load_catalogue", lambda: {"joint_spring": effect})
+    for verdict, offered in {"unlisted": 1, "partly": 1, "nothing": 0}.items():
+        assert (
+            read_page_words(make_diagnosis(verdict, ())).count("Let it hang: would")
+            == offered
+        )
+
+
+def test_the_page_is_in_order_and_whole():
+    words = read_page_words(make_diagnosis(findings=(FINDING, DELAY, PLAY, SUM)))
+    titles = [
+        *("Diagnosis of leg.xml", "What is missing", "Before and after"),
+        *("Measured against predicted", "Where the re-fitted", "Candidates"),
+        *("What the model already states", "The change to the model"),
+        *("Held-out recordings", "Remarks", "How this was computed"),
+    ]
+    places = [words.index(title) for title in titles]
+    assert places == sorted(places)
+    for said in (
+        "cannot be told from stribeck_friction by these data. To separate them: ramp",
+        "from 1.2 to 1.9 s of episode 003",
+        "sets in at 3.40 s (3.30 to 3.50) of episode 002",
+        "is read at the link's side",
+        "its sum had settled before each recording began",
+        "plain MuJoCo can express only a part of it",
+        "Made worse by the findings: hip_position.",
+        "body:shank/mass 0.4 0.460 kg (0.450 to 0.460) +15.0\N{NO-BREAK SPACE}% at its",
+        "The hip never moved",
+        "windows simulated 123,456",
+        "models/leg.xml",
+        "a.h5:004, a.h5:005",
+    ):
+        assert said.replace("\N{NO-BREAK SPACE}", " ") in words, said
+
+
+def test_a_change_is_colored_and_escaped():
+    made = write_page_text(make_diagnosis())
+    assert '<span class="right">+      &lt;joint name=&quot;knee&quot;' in made
+    assert '<span class="wrong">-      &lt;joint' in made
+    assert '<span class="soft">+++ patched.xml' in made
+    long = replace(make_diagnosis(), diff="+x\n" * 900 + "+" + "y" * 5000)
+    assert "501 more lines." in read_page_words(long)
+    assert "says the same as the given" in read_page_words(
+        replace(make_diagnosis(), diff="")
+    )
+
+
+def test_names_come_out_escaped():
+    made = write_page_text(_hostile())
+    assert "<script" not in made and "alert(1)" in made
+    assert html.escape(HOSTILE) in made
+    made.encode("utf-8")
+
+
+def test_the_page_asks_for_nothing_from_anywhere():
+    made = write_page_text(make_diagnosis())
+    addresses = re.findall(r'\b(?:src|href|action|data|poster)="([^"]*)"', made)
+    assert [a for a in addresses if not a.startswith(("#", "data:"))] == []
+    assert "@import" not in made and "url(http" not in made
+
+
+def test_missing_numbers_have_a_page():
+    given = make_diagnosis()
+    none = {"value": None, "low": None, "high": None, "unit": None}
+    finding = {
+        **FINDING,
+        "parameters": [{"name": "frictionloss", **none}],
+        "where": {"signals": [{"name": "x", "share_of_error": None}]},
+        "evidence": {"heldout_nll_gain": None, "p_value": None, "stability": None},
+    }
+    document = make_document(
+        findings=(finding, {**FINDING, "where": {}, "evidence": None})
+    )
+    document["refit"] = [{"parameter": "body:a/mass", "given": 0.0, **none}]
+    document["fit"] = dict.fromkeys(document["fit"], None) | {"held_out": []}
+    gone = np.full(400, NAN)
+    flat = {"read": gone, "given": gone, "refit": gone + np.inf, "patched": gone}
+    blind = SignalFit("x", True, *[(NAN, NAN, NAN)] * 3, NAN)
+    made = replace(
+        given,
+        document=document,
+        traces=(replace(given.traces[0], **flat), replace(given.traces[1], read=gone)),
+        located=replace(given.located, p_value=given.located.share * NAN),
+        signals=(blind,),
+        candidates=(Candidate("a", "world", NAN, False),),
+    )
+    words = read_page_words(made)
+    assert not re.search(r"\b(nan|None|inf)\b", words.replace("None.", ""))
+
+
+def test_nothing_at_all_has_a_page():
+    empty = np.zeros((0, 0))
+    document = make_document("nothing", ()) | {"refit": []}
+    made = Diagnosis(
+        "",
+        document,
+        (),
+        "",
+        "",
+        (),
+        Localization((), (), empty, empty),
+        (),
+        (),
+        (),
+        0.0,
+        0,
+    )
+    assert "<figure>" not in write_page_text(made)
+    words = read_page_words(made)
+    for said in ("no held-out stretch", "cannot tell where", "Remarks None."):
+        assert said in words
+
+
+def test_a_large_diagnosis_stays_below_five_megabytes():
+    given = make_diagnosis(findings=(FINDING, DELAY) * 20, signals=60)
+    long = tuple(make_trace(k, size=50_000) for k in range(30))
+    made = write_page_text(replace(given, traces=long))
+    assert len(made.encode()) < 5_000_000
+    assert "The 16 signals with the most error" in made
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium (Debian: apt install)")
+@pytest.mark.parametrize(
+    "diagnosis", [make_diagnosis(), _hostile()], ids=["plain", "x"]
+)
+def test_a_browser_finds_no_error_and_every_picture_drawn(diagnosis, browse, tmp_path):
+    made = write_page_text(diagnosis)
+    path, shot = tmp_path / "report.html", tmp_path / "shot.png"
+    write_page(made, path)
+    _, log = browse(path, f"--screenshot={shot}")
+    assert list_console_lines(log) == []
+    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", made)
+    (tmp_path / "free.html").write_text(free.replace("</body>", MEASURE + "</body>"))
+    dom, log = browse(tmp_path / "free.html", "--dump-dom")
+    assert list_console_lines(log) == []
+    found = re.search(r'data-pictures="([^"]*)"', dom)
+    boxes = json.loads(html.unescape(found.group(1)))
+    assert len(boxes) == made.count("<svg") == 2
+    assert all(wide > 900 and high > 80 for _, _, wide, high in boxes)

@@ -1,0 +1,158 @@
+"""The page of an identification: what it says, escaped, drawn in a browser."""
+
+import html
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.body.genome import build_bodies
+from selfheal.report import facts, picture
+from selfheal.report.identify import make_identify_page
+from selfheal.report.page import write_page
+from selfheal.selfmodel.run import Run
+from tests.support.browser import HOSTILE, MEASURE, list_console_lines, read_words
+from tests.support.made_up_run import change_last_cycle, make_run
+
+
+def _hostile(run: Run) -> Run:
+    """The same run with names that try to break out of the page."""
+    names = [HOSTILE, "$\\frac{x$ --> \n\x07\u811a\ud800", *"abcdefghijklmnop"]
+    names = tuple(names[: run.anatomy.size])
+    anatomy = replace(run.anatomy, name=HOSTILE, parts=names, joints=names)
+    settings = replace(run.settings, robot=HOSTILE, recordings=HOSTILE)
+    cycles = tuple(replace(c, why=HOSTILE) for c in run.cycles)
+    truth = None if run.truth is None else replace(run.truth, anatomy=anatomy)
+    return replace(run, anatomy=anatomy, settings=settings, cycles=cycles, truth=truth)
+
+
+def test_names_from_a_file_come_out_escaped():
+    made = make_identify_page(_hostile(make_run()))
+    assert "<script" not in made and "alert(1)" in made
+    assert f"<td>{html.escape(HOSTILE)}</td>" in made
+    made.encode("utf-8")
+
+
+def test_a_picture_that_is_large_as_svg_is_a_png(monkeypatch):
+    monkeypatch.setattr(picture, "_LARGEST_SVG", 1000)
+    made = make_identify_page(make_run())
+    assert "<svg" not in made and made.count('src="data:image/png;base64,') == 5
+
+
+def test_the_page_says_what_was_inferred_and_how_far_off_it_is():
+    run = make_run()
+    body = build_bodies(run.anatomy, run.cycles[-1].genomes[:1])
+    words = read_words(make_identify_page(run))
+    correct = int((body.parent == run.truth.parent).sum())
+    assert f"with {correct} of 3 attachments correct" in words
+    for name, value in facts.list_errors(run, body):
+        assert f"{name} {value}" in words
+    assert words.count(" wrong: ") == 3 - correct
+    assert "not finished" not in words and "on statics 1,000" in words
+
+
+def test_a_run_without_truth_calls_nothing_wrong():
+    words = read_words(make_identify_page(make_run(truth=False)))
+    assert "Nobody knows the true body" in words
+    assert "wrong:" not in words and "attachments correct" not in words
+
+
+def test_an_unfinished_run_says_so():
+    run = make_run(cycles=4)
+    run = replace(run, result={}, settings=replace(run.settings, cycles=16))
+    assert "not finished: 4 of 16 actions so far" in read_words(make_identify_page(run))
+
+
+def test_a_run_that_has_not_begun_has_a_page():
+    run = replace(make_run(cycles=0), result={})
+    words = read_words(make_identify_page(run))
+    assert "No action has been tried yet" in words and "Settings" in words
+
+
+@pytest.mark.parametrize("parts", [1, 2, 12])
+def test_robots_of_other_sizes_have_a_page(parts):
+    assert make_identify_page(make_run(parts=parts)).count("<svg") == 5
+
+
+def test_one_cycle_with_one_rival_has_a_page():
+    words = read_words(make_identify_page(make_run(cycles=1, rivals=1)))
+    assert "Candidates kept: 1." in words and "After 1 action and" in words
+
+
+def test_the_first_sentence_has_the_tilt_error_of_the_result():
+    run = make_run()
+    done = replace(run, result={"tilt_error": 43.21})
+    assert "measured tilts to 43.21 degrees" in read_words(make_identify_page(done))
+    unfinished = change_last_cycle(replace(run, result={}), tilt_error=12.34)
+    assert "measured tilts to 12.34 degrees" in read_words(
+        make_identify_page(unfinished)
+    )
+
+
+def test_missing_readings_and_diverged_rivals_have_a_page():
+    run = make_run()
+    last = run.cycles[-1]
+    cycles = [replace(c, felt=c.felt * [1, 1, np.nan]) for c in run.cycles]
+    run = change_last_cycle(
+        replace(run, cycles=tuple(cycles)),
+        sureness=np.full(3, np.nan),
+        tables=np.full_like(last.tables, np.nan),
+        losses=np.full_like(last.losses, np.inf),
+        tilt_error=np.nan,
+        disagreement=np.nan,
+    )
+    words = read_words(make_identify_page(run))
+    assert "clearance" not in words and "nan" not in words
+    assert "clearance" in read_words(make_identify_page(make_run()))
+
+
+def test_hinges_are_named_where_they_are_unknown():
+    run = make_run()
+    full = replace(run, settings=replace(run.settings, space="full"))
+    assert "hinge" in read_words(make_identify_page(full))
+    assert "hinge" not in read_words(make_identify_page(run))
+
+
+@pytest.mark.parametrize(
+    "run", [make_run(), _hostile(make_run(truth=False))], ids=["plain", "x"]
+)
+def test_a_browser_finds_no_error_and_every_picture_drawn(run, browse, tmp_path):
+    from matplotlib.image import imread
+
+    made = make_identify_page(run)
+    path, shot = tmp_path / "report.html", tmp_path / "shot.png"
+    write_page(made, path)
+    _, log = browse(path, f"--screenshot={shot}")
+    assert list_console_lines(log) == []
+    # where the pictures are, from a copy that may run a script
+    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", made)
+    (tmp_path / "free.html").write_text(free.replace("</body>", MEASURE + "</body>"))
+    dom, log = browse(tmp_path / "free.html", "--dump-dom")
+    assert list_console_lines(log) == []
+    found = re.search(r'data-pictures="([^"]*)"', dom)
+    boxes = json.loads(html.unescape(found.group(1)))
+    assert len(boxes) == made.count("<svg") == 5
+    pixels = imread(shot)[..., :3]
+    for x, y, wide, high in boxes:
+        assert wide > 900 and high > 80
+        seen = pixels[y : y + high, x : x + wide]
+        assert seen.shape[:2] == (high, wide)
+        drawn = (np.abs(seen - seen[0, 0]).max(axis=2) > 0.1).mean()
+        assert 0.005 < drawn < 0.9
+
+
+def test_the_page_asks_for_nothing_from_anywhere():
+    made = make_identify_page(make_run())
+    addresses = re.findall(r'\b(?:src|href|action|data|poster)="([^"]*)"', made)
+    addresses += re.findall(r"url\(([^)]*)\)", made)
+    assert [a for a in addresses if not a.startswith(("#", "data:"))] == []
+    assert "@import" not in made and "<script" not in made
+    names = re.sub(r'xmlns(:\w+)?="[^"]*"', "", made)
+    assert "http:" not in names and "https:" not in names and "//" not in names
+
+
+def test_a_long_run_stays_below_five_megabytes():
+    made = make_identify_page(make_run(parts=8, cycles=36, rivals=16))
+    assert len(made.encode()) < 5_000_000

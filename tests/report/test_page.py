@@ -1,0 +1,28 @@
+"""The page builder: all but markup is escaped, files are whole."""
+
+import html
+
+from selfheal.report.page import Html, Section, make_page, make_table, write_page
+from tests.support.browser import HOSTILE, list_console_lines
+
+
+def test_everything_but_markup_is_escaped():
+    body = make_table([HOSTILE], [[HOSTILE]], "l")
+    made = make_page(HOSTILE, [Section(HOSTILE, (HOSTILE, body))], lead=HOSTILE)
+    assert "<script" not in made
+    assert made.count(html.escape(HOSTILE)) == 7  # the title stands twice
+    assert "<b>x</b>" in make_page("", [Section("", (Html("<b>x</b>"),))], lead="")
+
+
+def test_a_page_is_written_whole(tmp_path):
+    write_page("\u811a", tmp_path / "report.html")
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "\u811a"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_the_check_in_a_browser_sees_errors_and_requests(browse, tmp_path):
+    path = tmp_path / "report.html"
+    picture = Html('<img src="https://example.com/x.png">')
+    write_page(make_page("", [Section("", (picture,))], lead=""), path)
+    _, log = browse(path, f"--screenshot={tmp_path / 'shot.png'}")
+    assert any("Content Security Policy" in line for line in list_console_lines(log))

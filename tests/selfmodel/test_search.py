@@ -1,0 +1,159 @@
+"""The search for rival bodies: every change is tried once, the truth is found."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from selfheal.body.body import compute_edge_f1
+from selfheal.body.genome import (
+    Genomes,
+    build_bodies,
+    concatenate_genomes,
+)
+from selfheal.selfmodel.evaluate import (
+    Evidence,
+)
+from selfheal.selfmodel.paper import ReleasedQuirks, mutate_genes
+from selfheal.selfmodel.search import RivalSearch, RivalSet, _Climber
+from selfheal.selfmodel.space import (
+    draw_space_genomes,
+    find_space,
+    keep_others,
+    list_changes,
+    list_neighbors,
+    make_genome_key,
+)
+from tests.support.stick_robot import PARTS, anatomy
+from tests.support.stick_search import (
+    NO_LIMIT,
+    TOY,
+    draw_sticks,
+    make_evaluator,
+    make_search,
+    measure_evidence,
+)
+
+
+def test_a_climber_tries_every_change_once_and_after_a_gain_all_of_the_new_body():
+    space, rng = find_space("sides"), np.random.default_rng(0)
+    first, second = (draw_space_genomes(anatomy(), space, 1, rng) for _ in range(2))
+    climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
+    _rest(climber, 1)
+    climber.move_to(second, 8.0, np.array([4.0, 4.0]))
+    assert not climber.is_stuck
+    seen = [
+        make_genome_key(g, row) for g in _rest(climber, 1000) for row in range(len(g))
+    ]
+    around = list_neighbors(space, second)
+    assert sorted(seen) == sorted(
+        make_genome_key(around, k) for k in range(len(around))
+    )
+
+
+def _rest(climber: _Climber, calls: int) -> list[Genomes]:
+    """What a climber tries in so many turns, or until it is stuck."""
+    space, rng, tried = find_space("sides"), np.random.default_rng(1), []
+    while not climber.is_stuck and len(tried) < calls:
+        tried.append(climber.propose_changes(space, 5, rng))
+    return tried
+
+
+def test_after_a_gain_a_climber_goes_on_with_the_next_change():
+    """What failed a moment ago is tried again last."""
+    space, rng = find_space("sides"), np.random.default_rng(0)
+    first, second = (draw_space_genomes(anatomy(), space, 1, rng) for _ in range(2))
+    climber = _Climber(first, 9.0, np.array([4.0, 5.0]))
+    climber.propose_changes(space, 7, rng)
+    climber.move_to(second, 8.0, np.array([4.0, 4.0]))
+    tried = climber.propose_changes(space, 5, rng)
+    expected = keep_others(list_changes(space, second)[climber.order[7:12]], second)
+    np.testing.assert_array_equal(tried.parent, expected.parent)
+    np.testing.assert_array_equal(tried.placement, expected.placement)
+
+
+def test_a_change_that_gains_nothing_where_there_is_room_is_given_up():
+    """Of four actions two are well explained: they have nothing to give."""
+    climber = _Climber(draw_sticks(1), 14.0, np.array([0.5, 8.0, 0.5, 5.0]))
+    order, bound = climber.plan_race(4)
+    assert order[:2].tolist() == [1, 3]
+    mine = np.cumsum(climber.each[order])
+    assert (bound[1:] < mine[1:]).all()  # as good as the climber is not enough
+    assert mine[0] < bound[0] <= mine[0] + 1  # it may still gain in the second action
+
+
+def test_a_crowd_keeps_the_best_of_each_structure():
+    genomes, rng = draw_sticks(30), np.random.default_rng(0)
+    genomes = concatenate_genomes(genomes, genomes, genomes)
+    losses = rng.permutation(90).astype(float)
+    crowd = RivalSet.empty(PARTS, len(TOY.actions))
+    for row in range(90):
+        table = np.full((len(TOY.actions), 3), losses[row])
+        crowd.add_rival(genomes[[row]], table, losses[row])
+    crowd.keep_best(1000)
+    parent, side = crowd.genomes.parent, crowd.genomes.side
+    names = [*map(bytes, np.hstack([parent, side]).astype(np.uint8))]
+    assert len(set(names)) == len(names) <= 30
+    assert crowd.losses[0] == 0 and (np.diff(crowd.losses) > 0).all()
+    np.testing.assert_array_equal(crowd.tables[:, 0, 0], crowd.losses)
+    crowd.keep_best(3)
+    assert len(crowd) == len(crowd.genomes) == 3
+
+
+def _runs(search: RivalSearch, rng: np.random.Generator) -> Iterator[Evidence]:
+    """Evidence that grows, searched for a while each time."""
+    for count in (1, 2, 4, 6):
+        evidence = measure_evidence(*range(count))
+        search.search(evidence, search.evaluator.spent + 1500, rng)
+        yield evidence
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_hidden_body_is_found_among_the_rivals(seed):
+    evaluator = make_evaluator()
+    search, rng = make_search(evaluator), np.random.default_rng(seed)
+    for evidence in _runs(search, rng):
+        crowd = search.rivals
+        again, _ = evaluator.compute_losses(
+            crowd.genomes,
+            evidence,
+            bound=np.full(len(crowd), NO_LIMIT),
+            order=np.arange(len(evidence)),
+        )
+        np.testing.assert_allclose(crowd.losses, again, atol=1e-3)
+        assert (np.diff(crowd.losses) >= 0).all() and len(crowd) <= search.size
+    right = (
+        compute_edge_f1(build_bodies(TOY.anatomy, search.rivals.genomes), TOY.truth)
+        == 1
+    )
+    assert right.any()
+    assert search.rivals.losses[0] < 2
+
+
+def test_the_same_seed_searches_the_same_way():
+    crowds = []
+    for _ in range(2):
+        search = make_search(make_evaluator())
+        list(_runs(search, np.random.default_rng(4)))
+        crowds.append(search.rivals)
+    np.testing.assert_array_equal(crowds[0].losses, crowds[1].losses)
+    np.testing.assert_array_equal(
+        crowds[0].genomes.placement, crowds[1].genomes.placement
+    )
+
+
+@pytest.mark.parametrize("pair", [False, True])
+def test_a_pair_move_keeps_a_sum(pair):
+    """The rule moves two genes apart; the released one starts from one value twice."""
+    genes, rng = np.array([0.45, 0.5, 0.53, 0.6]), np.random.default_rng(0)
+    checked = 0
+    for _ in range(500):
+        moved = mutate_genes(genes, ReleasedQuirks(idle_copies=False, pair=pair), rng)
+        changed = np.flatnonzero(moved != genes)
+        if len(changed) != 2 or np.abs(moved - genes)[changed].max() > 0.3:
+            continue  # one gene, or one that went round or was cut off
+        total, (i, j) = moved[changed].sum(), changed
+        sums = [2 * genes[i], 2 * genes[j]] if pair else [genes[i] + genes[j]]
+        assert np.isclose(sums, total).any()
+        checked += 1
+    assert checked > 50

@@ -1,0 +1,146 @@
+"""A diagnosis of made-up numbers, for its page and its command."""
+
+import copy
+
+import numpy as np
+
+from selfheal.diagnosis.output.result import (
+    Candidate,
+    Diagnosis,
+    Localization,
+    SignalFit,
+    Trace,
+)
+from selfheal.report.diagnose import make_diagnosis_page
+from tests.support.browser import read_words
+
+NAN = float("nan")
+REGIMES = ("reversal", "slow", "fast", "high_load", "after_step", "always")
+FINDING = {
+    "effect": "coulomb_friction",
+    "target": "joint:knee",
+    "equivalent": ["stribeck_friction"],
+    "separate_by": "ramp knee slower than 0.05 rad/s for 20 s",
+    "parameters": [
+        {"name": "frictionloss", "value": 0.14, "low": 0.12, "high": 0.16,
+         "unit": "N m"}
+    ],
+    "where": {
+        "signals": [{"name": "knee_position", "share_of_error": 0.81, "p_value": 1e-6}],
+        "regime": "reversal",
+        "windows": [{"episode": "003", "start": 1.2, "end": 1.9}],
+    },
+    "evidence": {"heldout_nll_gain": 1.8, "p_value": 0.001, "stability": 0.97},
+    "native": True,
+}  # fmt: skip
+DELAY = {
+    "effect": "command_delay",
+    "target": "actuator:hip_motor",
+    "equivalent": ["sensor_delay"],
+    "separate_by": "move the joint by hand with the motor off",
+    "parameters": [
+        {"name": "delay", "value": 0.0123, "low": 0.0118, "high": 0.0127, "unit": "s"}
+    ],
+    "where": {"signals": [], "regime": "always", "windows": [],
+              "onset": {"episode": "002", "time": 3.4, "low": 3.3, "high": 3.5}},
+    "evidence": {"heldout_nll_gain": 0.3, "p_value": 0.004, "stability": 0.9},
+    "native": False,
+}  # fmt: skip
+PLAY = {
+    "effect": "backlash",
+    "target": "joint:knee",
+    "measured": "link",
+    "parameters": [{"name": "gap", "value": 0.01, "unit": "rad"}],
+    "evidence": {},
+}
+SUM = {
+    "effect": "integral_action",
+    "target": "actuator:hip_motor",
+    "begins": "settled",
+    "parameters": [{"name": "ki", "value": 2.0, "unit": "N m/(rad s)"},
+                   {"name": "imax", "value": 1.0, "unit": "N m"}],
+    "evidence": {},
+}  # fmt: skip
+DIFF = """--- model.xml
++++ patched.xml
+@@ -12,3 +12,3 @@
+     <body name="shank" pos="0 0 -0.2">
+-      <joint name="knee" axis="0 1 0" damping="0.05"/>
++      <joint name="knee" axis="0 1 0" damping="0.043" frictionloss="0.14"/>
+       <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.01"/>
+"""
+
+
+def make_document(verdict="explained", findings=(FINDING,)) -> dict:
+    """The document of that diagnosis."""
+    return copy.deepcopy({
+        "format": "selfheal-diagnosis",
+        "version": 1,
+        "verdict": verdict,
+        "findings": list(findings),
+        "refit": [
+            {"parameter": "joint:knee/damping", "given": 0.05, "value": 0.043,
+             "low": 0.041, "high": 0.045, "unit": "N m s/rad"},
+            {"parameter": "body:shank/mass", "given": 0.4, "value": 0.46,
+             "low": 0.45, "high": 0.46, "unit": "kg"},
+        ],
+        "fit": {"held_out": ["a.h5:004", "a.h5:005"], "given": 0.21, "refit": 0.12,
+                "patched": 0.03, "floor": 0.025, "explainable_removed": 0.947},
+    })  # fmt: skip
+
+
+def make_trace(k: int, size: int = 400) -> Trace:
+    """Readings and predictions of one signal, with a gap."""
+    time = np.linspace(k, k + 2, size)
+    true = 0.5 * np.sin(4 * time + k)
+    read = true + 0.004 * np.random.default_rng(k).normal(size=size)
+    read[size // 3 : size // 3 + 5] = NAN
+    given = 0.62 * np.sin(4 * time + k - 0.35)
+    refit = 0.53 * np.sin(4 * time + k - 0.12)
+    return Trace("004", f"knee_position[{k}]", "rad", time, read, given, refit, true)
+
+
+def make_diagnosis(
+    verdict: str = "explained", findings=(FINDING,), *, signals: int = 3
+) -> Diagnosis:
+    """A diagnosis with made up numbers."""
+    rng = np.random.default_rng(0)
+    names = ("knee_position", "hip_position", *(f"signal_{k}" for k in range(90)))
+    names = names[:signals]
+    share = rng.random((signals, len(REGIMES))) ** 4
+    share /= max(share.sum(), 1)
+    share[0, 0], share[-1, 2] = 0.4, NAN
+    p_value = np.where(share > 0.1, 1e-4, 0.4)
+    spread = (0.11, 0.13)
+    fits = [SignalFit(n, k < 2, (0.21, 0.19, 0.23), (0.12, *spread),
+                      (0.03 if k != 1 else 0.13, 0.02, 0.04), 0.02)
+            for k, n in enumerate(names)]  # fmt: skip
+    tried = [("coulomb_friction", 0.11), ("stribeck_friction", 0.12),
+             ("asymmetric_friction", 0.4), ("joint_spring", 0.9)]  # fmt: skip
+    return Diagnosis(
+        model="leg.xml",
+        document=make_document(verdict, findings),
+        edits=(),
+        patched="<mujoco/>",
+        diff=DIFF,
+        traces=tuple(make_trace(k) for k in range(2)),
+        located=Localization(names, REGIMES, share, p_value),
+        signals=tuple(fits),
+        candidates=tuple(
+            Candidate(e, "joint:knee", left, k == 0 and bool(findings))
+            for k, (e, left) in enumerate(tried)
+        ),
+        remarks=("The hip never moved faster than 0.2 rad/s.",),
+        seconds=41.234,
+        simulations=123_456,
+    )
+
+
+def write_page_text(diagnosis: Diagnosis) -> str:
+    """Its page as HTML."""
+    return make_diagnosis_page(diagnosis, "models/leg.xml", ["a.h5", "b.h5"])
+
+
+def read_page_words(diagnosis: Diagnosis) -> str:
+    """Its page as it is read."""
+    return read_words(write_page_text(diagnosis))
