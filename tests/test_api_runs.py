@@ -6,8 +6,6 @@ import sys
 
 import numpy as np
 import pytest
-import toys_heal
-import toys_recover
 from typer.testing import CliRunner
 
 import selfheal
@@ -16,6 +14,7 @@ from selfheal.errors import InputError, RunLockError, UnknownNameError
 from selfheal.recovery import hypotheses
 from selfheal.robot.base import open_robot
 from selfheal.selfmodel.run import load_run, lock_run
+from tests.support import short_heal, short_recover
 
 SMALL = {"engine": "statics", "cycles": 1, "budget": 300, "seed": 5}
 
@@ -23,8 +22,8 @@ SMALL = {"engine": "statics", "cycles": 1, "budget": 300, "seed": 5}
 @pytest.fixture
 def short(monkeypatch):
     """Searches of a second."""
-    toys_heal.shorten(monkeypatch.setattr)
-    toys_recover.shorten(monkeypatch.setattr)
+    short_heal.shorten(monkeypatch.setattr)
+    short_recover.shorten(monkeypatch.setattr)
 
 
 def _result(run):
@@ -55,7 +54,7 @@ def test_heal_takes_a_run_and_a_damage(short, tmp_path, monkeypatch):
     monkeypatch.setattr("selfheal.report.heal.make_film", lambda *a, **k: "")
     monkeypatch.setattr(hypotheses, "_SCALES", (0.1, 0.5))
     monkeypatch.setattr(hypotheses, "_JAMS", np.zeros(1))
-    path, run = toys_heal.identified(tmp_path)
+    path, run = short_heal.identified(tmp_path)
     damage = "dead:left_hip_position"
     phases = []
     done = selfheal.heal(run, damage, out=lambda name: tmp_path, on_step=phases.append)
