@@ -10,6 +10,28 @@ from selfheal.errors import InputError
 from selfheal.files import check_writable_folder
 
 
+class RunFolder:
+    """Where a command's run goes: a folder the user named, or runs/NAME.
+
+    Attributes:
+        path: of the folder, once it was made.
+    """
+
+    def __init__(self, out: Path | None, force: bool) -> None:
+        """`out`: what the user named; `force`: a folder that is taken may be used."""
+        self.out, self.force = out, force
+        self.path = Path()
+
+    def __call__(self, name: str) -> Path:
+        """Make the folder for a run of this name."""
+        self.path = (
+            make_run_folder(name, self.force)
+            if self.out is None
+            else check_writable_folder(self.out)
+        )
+        return self.path
+
+
 def make_run_folder(name: str, force: bool) -> Path:
     """runs/NAME, or with a number behind if that is taken and not to be overwritten.
 
@@ -27,26 +49,6 @@ def _make_folder(folder: Path, force: bool) -> bool:
     except FileExistsError:
         return False
     return True
-
-
-def clear_run(path: Path, force: bool, others: Sequence[str]) -> None:
-    """Refuse to overwrite a run file and what belongs to it, or remove them if forced.
-
-    Args:
-        path: of the run file.
-        force: remove them.
-        others: names of files beside it.
-    """
-    files = [path, *(path.with_name(name) for name in others)]
-    old = [file for file in files if file.exists()]
-    if old and not force:
-        resume = f"go on with it by --resume {path}, " * path.exists()
-        raise InputError(
-            f"{old[0]} is there already; {resume}start over by --force, or name "
-            "another folder by --out"
-        )
-    for file in old:
-        file.unlink()
 
 
 def refuse_settings(context: typer.Context, heeded: Sequence[str] = ()) -> None:

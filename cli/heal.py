@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._progress import ProgressBar
-from ._runs import clear_run, make_run_folder, refuse_settings
+from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.recovery.record import HealRun
-    from selfheal.robot.base import Walker
-    from selfheal.selfmodel.run import Run
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
@@ -45,10 +43,12 @@ def gait(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
+    from selfheal.api.healing import check_gait_settings, load_identified
     from selfheal.recovery.walk_trial import walk_trial
 
-    _check_arguments(gait, heading, seed)
-    found, robot = _load_identified(run)
+    _check_heading(heading)
+    check_gait_settings(gait, math.radians(heading), seed)
+    found, robot = load_identified(run)
     start = time.perf_counter()
     with ProgressBar("reading", quiet=as_json) as live:
         told = walk_trial(
@@ -57,7 +57,7 @@ def gait(
             name=gait,
             heading=math.radians(heading),
             seed=seed,
-            progress=partial(_show_progress, live, "gait"),
+            progress=partial(_PhaseProgress(live), "gait"),
         )
     told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
@@ -99,41 +99,33 @@ def heal(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
-    import numpy as np
-
+    from selfheal.api import heal as run_heal
     from selfheal.errors import InputError
-    from selfheal.files import check_writable_folder
-    from selfheal.recovery.phased_run import load_phased_run, save_phased_run
-    from selfheal.recovery.record import HealRun, HealSettings
-    from selfheal.robot.accidents import parse_accident
-    from selfheal.selfmodel.run import lock_run
 
     if (run is None) == (resume is None):
         raise InputError("give either RUN.h5 --damage WHAT or --resume HEAL.h5")
-    if resume is not None:
-        refuse_settings(context)
-        with lock_run(resume):
-            begun = load_phased_run(resume, HealRun)
-            _finish_heal(
-                begun, _load_identified(Path(begun.settings.run)), resume, as_json
-            )
-        return
-    assert run is not None
-    if damage is None:
+    if run is not None and damage is None:
         raise InputError("say what happens to the robot: --damage right_lower:0.1, say")
-    _check_arguments(gait, heading, seed)
-    known = _load_identified(run)
-    what = parse_accident(damage, known[0].anatomy)
-    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
-    settings = HealSettings(str(run), what, onset, gait, math.radians(heading), seed)
-    name = f"heal-{known[1].name.replace(':', '-')}-{seed}"
-    folder = make_run_folder(name, force) if out is None else check_writable_folder(out)
-    path = folder / "heal.h5"
-    with lock_run(path):
-        clear_run(path, force, ("report.html",))
-        begun = HealRun(settings)
-        save_phased_run(begun, path)
-        _finish_heal(begun, known, path, as_json)
+    folder = RunFolder(out, force)
+    with ProgressBar("reading", quiet=as_json) as live:
+        show = _PhaseProgress(live)
+        told: dict[str, Any] = {"progress": show, "on_step": show.show_phase}
+        if resume is not None:
+            refuse_settings(context)
+            done = run_heal(resume=resume, **told)
+        else:
+            _check_heading(heading)
+            done = run_heal(
+                run, damage, heading=math.radians(heading), gait=gait, seed=seed,
+                out=folder, force=force, **told,
+            )  # fmt: skip
+    if as_json:
+        from ._print import print_json
+
+        print_json(done.result)
+    else:
+        path = resume or folder.path / "heal.h5"
+        _print_result(done, [path, path.with_name("report.html")])
 
 
 def watch(
@@ -191,69 +183,31 @@ def _format_watched(episode: dict[str, Any]) -> str:
     )
 
 
-def _check_arguments(gait: str, heading: float, seed: int) -> None:
-    """Refuse a gait that is not known and numbers that make no sense."""
-    from selfheal.errors import InputError, check_seed
-    from selfheal.gait.pattern import find_pattern
+def _check_heading(heading: float) -> None:
+    """Refuse a heading [deg] beyond a turn."""
+    from selfheal.errors import InputError
 
-    find_pattern(gait)
     if not -360 <= heading <= 360:
         raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
-    check_seed(seed)
 
 
-def _load_identified(path: Path) -> tuple["Run", "Walker"]:
-    """A finished run of `identify`, and its robot, which can walk."""
-    from selfheal.errors import InputError
-    from selfheal.robot.base import open_robot, require_walker
-    from selfheal.selfmodel.run import load_run
+class _PhaseProgress:
+    """Progress of a heal: what is done, and a line for each phase."""
 
-    run = load_run(path)
-    if not run.result:
-        raise InputError(
-            f"{path}: the run is not finished; 'selfheal identify --resume {path}'"
-        )
-    s = run.settings
-    recordings = Path(s.recordings) if s.recordings else None
-    return run, require_walker(open_robot(s.robot, seed=s.seed, recordings=recordings))
+    def __init__(self, live: ProgressBar) -> None:
+        self.live, self.begun = live, False
 
+    def __call__(self, phase: str, what: str, share: float) -> None:
+        """Show what a phase does and how much of that is done."""
+        self.live.show(f"{_PHASES.get(phase, phase)}: {what}", share)
 
-def _finish_heal(
-    run: "HealRun", known: tuple["Run", "Walker"], path: Path, as_json: bool
-) -> None:
-    """Phase by phase to the end, saved after each; then the page."""
-    from selfheal.gait.rival_bodies import select_rival_bodies
-    from selfheal.recovery.heal import heal_robot as phases
-    from selfheal.recovery.phased_run import save_phased_run
-    from selfheal.recovery.phases import make_robot_states
-    from selfheal.report.heal import make_heal_page
-    from selfheal.report.page import write_page
-
-    found, robot = known
-    models, weights = select_rival_bodies(found)
-    robots = make_robot_states(robot, run.settings)
-    with ProgressBar("reading", quiet=as_json) as live:
-        steps = phases(robots, models, weights, run.settings, run=run,
-                       progress=partial(_show_progress, live))  # fmt: skip
-        for step in steps:
-            run = step
-            save_phased_run(run, path)
-            if not run.result:
-                name, phase = list(run.phases.items())[-1]
-                live.say(f"{live.seconds:6.1f} s  {_format_phase(name, phase)}")
-    page = path.with_name("report.html")
-    write_page(make_heal_page(run, models), page)
-    if as_json:
-        from ._print import print_json
-
-        print_json(run.result)
-    else:
-        _print_result(run, [path, page])
-
-
-def _show_progress(live: ProgressBar, phase: str, what: str, share: float) -> None:
-    """Show what a phase does and how much of that is done."""
-    live.show(f"{_PHASES.get(phase, phase)}: {what}", share)
+    def show_phase(self, run: "HealRun") -> None:
+        """A line for the last phase, of a run that has a new one."""
+        first, self.begun = not self.begun, True
+        if first or run.result:
+            return
+        name, phase = list(run.phases.items())[-1]
+        self.live.say(f"{self.live.seconds:6.1f} s  {_format_phase(name, phase)}")
 
 
 def _format_phase(name: str, phase: Any) -> str:

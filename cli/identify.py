@@ -1,7 +1,6 @@
 """`selfheal identify`, `show`, `robots`: settings in; progress, a body, files out."""
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._progress import ProgressBar
-from ._runs import clear_run, make_run_folder, refuse_settings
+from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
-    from selfheal.robot.base import Robot
-    from selfheal.selfmodel.run import Run, Settings
+    from selfheal.selfmodel.run import Run
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _METHOD = typer.Option(
@@ -58,148 +56,72 @@ def identify(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Find out what a robot's body is."""
+    from selfheal.api import identify as run_identify
     from selfheal.errors import InputError
-    from selfheal.selfmodel.run import Settings, load_run, lock_run
-    from selfheal.selfmodel.strategy import BUDGETS
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
-    if resume is not None:
-        refuse_settings(context)
-        with lock_run(resume):
-            _finish_run(load_run(resume), resume, as_json)
-        return
-    settings = Settings(
-        robot=str(robot),
-        recordings=str(recordings.resolve()) if recordings else "",
-        method=method,
-        space=space,
-        known_lengths=known_lengths,
-        random_actions=random_actions,
-        engine=engine,
-        cycles=cycles,
-        budget=BUDGETS.get(method, 1) if budget is None else budget,
-        seed=seed,
-    )
-    _start_run(settings, out, force=force, as_json=as_json)
-
-
-def _start_run(
-    settings: "Settings", out: Path | None, *, force: bool, as_json: bool
-) -> None:
-    """Check everything that can be wrong, then run."""
-    from selfheal.files import check_writable_folder
-    from selfheal.selfmodel.loop import check_settings
-    from selfheal.selfmodel.run import Run, lock_run, save_run
-
-    robot = _open_robot(settings)
-    check_settings(settings, robot)
-    name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
-    folder = make_run_folder(name, force) if out is None else check_writable_folder(out)
-    path = folder / "run.h5"
-    with lock_run(path):
-        clear_run(path, force, ("best.xml", "report.html"))
-        run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
-        save_run(run, path)
-        _finish_run(run, path, as_json)
-
-
-def _open_robot(settings: "Settings") -> "Robot":
-    """The robot that settings ask for."""
-    from selfheal.robot.base import open_robot
-
-    recordings = Path(settings.recordings) if settings.recordings else None
-    return open_robot(settings.robot, seed=settings.seed, recordings=recordings)
-
-
-def _finish_run(run: "Run", path: Path, as_json: bool) -> None:
-    """Turn by turn to the end, saved after each; then the body and the page."""
-    from dataclasses import replace
-
-    from selfheal.selfmodel.loop import check_same_robot
-    from selfheal.selfmodel.loop import identify_body as turns
-    from selfheal.selfmodel.run import save_run
-
-    start, before = time.perf_counter(), run.cycles[-1].seconds if run.cycles else 0.0
-    robot, settings = _open_robot(run.settings), run.settings
-    check_same_robot(run, robot)  # here too, before there is a progress bar
     with ProgressBar("starting", quiet=as_json) as live:
-        show = _CycleProgress(live, settings.budget)
-        for step in turns(robot, settings, run=run, progress=show):
-            run = step
-            if "seconds" in run.result:  # it was finished before
-                break
-            if run.result:
-                seconds = round(before + time.perf_counter() - start, 1)
-                model = _write_model(run, path.with_name("best.xml"))
-                files = {"seconds": seconds, "run": str(path), "model": str(model)}
-                run = replace(run, result={**run.result, **files})
-            save_run(run, path)
-            show.show_cycle(run)
-    page = _write_page(run, path.with_name("report.html"))
+        show = _CycleProgress(live)
+        if resume is not None:
+            refuse_settings(context)
+            run = run_identify(resume=resume, progress=show, on_step=show.show_cycle)
+        else:
+            run = run_identify(
+                robot, recordings=recordings, method=method, space=space,
+                known_lengths=known_lengths, random_actions=random_actions,
+                engine=engine, cycles=cycles, budget=budget, seed=seed,
+                out=RunFolder(out, force), force=force,
+                progress=show, on_step=show.show_cycle,
+            )  # fmt: skip
     if as_json:
         from ._print import print_json
 
         print_json(run.result)
     else:
-        _print_result(run, [path, Path(run.result["model"]), page])
-
-
-def _write_model(run: "Run", path: Path) -> Path:
-    """The best body as MJCF."""
-    from selfheal.body.genome import build_bodies
-    from selfheal.body.mjcf import format_mjcf
-    from selfheal.files import atomic_path
-
-    text = format_mjcf(build_bodies(run.anatomy, run.cycles[-1].genomes[:1]))
-    with atomic_path(path) as temporary:
-        temporary.write_text(text)
-    return path
-
-
-def _write_page(run: "Run", path: Path) -> Path:
-    """The report page."""
-    from selfheal.report.identify import make_identify_page
-    from selfheal.report.page import write_page
-
-    write_page(make_identify_page(run), path)
-    return path
+        path = resume or Path(run.result["run"])
+        model = Path(run.result["model"])
+        _print_result(run, [path, model, path.with_name("report.html")])
 
 
 class _CycleProgress:
     """Progress of a run: its simulations, and a line for each cycle."""
 
-    def __init__(self, live: ProgressBar, budget: int) -> None:
-        self.live, self.budget, self.cycles = live, budget, 0
+    def __init__(self, live: ProgressBar) -> None:
+        self.live = live
+        self.run: Run | None = None  # as it stood last
         self.begun: tuple[int, float] | None = None  # simulations, seconds
 
     def __call__(self, count: int) -> None:
         """Show the number of simulations so far."""
+        assert self.run is not None  # a run begins before it simulates
+        budget, cycles = self.run.settings.budget, len(self.run.cycles)
         self.begun = self.begun or (count, self.live.seconds)
         done, seconds = count - self.begun[0], self.live.seconds - self.begun[1]
         rate = done / max(seconds, 1e-3)
-        left = max((self.budget - count) / rate, 0) if rate > 0 else 0
+        left = max((budget - count) / rate, 0) if rate > 0 else 0
         self.live.show(
-            f"cycle {self.cycles + 1}: {count:,} simulations, {rate:,.0f}/s, "
+            f"cycle {cycles + 1}: {count:,} simulations, {rate:,.0f}/s, "
             f"{left:.0f} s left",
-            count / self.budget,
+            count / budget,
         )
 
     def show_cycle(self, run: "Run") -> None:
-        """A line for the last cycle."""
+        """A line for the last cycle, of a run that has a new one."""
+        first, self.run = self.run is None, run
+        if first or run.result:
+            return
         from rich.text import Text
 
         from selfheal.robot.actions import describe_action
 
-        cycle, self.cycles = run.cycles[-1], len(run.cycles)
-        if run.result:
-            return
+        cycle = run.cycles[-1]
         action = describe_action(run.anatomy, run.actions[cycle.action])
         told = (
             f" {action}: {cycle.why}. Best error {cycle.tilt_error:.2f} deg, "
             f"disagreement {cycle.disagreement:.1f} deg"
         )
-        self.live.say(Text.assemble((f"{self.cycles:>2}", "bold"), told))
+        self.live.say(Text.assemble((f"{len(run.cycles):>2}", "bold"), told))
 
 
 def _print_result(run: "Run", files: list[Path]) -> None:
@@ -268,6 +190,7 @@ def show(
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Show a finished or interrupted run."""
+    from selfheal.api.identification import write_identify_report
     from selfheal.errors import InputError
     from selfheal.selfmodel.run import load_run
 
@@ -282,7 +205,7 @@ def show(
         raise InputError(
             f"{file}: the run has no cycle yet; go on with --resume {file}"
         )
-    page = _write_page(run, file.with_name("report.html"))
+    page = write_identify_report(run, file)
     if run.result:
         _print_result(run, [file, page])
     else:

@@ -2,14 +2,13 @@
 
 import os
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ._progress import ProgressBar
-from ._runs import clear_run, make_run_folder, refuse_settings
+from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
@@ -61,8 +60,8 @@ def recover(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""
+    from selfheal.api.recovery import make_recover_settings
     from selfheal.errors import InputError
-    from selfheal.files import check_writable_folder
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot quadruped|hexapod or --resume RECOVER.h5")
@@ -71,10 +70,10 @@ def recover(
         _finish_runs(_find_runs(resume), as_json)
         return
     assert robot is not None
-    asked = [_make_settings(robot, n, method, reach, apart, gap, seed)
+    asked = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
+                                   gap=gap, seed=seed)
              for n in _parse_scenarios(scenario)]  # fmt: skip
-    name = f"recover-{robot}-{seed}"
-    folder = make_run_folder(name, force) if out is None else check_writable_folder(out)
+    folder = RunFolder(out, force)(f"recover-{robot}-{seed}")
     _finish_runs(_begin_runs(folder, asked, force), as_json)
 
 
@@ -90,47 +89,17 @@ def _parse_scenarios(scenario: str) -> Sequence[int]:
     return [int(scenario)]
 
 
-def _make_settings(
-    robot: str,
-    number: int,
-    method: str,
-    reach: float,
-    apart: bool,
-    gap: float,
-    seed: int,
-) -> "RecoverSettings":
-    """What a recovery is asked to do, checked."""
-    from selfheal.body.legged import load_legged_robot
-    from selfheal.errors import InputError, UnknownNameError, check_seed
-    from selfheal.recovery.recover_run import METHODS, RecoverSettings
-    from selfheal.robot.scenarios import draw_scenario
-
-    if method not in METHODS:
-        raise UnknownNameError("method", method, METHODS)
-    if not 0 <= gap <= 0.5:
-        raise InputError(f"the gap must be 0 to 0.5; not {gap}")
-    check_seed(seed)
-    damage = draw_scenario(number, load_legged_robot(robot, reach, apart), seed)
-    return RecoverSettings(robot, number, damage, method, seed, reach, apart, gap)
-
-
 def _begin_runs(
     folder: Path, asked: list["RecoverSettings"], force: bool
 ) -> list[Path]:
     """A run file for each, in folders of their own where there are several."""
-    from selfheal.recovery.phased_run import save_phased_run
-    from selfheal.recovery.recover_run import RecoverRun
-    from selfheal.selfmodel.run import lock_run
+    from selfheal.api.recovery import begin_recovery
 
     paths = []
     for settings in asked:
         home = folder / f"scenario-{settings.scenario:02d}" if asked[1:] else folder
         home.mkdir(exist_ok=True)
-        path = home / _NAME
-        with lock_run(path):
-            clear_run(path, force, ("report.html",))
-            save_phased_run(RecoverRun(settings), path)
-        paths.append(path)
+        paths.append(begin_recovery(home, settings, force=force))
     return paths
 
 
@@ -148,21 +117,21 @@ def _find_runs(place: Path) -> list[Path]:
 
 def _finish_runs(paths: list[Path], as_json: bool) -> None:
     """Each run to its end, and what came of them; several processes may share them."""
-    from selfheal.errors import RunFileError
-    from selfheal.selfmodel.run import lock_run
+    from selfheal.api import recover as run_recover
+    from selfheal.errors import RunLockError
 
     done = []
     with ProgressBar("reading", quiet=as_json) as live:
         for path in paths:
-            with ExitStack() as stack:
-                try:
-                    stack.enter_context(lock_run(path))
-                except RunFileError as error:
-                    if not paths[1:]:
-                        raise
-                    live.say(f"left out: {error}")
-                    continue
-                done.append((path, _finish_run(path, live)))
+            show = _RunProgress(live)
+            try:
+                run = run_recover(resume=path, progress=show, on_step=show.show_step)
+            except RunLockError as error:
+                if not paths[1:]:
+                    raise
+                live.say(f"left out: {error}")
+                continue
+            done.append((path, run))
     if as_json:
         from ._print import print_json
 
@@ -176,36 +145,29 @@ def _finish_runs(paths: list[Path], as_json: bool) -> None:
         typer.echo(os.fspath(path.with_name("report.html")))
 
 
-def _finish_run(path: Path, live: ProgressBar) -> "RecoverRun":
-    """A run phase by phase to its end, saved after each; then its page."""
-    from selfheal.recovery.phased_run import load_phased_run, save_phased_run
-    from selfheal.recovery.recover import recover_robot as phases
-    from selfheal.recovery.recover_run import RecoverRun
-    from selfheal.report.page import write_page
-    from selfheal.report.recover import make_recover_page
-    from selfheal.robot.scenarios import SCENARIOS
-    from selfheal.robot.simulated_legs import SimulatedLegs
+class _RunProgress:
+    """Progress of a recovery: what is done, and a line for each phase."""
 
-    run = load_phased_run(path, RecoverRun)
-    s = run.settings
-    robot = SimulatedLegs(s.legged_robot, s.seed, s.gap)
-    if not run.result:
-        live.say(f"{s.robot}, scenario {s.scenario}: {SCENARIOS[s.scenario]}")
+    def __init__(self, live: ProgressBar) -> None:
+        self.live = live
+        self.scenario: int | None = None
 
-    def show(phase: str, what: str, share: float) -> None:
-        live.show(f"scenario {s.scenario}, {phase}: {what}", share)
+    def __call__(self, phase: str, what: str, share: float) -> None:
+        """Show what a phase does and how much of that is done."""
+        self.live.show(f"scenario {self.scenario}, {phase}: {what}", share)
 
-    finished = bool(run.result)
-    for step in phases(robot, s, run=run, progress=show):
-        run = step
-        if not finished:
-            save_phased_run(run, path)
-        if not run.result:
-            live.say(f"{live.seconds:6.1f} s  {_format_phase(run)}")
-    page = path.with_name("report.html")
-    if not finished or not page.exists():
-        write_page(make_recover_page(run), page)
-    return run
+    def show_step(self, run: "RecoverRun") -> None:
+        """A line for a run that begins or goes on, then for each phase."""
+        from selfheal.robot.scenarios import SCENARIOS
+
+        first, s = self.scenario is None, run.settings
+        self.scenario = s.scenario
+        if run.result:
+            return
+        if first:
+            self.live.say(f"{s.robot}, scenario {s.scenario}: {SCENARIOS[s.scenario]}")
+        else:
+            self.live.say(f"{self.live.seconds:6.1f} s  {_format_phase(run)}")
 
 
 def _format_phase(run: "RecoverRun") -> str:

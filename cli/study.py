@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ._progress import ProgressBar
-from ._runs import clear_run, make_run_folder, refuse_settings
+from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.study.plan import StudyRequest, Table
@@ -96,8 +96,8 @@ def _begin_study(
     """A new study's file, once all that can be wrong was checked."""
     from dataclasses import replace
 
+    from selfheal.api.run_files import clear_run
     from selfheal.errors import InputError
-    from selfheal.files import check_writable_folder
     from selfheal.selfmodel.run import lock_run
     from selfheal.study.plan import find_study
     from selfheal.study.run import begin_study
@@ -122,9 +122,7 @@ def _begin_study(
     folders = {k: f.resolve() for k in ("recordings", "cases")
                if (f := getattr(asked, k)) is not None}  # fmt: skip
     asked = replace(asked, **folders)
-    home = f"study-{name}"
-    path = make_run_folder(home, force) if out is None else check_writable_folder(out)
-    path = path / _NAME
+    path = RunFolder(out, force)(f"study-{name}") / _NAME
     with lock_run(path):
         clear_run(path, force, (find_journal(path).name, *_PAGES))
         begin_study(path, name, asked)

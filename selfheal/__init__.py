@@ -3,16 +3,16 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import diagnose
+    from .api import diagnose, heal, identify, recover
 
-__all__ = ["__version__", "diagnose"]
+__all__ = ["__version__", "diagnose", "heal", "identify", "recover"]
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
     """What Python users call, loaded when it is first asked for."""
-    if name == "diagnose":
-        from .api import diagnose
+    if name in __all__:
+        from . import api
 
-        return diagnose
+        return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,6 +5,7 @@ SelfhealError
  |    +-- UnknownNameError a name that is not on the list; the message has the list
  |    +-- RecordingError   a recording file that breaks the contract
  |    +-- RunFileError     a run file that cannot be read, resumed or written
+ |    |    +-- RunLockError a run file that this process cannot keep to itself
  |    +-- ModelError       a body or MJCF that does not make sense
  +-- EngineError           an engine could not do its work at all
 """
@@ -34,6 +35,10 @@ class RecordingError(InputError):
 
 class RunFileError(InputError):
     """A run file that cannot be read, resumed or written."""
+
+
+class RunLockError(RunFileError):
+    """A run file that this process cannot keep to itself."""
 
 
 class ModelError(InputError):

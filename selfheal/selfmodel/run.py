@@ -16,7 +16,7 @@ import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
-from ..errors import RunFileError
+from ..errors import RunLockError
 from ..files import atomic_path, open_run
 
 FORMAT, VERSION = "selfheal-run", 2
@@ -224,7 +224,7 @@ def lock_run(path: str | os.PathLike[str]) -> Iterator[None]:
     """Keep a run file to this process while it works on it.
 
     Raises:
-        RunFileError: another process works on it.
+        RunLockError: another process works on it.
     """
     import fcntl
 
@@ -233,14 +233,14 @@ def lock_run(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         file = lock.open("w")
     except OSError as error:
-        raise RunFileError(f"cannot write beside {path}: {error.strerror}") from error
+        raise RunLockError(f"cannot write beside {path}: {error.strerror}") from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise RunFileError(busy) from error
+            raise RunLockError(busy) from error
         if not _is_same_file(file, lock):  # another process has just let go of it
-            raise RunFileError(busy)
+            raise RunLockError(busy)
         try:
             yield
         finally:

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .errors import InputError, check_seed
-from .files import check_file
-from .recording import Recording, open_recording, strip_file
+from ..errors import InputError, check_seed
+from ..files import check_file
+from ..recording import Recording, open_recording, strip_file
 
 if TYPE_CHECKING:
-    from .diagnosis.output.result import Diagnosis
+    from ..diagnosis.output.result import Diagnosis
 
 Given = Recording | str | os.PathLike[str]
 
@@ -49,8 +49,8 @@ def diagnose(
         RecordingError: a recording breaks the contract, does not fit the model, or is
             too short or too quiet to decide anything.
     """
-    from .diagnosis.diagnose import diagnose as find
-    from .report.diagnose import make_diagnosis_page
+    from ..diagnosis.diagnose import diagnose as find
+    from ..report.diagnose import make_diagnosis_page
 
     check_seed(seed)
     check_file(model)

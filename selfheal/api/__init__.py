@@ -1,0 +1,8 @@
+"""What Python users call: robots, models and recordings in; runs and diagnoses out."""
+
+from .diagnosis import diagnose
+from .healing import heal
+from .identification import identify
+from .recovery import recover
+
+__all__ = ["diagnose", "heal", "identify", "recover"]

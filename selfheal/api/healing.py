@@ -1,0 +1,181 @@
+"""`selfheal.heal`: a self-modeling run and a damage in; a recovery of the gait out."""
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InputError, check_seed
+from .run_files import REPORT, Folder, PathLike, begin_run_file
+
+if TYPE_CHECKING:
+    from ..body.damage import Damage
+    from ..recovery.record import HealRun, HealSettings
+    from ..robot.base import Robot, Walker
+    from ..selfmodel.run import Run
+
+_RUN = "heal.h5"
+
+
+def heal(
+    run: "PathLike | Run | None" = None,
+    damage: "str | Sequence[Damage] | None" = None,
+    *,
+    heading: float = 0.0,
+    gait: str = "waves",
+    seed: int = 0,
+    robot: "Robot | None" = None,
+    out: Folder | None = None,
+    resume: PathLike | None = None,
+    force: bool = False,
+    progress: Callable[[str, str, float], None] | None = None,
+    on_step: "Callable[[HealRun], None] | None" = None,
+) -> "HealRun":
+    """Walk, notice a damage, find what it is, and walk again.
+
+    Args:
+        run: a finished run of `identify`, or its file. With `resume` it may be left
+            out, if that run has a file.
+        damage: what happens to the robot, in the words of `selfheal heal --damage`.
+        heading: direction to walk, from forward to the left [rad].
+        gait: how gaits are written: "waves", or "poses" as in 2006.
+        seed: of everything random.
+        robot: that was identified; None opens it by the name in the run.
+        out: folder for `heal.h5` and `report.html`; None writes nothing. A function is
+            given the run's name and makes the folder.
+        resume: file of a heal to go on with, by its own settings.
+        force: replace a heal that is in `out` already.
+        progress: given the phase, what it does, and the share done (0 to 1).
+        on_step: given the run when it begins, and after each phase.
+
+    Returns:
+        The finished run. `result` has what `selfheal heal --json` prints.
+
+    Raises:
+        InputError: a setting makes no sense, or `out` holds a heal already.
+        RunFileError: a run cannot be read, or another process works on it.
+    """
+    from ..recovery.phased_run import load_phased_run, save_phased_run
+    from ..recovery.record import HealRun
+    from ..selfmodel.run import lock_run
+
+    told = progress or (lambda *what: None), on_step or (lambda run: None)
+    if resume is not None:
+        with lock_run(resume):
+            begun = load_phased_run(resume, HealRun)
+            known = load_identified(run or begun.settings.run, robot)
+            return _finish_heal(begun, known, Path(resume), *told)
+    if run is None or damage is None:
+        raise InputError("give a run and a damage, or a heal to resume")
+    known, settings = _make_settings(run, damage, heading, gait, seed, robot)
+    name = f"heal-{known[1].name.replace(':', '-')}-{seed}"
+    with begin_run_file(out, _RUN, name=name, force=force) as path:
+        begun = HealRun(settings)
+        if path:
+            save_phased_run(begun, path)
+        return _finish_heal(begun, known, path, *told)
+
+
+def check_gait_settings(gait: str, heading: float, seed: int) -> None:
+    """Refuse a gait that is not known and numbers that make no sense.
+
+    Args:
+        gait: name of a gait pattern.
+        heading: direction to walk [rad].
+        seed: of everything random.
+
+    Raises:
+        InputError: says which, and what would do.
+    """
+    from ..gait.pattern import find_pattern
+
+    find_pattern(gait)
+    if not abs(heading) <= 2 * math.pi:
+        raise InputError(f"the heading must be -2 pi to 2 pi rad; not {heading}")
+    check_seed(seed)
+
+
+def load_identified(
+    run: "PathLike | Run", robot: "Robot | None" = None
+) -> "tuple[Run, Walker]":
+    """A finished run of `identify`, and its robot, which can walk.
+
+    Raises:
+        InputError: the run is not finished, or the robot cannot walk.
+        RunFileError: the run cannot be read.
+    """
+    from ..robot.base import open_robot, require_walker
+    from ..selfmodel.run import Run, load_run
+
+    found = run if isinstance(run, Run) else load_run(run)
+    if not found.result:
+        raise InputError(
+            "the run is not finished"
+            if isinstance(run, Run)
+            else f"{run}: the run is not finished; 'selfheal identify --resume {run}'"
+        )
+    s = found.settings
+    recordings = Path(s.recordings) if s.recordings else None
+    return found, require_walker(
+        robot or open_robot(s.robot, seed=s.seed, recordings=recordings)
+    )
+
+
+def _make_settings(
+    run: "PathLike | Run",
+    damage: "str | Sequence[Damage]",
+    heading: float,
+    gait: str,
+    seed: int,
+    robot: "Robot | None",
+) -> "tuple[tuple[Run, Walker], HealSettings]":
+    """The run, its robot and the settings of a new heal, checked."""
+    import numpy as np
+
+    from ..recovery.record import HealSettings
+    from ..robot.accidents import parse_accident
+    from ..selfmodel.run import Run
+
+    check_gait_settings(gait, heading, seed)
+    known = load_identified(run, robot)
+    what = (
+        parse_accident(damage, known[0].anatomy)
+        if isinstance(damage, str)
+        else tuple(damage)
+    )
+    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
+    file = run.result.get("run", "") if isinstance(run, Run) else os.fspath(run)
+    return known, HealSettings(file, what, onset, gait, heading, seed)
+
+
+def _finish_heal(
+    run: "HealRun",
+    known: "tuple[Run, Walker]",
+    path: Path | None,
+    progress: Callable[[str, str, float], None],
+    on_step: "Callable[[HealRun], None]",
+) -> "HealRun":
+    """Phase by phase to the end, saved after each; then the page."""
+    from ..gait.rival_bodies import select_rival_bodies
+    from ..recovery.heal import heal_robot
+    from ..recovery.phased_run import save_phased_run
+    from ..recovery.phases import make_robot_states
+    from ..report.heal import make_heal_page
+    from ..report.page import write_page
+
+    found, robot = known
+    models, weights = select_rival_bodies(found)
+    robots = make_robot_states(robot, run.settings)
+    on_step(run)
+    steps = heal_robot(
+        robots, models, weights, run.settings, run=run, progress=progress
+    )
+    for step in steps:
+        run = step
+        if path:
+            save_phased_run(run, path)
+        on_step(run)
+    if path:
+        write_page(make_heal_page(run, models), path.with_name(REPORT))
+    return run

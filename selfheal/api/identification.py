@@ -1,0 +1,187 @@
+"""`selfheal.identify`: a robot in; a self-modeling run with its best body out."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
+
+from ..errors import InputError
+from .run_files import REPORT, Folder, PathLike, begin_run_file
+
+if TYPE_CHECKING:
+    from ..robot.base import Robot
+    from ..selfmodel.run import Run, Settings
+
+_RUN, _MODEL = "run.h5", "best.xml"
+
+
+class IdentifyOptions(TypedDict, total=False):
+    """What `identify` can be told besides the robot; all of it may be left out.
+
+    Attributes:
+        recordings: file of readings that the robot answers from.
+        method: "default", or one of 2006: "paper", "disagreement", "random-batch",
+            "random-alternate".
+        space: where parts may attach: "free", "sides" or "full".
+        known_lengths: in the space "full", take the parts' lengths as known.
+        random_actions: draw actions at random, for comparison.
+        engine: "auto", "statics", "mjx" or "mujoco".
+        cycles: number of actions to try, 16 by default.
+        budget: number of simulations of the search; None takes the method's own.
+        seed: of everything random, 0 by default.
+    """
+
+    recordings: PathLike | None
+    method: str
+    space: str
+    known_lengths: bool
+    random_actions: bool
+    engine: str
+    cycles: int
+    budget: int | None
+    seed: int
+
+
+def identify(
+    robot: "str | Robot | None" = None,
+    *,
+    out: Folder | None = None,
+    resume: PathLike | None = None,
+    force: bool = False,
+    progress: Callable[[int], None] | None = None,
+    on_step: "Callable[[Run], None] | None" = None,
+    **options: Unpack[IdentifyOptions],
+) -> "Run":
+    """Find out what a robot's body is, by actions that tell its rivals apart.
+
+    Args:
+        robot: its name, as `selfheal robots` lists it, or the robot itself. With
+            `resume` it may be left out.
+        out: folder for `run.h5`, `best.xml` and `report.html`; None writes nothing. A
+            function is given the run's name and makes the folder.
+        resume: file of a run to go on with, by its own settings.
+        force: replace a run that is in `out` already.
+        progress: given the number of the search's simulations so far.
+        on_step: given the run when it begins, and after each cycle.
+        **options: as `IdentifyOptions` lists them.
+
+    Returns:
+        The finished run. `run.result` has what `selfheal identify --json` prints:
+        parents, lengths [m] and stated probabilities of the attachments.
+
+    Raises:
+        InputError: a setting makes no sense, or `out` holds a run already.
+        RunFileError: the run cannot be read, or another process works on it.
+    """
+    from ..selfmodel.loop import check_settings
+    from ..selfmodel.run import Run, load_run, lock_run, save_run
+
+    told = progress or (lambda count: None), on_step or (lambda run: None)
+    if resume is not None:
+        with lock_run(resume):
+            return _finish_run(load_run(resume), robot, Path(resume), *told)
+    if robot is None:
+        raise InputError("give either a robot or a run to resume")
+    settings = _make_settings(robot, **options)
+    robot = _open_robot(robot, settings)
+    check_settings(settings, robot)
+    name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
+    begun = begin_run_file(out, _RUN, name=name, force=force, others=(_MODEL, REPORT))
+    with begun as path:
+        run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
+        if path:
+            save_run(run, path)
+        return _finish_run(run, robot, path, *told)
+
+
+def _make_settings(
+    robot: "str | Robot", **options: Unpack[IdentifyOptions]
+) -> "Settings":
+    """The settings of a new run; the budget is the method's own unless given."""
+    from ..selfmodel.run import Settings
+    from ..selfmodel.strategy import BUDGETS
+
+    recordings, budget = options.pop("recordings", None), options.pop("budget", None)
+    method, rest = options.get("method", "default"), cast(dict[str, Any], options)
+    return Settings(
+        robot=robot if isinstance(robot, str) else robot.name,
+        recordings=os.fspath(Path(recordings).resolve()) if recordings else "",
+        budget=BUDGETS.get(method, 1) if budget is None else budget,
+        **rest,
+    )
+
+
+def _open_robot(robot: "str | Robot | None", settings: "Settings") -> "Robot":
+    """The robot that was given, or the one that settings name."""
+    from ..robot.base import open_robot
+
+    if robot is not None and not isinstance(robot, str):
+        return robot
+    recordings = Path(settings.recordings) if settings.recordings else None
+    return open_robot(settings.robot, seed=settings.seed, recordings=recordings)
+
+
+def _finish_run(
+    run: "Run",
+    robot: "str | Robot | None",
+    path: Path | None,
+    progress: Callable[[int], None],
+    on_step: "Callable[[Run], None]",
+) -> "Run":
+    """Cycle by cycle to the end, saved after each; then the body and the page."""
+    from ..selfmodel.loop import check_same_robot, identify_body
+    from ..selfmodel.run import save_run
+
+    start, before = time.perf_counter(), run.cycles[-1].seconds if run.cycles else 0.0
+    robot = _open_robot(robot, run.settings)
+    check_same_robot(run, robot)
+    on_step(run)
+    for step in identify_body(robot, run.settings, run=run, progress=progress):
+        run = step
+        if "seconds" in run.result:  # it was finished before
+            break
+        if run.result:
+            seconds = round(before + time.perf_counter() - start, 1)
+            files: dict[str, object] = {"seconds": seconds}
+            if path:
+                files |= {"run": str(path), "model": str(write_best_model(run, path))}
+            run = replace(run, result={**run.result, **files})
+        if path:
+            save_run(run, path)
+        on_step(run)
+    if path:
+        write_identify_report(run, path)
+    return run
+
+
+def write_best_model(run: "Run", path: Path) -> Path:
+    """Write the best body of a run as MJCF.
+
+    Args:
+        run: with a cycle at least.
+        path: of the run file; the model lies beside it.
+
+    Returns:
+        The model's path.
+    """
+    from ..body.genome import build_bodies
+    from ..body.mjcf import format_mjcf
+    from ..files import atomic_path
+
+    model = path.with_name(_MODEL)
+    text = format_mjcf(build_bodies(run.anatomy, run.cycles[-1].genomes[:1]))
+    with atomic_path(model) as temporary:
+        temporary.write_text(text)
+    return model
+
+
+def write_identify_report(run: "Run", path: Path) -> Path:
+    """Write the report page of a run beside its file, and return the page's path."""
+    from ..report.identify import make_identify_page
+    from ..report.page import write_page
+
+    page = path.with_name(REPORT)
+    write_page(make_identify_page(run), page)
+    return page

@@ -1,0 +1,74 @@
+"""Files of the runs that Python users start: a folder in; a locked run file out."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import InputError
+from ..files import check_writable_folder
+
+PathLike = str | os.PathLike[str]
+# a folder, or a function that makes one from the name of the run
+Folder = PathLike | Callable[[str], Path]
+REPORT = "report.html"
+
+
+@contextmanager
+def begin_run_file(
+    out: Folder | None,
+    file: str,
+    *,
+    name: str,
+    force: bool,
+    others: Sequence[str] = (REPORT,),
+) -> Iterator[Path | None]:
+    """Give the path of a new run file, locked until the run is left.
+
+    Args:
+        out: the folder, a function that makes it from the run's name, or None.
+        file: name of the run file in that folder.
+        name: of the run.
+        force: replace a run that is there already.
+        others: names of the files that belong to such a run.
+
+    Yields:
+        The path, at which there is no file yet; None where nothing is to be written.
+
+    Raises:
+        InputError: a run is there already, or nothing can be written there.
+        RunLockError: another process works on it.
+    """
+    from ..selfmodel.run import lock_run
+
+    if out is None:
+        yield None
+        return
+    folder = out(name) if callable(out) else check_writable_folder(out)
+    path = folder / file
+    with lock_run(path):
+        clear_run(path, force, others)
+        yield path
+
+
+def clear_run(path: Path, force: bool, others: Sequence[str]) -> None:
+    """Refuse to overwrite a run file and what belongs to it, or remove them if forced.
+
+    Args:
+        path: of the run file.
+        force: remove them.
+        others: names of files beside it.
+
+    Raises:
+        InputError: one of them is there already.
+    """
+    files = [path, *(path.with_name(name) for name in others)]
+    old = [file for file in files if file.exists()]
+    if old and not force:
+        resume = f"go on with it by --resume {path}, " * path.exists()
+        raise InputError(
+            f"{old[0]} is there already; {resume}start over by --force, or name "
+            "another folder by --out"
+        )
+    for file in old:
+        file.unlink()
