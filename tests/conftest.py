@@ -1,5 +1,6 @@
 """What several tests start from: a small recording, and the real ones."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,24 @@ def walker() -> np.ndarray:
     from tests.support.short_recover import find_walker
 
     return find_walker()
+
+
+@pytest.fixture(scope="module")
+def short_heal() -> Iterator[None]:
+    """Searches of a heal that take a second, from a gait that walks."""
+    from tests.support.short_heal import shorten
+
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch.setattr)
+        yield
+
+
+@pytest.fixture(scope="session")
+def walks() -> tuple[Recording, Recording]:
+    """Recordings of 40 s of walking: whole, and breaking after 25 s."""
+    from tests.support.short_heal import record_walks
+
+    return record_walks()
 
 
 @pytest.fixture

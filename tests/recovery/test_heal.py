@@ -1,36 +1,25 @@
-"""The whole loop: what is found, what is printed, and going on after a kill."""
+"""Healing a robot: what is found, the result, and going on after a kill."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from selfheal.body.damage import parse_damages
-from selfheal.body.mjcf import format_mjcf
-from selfheal.cli import app
 from selfheal.errors import InputError, RunFileError
 from selfheal.gait.rival_bodies import select_rival_bodies
 from selfheal.gait.synthesis import Gait
-from selfheal.recording import read, write
 from selfheal.recovery import phases
 from selfheal.recovery.heal import heal_robot
 from selfheal.recovery.phased_run import load_phased_run, save_phased_run
 from selfheal.recovery.phases import make_robot_states
 from selfheal.recovery.record import HealRun, HealSettings
-from selfheal.recovery.watch_recording import watch_recording
 from selfheal.report.heal import make_heal_page
 from selfheal.robot.base import open_robot, require_walker
-from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot, shorten
+from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot
 
-
-@pytest.fixture(scope="module", autouse=True)
-def short():
-    """Searches that take a second, from a gait that walks."""
-    with pytest.MonkeyPatch.context() as patch:
-        shorten(patch.setattr)
-        yield
+pytestmark = pytest.mark.usefixtures("short_heal")
 
 
 def _heal(said, run=None):
@@ -41,7 +30,7 @@ def _heal(said, run=None):
 
 
 @pytest.fixture(scope="module")
-def steps(short):
+def steps(short_heal):
     """A heal of a short leg, phase by phase."""
     return _heal("right_lower:0.1")
 
@@ -148,110 +137,9 @@ def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):
     assert weights.sum() == pytest.approx(1)
 
 
-def _run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
-
-
-def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
-    path, _ = identified(tmp_path)
-    dead, out = "left_hip_position", tmp_path / "h"
-    made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")
-    assert made.exit_code == 0, made.output
-    result = json.loads(made.stdout)
-    assert result["run"] == str(path)
-    assert result["hypotheses"][0]["target"] == f"sensor:{dead}"
-    assert result["predicted"]["healed"] == result["predicted"]["intact"]
-    assert (out / "report.html").is_file()
-    again = _run("heal", "--resume", out / "heal.h5", "--json")
-    assert json.loads(again.stdout) == result
-
-
-def test_gait_on_the_command_line(tmp_path):
-    path, _ = identified(tmp_path)
-    made = _run("gait", path, "--heading", 90, "--json")
-    assert made.exit_code == 0, made.output
-    told = json.loads(made.stdout)
-    assert told["heading"] == 90
-    assert told["predicted"]["energy"] > 0
-    assert np.hypot(told["walked"], told["across"]) > 0.5
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("heal",), "--resume HEAL.h5"),
-        (("heal", "{run}"), "--damage"),
-        (("heal", "{run}", "--damage", "loss:tail"), "left_upper"),
-        (("heal", "{run}", "--damage", "loss:left_upper", "--gait", "trot"), "waves"),
-        (("heal", "--resume", "{run}"), "not a heal's file"),
-        (("heal", "--resume", "{run}", "--seed", "2"), "leave out --seed"),
-        (("gait", "{run}", "--seed", "-1"), "negative"),
-        (("gait", "{run}", "--heading", "nan"), "heading"),
-        (("gait", "nothere.h5"), "no such run file"),
-        (("watch", "nothere.xml", "{run}"), "no such file"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(words, said, tmp_path):
-    path, _ = identified(tmp_path)
-    made = _run(*(word.format(run=path) for word in words))
-    assert made.exit_code == 2
-    assert said in made.stderr and "Traceback" not in made.stderr
-
-
 def test_a_robot_that_only_answers_cannot_walk(shared_recordings):
     replayed = open_robot(
         "starfish-2006", recordings=shared_recordings / "starfish_2006" / "intact.h5"
     )
     with pytest.raises(InputError, match="cannot walk"):
         require_walker(replayed)
-
-
-@pytest.fixture(scope="module")
-def walks():
-    """Recordings of 40 s: whole, and breaking after 25 s."""
-    gait = Gait("waves", GENES, 0.0, 0.0, 0.0, 0.0, 0, 0)
-    hidden, commands = robot(), gait.commands(8, 40.0)
-    breaking = hidden.struck(parse_damages("left_lower:0.4", BODY.anatomy), 25.0)
-    return hidden.move(commands), breaking.move(commands)
-
-
-def test_watch_says_when_a_recording_stopped_fitting(walks):
-    whole, broken = (watch_recording(BODY, walk)[0] for walk in walks)
-    assert whole["alarm"] is None
-    assert whole["cycle"] == pytest.approx(1.4, abs=0.02)
-    assert broken["alarm"]["time"] == pytest.approx(26.5, abs=1.5)
-
-
-def test_watch_bears_missing_samples_and_a_clock_that_starts_late(walks):
-    (episode,) = walks[1].episodes.values()
-    signals = dict(episode.signals)
-    del signals["clearance"]
-    gaps = signals["vertical"].values.copy()
-    gaps[3::7] = np.nan
-    signals["vertical"] = replace(signals["vertical"], values=gaps)
-    late = replace(episode, time=episode.time + 1000, signals=signals)
-    found = watch_recording(BODY, replace(walks[1], episodes={"late": late}))[0]
-    assert found["alarm"]["time"] == pytest.approx(1026.5, abs=1.5)
-
-
-def test_watch_on_the_command_line(walks, tmp_path):
-    (tmp_path / "body.xml").write_text(format_mjcf(BODY))
-    write(walks[1], tmp_path / "walk.h5")
-    made = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--json")
-    assert made.exit_code == 0, made.output
-    assert json.loads(made.stdout)["episodes"][0]["alarm"]["p_value"] < 0.01
-    short = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--learn", 3)
-    assert short.exit_code == 2 and "to learn from" in short.stderr
-
-
-def test_watch_distinguishes_the_damaged_robot_of_2006_from_the_whole_one(
-    shared_recordings,
-):
-    folder = shared_recordings / "starfish_2006"
-    whole, broken = (
-        watch_recording(BODY, read(folder / name))[0]
-        for name in ("intact.h5", "damaged.h5")
-    )
-    assert whole["alarm"] is None
-    assert broken["episode"] == "down_1_3"
-    assert broken["alarm"]["sensor"] == "vertical"

@@ -273,9 +273,9 @@ def test_a_run_that_lacks_a_part_is_refused(run_file, name):
 
 HOLD = """
 import sys, h5py
-from selfheal.selfmodel.run import held
+from selfheal.selfmodel.run import lock_run
 path = sys.argv[2]
-with (h5py.File(path, "r+") if sys.argv[1] == "open" else held(path)):
+with (h5py.File(path, "r+") if sys.argv[1] == "open" else lock_run(path)):
     print("ready", flush=True)
     sys.stdin.read()
 """

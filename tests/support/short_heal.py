@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from selfheal.body.damage import parse_damages
 from selfheal.body.genome import encode_tree
 from selfheal.gait import synthesis
+from selfheal.gait.synthesis import Gait
+from selfheal.recording import Recording
 from selfheal.recovery import plausible_plants
 from selfheal.robot.actions import load_published_body
 from selfheal.robot.base import Walker, open_robot, require_walker
@@ -65,3 +68,11 @@ def identified(folder: Path, placement: np.ndarray = PLACEMENT) -> tuple[Path, R
     run = Run(settings, BODY.anatomy, hidden.actions, cycles, BODY, result=done)
     save_run(run, folder / "run.h5")
     return folder / "run.h5", run
+
+
+def record_walks() -> tuple[Recording, Recording]:
+    """Recordings of 40 s of walking: whole, and breaking after 25 s."""
+    gait = Gait("waves", GENES, 0.0, 0.0, 0.0, 0.0, 0, 0)
+    hidden, commands = robot(), gait.commands(8, 40.0)
+    breaking = hidden.struck(parse_damages("left_lower:0.4", BODY.anatomy), 25.0)
+    return hidden.move(commands), breaking.move(commands)

@@ -1,0 +1,80 @@
+"""`heal`, `gait` and `watch`: JSON and files; refusals before any work."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.body.mjcf import format_mjcf
+from selfheal.cli import app
+from selfheal.recording import write
+from tests.support.short_heal import BODY, identified
+
+pytestmark = pytest.mark.usefixtures("short_heal")
+
+
+@pytest.fixture
+def still(monkeypatch):
+    """Pages without their moving picture, which takes seconds."""
+    monkeypatch.setattr("selfheal.report.heal.make_film", lambda *a, **k: "")
+
+
+def _run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
+    path, _ = identified(tmp_path)
+    dead, out = "left_hip_position", tmp_path / "h"
+    made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")
+    assert made.exit_code == 0, made.output
+    result = json.loads(made.stdout)
+    assert result["run"] == str(path)
+    assert result["hypotheses"][0]["target"] == f"sensor:{dead}"
+    assert result["predicted"]["healed"] == result["predicted"]["intact"]
+    assert (out / "report.html").is_file()
+    again = _run("heal", "--resume", out / "heal.h5", "--json")
+    assert json.loads(again.stdout) == result
+
+
+def test_gait_on_the_command_line(tmp_path):
+    path, _ = identified(tmp_path)
+    made = _run("gait", path, "--heading", 90, "--json")
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)
+    assert told["heading"] == 90
+    assert told["predicted"]["energy"] > 0
+    assert np.hypot(told["walked"], told["across"]) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("heal",), "--resume HEAL.h5"),
+        (("heal", "{run}"), "--damage"),
+        (("heal", "{run}", "--damage", "loss:tail"), "left_upper"),
+        (("heal", "{run}", "--damage", "loss:left_upper", "--gait", "trot"), "waves"),
+        (("heal", "--resume", "{run}"), "not a heal's file"),
+        (("heal", "--resume", "{run}", "--seed", "2"), "leave out --seed"),
+        (("gait", "{run}", "--seed", "-1"), "negative"),
+        (("gait", "{run}", "--heading", "nan"), "heading"),
+        (("gait", "nothere.h5"), "no such run file"),
+        (("watch", "nothere.xml", "{run}"), "no such file"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words, said, tmp_path):
+    path, _ = identified(tmp_path)
+    made = _run(*(word.format(run=path) for word in words))
+    assert made.exit_code == 2
+    assert said in made.stderr and "Traceback" not in made.stderr
+
+
+def test_watch_on_the_command_line(walks, tmp_path):
+    (tmp_path / "body.xml").write_text(format_mjcf(BODY))
+    write(walks[1], tmp_path / "walk.h5")
+    made = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--json")
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)["episodes"][0]["alarm"]["p_value"] < 0.01
+    short = _run("watch", tmp_path / "body.xml", tmp_path / "walk.h5", "--learn", 3)
+    assert short.exit_code == 2 and "to learn from" in short.stderr
