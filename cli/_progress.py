@@ -39,7 +39,7 @@ class ProgressBar:
 
     @property
     def seconds(self) -> float:
-        """Since the beginning."""
+        """Time since the beginning [s]."""
         return time.perf_counter() - self._start
 
     def show(self, what: str, share: float) -> None:

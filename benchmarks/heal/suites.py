@@ -18,7 +18,12 @@ from selfheal.gait.synthesis import Gait, project_on_heading, synthesize_gait, w
 from selfheal.recording import read
 from selfheal.recovery.heal import heal_robot
 from selfheal.recovery.monitor import learn_baseline, watch_walk
-from selfheal.recovery.phases import LEARNED, WATCHED, make_robot_states, read_damage
+from selfheal.recovery.phases import (
+    LEARNING_TIME,
+    WATCHING_TIME,
+    make_robot_states,
+    read_damage,
+)
 from selfheal.recovery.predict_actions import (
     ActionTables,
     infer_damage,
@@ -175,7 +180,7 @@ def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]
     alarm, gait = phases["alarm"]["alarm"], read_gait(phases["gait"])
     guess = phases["verdict"]["believed"][0]
     found = read_damage(guess)
-    old = read_position(robots.broken.move(gait.commands(8), trial=200))[-1]
+    old = read_position(robots.damaged.move(gait.commands(8), trial=200))[-1]
     said = apply_damages(build_rated_plant(models[[0]]), found).body
     real = apply_damages(build_rated_plant(truth), damage).body
     same = (found.kind, found.target) == (damage.kind, damage.target)
@@ -205,14 +210,14 @@ def _watch_walks(k: int) -> dict[str, Any]:
     gait, rng = _synthesize_known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
     hidden = require_walker(open_robot("starfish", seed=FIRST + 100 + k))
     plant, anatomy = build_rated_plant(load_published_body()), hidden.anatomy
-    predicted = compute_channels(walk_gait([plant], gait, WATCHED), [plant])[0]
+    predicted = compute_channels(walk_gait([plant], gait, WATCHING_TIME), [plant])[0]
     channels = list_channels(anatomy)
-    measured = read_channels(hidden.move(gait.commands(8, LEARNED)), anatomy)[1]
+    measured = read_channels(hidden.move(gait.commands(8, LEARNING_TIME)), anatomy)[1]
     known = learn_baseline(measured, predicted[: len(measured)], gait.cycle, channels)
 
     def seen(robot: Any, trial: int) -> tuple[Any, bool]:
         """The alarm, and whether the robot ended on its back."""
-        move = robot.move(gait.commands(8, WATCHED), trial=trial)
+        move = robot.move(gait.commands(8, WATCHING_TIME), trial=trial)
         measured = read_channels(move, anatomy)[1]
         fallen = bool(
             rotate_into_frame(read_orientation(move)[-1], np.array([0.0, 0, 1]))[2] < 0
@@ -231,7 +236,7 @@ def _watch_walks(k: int) -> dict[str, Any]:
                 for robot in (hidden, hidden.struck((damage,)))]  # fmt: skip
         broken.append({"damage": damage.document, "early": early, "delay": late,
                        "cost": float(1 - ends[1] / ends[0])})  # fmt: skip
-    times = [alarm.time if alarm else WATCHED for alarm, _ in whole]
+    times = [alarm.time if alarm else WATCHING_TIME for alarm, _ in whole]
     return {"false": sum(alarm is not None for alarm, _ in whole),
             "fallen": sum(fell for alarm, fell in whole if alarm), "broken": broken,
             "seconds": float(sum(times) - 6.0 * len(times))}  # fmt: skip

@@ -9,7 +9,7 @@ from selfheal.body.genome import build_bodies
 from selfheal.engine.statics import Statics
 from selfheal.robot.base import Robot
 from selfheal.selfmodel.evaluate import CAPPED_LOSS, stack_channels
-from selfheal.selfmodel.explore import TOLD_APART
+from selfheal.selfmodel.explore import DISTINGUISHABLE
 from selfheal.selfmodel.run import Run
 
 NEAR = 1.5  # [cm] mean distance of the parts' centers: the same body
@@ -66,7 +66,7 @@ def explain_likeness(record: dict[str, Any]) -> str:
     Centers at zero angles say nothing of hinges, so that "near" needs them right.
     """
     apart = np.array([record["tilt_apart"], record["clearance_apart"]])
-    if (apart <= TOLD_APART[1:]).all():
+    if (apart <= DISTINGUISHABLE[1:]).all():
         return "no action tells them apart"
     if record["distance"] <= NEAR and record["settings"]["space"] != "full":
         return f"within {10 * NEAR:g} mm"

@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.identify.outcome import NEAR, explain_inexact_run, explain_likeness
 from benchmarks.identify.suites import SuiteRow
 from benchmarks.writer import Section
-from selfheal.selfmodel.explore import TOLD_APART
+from selfheal.selfmodel.explore import DISTINGUISHABLE
 from selfheal.study.statistics import format_share, run_fisher_test
 
 Records = Sequence[dict[str, Any]]
@@ -79,9 +79,10 @@ def _make_success_section(
         "Wilson intervals. Exact: every part on its true parent. Or like it: exact, or "
         f"the parts' centers lie within {10 * NEAR:g} mm on average (not where hinges "
         "are unknown), or none of the robot's actions tells it from the truth by more "
-        f"than {TOLD_APART[0]:g} degree or {TOLD_APART[2]:g} mm, by statics. Tilt "
-        "error is `mujoco`'s, over the actions tried [deg]; simulations are those of "
-        "the search and, apart, those spent on what else might be right, for choosing "
+        f"than {DISTINGUISHABLE[0]:g} degree or {DISTINGUISHABLE[2]:g} mm, by statics. "
+        "Tilt error is `mujoco`'s, over the actions tried [deg]; simulations are those "
+        "of the search and, apart, those spent on what else might be right, for "
+        "choosing "
         f"actions; means. Seconds are a run's while {jobs} ran at a time; medians."
     )
     header = ["row", "robot", "method", "actions", "engine", "exact", "or like it",

@@ -13,12 +13,12 @@ from ..recording import Recording, open_recording, strip_file
 if TYPE_CHECKING:
     from ..diagnosis.output.result import Diagnosis
 
-Given = Recording | str | os.PathLike[str]
+RecordingLike = Recording | str | os.PathLike[str]
 
 
 def diagnose(
     model: str | os.PathLike[str],
-    recordings: Given | Sequence[Given],
+    recordings: RecordingLike | Sequence[RecordingLike],
     *,
     held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
     seed: int = 0,
@@ -54,13 +54,13 @@ def diagnose(
 
     check_seed(seed)
     check_file(model)
-    entries = [os.fspath(entry) for entry in _several(held_out)]
+    entries = [os.fspath(entry) for entry in _to_list(held_out)]
     files = [entry for entry in entries if _is_file(entry)]
-    given = _several(recordings)
+    given = _to_list(recordings)
     if not given:
         raise InputError("no recording was given; would fit: at least one")
-    read = _opened([*given, *files], spare=len(files))
-    names = [name for entry in entries for name in _held_out(entry, read)]
+    read = _open_recordings([*given, *files], spare=len(files))
+    names = [name for entry in entries for name in _resolve_held_out(entry, read)]
     say = progress or (lambda what, share: None)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say)
     say("drawing the report", 0.0)
@@ -69,7 +69,7 @@ def diagnose(
     )
 
 
-def _several(given: Any) -> list[Any]:
+def _to_list(given: Any) -> list[Any]:
     """What was given, in a list also where it is one."""
     one = isinstance(given, Recording | str | os.PathLike)
     return [given] if one else list(given)
@@ -80,7 +80,7 @@ def _is_file(name: str) -> bool:
     return name.lower().endswith((".h5", ".hdf5")) and os.path.isfile(name)
 
 
-def _opened(given: Sequence[Given], spare: int) -> list[Recording]:
+def _open_recordings(given: Sequence[RecordingLike], spare: int) -> list[Recording]:
     """Every recording, checked; the last `spare` of them may be there already.
 
     Raises:
@@ -100,7 +100,7 @@ def _opened(given: Sequence[Given], spare: int) -> list[Recording]:
     return list(found.values())
 
 
-def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
+def _resolve_held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
     """A name to hold out with its file before it; of a file all of its episodes.
 
     Raises:
@@ -111,7 +111,7 @@ def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
         (whole,) = (r for r in recordings if os.path.realpath(r.file) == real)
         return [f"{whole.file}:{name}" for name in whole.episodes]
     exact = [r for r in recordings if entry.startswith(f"{r.file}:")]
-    fits = [full for r in exact or recordings if (full := _full(entry, r))]
+    fits = [full for r in exact or recordings if (full := _qualify_episode(entry, r))]
     if len(fits) > 1:
         raise InputError(
             f"held-out {entry!r} fits several recordings; would fit: {', '.join(fits)}"
@@ -119,7 +119,7 @@ def _held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
     return fits or [entry]  # a name that fits none is refused where it is used
 
 
-def _full(entry: str, recording: Recording) -> str:
+def _qualify_episode(entry: str, recording: Recording) -> str:
     """The entry with the recording's file before it; empty where it is no episode."""
     name = strip_file(entry, recording.file)
     known = {name, re.sub(r"\[[^\[\]]*\]$", "", name)} & set(recording.episodes)

@@ -60,7 +60,16 @@ def concatenate_genomes(*batches: Genomes) -> Genomes:
 
 
 def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
-    """Genomes of paper A's encoding: known lengths, hinges that lift the part."""
+    """Encode trees as paper A does: known lengths, hinges that lift the part.
+
+    Args:
+        anatomy: the robot's parts.
+        parent: (N, P) or (P) what each part hangs on; 0 is the torso.
+        placement: (N, P) or (P) where on its parent's perimeter [rounds].
+
+    Returns:
+        N genomes.
+    """
     parent = np.atleast_2d(np.asarray(parent, np.int64))
     length = np.broadcast_to(anatomy.length, parent.shape).copy()
     placement = np.broadcast_to(np.asarray(placement, float), parent.shape).copy()
@@ -81,7 +90,7 @@ def decode_unit_genes(anatomy: Anatomy, genes: Floats) -> Genomes:
 
 
 def encode_unit_genes(genomes: Genomes) -> Floats:
-    """(N, P) paper A's genes in [0, 1]; the inverse of `from_unit`."""
+    """(N, P) paper A's genes in [0, 1]; the inverse of `decode_unit_genes`."""
     t = genomes.parent + genomes.placement
     return t / (np.arange(genomes.parent.shape[1]) + _PAPER_SPAN)
 
@@ -106,7 +115,7 @@ def decode_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
 
 
 def center_on_sides(genomes: Genomes) -> Genomes:
-    """The same trees with every attachment moved to the middle of its side."""
+    """Move every attachment of the trees to the middle of its side."""
     return replace(genomes, placement=(genomes.side + 0.5) / 4)
 
 
@@ -122,11 +131,13 @@ def _find_perimeter_points(half: Floats, placement: Floats) -> tuple[Floats, Flo
 def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     """The bodies that genomes stand for (papers.md 1.3 and 2, C).
 
-    A part leaves its parent at the perimeter point `placement`, in the direction
-    parent's direction - (2 pi placement - 3 pi / 4), so that the middle of a side
-    means straight out of it. A hinge of kind `up` is paper A's: horizontal, normal
-    to the line from the parent's center to the part's, positive lifts the outer end.
-    Mass is in proportion to length.
+    A part leaves its parent at the perimeter point `placement`. Its direction is
+
+        parent's direction - (2 pi placement - 3 pi / 4)
+
+    so that the middle of a side means straight out of it. A hinge of kind `up` is
+    paper A's: horizontal, normal to the line from the parent's center to the part's,
+    positive lifts the outer end. Mass is in proportion to length.
     """
     n, p = genomes.parent.shape
     radius = np.hstack([np.zeros((n, 1)), np.broadcast_to(anatomy.radius, (n, p))])
@@ -164,6 +175,13 @@ def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
 def draw_genomes(
     anatomy: Anatomy, count: int, rng: np.random.Generator, sides: bool
 ) -> Genomes:
-    """`count` random attachment trees: gene i uniform, so parent uniform in 0..i-1."""
+    """Draw random attachment trees; gene i is uniform, so the parent is among 0..i-1.
+
+    Args:
+        anatomy: the robot's parts.
+        count: number of trees.
+        rng: draws them.
+        sides: move every attachment to the middle of its side.
+    """
     genomes = decode_unit_genes(anatomy, rng.random((count, anatomy.size)))
     return center_on_sides(genomes) if sides else genomes

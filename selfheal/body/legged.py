@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
+from .changes import list_subtree
 from .damage import Damage
 
 LEGGED = ("hexapod", "quadruped")
@@ -107,11 +108,7 @@ class LeggedRobot:
 
     def list_bodies_below(self, part: str) -> list[int]:
         """Bodies of the model that are lost with a part."""
-        gone = {int(self.model.body(part).id)}
-        for k in range(self.model.nbody):
-            if int(self.model.body_parentid[k]) in gone:
-                gone.add(k)
-        return sorted(gone)
+        return list_subtree(self.model.body_parentid, int(self.model.body(part).id))
 
 
 def load_legged_robot(

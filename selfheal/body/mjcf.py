@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import ModelError
 from .body import Anatomy, Bodies, Floats
+from .changes import compute_direction, tilt_gravity
 
 GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
@@ -195,8 +196,9 @@ def build_walking_spec(body: Bodies, physics: Physics, torque: Floats, slope: Fl
     """
     spec = build_spec(body, 0, physics)
     tilt, azimuth = slope
-    downhill = np.sin(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
-    spec.option.gravity = GRAVITY * np.array([*downhill, -np.cos(tilt)])
+    downhill = np.array([*compute_direction(azimuth), 0.0])
+    level = np.array([0.0, 0.0, -GRAVITY])
+    spec.option.gravity = tilt_gravity(level, tilt, downhill)
     for servo, limit in zip(spec.actuators, torque, strict=True):
         servo.forcelimited, servo.forcerange = True, [-limit, limit]
     for sensor in list(spec.sensors):
@@ -206,7 +208,13 @@ def build_walking_spec(body: Bodies, physics: Physics, torque: Floats, slope: Fl
 
 
 def format_mjcf(bodies: Bodies, row: int = 0, physics: Physics | None = None) -> str:
-    """MJCF text of one body; opens in any MuJoCo viewer. See `to_spec`."""
+    """MJCF text of one body, which opens in any MuJoCo viewer; see `build_spec`.
+
+    Args:
+        bodies: a batch of bodies.
+        row: which of them.
+        physics: constants of the model; None = the defaults of `Physics`.
+    """
     spec = build_spec(bodies, row, physics)
     spec.compile()
     return spec.to_xml()
@@ -215,11 +223,13 @@ def format_mjcf(bodies: Bodies, row: int = 0, physics: Physics | None = None) ->
 def load(path: str | Path) -> Bodies:
     """Read a robot's anatomy and true body from an MJCF.
 
+    The MJCF has one free body, the torso, which is a box. Each part below it has one
+    hinge, one capsule along x that starts at the joint, and at most one box, its
+    housing. All masses are explicit. The actuators list the joints in the order of the
+    parts. A part with a site `<part>_tip` is a foot.
+
     Args:
-        path: an MJCF with one free body (the torso, a box) and parts below it, each
-            with one hinge, one capsule along x that starts at the joint, and at most
-            one box (its housing), all with explicit masses. The actuators list the
-            joints in the order of the parts. A part with a site `<part>_tip` is a foot.
+        path: of the MJCF.
 
     Returns:
         A batch of one body with its anatomy.

@@ -7,14 +7,20 @@ after a change here, clear the caches (`__pycache__/*.nb*`).
 import numba
 
 JIT = dict(cache=True, nogil=True, fastmath=False, error_model="numpy")
-_INSIDE = 1e-7  # [m] the hull holds the origin when this close to it; chosen
+_ORIGIN_TOLERANCE = 1e-7  # [m] the hull holds the origin when this close to it; chosen
 
 
 @numba.njit(**JIT)
 def find_nearest_on_hull(flat, m, simplex):
-    """GJK in the plane: nearest point of a hull of m points to the origin.
+    """Find the point of a plane hull that is nearest to the origin, by GJK.
 
-    Returns the size of the simplex that carries it: 1 vertex, 2 edge, 3 inside.
+    Args:
+        flat: (M, 2) points [m].
+        m: how many of them count.
+        simplex: (2) to fill: rows of the points that carry the nearest one.
+
+    Returns:
+        The size of that simplex: 1 vertex, 2 edge, 3 inside.
     """
     best = 0
     for i in range(1, m):
@@ -25,7 +31,7 @@ def find_nearest_on_hull(flat, m, simplex):
     size = 1
     for _ in range(m + 4):
         norm = x * x + y * y
-        if norm < _INSIDE * _INSIDE:
+        if norm < _ORIGIN_TOLERANCE * _ORIGIN_TOLERANCE:
             return 3
         far, low = -1, norm - 1e-10
         for i in range(m):

@@ -11,11 +11,11 @@ _MOST_DEVICES = 8  # chosen: every device takes a share of each batch
 def prepare_jax():
     """Import jax with this machine's traps avoided; later calls cost nothing.
 
-    Before the first import: one host device for each core, because XLA runs a
-    vmapped loop on about one core; and never an XLA pool of exactly two threads, on
-    which batched Cholesky factors wait for each other forever (NPROC, engines.md).
-    A user's own settings of the same things stay. After an import by somebody else
-    only the compilation cache is set.
+    Two settings have to stand before the first import (engines.md). One host device for
+    each core, because XLA runs a vmapped loop on about one core. And never an XLA pool
+    of exactly two threads, on which batched Cholesky factors wait for each other
+    forever (`NPROC`). A user's own settings of the same things stay. After an import by
+    somebody else only the compilation cache is set.
 
     Returns:
         The jax module.

@@ -142,7 +142,7 @@ def plan_motion(
 
     Args:
         body: one row of `Parts`.
-        torso: (4) `torso_constants`.
+        torso: (4) `compute_torso_constants`.
         owner: `owners`.
         angles: (P, T + 1) joint angles, one timestep apart [rad].
         timestep: [s].

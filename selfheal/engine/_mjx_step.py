@@ -61,10 +61,13 @@ def import_mjx():
 
 @functools.cache
 def build_sphere_model(timestep: float):
-    """MJX's model and data of one free body of CONTACTS spheres above a floor.
+    """MJX's model and data of one free body of `CONTACTS` spheres above a floor.
 
-    One solver iteration, started where `qacc_smooth` says: `step` repeats it, because
-    MJX's own loop over iterations is slow in a batch.
+    It makes one solver iteration, started where `qacc_smooth` says. `step_body` repeats
+    it, because MJX's own loop over iterations is slow in a batch.
+
+    Args:
+        timestep: of the simulation [s].
     """
     import mujoco
 
@@ -110,6 +113,12 @@ def step_body(model, data, state: BodyState, pose: BodyPose) -> BodyState:
     """Move a body by one timestep while its parts go to their next planned pose.
 
     Between contacts it keeps its momentum, that of the moving parts included.
+
+    Args:
+        model: of the spheres, see `build_sphere_model`.
+        data: of the same model.
+        state: of the body before the step.
+        pose: of its parts after the step.
     """
     import jax.numpy as jnp
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from ._hull import JIT, find_nearest_on_hull
 
-_TOUCH = 1e-5  # [m] points within this of the floor are contacts; chosen
-_TURNS = 60  # at most this many tips a sub-step; chosen (2 on average)
+_CONTACT_TOLERANCE = 1e-5  # [m] points within this of the floor are contacts; chosen
+_MOST_TIPS = 60  # at most this many tips a sub-step; chosen (2 on average)
 
 
 @numba.njit(inline="always", **JIT)
@@ -115,7 +115,7 @@ def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
     e2[2] = n[0] * e1[1] - n[1] * e1[0]
     c = 0
     for k in range(m):
-        if heights[k] > height - _TOUCH:
+        if heights[k] > height - _CONTACT_TOLERANCE:
             touching[c] = k
             flat[c, 0] = flat[c, 1] = 0.0
             for r in range(3):
@@ -186,7 +186,7 @@ def _find_next_contact(points, radii, m, n, i0, base, v, heights, height):
         cj, sj = (a * g + b * root) / norm2, (b * g - a * root) / norm2
         order = 1.0 - cj if sj >= 0.0 else 3.0 + cj  # grows with t in [0, 2 pi)
         if order < first:
-            if order < 1e-12 and heights[j] > height - _TOUCH:
+            if order < 1e-12 and heights[j] > height - _CONTACT_TOLERANCE:
                 continue  # already touching, and rolling along
             first, ct, st = order, cj, sj
     return first, ct, st
@@ -197,7 +197,7 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
     """Tip in place until the contacts carry the center of mass. Returns H(n)."""
     base, v, e1, e2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     height = 0.0
-    for _ in range(_TURNS):
+    for _ in range(_MOST_TIPS):
         height, count = _find_contacts(
             points, radii, com, m, n, heights, e1, e2, touching, flat
         )
@@ -258,7 +258,16 @@ def _allocate_scratch(p):
 def settle_body(body, known, q, steps, radii, work):
     """Settle one body while its joints move from 0 to q in sub-steps.
 
-    Leaves up in `work`; returns the torso's height above the floor [m].
+    Args:
+        body: fields of one body, see `settle_batch`.
+        known: torso_half, torso_mass, block_half, block_center, block_mass.
+        q: (P) joint angles after the ramp [rad].
+        steps: sub-steps of the ramp.
+        radii: (8 + 10 P) radius of each contact point, the torso's corners first [m].
+        work: arrays of `_allocate_scratch`; the vertical is left in it.
+
+    Returns:
+        Height of the torso's center above the floor [m].
     """
     points, com, frames, spots, heights, touching, flat, simplex, n, angles = work
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
@@ -315,7 +324,8 @@ def race_batch(
     """Settle each body under one action after the other until its loss is too high.
 
     Args:
-        parent, ..., radius: as in `settle_batch`, N bodies.
+        parent, anchor, turn, axis, length, thickness, mass, known, radius: N bodies,
+            as in `settle_batch`.
         targets: (n, P) joint targets of the actions [rad].
         felt: (n, 3) channels measured: tilts [deg], clearance [mm]; NaN = unknown.
         weight, cap: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).

@@ -43,7 +43,13 @@ class Networks:
 
 
 def build_networks(robot: LeggedRobot, weights: Floats, alive: Floats) -> Networks:
-    """Controllers of weights (N, synapses), those of the inputs first."""
+    """Controllers of given weights.
+
+    Args:
+        robot: that they control.
+        weights: (N, synapses), those of the inputs first [1].
+        alive: (N, HIDDEN) factor on each hidden neuron, 0 where it is dead [1].
+    """
     inputs = len(robot.sensors) + robot.has_bias
     split = inputs * HIDDEN
     inner = weights[:, :split].reshape(-1, inputs, HIDDEN)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Bodies, Floats, scale_parts
+from ..body.changes import follow_with_play, limit_rate, list_subtree
 from ..body.damage import Damage
 from ..body.mjcf import Physics
 
@@ -76,11 +77,8 @@ def build_rated_plant(body: Bodies) -> Plant:
 
 def list_lost_parts(body: Bodies, part: int) -> list[int]:
     """A part (0..P-1) and all that hangs on it."""
-    gone = {part + 1}
-    for i, parent in enumerate(body.parent[0]):
-        if int(parent) in gone:
-            gone.add(i + 1)
-    return sorted(i - 1 for i in gone)
+    nodes = list_subtree([-1, *body.parent[0]], part + 1)  # node 0 is the torso
+    return [node - 1 for node in nodes]
 
 
 def apply_damages(plant: Plant, *damages: Damage) -> Plant:
@@ -145,7 +143,7 @@ def compute_set_points(
     speed, low, high, offset, jam = (
         np.stack([getattr(p, c) for p in plants]) for c in columns
     )
-    play = np.array([[p.backlash / 2] for p in plants])
+    play = np.array([[p.backlash] for p in plants])
     late = [round(p.delay / period) for p in plants]
     late_commands = np.stack(
         [np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
@@ -153,10 +151,6 @@ def compute_set_points(
     )  # fmt: skip
     wanted = np.clip(late_commands, low[:, None], high[:, None]) + offset[:, None]
     wanted = np.where(np.isnan(jam)[:, None], wanted, jam[:, None])
-    motor, joint = start.copy(), start.copy()
-    out = np.empty_like(wanted)
-    for t in range(wanted.shape[1]):
-        motor = motor + np.clip(wanted[:, t] - motor, -speed * period, speed * period)
-        joint = np.clip(joint, motor - play, motor + play)
-        out[:, t] = joint
-    return out
+    motor = limit_rate(wanted.swapaxes(0, 1), speed * period, start)
+    joint = follow_with_play(motor, play, start)
+    return np.ascontiguousarray(joint.swapaxes(0, 1))

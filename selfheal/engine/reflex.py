@@ -1,8 +1,8 @@
 """Reflexes: damaged robots and neural controllers in, what they do and sense out.
 
 All of a call is one `mujoco.batch.Batch` of one compiled model. What is broken is data
-of each simulation: a part that is gone has next to no mass, touches nothing and is
-driven by nothing; a joint that is jammed has an armature that nothing can turn; a
+of each simulation. A part that is gone has next to no mass, touches nothing and is
+driven by nothing. A joint that is jammed has an armature that nothing can turn. A
 sensor's factor stands between it and the network. Between two steps all networks are
 evaluated at once. MJX was measured instead: docs/how-recover-works.md.
 """
@@ -13,6 +13,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..body.body import Floats
+from ..body.changes import (
+    AIR_DENSITY,
+    LOST_SHARE,
+    compute_direction,
+    tilt_gravity,
+)
 from ..body.damage import Damage
 from ..body.legged import HIDDEN, LeggedRobot
 from ._jax import count_cores
@@ -23,11 +29,9 @@ STEPS = 1000  # of one evaluation (overview.txt 4.3)
 STEP = 0.01  # [s] of one, as the models have it
 STEPS_PER_SAMPLE = 5  # steps that a sample of the series is the mean of; chosen
 SAMPLE = STEP * STEPS_PER_SAMPLE  # [s] from sample to sample
-_LOST_MASS = 1e-3  # share of its mass that a lost part keeps: MuJoCo needs some; chosen
 _JAMMED_ARMATURE = (
     1e5  # [kg m^2] armature of a jammed joint; chosen: 6 N m turn it by 0.2 degrees
 )
-_AIR_DENSITY = 1.2  # [kg/m^3] where wind blows
 
 
 @dataclass(frozen=True)
@@ -36,15 +40,15 @@ class LeggedPlants:
 
     Attributes:
         robot: that all are of.
-        there: (N, B) whether each body of the model is there.
-        free: (N, D) whether each joint turns.
-        motor: (N, D) factor on each motor's torque.
-        sense: (N, S) factor on each sensor.
-        alive: (N, HIDDEN) 0 where a hidden neuron is dead.
+        present: (N, B) whether each body of the model is there.
+        unlocked: (N, D) whether each joint turns.
+        motor_gain: (N, D) factor on each motor's torque.
+        sensor_gain: (N, S) factor on each sensor.
+        neuron_gain: (N, HIDDEN) 0 where a hidden neuron is dead.
         gravity: (N, 3) [m/s^2].
         friction: (N) of the ground [1].
         wind: (N, 3) [m/s].
-        mass: (N) factor on all masses.
+        mass_scale: (N) factor on all masses [1].
     """
 
     robot: LeggedRobot
@@ -72,9 +76,9 @@ class Rollouts:
     """What N robots did in `STEPS` steps.
 
     Attributes:
-        way: (N) forward displacement d(1000) - d(1) [m]; -inf where it failed.
-        sensed: (N, T, S) what each sensor gave the network, means over `EVERY` steps,
-            in [-1, 1].
+        displacement: (N) forward displacement d(1000) - d(1) [m]; -inf where it failed.
+        sensors: (N, T, S) what each sensor gave the network, in [-1, 1]: means over
+            `STEPS_PER_SAMPLE` steps.
         path: (N, T, 3) of the torso [m], at the ends of the same times.
         failed: (N) whether the simulation diverged; its series are NaN.
     """
@@ -158,13 +162,12 @@ def _apply_damage(plants: LeggedPlants, row: int, damage: Damage) -> None:
     elif damage.kind == "ground_friction":
         plants.friction[row] = value
     elif damage.kind in ("slope", "wind"):
-        toward = np.array([np.cos(damage.azimuth), np.sin(damage.azimuth)])
+        toward = compute_direction(damage.azimuth)
         if damage.kind == "wind":
             plants.wind[row, :2] = value * toward
         else:
-            size = np.linalg.norm(robot.model.opt.gravity)
-            side = np.sin(value) * toward
-            plants.gravity[row] = size * np.array([*side, -np.cos(value)])
+            level, downhill = robot.model.opt.gravity, np.array([*toward, 0.0])
+            plants.gravity[row] = tilt_gravity(level, value, downhill)
 
 
 def simulate_controllers(
@@ -216,7 +219,7 @@ def _build_batch(plants: LeggedPlants):
     robot = plants.robot
     model = robot.model
     batch = Batch(model, len(plants), min(count_cores(), len(plants)))
-    here = np.where(plants.present, 1.0, _LOST_MASS) * plants.mass_scale[:, None]
+    here = np.where(plants.present, 1.0, LOST_SHARE) * plants.mass_scale[:, None]
     batch.expand("body_mass")[:] = model.body_mass * here
     batch.expand("body_inertia")[:] = model.body_inertia * here[..., None]
     touches = plants.present[:, model.geom_bodyid]
@@ -233,7 +236,7 @@ def _build_batch(plants: LeggedPlants):
     batch.expand("opt.gravity")[:] = plants.gravity
     batch.expand("opt.wind")[:] = plants.wind
     blows = (plants.wind != 0).any(axis=1)
-    batch.expand("opt.density")[:] = np.where(blows, _AIR_DENSITY, 0.0)
+    batch.expand("opt.density")[:] = np.where(blows, AIR_DENSITY, 0.0)
     batch.set_const()
     batch.reset()
     return batch

@@ -10,7 +10,9 @@ from ..body.body import Bodies, Floats, Ints
 from ._jax import count_cores
 from .readings import MAX_CLEARANCE, Readings, compute_readings
 
-_WORTH_A_THREAD = 64  # rows; starting a thread costs about as much as settling these
+_LEAST_ROWS_PER_THREAD = (
+    64  # rows; starting a thread costs about as much as settling these
+)
 
 
 class Statics:
@@ -90,7 +92,7 @@ class Statics:
 
     def _run_in_threads(self, run: Callable[[slice], None], count: int) -> None:
         """Run over `count` rows, cut among the threads where that pays."""
-        if count < self.threads * _WORTH_A_THREAD or self.threads == 1:
+        if count < self.threads * _LEAST_ROWS_PER_THREAD or self.threads == 1:
             run(slice(None))
             return
         edges = np.linspace(0, count, self.threads + 1).astype(int)

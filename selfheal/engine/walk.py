@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..body.body import Anatomy, Floats
+from ..body.changes import compute_direction, tilt_gravity
 from ..body.damage import list_sensors
 from ._jax import count_cores
 from .plant import Plant, compute_set_points
@@ -17,8 +18,8 @@ from .readings import TOUCH_HEIGHT
 
 PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulation
 SAMPLE = 0.05  # [s] between readings; chosen
-_EVERY = round(SAMPLE / PERIOD)
-_CHUNK = 64  # simulations in memory at once; chosen
+_STEPS_PER_SAMPLE = round(SAMPLE / PERIOD)
+_MOST_AT_ONCE = 64  # simulations in memory at once; chosen
 FASTEST = 50.0  # [rad/s or m/s] what moves faster has diverged; chosen
 
 
@@ -64,12 +65,13 @@ def simulate_walks(
         plants: N of one time step; the same object is compiled once.
         commands: (N, T, P) [rad], each held for `PERIOD`; T a multiple of
             SAMPLE / PERIOD.
-        start: `state` and `set_point` to go on from; None = at rest, all joints zero.
+        start: `state` (N, nstate) and `set_point` (N, P) to go on from; None = at rest,
+            all joints zero.
     """
     models = {key: _compile_plant(p) for key, p in {id(p): p for p in plants}.items()}
     parts = []
-    for first in range(0, len(plants), _CHUNK):
-        rows = slice(first, first + _CHUNK)
+    for first in range(0, len(plants), _MOST_AT_ONCE):
+        rows = slice(first, first + _MOST_AT_ONCE)
         begin = None if start is None else (start[0][rows], start[1][rows])
         chosen = [models[id(p)] for p in plants[rows]]
         parts.append(_simulate_chunk(list(plants[rows]), chosen, commands[rows], begin))
@@ -124,7 +126,7 @@ def _simulate_chunk(
 
 def _sample_walks(plants, model, states, sensors, points, steps) -> Walks:
     """What was simulated, sampled."""
-    p, every = model.nu, _EVERY * steps
+    p, every = model.nu, _STEPS_PER_SAMPLE * steps
     last = states[:, -1].copy()
     seen, tips = states[:, every - 1 :: every], sensors[:, every - 1 :: every]
     q, v = seen[..., 1 : 8 + p], seen[..., 8 + p : 14 + 2 * p]
@@ -166,8 +168,8 @@ def _sample_walks(plants, model, states, sensors, points, steps) -> Walks:
 def _compute_up(slope: Floats) -> Floats:
     """(3) the direction against gravity in the ground's frame."""
     tilt, azimuth = slope
-    downhill = np.array([np.cos(azimuth), np.sin(azimuth)])
-    return np.array([*(-np.sin(tilt) * downhill), np.cos(tilt)])
+    downhill = np.array([*compute_direction(azimuth), 0.0])
+    return -tilt_gravity(np.array([0.0, 0.0, -1.0]), tilt, downhill)
 
 
 def rotate_into_frame(quat: Floats, vector: Floats) -> Floats:

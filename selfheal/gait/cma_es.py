@@ -45,7 +45,16 @@ def _decompose_covariance(state: CmaState) -> tuple[Floats, Floats]:
 
 
 def ask(state: CmaState, count: int, rng: np.random.Generator) -> Floats:
-    """(count, D) points to score."""
+    """Draw points to score.
+
+    Args:
+        state: of the search, in D dimensions.
+        count: number of points N.
+        rng: draws them.
+
+    Returns:
+        (N, D) points.
+    """
     vectors, widths = _decompose_covariance(state)
     steps = rng.normal(size=(count, len(state.mean))) * widths
     return state.mean + state.sigma * steps @ vectors.T
@@ -56,8 +65,8 @@ def tell(state: CmaState, points: Floats, scores: Floats) -> CmaState:
 
     Args:
         state: that asked.
-        points: (count, D).
-        scores: (count) larger is better; what is not finite is worst.
+        points: (N, D) that were scored.
+        scores: (N) larger is better; what is not finite is worst.
     """
     d, count = len(state.mean), len(points)
     mu = count // 2

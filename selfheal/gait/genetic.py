@@ -1,9 +1,10 @@
 """The evolutionary algorithm of 2004: a score in, strings of numbers that reach it out.
 
-Population 100, 30 generations, the best 50 kept; 50 new ones by tournaments of three,
-each value replaced with a chance of 1 %, then one-point crossover of 12 pairs; values
-have two decimals and lie in [-1, 1] (overview.txt 4.3). Both searches use it: one for
-controllers, one for hypotheses of damage.
+A population of 100 lives for 30 generations, of each of which the best 50 are kept. The
+50 new ones come of tournaments of three. Each value is replaced with a chance of 1 %,
+then 12 pairs undergo one-point crossover. Values have two decimals and lie in [-1, 1]
+(overview.txt 4.3). Both searches use it: one for controllers, one for hypotheses of
+damage.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,7 +29,7 @@ class Population:
         genomes: (N, D) best first.
         scores: (N) larger is better, -inf where it failed.
         best: (G) score of the best one after each generation so far.
-        asked: evaluations that the algorithm has asked for, in all.
+        evaluations: evaluations that the algorithm has asked for, in all.
     """
 
     genomes: Floats
@@ -38,7 +39,16 @@ class Population:
 
 
 def draw_values(count: int, size: int, rng: np.random.Generator) -> Floats:
-    """(count, size) random values of two decimals."""
+    """Draw values of two decimals in [-1, 1].
+
+    Args:
+        count: number of genomes N.
+        size: of each, D.
+        rng: draws them.
+
+    Returns:
+        (N, D) values [1].
+    """
     # + 0: of the two zeros only one, for genomes are compared byte by byte
     return np.round(rng.uniform(-1, 1, (count, size)), 2) + 0.0
 
@@ -67,10 +77,20 @@ def evolve_population(
     generations: int,
     mutation: float = MUTATION,
 ) -> Iterator[Population]:
-    """The population after each of so many more generations.
+    """The population after each of some more generations.
 
     A child that is the copy of one that has been scored is not scored again: the
     simulation has no chance in it.
+
+    Args:
+        pool: to begin with.
+        score: of genomes (N, D), larger is better.
+        rng: for tournaments, mutations and crossovers.
+        generations: how many.
+        mutation: chance that a value is drawn anew [1].
+
+    Yields:
+        The population after each generation.
     """
     known = {g.tobytes(): s for g, s in zip(pool.genomes, pool.scores, strict=True)}
     for _ in range(generations):
@@ -90,7 +110,16 @@ def evolve_population(
 
 
 def breed_children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
-    """(POPULATION - KEPT, D) new genomes of those kept (KEPT, D), best ones first."""
+    """Breed new genomes by tournaments, mutation and crossover.
+
+    Args:
+        kept: (KEPT, D) genomes that breed, best ones first.
+        rng: for tournaments, mutations and crossovers.
+        mutation: chance that a value is drawn anew [1].
+
+    Returns:
+        (POPULATION - KEPT, D) new genomes.
+    """
     count = POPULATION - KEPT
     # best first: the winner of a tournament is its lowest row
     winners = rng.integers(0, len(kept), (count, _TOURNAMENT)).min(axis=1)

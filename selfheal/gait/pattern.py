@@ -32,11 +32,20 @@ class Pattern(Protocol):
         ...
 
     def compute_commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
-        """(N, T, P) [rad], one row every `PERIOD`, of genes (N, size)."""
+        """Joint commands of gaits, one row every `PERIOD`.
+
+        Args:
+            genes: (N, D) of N gaits [1].
+            joints: number of joints P.
+            seconds: length of the commands [s].
+
+        Returns:
+            (N, T, P) commands [rad].
+        """
         ...
 
     def compute_period(self, genes: Floats) -> float:
-        """Seconds in which a gait (size) repeats."""
+        """Time after which the gait of genes (D) repeats [s]."""
         ...
 
     def add_stance(self, genes: Floats, stance: Floats) -> Floats:
@@ -59,7 +68,16 @@ class PosePattern:
         return 4 * joints
 
     def compute_commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
-        """See `Pattern`; a longer time goes on round the poses."""
+        """Commands through the four poses in turn; a longer time goes round again.
+
+        Args:
+            genes: (N, D) of N gaits, poses in units of `SWING` [1].
+            joints: number of joints P.
+            seconds: length of the commands [s].
+
+        Returns:
+            (N, T, P) commands [rad].
+        """
         poses = SWING * np.clip(genes, -1, 1).reshape(len(genes), 4, joints)
         step = SECONDS / _SEGMENTS
         count = int(np.ceil(seconds / step)) + 1
@@ -74,11 +92,11 @@ class PosePattern:
         return (1 - part) * knots[:, low] + part * knots[:, low + 1]
 
     def compute_period(self, genes: Floats) -> float:
-        """See `Pattern`."""
+        """Time in which a gait of genes (D) goes through its four poses [s]."""
         return 4 * SECONDS / _SEGMENTS
 
     def add_stance(self, genes: Floats, stance: Floats) -> Floats:
-        """See `Pattern`."""
+        """Genes (N, D) with a stance (N, P) [rad] added to each pose."""
         return genes + np.tile(stance / SWING, 4)
 
 
@@ -97,7 +115,16 @@ class WavePattern:
         return 3 * joints + 1
 
     def compute_commands(self, genes: Floats, joints: int, seconds: float) -> Floats:
-        """See `Pattern`."""
+        """Commands that are a sine wave of each joint about its middle, faded in.
+
+        Args:
+            genes: (N, D) of N gaits: middles, sines, cosines, frequency [1].
+            joints: number of joints P.
+            seconds: length of the commands [s].
+
+        Returns:
+            (N, T, P) commands [rad].
+        """
         time = _list_times(seconds)
         middle, sine, cosine = (
             SWING / 2 * genes[:, k * joints : (k + 1) * joints, None] for k in range(3)
@@ -109,11 +136,11 @@ class WavePattern:
         return np.clip(out, -SWING, SWING).transpose(0, 2, 1)
 
     def compute_period(self, genes: Floats) -> float:
-        """See `Pattern`."""
+        """Period of the waves of genes (D) [s]."""
         return float(1 / self._compute_frequency(genes[None])[0])
 
     def add_stance(self, genes: Floats, stance: Floats) -> Floats:
-        """See `Pattern`."""
+        """Genes (N, D) with a stance (N, P) [rad] added to the middles."""
         out = genes.copy()
         out[:, : stance.shape[1]] += stance / (SWING / 2)
         return out

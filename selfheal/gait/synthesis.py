@@ -26,9 +26,13 @@ _JUDGES = 16  # plants that the finished gait is predicted on
 _FRICTION, _DENSITY, _STIFFNESS = (0.5, 1.2), (0.92, 1.08), (30.0, 60.0)
 _STRENGTH, _SPEED, _DELAYS = (0.8, 1.1), (0.8, 1.1), (0.0, 0.02, 0.04, 0.06)
 _BACKLASH, _ZERO = np.radians(2.0), np.radians(1.0)
-_SIDEWAYS = 0.5  # of the way to the side is taken off; chosen
+_SIDEWAYS_COST = 0.5  # of the way to the side is taken off; chosen
 # A gait that tilts the torso beyond 15 degrees costs, up to 0.3 m at 60; chosen
-_LEVEL, _TIPPED, _FALL = np.cos(np.radians(15.0)), np.cos(np.radians(60.0)), 0.3
+_LEVEL_COSINE, _TIPPED_COSINE, _FALL_COST = (
+    np.cos(np.radians(15.0)),
+    np.cos(np.radians(60.0)),
+    0.3,
+)
 
 
 @dataclass(frozen=True)
@@ -78,8 +82,8 @@ def compute_fitness(walks: Walks, heading: float) -> Floats:
     """(N) [m] way along the heading, less half the way across, less a tipping."""
     along, across = project_on_heading(walks.position[:, -1], heading)
     lowest = walks.up[..., 2].min(axis=1)
-    tipped = np.clip((_LEVEL - lowest) / (_LEVEL - _TIPPED), 0, 1)
-    return along - _SIDEWAYS * np.abs(across) - _FALL * tipped
+    tipped = np.clip((_LEVEL_COSINE - lowest) / (_LEVEL_COSINE - _TIPPED_COSINE), 0, 1)
+    return along - _SIDEWAYS_COST * np.abs(across) - _FALL_COST * tipped
 
 
 def randomize_plant(plant: Plant, rng: np.random.Generator) -> Plant:
@@ -103,7 +107,13 @@ def randomize_plant(plant: Plant, rng: np.random.Generator) -> Plant:
 
 
 def walk_gait(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> Walks:
-    """A gait on several plants."""
+    """Simulate a gait on several plants.
+
+    Args:
+        plants: N of one attachment tree.
+        gait: that they walk.
+        seconds: length of the walk [s].
+    """
     joints = plants[0].body.anatomy.size
     commands = gait.commands(joints, seconds)
     return simulate_walks(plants, np.repeat(commands[None], len(plants), axis=0))
@@ -155,8 +165,8 @@ def synthesize_gait(
     """A gait for a robot that may be any of these plants, each a little otherwise.
 
     Args:
-        plants: rival self-models.
-        weights: how likely each is.
+        plants: (K) rival self-models.
+        weights: (K) how likely each is [1].
         name: of the gait's pattern.
         heading: direction to walk [rad].
         seed: of everything random.
@@ -229,7 +239,14 @@ def evaluate_gait(
     weights: Sequence[float] | Floats = (1.0,),
     seed: int = 0,
 ) -> Gait:
-    """A gait with what is predicted of it on plants that the robot may be."""
+    """A gait with what is predicted of it on plants that the robot may be.
+
+    Args:
+        plants: (K) rival self-models.
+        gait: to predict.
+        weights: (K) how likely each is [1].
+        seed: of everything random.
+    """
     rng = np.random.default_rng([seed, 1])
     chance = np.asarray(weights, float) / np.sum(weights)
     drawn = rng.choice(len(plants), size=_JUDGES, p=chance)

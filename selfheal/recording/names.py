@@ -90,7 +90,10 @@ def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":
 
 
 def list_model_names(model: "mujoco.MjModel") -> ModelNames:
-    """The same of a compiled model; free and ball joints have no signal."""
+    """What a compiled model gives to command and to measure.
+
+    Free and ball joints have no signal.
+    """
     targets = {
         "joint": {
             model.joint(j).name: Target(units)

@@ -23,6 +23,9 @@ def compute_log_t(z: Floats) -> Floats:
 
     Args:
         z: (...) residuals over their scale [1]; NaN counts nothing.
+
+    Returns:
+        (...) log densities [nats].
     """
     tails = (DEGREES_OF_FREEDOM + 1) / 2
     return -tails * np.log1p(np.nan_to_num(z) ** 2 / DEGREES_OF_FREEDOM)
@@ -50,7 +53,7 @@ def compute_log_likelihood(
         predicted: (H, M) values; NaN where the simulation failed.
         slope: (H, M, D) change of a value with each joint's zero [1/deg], or D = 0.
         felt: (M); NaN where nothing was read.
-        noise: see `Noise`.
+        noise: see `ResidualNoise`.
 
     Returns:
         (H) log likelihood, the drift integrated out (Laplace's approximation);
@@ -97,10 +100,10 @@ class CandidateAction:
     """What an action would show.
 
     Attributes:
-        table: (H, K, M) values by each hypothesis and each of K robots that it may be;
-            NaN where the simulation failed.
+        predicted: (H, K, M) values by each hypothesis and each of K robots that it may
+            be; NaN where the simulation failed.
         scale: (M) of their residuals.
-        worth: share of the values that tell something of their own.
+        effective_share: share of the values that tell something of their own.
     """
 
     predicted: Floats
@@ -123,12 +126,17 @@ def score_outcomes(candidate: CandidateAction, felt: Floats) -> Floats:
 
 
 def widen_scale(scale: Floats, slope: Floats, drift: float) -> Floats:
-    """(M) scale of residuals where the drift is not known yet.
+    """Widen the scale of residuals where the drift is not known yet.
+
+        scale' = sqrt(scale^2 + drift^2 |slope|^2)
 
     Args:
-        scale: (M) without it.
-        slope: (M, D) see `log_likelihood`.
-        drift: see `Noise`.
+        scale: (M) without the drift, in units of the values.
+        slope: (M, D) change of the values with each of D drifts, per [deg] of it.
+        drift: standard deviation of each drift [deg]; see `ResidualNoise`.
+
+    Returns:
+        (M) widened scale.
     """
     return np.sqrt(scale**2 + drift**2 * (np.nan_to_num(slope) ** 2).sum(axis=-1))
 

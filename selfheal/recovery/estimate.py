@@ -27,9 +27,9 @@ class Trial:
     """What a robot answered to a controller.
 
     Attributes:
-        weights: (synapses) of the controller.
-        way: forward displacement [m]; -inf where there was none to measure.
-        sensed: (T, S) sensor values over time; see `engine.reflex.Drives`.
+        weights: (W) of the controller's synapses [1].
+        displacement: forward displacement [m]; -inf where there was none to measure.
+        sensors: (T, S) sensor values over time; see `engine.reflex.Rollouts`.
     """
 
     weights: Floats

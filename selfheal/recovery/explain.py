@@ -31,7 +31,7 @@ from .hypotheses import AZIMUTHS, STRENGTHS, list_ground_damages
 
 Progress = Callable[[float], None]
 
-MOST = 4  # damages at a time (overview.txt 4.3)
+MOST_DAMAGES = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
 _FIRST_BEAM, _BEAM_DECAY = (
     24,
@@ -42,7 +42,7 @@ _SCREEN_STEPS, _SCREENED = (
     100,
     200,
 )  # steps after which so many of a size are left; chosen
-_FINAL = 24  # hypotheses that are compared on whole series; chosen
+_FINALISTS = 24  # hypotheses that are compared on whole series; chosen
 _VARIANTS = 2  # values of one hypothesis that are moved; chosen
 _ROUNDS = 10  # of smaller steps in values; chosen
 _STEP_DECAY = 0.65  # a round's steps : those of the one before; chosen
@@ -54,8 +54,8 @@ _DAMAGE_COST = 6.0  # [nats] that each damage must explain more; chosen
 _HALF_TIME = 1.0  # [s] after which a sample counts half; chosen
 # Chosen: damage under which likely robots are watched part, and the share of a series'
 # standard deviation by which they have parted when predictions say nothing any more.
-_CLEAR_KINDS, _PARTED = ("limb_loss", "joint_jam", "sensor_dead"), 0.5
-_TURN = np.pi / 8
+_CLEAR_KINDS, _TIE_SHARE = ("limb_loss", "joint_jam", "sensor_dead"), 0.5
+_AZIMUTH_STEP = np.pi / 8
 # first steps of the values: a grid's half
 _STEPS = {"weak_motor": 0.075, "weak_sensor": 0.075, "slope": np.radians(2.5),
           "ground_friction": 0.05, "wind": 1.5}  # fmt: skip
@@ -168,7 +168,7 @@ def _compute_trusted_scale(
         np.concatenate([one] * len(others)), np.concatenate(others)
     )
     scale = np.fmax(known[:rows], parted)
-    lost = scale.mean(axis=1) > _PARTED * before.std(axis=0).mean()
+    lost = scale.mean(axis=1) > _TIE_SHARE * before.std(axis=0).mean()
     return scale[: max(1, int(np.argmax(lost))) if lost.any() else rows]
 
 
@@ -196,10 +196,10 @@ def estimate_damage(
     seen = _Evidence(robot, trims, trials, scale, before)
     weights = _weigh_hypotheses(seen, list(dict.fromkeys([(), *known])))
     for size, grown in enumerate(_grow_hypotheses(seen, weights)):
-        progress((size + 1) / (MOST + 2))
+        progress((size + 1) / (MOST_DAMAGES + 2))
         if not grown:
             break
-    best = sorted(weights, key=lambda h: -weights[h])[:_FINAL]
+    best = sorted(weights, key=lambda h: -weights[h])[:_FINALISTS]
     total = seen.compute_log_weights(best, STEPS)
     chance = compute_posterior(total)
     order = np.argsort(-chance, kind="stable")
@@ -214,7 +214,7 @@ def _grow_hypotheses(
     beam: list[Hypothesis] = [()]
     coarse = list_single_damages(seen.robot)
     fine = [d for c in coarse for d in _subdivide_damage(c)]
-    for width in (_FIRST_BEAM, *[_BEAM] * (MOST - 1)):
+    for width in (_FIRST_BEAM, *[_BEAM] * (MOST_DAMAGES - 1)):
         catalogue = fine if width == _FIRST_BEAM else coarse
         if _is_explained(weights):
             return
@@ -293,7 +293,7 @@ def _vary_values(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
             continue
         low, high = _RANGES[damage.kind]
         step = part * _STEPS[damage.kind]
-        turn = part * _TURN if damage.kind in ("slope", "wind") else 0.0
+        turn = part * _AZIMUTH_STEP if damage.kind in ("slope", "wind") else 0.0
         for by, round_ in product((-step, 0.0, step), (-turn, 0.0, turn)):
             value = float(np.clip(damage.value + by, low, high))
             other = replace(damage, value=value, azimuth=damage.azimuth + round_)
@@ -315,7 +315,7 @@ def _subdivide_damage(damage: Damage) -> Iterator[Damage]:
         yield damage
         return
     steps = _STEPS[damage.kind] * np.array((-1.0, -0.5, 0.0, 0.5, 1.0))
-    turns = np.array((0.0, _TURN)) * (damage.kind in ("slope", "wind"))
+    turns = np.array((0.0, _AZIMUTH_STEP)) * (damage.kind in ("slope", "wind"))
     for step, turn in product(steps.tolist(), dict.fromkeys(turns.tolist())):
         yield replace(damage, value=damage.value + step, azimuth=damage.azimuth + turn)
 

@@ -1,10 +1,10 @@
-"""Trim: a walk of the whole robot in; its likely friction, masses and motors out.
+"""Fit of physics: a walk of the whole robot in; its friction, masses and motors out.
 
-A threshold network under friction, masses and motors that are a few percent off leaves
-its predicted way within half a second, and any damage is then explained best by damage
-that is not there. So they are fitted to how the robot walked while nothing was broken:
-to its first steps, then to more, for where contacts decide a fit to all at once leads
-nowhere.
+A threshold network is sensitive. With friction, masses and motors that are a few
+percent off, its predicted way leaves the real one within half a second. Any damage is
+then explained best by damage that is not there. So they are fitted to how the robot
+walked while nothing was broken: to its first steps, then to more. Where contacts
+decide, a fit to all steps at once leads nowhere.
 """
 
 from collections.abc import Callable
@@ -50,13 +50,14 @@ def fit_physics(
 
     Args:
         robot: as it was built.
-        weights: (synapses) of the controller.
-        sensed: (T, S) what the whole robot sensed; see `engine.reflex.Drives`.
+        weights: (W) of the controller's synapses [1].
+        sensed: (T, S) what the whole robot sensed; see `engine.reflex.Rollouts`.
         rng: draws where to look.
         progress: told what share is done.
 
     Returns:
-        See `engine.reflex.trimmed`; one row of ones where the model is right already.
+        See `engine.reflex.scale_physics`; one row of ones where the model is right
+        already.
     """
     size = 2 + len(robot.motors)
     model = simulate_controllers(build_intact_plants(robot, 1), weights[None]).sensors[

@@ -34,7 +34,7 @@ def heal_robot(
         progress: told the phase, what is done, and how much of it.
     """
     work = HealPhases(robots, models, weights, settings, progress)
-    ended = partial(_summarize_run, robot=robots.whole.name)
+    ended = partial(_summarize_run, robot=robots.intact.name)
     return run_phases(run or HealRun(settings), work.run_next, ended)
 
 

@@ -15,7 +15,7 @@ _SLOPES, AZIMUTHS = np.radians((5.0, 10.0, 15.0)), np.radians(np.arange(0, 360, 
 _FRICTIONS = (0.05, 0.1, 0.2, 0.3)
 # Prior of each kind, spread evenly over its targets; chosen: an alarm is seldom false,
 # and nothing else is likelier than another.
-_NOTHING = 0.05
+_INTACT_PRIOR = 0.05
 # A value is not refined beyond this: 5 mm on the longest part, a degree; chosen
 _DEG = np.pi / 180
 _FINE = {"part_scale": 0.03, "joint_jam": _DEG, "weak_motor": 0.04, "slope": _DEG,
@@ -68,8 +68,8 @@ def compute_log_prior(damages: Sequence[Damage]) -> Floats:
     names, group = group_damages(damages)
     kinds = [kind for kind, _ in names]
     share = [
-        _NOTHING if kind == "none"
-        else (1 - _NOTHING) / (len(set(kinds)) - 1) / kinds.count(kind)
+        _INTACT_PRIOR if kind == "none"
+        else (1 - _INTACT_PRIOR) / (len(set(kinds)) - 1) / kinds.count(kind)
         for kind in kinds
     ]  # fmt: skip
     return np.log(np.array(share) / np.bincount(group))[group]

@@ -4,8 +4,8 @@ Windows of a quarter of a gait's cycle. A channel's residual (sensed less predic
 compared with what it was, at the same quarter, while the robot was known to be whole.
 Each channel has a CUSUM (Page 1954) of the log likelihood ratio of "as before" against
 "six times as wide", which sees a sensor that is far off. One more sums the misfit of
-all channels, against "two spreads more than before", which sees many that are a little
-off; and one for each channel counts windows in which it stands perfectly still, against
+all channels, against "two spreads more than before"; it sees many that are a bit off.
+And one for each channel counts windows in which it stands perfectly still, against
 "always", which sees a dead sensor. By Lorden (1971) such a sum passes h by chance at
 most once in exp(h) windows, which sets h from the stated rate of false alarms.
 """
@@ -90,11 +90,19 @@ class Baseline:
 def compute_window_means(
     sensed: Floats, cycle: float, names: tuple[str, ...]
 ) -> Floats:
-    """(W, C) mean of each channel in windows of a quarter cycle.
+    """Mean of each channel in windows of a quarter cycle.
 
-    The last two of the (S, C) channels are a position [mm]; a window has the way
-    travelled in it instead, which no heading changes, and the change of position
-    cannot.
+    The last two channels are a position [mm], which hangs on the heading. In place of
+    the first a window has the length of the way travelled in it, in place of the second
+    zero.
+
+    Args:
+        sensed: (S, C) channels.
+        cycle: of the gait [s].
+        names: of the C channels.
+
+    Returns:
+        (W, C) means.
     """
     edges = _find_window_edges(len(sensed), cycle)
     rows = [sensed[a:b].mean(axis=0) for a, b in zip(edges, edges[1:], strict=False)]
@@ -212,7 +220,7 @@ class PoseReadings:
     """Poses at rest, one after the other.
 
     Attributes:
-        felt: (W, C) channels without the place; NaN = not read.
+        measured: (W, C) channels without the place; NaN = not read.
         predicted: (W, C).
         scale: (C) by which a right prediction is off.
     """

@@ -40,7 +40,7 @@ class PhasedRun:
 
     @property
     def seconds(self) -> float:
-        """Spent so far, interruptions left out."""
+        """Time spent so far, interruptions left out [s]."""
         return sum(phase["seconds"] for phase in self.phases.values())
 
 

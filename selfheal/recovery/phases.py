@@ -23,12 +23,18 @@ from .read_channels import read_channels, read_orientation, read_position
 from .record import HealRun, HealSettings, read_gait, serialize_gait
 from .reidentify import DamagePosterior, TakenAction
 
-LEARNED = 30.0  # [s] of walking whole from which the monitor learns; chosen
-WATCHED = 40.0  # [s] of each walk that is watched; chosen
-_SHIFTS = 3  # such walks until it is given up that something is wrong
-_KEPT, _LIKELY = 4, 0.05  # hypotheses that the new gait has to suit; chosen
-_SHOWN = 6  # hypotheses in the result
-_STILL = ("none", "sensor_dead")  # kinds after which the old gait is as good as ever
+LEARNING_TIME = 30.0  # [s] of walking whole from which the monitor learns; chosen
+WATCHING_TIME = 40.0  # [s] of each walk that is watched; chosen
+_MOST_WALKS = 3  # such walks until it is given up that something is wrong
+_MOST_HYPOTHESES, _LEAST_PROBABILITY = (
+    4,
+    0.05,
+)  # hypotheses that the new gait has to suit; chosen
+_MOST_SHOWN = 6  # hypotheses in the result
+_HARMLESS_KINDS = (
+    "none",
+    "sensor_dead",
+)  # kinds after which the old gait is as good as ever
 
 Progress = Callable[[str, str, float], None]
 
@@ -38,14 +44,14 @@ class RobotStates:
     """The robot in its three lives.
 
     Attributes:
-        whole: as built.
-        breaking: breaks in the middle of each move.
-        broken: broken from the start.
+        intact: as built.
+        breaking: is damaged in the middle of each move.
+        damaged: damaged from the start.
     """
 
-    whole: Walker
+    intact: Walker
     breaking: Walker
-    broken: Walker
+    damaged: Walker
 
 
 def make_robot_states(robot: Walker, settings: HealSettings) -> RobotStates:
@@ -67,7 +73,7 @@ class HealPhases:
         settings: HealSettings,
         progress: Progress,
     ) -> None:
-        """See `heal.heal` for the arguments."""
+        """See `heal.heal_robot` for the arguments."""
         self.robots, self.settings, self.progress = robots, settings, progress
         self.plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
         self.weights = weights
@@ -153,7 +159,7 @@ class HealPhases:
         """It walks, and the monitor learns how it walks while whole."""
         gait = read_gait(done["gait"])
         self.progress("whole", "walking", 0.0)
-        walked = self._walk_robot(self.robots.whole, gait, LEARNED, 0)
+        walked = self._walk_robot(self.robots.intact, gait, LEARNING_TIME, 0)
         path = self._extract_path(walked)
         return {**path, "distance": self._measure_distance(path["position"]),
                 "felt": read_channels(walked, self.anatomy)[1]}  # fmt: skip
@@ -168,18 +174,18 @@ class HealPhases:
     def _watch_for_alarm(self, done: Mapping[str, Phase]) -> Phase:
         """It walks on, breaks at some time, and notices."""
         gait = read_gait(done["gait"])
-        predicted = self._predict_channels(gait, WATCHED)
+        predicted = self._predict_channels(gait, WATCHING_TIME)
         felt = done["whole"]["felt"]
         known = learn_baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
-        for shift in range(_SHIFTS):
-            self.progress("alarm", "walking and watching", shift / _SHIFTS)
-            robot = self.robots.broken if shift else self.robots.breaking
-            walked = self._walk_robot(robot, gait, WATCHED, 1 + shift)
+        for shift in range(_MOST_WALKS):
+            self.progress("alarm", "walking and watching", shift / _MOST_WALKS)
+            robot = self.robots.damaged if shift else self.robots.breaking
+            walked = self._walk_robot(robot, gait, WATCHING_TIME, 1 + shift)
             now = read_channels(walked, self.anatomy)[1]
             seen = watch_walk(now, predicted, known, self.channels)
             if seen.alarm:
                 break
-        before = shift * WATCHED
+        before = shift * WATCHING_TIME
         alarm, end = None, len(now)
         if seen.alarm:
             end = round(seen.alarm.time / SAMPLE)
@@ -220,7 +226,7 @@ class HealPhases:
         probe, left = chosen
         action = doubt.probes[probe]
         self.progress("ask", action.description, 0.5)
-        walked = self.robots.broken.move(action.commands, trial=100 + k)
+        walked = self.robots.damaged.move(action.commands, trial=100 + k)
         doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
         return {"probe": probe, "why": action.description, "expected": left,
                 "values": doubt.taken[-1].measured,
@@ -237,8 +243,12 @@ class HealPhases:
     def _make_healed_gait(self, done: Mapping[str, Phase]) -> Phase:
         """A new gait for what the robot is now believed to be."""
         old, believed = read_gait(done["gait"]), done["verdict"]["believed"]
-        likely = [b for b in believed[:_KEPT] if b["probability"] >= _LIKELY]
-        if likely[0]["kind"] in _STILL:
+        likely = [
+            b
+            for b in believed[:_MOST_HYPOTHESES]
+            if b["probability"] >= _LEAST_PROBABILITY
+        ]
+        if likely[0]["kind"] in _HARMLESS_KINDS:
             return {"gait": serialize_gait(old), "kept": True}
         plants, weights = [], []
         for b in likely:
@@ -260,7 +270,7 @@ class HealPhases:
         for trial, gait in ((150, new), (151, old)):
             self.progress(name, "trying it against the old one", 1.0)
             path = read_position(
-                self._walk_robot(self.robots.broken, gait, SECONDS, trial)
+                self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
             )
             way.append(self._measure_distance(path))
         return new if way[0] >= way[1] else again
@@ -280,7 +290,7 @@ class HealPhases:
             self.progress("walked", f"{name} on the broken robot", 0.5 * (trial - 200))
             gait = read_gait(done[name])
             path = self._extract_path(
-                self._walk_robot(self.robots.broken, gait, SECONDS, trial)
+                self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
             )
             what = {"gait": "damaged", "healed": "healed"}[name]
             found |= {f"{what}_{k}": v for k, v in path.items()}
@@ -289,7 +299,7 @@ class HealPhases:
 
     def _walk_informed_gait(self, done: Mapping[str, Phase]) -> Phase:
         """For the report alone: a gait for the true damaged body, walked."""
-        robot, old = self.robots.broken, read_gait(done["gait"])
+        robot, old = self.robots.damaged, read_gait(done["gait"])
         if robot.truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(robot.truth), *self.settings.damage)
@@ -303,7 +313,7 @@ def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:
     """The likeliest hypotheses, most likely first, as a phase keeps them."""
     return [
         _format_hypothesis(damage, chance)
-        for damage, chance in doubt.rank_damages()[:_SHOWN]
+        for damage, chance in doubt.rank_damages()[:_MOST_SHOWN]
     ]
 
 

@@ -17,7 +17,7 @@ from ..gait.synthesis import randomize_plant
 from .belief import compute_log_t
 from .probes import Probe, extract_values, find_residual_scale, predict_values
 
-_DRAWN, _KEPT = 64, 3  # robots that are tried and kept; chosen
+_DRAWN_PLANTS, _KEPT = 64, 3  # robots that are tried and kept; chosen
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PlausiblePlants:
     Attributes:
         plants: K.
         bias: (K, M) by which a walk of the whole robot is off their predictions.
-        worth: share of a walk's M values that tell something of their own.
+        effective_share: share of a walk's M values that tell something of their own.
     """
 
     plants: tuple[Plant, ...]
@@ -47,7 +47,7 @@ def find_plausible_plants(
         rng: draws what else it may be.
     """
     names = list_channels(plant.body.anatomy).names
-    plants = [plant, *(randomize_plant(plant, rng) for _ in range(_DRAWN))]
+    plants = [plant, *(randomize_plant(plant, rng) for _ in range(_DRAWN_PLANTS))]
     scale = find_residual_scale(probe, names)
     whole = extract_values(
         probe, felt[: round(len(probe.commands) * PERIOD / SAMPLE)], names
@@ -76,7 +76,16 @@ def _compute_effective_share(told: Floats) -> float:
 
 
 def predict_walk(known: PlausiblePlants, damages: list[Damage], probe: Probe) -> Floats:
-    """(H, K, M) values of a walk of every likely robot after every damage."""
+    """Predict a walk of every likely robot after every damage.
+
+    Args:
+        known: the K robots.
+        damages: H of them.
+        probe: that walks.
+
+    Returns:
+        (H, K, M) values that count.
+    """
     return np.stack(
         [predict_values([apply_damages(plant, d) for d in damages], probe, bias)
          for plant, bias in zip(known.plants, known.bias, strict=True)],

@@ -24,10 +24,10 @@ from .belief import (
     widen_scale,
 )
 from .hypotheses import group_damages
-from .probes import DRIFT, EDGE, NUDGE, TILT_SCALE
+from .probes import DRIFT, EDGE_SLOPE, NUDGE, TILT_SCALE
 
 _SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.15, 1.3, 1.5, 1.8)
-_NOTHING = 0.1  # prior that nothing happened; chosen
+_INTACT_PRIOR = 0.1  # prior that nothing happened; chosen
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class ActionTables:
         predicted: (H, A, 2) tilts [deg]: the reading when whole, and the change that
             the model predicts.
         slope: (H, A, 2, P) their change with each joint's zero [deg/deg].
-        felt: (A, 2) tilts of the damaged robot [deg].
+        measured: (A, 2) tilts of the damaged robot [deg].
     """
 
     damages: tuple[Damage, ...]
@@ -75,7 +75,7 @@ def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
         )
         for robot in (whole, broken)
     )
-    slopes = np.where(np.abs(slopes) > EDGE, 0.0, slopes)
+    slopes = np.where(np.abs(slopes) > EDGE_SLOPE, 0.0, slopes)
     return ActionTables(damages, seen - seen[:1] + before, slopes, after)
 
 
@@ -93,8 +93,8 @@ def infer_damage(
         The action, and the probability (H) of each damage.
     """
     _, group = group_damages(known.damages)
-    share = (1 - _NOTHING) / (len(known.damages) - 1)
-    prior = np.log([_NOTHING, *[share] * (len(known.damages) - 1)])
+    share = (1 - _INTACT_PRIOR) / (len(known.damages) - 1)
+    prior = np.log([_INTACT_PRIOR, *[share] * (len(known.damages) - 1)])
     weight, tried = prior, list[int]()
     scale = np.full(2, TILT_SCALE)
     while len(tried) < len(known.measured):

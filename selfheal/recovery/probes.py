@@ -22,12 +22,12 @@ from ..robot.actions import SWING, list_actions_2006
 
 _HOLD_TIME = 2.5  # [s] of a held pose; chosen: the slowest servo is there after 1.1 s
 _WIDE_SWING = np.radians(50.0)  # a second swing beside paper A's 30 degrees; chosen
-_SPEED_OFF = 0.12  # of the motors' speed: up to a fifth off the rated one
+_SPEED_DEVIATION = 0.12  # of the motors' speed: up to a fifth off the rated one
 _EARLY_TIME = 0.3  # [s] when joints are on their way; chosen
 _REST_TIME = 0.3  # [s] over which a pose at rest is read
 _WALK_TIME = 6.0  # [s] of a walk as a probe, the last half of which is read
 NUDGE = 2.0  # [deg] by which a joint's zero is moved to see what it does
-EDGE = 2.0  # [deg/deg] a reading that moves more stands on an edge: no slope
+EDGE_SLOPE = 2.0  # [deg/deg] a reading that moves more stands on an edge: no slope
 # How far a right prediction is off: of tilts at rest, as was found of the readings of
 # 2006 [deg]; of the rest on development seeds of hidden robots: at rest [deg], [mm],
 # touch; on the way [deg]; of a walk [deg], [mm], touch, speed [mm/s].
@@ -49,7 +49,7 @@ class Probe:
     """One action.
 
     Attributes:
-        says: it in words.
+        description: it in words.
         commands: (T, P) [rad] every `PERIOD`.
         target: (P) pose that is held [rad], None for a walk.
     """
@@ -76,7 +76,7 @@ def list_probes(gait: Gait, joints: Sequence[str]) -> list[Probe]:
 
 
 def classify_channels(names: Sequence[str]) -> list[str]:
-    """What each channel is: a key of `REST`."""
+    """What each channel is: a key of `REST_SCALES`."""
     known = {"clearance": "clearance", "x": "speed", "y": "speed"}
     known |= {n: "tilt" for n in names if n.startswith("tilt")}
     return [known.get(n, "touch" if n.endswith("_touch") else "angle") for n in names]
@@ -93,10 +93,18 @@ def find_residual_scale(probe: Probe, names: Sequence[str]) -> Floats:
 
 
 def extract_values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats:
-    """(..., M) what counts of channels (..., S, C): the same of felt and predicted.
+    """What counts of the channels of a probe, measured or predicted.
 
     Of a pose the joint angles on the way and all but the place at rest; of a walk's
     second half means, spreads and the velocity.
+
+    Args:
+        probe: that was taken.
+        sensed: (..., S, C) channels.
+        names: of the C channels.
+
+    Returns:
+        (..., M) values.
     """
     if probe.target is None:
         half = sensed[..., sensed.shape[-2] // 2 :, :]
@@ -197,14 +205,14 @@ def compute_slopes(plants: Sequence[Plant], probe: Probe) -> Floats:
             for s in (1, -1)
         )
         rate = (high - low) / (2 * NUDGE)
-        rate[(np.abs(rate[:, :2]) > EDGE).any(axis=1)] = 0.0
+        rate[(np.abs(rate[:, :2]) > EDGE_SLOPE).any(axis=1)] = 0.0
         out[:, joints : joints + 3, j] = rate
         angle = f"{plants[0].body.anatomy.joints[j]}_position"
         whole = [angle not in p.dead for p in plants]
         out[:, j, j] = out[:, joints + 3 + j, j] = jam[:, j] & np.array(whole)
     early = approximate_values(plants, probe)[:, :joints]
     out[:, :joints, joints] = early * np.isnan(np.stack([p.jam for p in plants]))
-    out[:, :joints, joints] *= _SPEED_OFF / DRIFT
+    out[:, :joints, joints] *= _SPEED_DEVIATION / DRIFT
     dead = [[k for k, s in enumerate(("vertical", "vertical", "clearance"))
              if s in p.dead] for p in plants]  # fmt: skip
     for row, gone in enumerate(dead):

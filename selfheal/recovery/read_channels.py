@@ -12,9 +12,15 @@ from ..recording import Episode, Recording
 def read_channels(
     recording: Recording, anatomy: Anatomy, episode: str | None = None
 ) -> tuple[Floats, Floats]:
-    """Time (S) [s] and channels (S, C) of one episode, see `engine.walk.channels_of`.
+    """Read the channels of one episode; see `engine.walk.list_channels`.
 
-    A signal that the recording lacks is NaN.
+    Args:
+        recording: of the robot.
+        anatomy: its parts.
+        episode: name of the episode; None = the first.
+
+    Returns:
+        Time (S) [s] and channels (S, C); a signal that the recording lacks is NaN.
 
     Raises:
         RecordingError: none of the signals is there.

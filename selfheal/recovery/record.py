@@ -17,7 +17,7 @@ class HealSettings:
     Attributes:
         run: path of the self-modeling run that it starts from.
         damage: what happens to the hidden robot.
-        onset: when, in seconds of the walk that is watched.
+        onset: when, in the walk that is watched [s].
         gait: name of the gaits' pattern.
         heading: direction to walk [rad].
         seed: of everything random.
@@ -54,6 +54,6 @@ def serialize_gait(gait: Gait) -> dict[str, Any]:
 
 
 def read_gait(phase: Phase) -> Gait:
-    """The gait that `gait_document` kept in a phase."""
+    """The gait that `serialize_gait` kept in a phase."""
     kept = phase["gait"]
     return Gait(**{**kept, "genes": np.asarray(kept["genes"], float)})

@@ -1,8 +1,8 @@
 """Recover: a legged robot that breaks in; a run that grows by one phase out.
 
-Phases: original (a controller for the whole robot), failure (it walks broken), and then
-three times estimate-K (what broke), explore-K (a controller for that), trial-K (tried
-on the robot); or, without a model, hardware (evolution on the robot).
+Phases: original (a controller for the whole robot) and failure (it walks broken). Then
+three times estimate-K (what broke), explore-K (a controller for that) and trial-K
+(tried on the robot). Without a model: hardware (evolution on the robot) in their place.
 """
 
 from collections.abc import Callable, Iterator
@@ -44,12 +44,14 @@ _MUTATION = 0.03  # of our searches; chosen: 10.9 m where 1 % reached 9.6, one c
 _SEEDS_PER_SEARCH = (
     10  # of the best controllers of each search before; chosen: all crowd the new
 )
-_SURE, _LIKELY = 0.95, 0.05  # of a hypothesis; chosen
+_SURE_PROBABILITY, _LEAST_PROBABILITY = 0.95, 0.05  # of a hypothesis; chosen
 _MOST_HYPOTHESES = 3  # hypotheses that a controller has to suit; chosen
 # A trial that separates hypotheses is one of so many controllers, of which none is
 # predicted to lose more than this share of the best one's way; chosen
-_CANDIDATES, _WORTH, _DOUBTS = 12, 0.7, 8
-_THIN = 10  # samples of a series for one that is compared in choosing: half a second
+_CANDIDATES, _LEAST_SHARE, _MOST_SEPARATED = 12, 0.7, 8
+_SAMPLE_STRIDE = (
+    10  # samples of a series for one that is compared in choosing: half a second
+)
 
 Progress = Callable[[str, str, float], None]
 
@@ -95,10 +97,10 @@ class RecoverPhases:
     def __init__(
         self, robot: DrivenRobot, settings: RecoverSettings, progress: Progress
     ) -> None:
-        self.whole, self.broken = robot, robot.struck(settings.damage)
+        self.intact, self.damaged = robot, robot.struck(settings.damage)
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
-        self.built = np.ones(2 + len(self.legged.motors))  # the model, not trimmed
+        self.no_scaling = np.ones(2 + len(self.legged.motors))  # the model, not trimmed
 
     def run_next(self, run: RecoverRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
@@ -124,9 +126,9 @@ class RecoverPhases:
     ) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
         pool = self._run_search(
-            name, self._make_displacement_score([((), 1.0)], self.built), rng, None
+            name, self._make_displacement_score([((), 1.0)], self.no_scaling), rng, None
         )
-        walk = self.whole.run_trials(pool.genomes[:1])
+        walk = self.intact.run_trials(pool.genomes[:1])
         found = {
             **_serialize_population(pool),
             "weights": pool.genomes[0],
@@ -149,7 +151,7 @@ class RecoverPhases:
     ) -> Phase:
         """How the broken robot walks with the controller of the whole one."""
         return _serialize_rollout(
-            self.broken.run_trials(run.phases["original"]["weights"][None])
+            self.damaged.run_trials(run.phases["original"]["weights"][None])
         )
 
     def _estimate_damage(
@@ -210,7 +212,10 @@ class RecoverPhases:
         else:
             seeds = np.array([trial.weights for trial in run.trials])
             pool = self._run_search(
-                name, self._make_displacement_score(believed, self.built), rng, seeds
+                name,
+                self._make_displacement_score(believed, self.no_scaling),
+                rng,
+                seeds,
             )
             pick, why = 0, "the best one"
         return {
@@ -223,7 +228,7 @@ class RecoverPhases:
     def _run_trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """The last controller on the broken robot."""
         weights = list(run.phases.values())[-1]["weights"]
-        return _serialize_rollout(self.broken.run_trials(weights[None]))
+        return _serialize_rollout(self.damaged.run_trials(weights[None]))
 
     def _evolve_on_robot(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -231,7 +236,7 @@ class RecoverPhases:
         """Evolution goes on, on the broken robot."""
 
         def score(genomes: Floats) -> Floats:
-            return self.broken.run_trials(genomes).displacement
+            return self.damaged.run_trials(genomes).displacement
 
         kept = run.phases["original"]["pool"]
         ways = score(kept)
@@ -242,7 +247,7 @@ class RecoverPhases:
             self.progress(
                 name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE_GENERATIONS
             )
-        walk = self.broken.run_trials(pool.genomes[:1])
+        walk = self.damaged.run_trials(pool.genomes[:1])
         return {
             **_serialize_population(pool),
             "weights": pool.genomes[0],
@@ -296,19 +301,21 @@ class RecoverPhases:
         rng: np.random.Generator,
     ) -> tuple[int, str]:
         """Which controller to try, and why: in doubt, one whose trial ends it."""
-        if believed[0][1] >= _SURE:
+        if believed[0][1] >= _SURE_PROBABILITY:
             return 0, "the best one"
-        doubts = believed[:_DOUBTS]
-        good = np.flatnonzero(pool.scores >= _WORTH * pool.scores[0])[:_CANDIDATES]
+        doubts = believed[:_MOST_SEPARATED]
+        good = np.flatnonzero(pool.scores >= _LEAST_SHARE * pool.scores[0])[
+            :_CANDIDATES
+        ]
         if not len(good):  # even the best goes backward
             return 0, "the best one"
         said = [h for _ in good for h, _ in doubts]
         weights = np.repeat(pool.genomes[good], len(doubts), axis=0)
         thin = self._simulate_hypotheses(said, weights, trim).sensors[
-            :, : len(scale) : _THIN
+            :, : len(scale) : _SAMPLE_STRIDE
         ]
         tables = thin.reshape(len(good), len(doubts), 1, -1)
-        spreads = scale[::_THIN].ravel()
+        spreads = scale[::_SAMPLE_STRIDE].ravel()
         weight = np.log(np.maximum([p for _, p in doubts], 1e-300))
         actions = [CandidateAction(table, spreads) for table in tables]
         pick, _ = choose_action(actions, weight, np.arange(len(doubts)), rng)
@@ -319,7 +326,9 @@ def _keep_plausible(
     believed: list[tuple[Hypothesis, float]],
 ) -> list[tuple[Hypothesis, float]]:
     """The hypotheses that a controller has to suit, their probabilities made whole."""
-    kept = [b for b in believed[:_MOST_HYPOTHESES] if b[1] >= _LIKELY] or believed[:1]
+    kept = [
+        b for b in believed[:_MOST_HYPOTHESES] if b[1] >= _LEAST_PROBABILITY
+    ] or believed[:1]
     total = sum(p for _, p in kept)
     return [(h, p / total) for h, p in kept]
 

@@ -86,7 +86,7 @@ def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
 
 
 def read_hypotheses(phase: Phase) -> list[Hypothesis]:
-    """The hypotheses that `hypotheses_document` kept in a phase."""
+    """The hypotheses that `serialize_hypotheses` kept in a phase."""
     return [tuple(Damage(**d) for d in h) for h in phase["believed"]]
 
 

@@ -53,7 +53,7 @@ class TakenAction:
     Attributes:
         probe: index into the probes.
         why: it in words.
-        felt: (M) values.
+        measured: (M) values.
     """
 
     probe: int
@@ -69,7 +69,7 @@ class DamagePosterior:
         plant: the robot as it was.
         probes: actions it may take.
         damages: H hypotheses.
-        likely: robots that walk as it did while it was whole.
+        plausible: robots that walk as it did while it was whole.
         told: actions so far.
     """
 
@@ -182,7 +182,13 @@ class DamagePosterior:
             tables[k] = new if old is None else np.concatenate([old, new])
 
     def observe(self, probe: int, why: str, sensed: Floats) -> None:
-        """Take note of a probe's channels (S, C), then refine the hypotheses."""
+        """Take note of what a probe gave, then refine the hypotheses.
+
+        Args:
+            probe: number of the probe.
+            why: it was taken.
+            sensed: (S, C) channels.
+        """
         felt = extract_values(self.probes[probe], sensed, self._names)
         self.record_action(TakenAction(probe, why, felt))
 

@@ -4,7 +4,7 @@
 
 OpenGL is chosen when mujoco is imported, and a bad driver ends the process that asks
 it: so `render.py` runs this file and does without it where it fails. SCENES.npz holds
-`size` (height, width) [px] and for each lane k `xml_k` and `qpos_k` (F, nq);
+`size` (height, width) [px] and for each lane k xml_k and qpos_k (F, nq);
 PICTURES.npy is (lanes, F, height, width, 3) uint8.
 """
 
@@ -16,7 +16,17 @@ import numpy as np
 
 
 def render_lane(xml: str, poses: np.ndarray, height: int, width: int) -> np.ndarray:
-    """(F, height, width, 3) a model's first camera's view of it in each pose."""
+    """Render a model as its first camera sees it in each pose.
+
+    Args:
+        xml: MJCF of the model.
+        poses: (F, nq) joint positions, in MuJoCo's order [m or rad].
+        height: of a picture [px].
+        width: of a picture [px].
+
+    Returns:
+        (F, height, width, 3) uint8 pictures.
+    """
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     pictures = np.empty((len(poses), height, width, 3), np.uint8)

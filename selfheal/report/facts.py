@@ -135,7 +135,13 @@ def list_rivals(run: Run) -> list[Rival]:
 
 
 def list_differences(run: Run, genomes: Genomes, row: int) -> list[str]:
-    """What sets a row apart from the first one, a phrase a part."""
+    """What sets a body apart from the first one, a phrase a part.
+
+    Args:
+        run: of self-modeling.
+        genomes: of its rivals, best first.
+        row: of the body among them.
+    """
     bodies = build_bodies(run.anatomy, genomes[np.array([0, row])])
     moved = 1000 * np.linalg.norm(bodies.anchor[1] - bodies.anchor[0], axis=1)
     turned = np.degrees(bodies.heading[1] - bodies.heading[0])

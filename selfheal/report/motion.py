@@ -106,7 +106,13 @@ def draw_animation(
 
 
 def embed_animation(picture: bytes, kind: str, caption: str) -> Html:
-    """A moving picture of a kind ("gif" or "webp") with its caption, inline."""
+    """A moving picture with its caption, inline.
+
+    Args:
+        picture: coded.
+        kind: "gif" or "webp".
+        caption: below it.
+    """
     coded = base64.b64encode(picture).decode("ascii")
     shown = f'<img alt="{escape_text(caption)}" src="data:image/{kind};base64,{coded}">'
     return Html(

@@ -64,7 +64,8 @@ def render_lanes(
         rows: which rows of the lanes to render.
 
     Returns:
-        (lanes, rows, height, width, 3) uint8; None where nothing can render.
+        (L, F, height, width, 3) uint8 of L lanes and F rows; None where nothing can
+        render.
     """
     chosen = os.environ.get("MUJOCO_GL")
     scenes = _build_scenes(lanes, heading, rows)

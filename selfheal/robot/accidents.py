@@ -14,7 +14,7 @@ WORLD_KINDS = ("slope", "ground_friction")
 
 
 def parse_accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
-    """The damages of a text as `body.damage.parse` takes, or of "random:SEED".
+    """The damages of a text as `body.damage.parse_damages` takes, or of "random:SEED".
 
     Raises:
         InputError: it is neither.
@@ -33,7 +33,13 @@ def parse_accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
 def draw_damage(
     anatomy: Anatomy, rng: np.random.Generator, kinds: tuple[str, ...]
 ) -> Damage:
-    """A random damage of one of these kinds, each as likely, then each target."""
+    """Draw a damage: one of the kinds, each as likely, then its target and value.
+
+    Args:
+        anatomy: the robot's parts.
+        rng: draws it.
+        kinds: of damage that may be drawn.
+    """
     kind = str(rng.choice(kinds))
     if kind in ("part_scale", "limb_loss"):
         part = f"body:{rng.choice(anatomy.parts)}"

@@ -63,7 +63,7 @@ class Walker(Robot, Protocol):
         ...
 
     def struck(self, damage: tuple[Damage, ...], onset: float = 0.0) -> "Walker":
-        """This robot with a damage that sets in `onset` seconds into each move."""
+        """This robot with a damage that sets in at `onset` [s] into each move."""
         ...
 
 
@@ -111,8 +111,17 @@ def open_robot(name: str, *, seed: int = 0, recordings: Path | None = None) -> R
     return factory(argument, seed, recordings)
 
 
-def refuse(name: str, argument: str, recordings: Path | None) -> None:
-    """Refuse an argument or a recording that this robot has no use for."""
+def refuse_arguments(name: str, argument: str, recordings: Path | None) -> None:
+    """Refuse an argument or a recording that this robot has no use for.
+
+    Args:
+        name: of the robot.
+        argument: what stood after the colon of its name.
+        recordings: file of readings, or None.
+
+    Raises:
+        InputError: one of them was given.
+    """
     if argument:
         raise InputError(f"robot {name!r} takes no argument, so not {argument!r}")
     if recordings is not None:

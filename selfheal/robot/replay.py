@@ -13,7 +13,16 @@ from .actions import load_published_body
 
 @dataclass(frozen=True)
 class ReplayRobot:
-    """Answers an action with the episode that holds it; see `base.Robot`."""
+    """Answers an action with the episode that holds it; see `base.Robot`.
+
+    Attributes:
+        name: as asked for.
+        anatomy: what it knows of its parts.
+        actions: (A, P) joint targets that the recording holds [rad].
+        truth: its real body (batch of one), None if nobody knows it.
+        recording: that it answers from.
+        episodes: name of the episode of each action.
+    """
 
     name: str
     anatomy: Anatomy
@@ -78,7 +87,13 @@ def _check_vertical(episode: Episode, where: str) -> None:
 
 
 def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRobot:
-    """The physical robot of 2006, answering from --recordings intact.h5."""
+    """The physical robot of 2006, answering from --recordings intact.h5.
+
+    Args:
+        argument: must be empty.
+        seed: unused, for nothing is random.
+        recordings: file of its readings.
+    """
     if argument:
         raise InputError(
             f"robot 'starfish-2006' takes no argument, so not {argument!r}"

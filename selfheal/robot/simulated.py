@@ -12,7 +12,7 @@ from ..engine.readings import Readings
 from ..errors import InputError
 from ..recording import Episode, Recording, Signal
 from .actions import list_actions_2006, load_published_body
-from .base import refuse
+from .base import refuse_arguments
 
 # Size of errors seen in the 2006 data (papers.md 1.1): servos miss by 1.2 degrees on
 # average, half of it (chosen) the same in every action; tilts are read to 0.1 to 0.5
@@ -29,7 +29,7 @@ class SimulatedRobot:
     Attributes:
         seed: of its noise and of its hidden physics.
         damage: what happens to it when it moves.
-        onset: seconds into each move when it happens; 0 = it has happened.
+        onset: when it happens in each move [s]; 0 = it has happened.
         offers: (A, P) joint targets that it offers [rad]; None = those of 2006.
     """
 
@@ -87,7 +87,7 @@ class SimulatedRobot:
         return MuJoCo(physics).simulate(body, reached[None])
 
     def move(self, commands: Floats, *, trial: int = 0) -> Recording:
-        """Follow commands over time; see `base.Walker`."""
+        """Follow commands (T, P) [rad] over time; see `base.Walker`."""
         from .simulated_walk import draw_hidden_plant, simulate_move
 
         physics, body, offset = self._draw_hidden_physics(
@@ -103,7 +103,7 @@ class SimulatedRobot:
     def struck(
         self, damage: tuple[Damage, ...], onset: float = 0.0
     ) -> "SimulatedRobot":
-        """This robot with a damage; see `base.Walker`."""
+        """This robot with a damage that sets in at `onset` [s] into each move."""
         return replace(self, damage=damage, onset=onset)
 
     def _draw_hidden_physics(self, rng: np.random.Generator) -> tuple:
@@ -160,14 +160,26 @@ def _make_rest_signal(value: Floats, target: str, kind: str, unit: str) -> Signa
 
 
 def starfish(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
-    """A simulated starfish; its body, servo errors and physics are hidden."""
-    refuse("starfish", argument, recordings)
+    """A simulated starfish; its body, servo errors and physics are hidden.
+
+    Args:
+        argument: must be empty.
+        seed: of its noise and of its hidden physics.
+        recordings: must be None.
+    """
+    refuse_arguments("starfish", argument, recordings)
     return SimulatedRobot("starfish", load_published_body(), seed)
 
 
 def tree(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:
-    """A simulated random tree of the starfish's parts; tree:7 is the one of seed 7."""
-    refuse("tree", "", recordings)
+    """A simulated random tree of the starfish's parts; tree:7 is the one of seed 7.
+
+    Args:
+        argument: seed of the tree in digits; empty takes `seed`.
+        seed: of its noise and of its hidden physics.
+        recordings: must be None.
+    """
+    refuse_arguments("tree", "", recordings)
     if argument and not argument.isdecimal():
         raise InputError(
             f"robot 'tree' takes a whole number, as tree:7; not {argument!r}"

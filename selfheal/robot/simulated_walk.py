@@ -14,7 +14,7 @@ from ..recording import Episode, Recording, Signal
 
 # Chosen. Rated limits are missed by up to 20 %; hobby servos answer a pulse of 20 ms
 # late by one to three, and have about a degree of play.
-_RATED, _DELAYS, _PLAY = 0.2, (0.02, 0.04, 0.06), np.radians((0.3, 1.5))
+_RATED_DEVIATION, _DELAYS, _PLAY = 0.2, (0.02, 0.04, 0.06), np.radians((0.3, 1.5))
 _STIFF, _DRAG = (30.0, 60.0), (0.4, 0.9)
 _WOBBLE = np.radians(0.7)  # of every servo, other in each trial, drifting in a second
 _UP, _GAP, _ANGLE, _PLACE = 0.005, 0.0005, np.radians(0.3), 0.002  # sensor noise
@@ -23,10 +23,17 @@ _UP, _GAP, _ANGLE, _PLACE = 0.005, 0.0005, np.radians(0.3), 0.002  # sensor nois
 def draw_hidden_plant(
     physics: Physics, body: Bodies, offset: Floats, rng: np.random.Generator
 ) -> Plant:
-    """The plant behind a simulated robot: off the rated one by up to a fifth."""
+    """The plant behind a simulated robot: off the rated one by up to a fifth.
+
+    Args:
+        physics: of the robot's rest poses.
+        body: a batch of one.
+        offset: (P) of each joint's zero [rad].
+        rng: draws the rest.
+    """
     stated = build_rated_plant(body)
-    off = rng.uniform(1 - _RATED, 1 + _RATED, 2)
-    ends = rng.uniform(1 - _RATED, 1 + _RATED, 2)
+    off = rng.uniform(1 - _RATED_DEVIATION, 1 + _RATED_DEVIATION, 2)
+    ends = rng.uniform(1 - _RATED_DEVIATION, 1 + _RATED_DEVIATION, 2)
     return replace(
         stated,
         physics=replace(
@@ -53,7 +60,16 @@ def simulate_move(
     rng: np.random.Generator,
     name: str,
 ) -> Recording:
-    """What `base.Walker.move` says; the damage sets in `onset` seconds into it."""
+    """The recording of a move of a robot that may break in it; see `base.Walker.move`.
+
+    Args:
+        plant: behind the robot before the damage.
+        commands: (T, P) joint commands [rad].
+        damage: what happens.
+        onset: when it happens [s].
+        rng: of wobble and sensor noise.
+        name: of the robot.
+    """
     sent = commands + _draw_wobble(commands.shape, rng)
     after = apply_damages(plant, *damage)
     every = round(SAMPLE / PERIOD)

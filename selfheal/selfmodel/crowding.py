@@ -12,7 +12,7 @@ from ..body.body import Floats
 # Chosen, for paper C does not say: a pair crosses with this chance, gene by gene; a
 # gene changes with a chance of one in their number, mostly by a step of this size,
 # else to any value.
-_CROSSES, _STEP, _ANEW = 0.9, 0.1, 0.2
+_CROSSOVER_PROBABILITY, _STEP, _REDRAW_PROBABILITY = 0.9, 0.1, 0.2
 
 Errors = Callable[[Floats], Floats]
 
@@ -21,12 +21,14 @@ def breed_children(genes: Floats, rng: np.random.Generator) -> Floats:
     """(N, G) children of N parents (N, G), N even; rows k and k + N / 2 are a pair."""
     first, second = np.split(genes, 2)
     count = genes.shape[1]
-    swap = (rng.random(first.shape) < 0.5) & (rng.random((len(first), 1)) < _CROSSES)
+    swap = (rng.random(first.shape) < 0.5) & (
+        rng.random((len(first), 1)) < _CROSSOVER_PROBABILITY
+    )
     made = np.concatenate(
         [np.where(swap, second, first), np.where(swap, first, second)]
     )
     changed = rng.random(made.shape) < 1 / count
-    anew = rng.random(made.shape) < _ANEW
+    anew = rng.random(made.shape) < _REDRAW_PROBABILITY
     step = np.clip(made + rng.normal(0, _STEP, made.shape), 0, 1)
     drawn = np.where(anew, rng.random(made.shape), step)
     return np.where(changed, drawn, made)
@@ -42,6 +44,9 @@ def run_generation(
         errors: (N) of them.
         score: errors of genes (M, G); a failed one's is infinite.
         rng: for pairs and children.
+
+    Returns:
+        (N, G) genes and (N) errors.
     """
     order = rng.permutation(len(genes))
     genes, errors = genes[order], errors[order]

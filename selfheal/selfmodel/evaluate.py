@@ -75,7 +75,7 @@ class Evidence:
         return len(self.tried)
 
     def add(self, action: int, felt: Floats) -> "Evidence":
-        """This and one more action."""
+        """This evidence and one more action, with its measured channels (3)."""
         return Evidence((*self.tried, action), np.vstack([self.measured, felt]))
 
 
@@ -88,7 +88,7 @@ class Evaluator:
         actions: (A, P) the joint targets that the robot can try [rad].
         loss: of one action, from predicted and measured channels.
         spent: simulations so far, abandoned or not.
-        chosen: simulations spent on choosing actions and on showing, counted apart.
+        spent_choosing: simulations for choosing actions and for showing, counted apart.
         failed: of these, diverged.
         hardness: (A) recent mean loss of candidates under each action; the hardest
             first gives up wrong candidates soonest.
@@ -129,7 +129,7 @@ class Evaluator:
         self.progress(self.spent)
 
     def order_by_hardness(self, evidence: Evidence) -> Ints:
-        """Positions in the evidence, hardest action first; untested ones lead."""
+        """(n) positions in the evidence, hardest action first; untested ones lead."""
         return np.argsort(-self.hardness[list(evidence.tried)], kind="stable")
 
     def simulate_actions(self, bodies: Bodies, actions: Ints) -> Floats:
@@ -155,7 +155,17 @@ class Evaluator:
     def compute_losses(
         self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> tuple[Floats, Floats]:
-        """Losses of genomes; see `losses_of`."""
+        """Losses of genomes; see `compute_body_losses`.
+
+        Args:
+            genomes: N bodies.
+            evidence: n actions and their channels.
+            bound: (N, n) or (N) loss at which a body is given up.
+            order: (n) or (N, n) positions in the evidence, first to last to be tried.
+
+        Returns:
+            (N) losses, infinite where given up, and (N, n) loss under each action.
+        """
         bodies = build_bodies(self.anatomy, genomes)
         return self.compute_body_losses(bodies, evidence, bound=bound, order=order)
 

@@ -15,11 +15,11 @@ _RESOLUTION, _TEMPERATURE = 2.0, 1.0
 # model misses by is much the same in many actions, so that belief is too sure of it.
 DISAGREEMENT_TEMPERATURE = 4.0
 # Chosen on simulated robots; from 0.05 to 0.2 there is no difference.
-_EVENNESS = 0.1
+_EVENNESS_WEIGHT = 0.1
 _SCALE = np.array([1.0, 1.0, 0.5])  # mm of clearance count half, as in the loss
 # [deg], [deg], [mm] by which a reading tells two bodies apart; chosen: more than a
 # sensor's noise and less than what servos add to it.
-TOLD_APART = np.array([1.0, 1.0, 2.0])
+DISTINGUISHABLE = np.array([1.0, 1.0, 2.0])
 _TABLES_AT_ONCE = 4096  # tables compared at a time, some 20 MB; chosen
 
 
@@ -47,7 +47,7 @@ def measure_disagreement(tables: Floats, belief: Floats) -> float:
 
 
 def find_indistinguishable(found: Hypotheses, table: Floats) -> Hypotheses:
-    """Those that no action tells from the body of a table (A, 3).
+    """Hypotheses that no action tells from the body of a table (A, 3).
 
     An action under which a body's channels are not known, NaN, tells nothing.
     """
@@ -55,19 +55,22 @@ def find_indistinguishable(found: Hypotheses, table: Floats) -> Hypotheses:
     alike = [np.empty(0, np.int64)]
     for some in np.array_split(rows, 1 + len(rows) // _TABLES_AT_ONCE):
         gap = np.nan_to_num(np.abs(found[some].tables - table))
-        alike.append(some[(gap <= TOLD_APART).all(axis=(1, 2))])
+        alike.append(some[(gap <= DISTINGUISHABLE).all(axis=(1, 2))])
     return found[np.concatenate(alike)]
 
 
 def draw_voters(
     found: Hypotheses, rng: np.random.Generator, temperature: float = _TEMPERATURE
 ) -> tuple[Hypotheses, Floats]:
-    """Bodies drawn by belief at even distances, each once; the belief each stands for.
+    """Draw bodies by belief at even distances, each once.
 
     Args:
         found: what is believed possible.
         rng: for where the first distance begins.
         temperature: loss that makes a body e times less likely.
+
+    Returns:
+        The bodies, and the belief (N) that each stands for.
     """
     sums = np.cumsum(compute_plausibility(found.costs, temperature))
     marks = (rng.random() + np.arange(_VOTERS)) / _VOTERS
@@ -107,10 +110,10 @@ def score_actions(left: Floats, belief: Floats) -> Floats:
     likely leaves less to ask. Expected belief does not see it, its logarithm does.
 
     Args:
-        left: (A, M) what `belief_left` says.
+        left: (A, M) what `predict_belief` says.
         belief: (M) sum 1.
     """
-    return left @ belief + _EVENNESS * (np.log(left) @ belief)
+    return left @ belief + _EVENNESS_WEIGHT * (np.log(left) @ belief)
 
 
 def count_contrasts(twins: SymmetryGroup, actions: Floats) -> Floats:
@@ -134,13 +137,19 @@ def count_contrasts(twins: SymmetryGroup, actions: Floats) -> Floats:
 def choose_first_action(
     twins: SymmetryGroup, actions: Floats, rng: np.random.Generator
 ) -> int:
-    """One of those that send most like parts apart, all equally likely."""
+    """Draw one of the actions that send most like parts apart, all equally likely.
+
+    Args:
+        twins: symmetry of the robot.
+        actions: (A, P) joint targets [rad].
+        rng: draws it.
+    """
     apart = count_contrasts(twins, actions)
     return int(rng.choice(np.flatnonzero(apart == apart.max())))
 
 
 def choose_action(score: Floats, tried: tuple[int, ...]) -> int:
-    """The untried action of the highest score."""
+    """The untried action of the highest score (A)."""
     score = np.array(score, float)
     score[list(tried)] = -np.inf
     return int(np.argmax(score))
@@ -149,6 +158,12 @@ def choose_action(score: Floats, tried: tuple[int, ...]) -> int:
 def choose_random_action(
     count: int, tried: tuple[int, ...], rng: np.random.Generator
 ) -> int:
-    """An untried action, all equally likely."""
+    """Draw an untried action, all equally likely.
+
+    Args:
+        count: number of actions.
+        tried: actions that were tried.
+        rng: draws it.
+    """
     left: Ints = np.setdiff1d(np.arange(count), tried)
     return int(left[rng.integers(len(left))])

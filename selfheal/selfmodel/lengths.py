@@ -1,10 +1,10 @@
 """Lengths, our way: a robot that holds poses in, the lengths that explain it out.
 
-A servo misses its target, by a zero that stays and by something new in every pose, and
-a pose is off by as much as its tilts and clearance change with its joints. So gaps are
-weighed by that (least squares with each pose's own covariance), zeros are found with
-the lengths, and the poses that come next are those after which the lengths can be
-expected to be known best.
+A servo misses its target, by a zero that stays and by something new in every pose. A
+pose is off by as much as its tilts and clearance change with its joints. So residuals
+are weighed by least squares with each pose's own covariance, and zeros are found with
+the lengths. The poses that come next are those after which the lengths can be expected
+to be known best.
 """
 
 from collections.abc import Callable, Sequence

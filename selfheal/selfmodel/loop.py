@@ -14,7 +14,7 @@ from ..engine import ENGINES, make_engine
 from ..errors import InputError, RecordingError, UnknownNameError, check_seed
 from ..recording import Recording
 from ..robot.base import Robot
-from .attachment_probability import compute_sureness
+from .attachment_probability import compute_attachment_probability
 from .evaluate import Evaluator, Evidence, stack_channels
 from .explore import measure_disagreement
 from .paper import PaperSearch
@@ -23,8 +23,8 @@ from .space import find_space, keep_others, make_genome_key
 from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
 
 BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
-_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
-_SHOWN = 16  # rivals kept in a cycle's record; chosen
+_MOST_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
+_MOST_RECORDED = 16  # rivals kept in a cycle's record; chosen
 # Chosen on simulated robots: until reading n of N the search spends a share of its
 # simulations of ((n^2 + n) / (N^2 + N)) to this power, the second one where hinges are
 # unknown: what is found on few readings seldom lasts, and there hardly ever.
@@ -192,9 +192,9 @@ class _IdentifyLoop:
     def _rank_rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The rivals, best first, confirmed by a second engine if there is one."""
         genomes, tables, losses = self.strategy.list_rivals()
-        order = np.arange(min(_SHOWN, len(losses)))
+        order = np.arange(min(_MOST_RECORDED, len(losses)))
         if self.second:
-            top = order[:_CONFIRMED]
+            top = order[:_MOST_CONFIRMED]
             losses = losses.copy()
             losses[top] = self.second.compute_losses(
                 genomes[top], tables[top], self.evidence
@@ -230,7 +230,7 @@ class _IdentifyLoop:
             genomes=genomes,
             tables=tables,
             losses=losses,
-            sureness=compute_sureness(
+            sureness=compute_attachment_probability(
                 *self.strategy.list_candidates(),
                 genomes.parent[0],
                 survived=_count_survived(run, genomes),
@@ -252,7 +252,7 @@ class _IdentifyLoop:
         return counts | ({"mjx": self.second.spent} if self.second else {})
 
     def capture_state(self) -> dict[str, Any]:
-        """What `restore` needs besides the cycles."""
+        """What `restore_state` needs besides the cycles."""
         # copies: the search goes on, and what was yielded must not
         kept = {f"strategy_{k}": v for k, v in self.strategy.capture_state().items()}
         kept["hardness"] = self.evaluator.hardness

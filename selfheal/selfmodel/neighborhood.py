@@ -1,9 +1,9 @@
-"""Kin: bodies near the best rivals, and all their twins, that might be the right one.
+"""Neighborhood: bodies near the best rivals, and all their twins, that might be right.
 
-The search keeps the few peaks that it climbs. Whether an action settles the tree, and
-how sure one may be of it, depends on everything that explains the readings as well:
-the changes around the peaks that lose next to nothing. Their tables are simulated
-once, beside the search, and serve for every later reading.
+The search keeps the few peaks that it climbs. Whether an action settles the tree
+depends on everything else that explains the readings: the changes around the peaks
+that lose next to nothing. So does how sure one may be of the tree. Their tables are
+simulated once, beside the search, and serve for every later reading.
 """
 
 from dataclasses import dataclass, replace
@@ -18,10 +18,10 @@ from .search import RivalSet
 from .space import BodySpace, list_neighbors
 from .symmetry import SymmetryGroup
 
-_AROUND = 4  # best bodies whose changes are looked at after each reading; chosen
-_NEXT_TO_NOTHING = 3.0  # loss by which such a change may be behind the best; chosen
-_NEW = 96  # of them are simulated under every action, each time; chosen
-_KEPT = 192  # bodies, besides their twins; chosen
+_CENTERS = 4  # best bodies whose changes are looked at after each reading; chosen
+_LOSS_MARGIN = 3.0  # loss by which such a change may be behind the best; chosen
+_MOST_NEW = 96  # of them are simulated under every action, each time; chosen
+_MOST_KEPT = 192  # bodies, besides their twins; chosen
 _WINDOW = 8.0  # loss behind the best at which belief, exp(-8), is nothing; chosen
 
 
@@ -30,7 +30,7 @@ class Hypotheses:
     """Distinct bodies (N), by the body that was simulated and which twin of it.
 
     Attributes:
-        kin: what was simulated.
+        simulated: what was simulated.
         twins: of the robot.
         row: (N) of the kin.
         turn: (N), and
@@ -84,19 +84,25 @@ class Neighborhood:
     ) -> None:
         """Nobody yet."""
         self.space, self.evaluator, self.twins = space, evaluator, twins
-        self.crowd = RivalSet.empty(*evaluator.actions.shape[::-1])
+        self.bodies = RivalSet.empty(*evaluator.actions.shape[::-1])
         self._family: list[int] = []  # a name that all twins of a body share
         self._distinct: list[Ints] = []  # twins (flat) that differ from one another
 
     def update(
         self, rivals: RivalSet, evidence: Evidence, rng: np.random.Generator
     ) -> None:
-        """Take in the rivals, and what is around the best, given new evidence."""
+        """Take in the rivals, and what is around the best, given new evidence.
+
+        Args:
+            rivals: of the search.
+            evidence: so far.
+            rng: draws which changes are looked at.
+        """
         with self.evaluator.count_as_choice():
             self.add_bodies(rivals.genomes, rivals.tables)
             losses = self._prune_bodies(self._compute_losses(evidence))
             near = self._find_neighbors(losses, evidence, rng)
-            new = self._find_unknown_rows(near)[:_NEW]
+            new = self._find_unknown_rows(near)[:_MOST_NEW]
             if len(new):
                 self.add_bodies(near[new], self.evaluator.compute_table(near[new]))
 
@@ -116,17 +122,17 @@ class Neighborhood:
                           loss[close] + e))  # fmt: skip
         columns = [np.concatenate(x) for x in zip(*found, strict=True)]
         order = np.argsort(np.round(columns[-1], 6), kind="stable")
-        return Hypotheses(self.crowd, self.twins, *(x[order] for x in columns))
+        return Hypotheses(self.bodies, self.twins, *(x[order] for x in columns))
 
     def add_bodies(self, genomes: Genomes, tables: Floats) -> None:
-        """Take in bodies that are no twin of one that is known."""
+        """Take in bodies (N) with tables (N, A, 3), if no twin of theirs is known."""
         for row in range(len(genomes)):
             family, distinct = self._identify_family(genomes[[row]])
             if family not in self._family:
                 self._family.append(family)
                 self._distinct.append(distinct)
-                c = self.crowd
-                self.crowd = RivalSet(
+                c = self.bodies
+                self.bodies = RivalSet(
                     concatenate_genomes(c.genomes, genomes[[row]]),
                     np.concatenate([c.tables, tables[[row]]]),
                     np.append(c.losses, np.inf),
@@ -145,7 +151,7 @@ class Neighborhood:
     def _compute_losses(self, evidence: Evidence) -> list[Floats]:
         """Losses of the distinct twins of every body; infinite where not known."""
         tried, felt = np.asarray(evidence.tried), evidence.measured
-        pairs = zip(self.crowd.genomes.parent, self.crowd.tables, strict=True)
+        pairs = zip(self.bodies.genomes.parent, self.bodies.tables, strict=True)
         loss = self.evaluator.loss
         return [
             self.twins.compute_losses(parent, table, tried, felt, loss).ravel()[
@@ -156,16 +162,16 @@ class Neighborhood:
 
     def _compute_prior_costs(self) -> Floats:
         """(K) what the prior adds to the loss of every body and of its twins."""
-        return compute_prior_cost(self.evaluator.anatomy, self.crowd.genomes)
+        return compute_prior_cost(self.evaluator.anatomy, self.bodies.genomes)
 
     def _prune_bodies(self, losses: list[Floats]) -> list[Floats]:
         """Keep the best, and none that is hopelessly behind; the losses of those."""
         best = np.array([x.min() for x in losses])
         costs = best + self._compute_prior_costs()
-        order = np.argsort(costs, kind="stable")[:_KEPT]
+        order = np.argsort(costs, kind="stable")[:_MOST_KEPT]
         order = order[costs[order] <= costs.min() + 1.5 * _WINDOW]
-        self.crowd.losses = best
-        self.crowd.keep_rows(order)
+        self.bodies.losses = best
+        self.bodies.keep_rows(order)
         self._family = [self._family[k] for k in order]
         self._distinct = [self._distinct[k] for k in order]
         return [losses[k] for k in order]
@@ -174,17 +180,17 @@ class Neighborhood:
         self, losses: list[Floats], evidence: Evidence, rng: np.random.Generator
     ) -> Genomes:
         """Changes of the best bodies that lose next to nothing, best first."""
-        best, around = self.crowd.losses.min(), []
-        for row in range(min(_AROUND, len(losses))):
+        best, around = self.bodies.losses.min(), []
+        for row in range(min(_CENTERS, len(losses))):
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))
-            twin = self.twins.map_genome(self.crowd.genomes, row, turn, trade)
+            twin = self.twins.map_genome(self.bodies.genomes, row, turn, trade)
             around.append(list_neighbors(self.space, twin))
         genomes = concatenate_genomes(*around)
         total, _ = self.evaluator.compute_losses(
             genomes,
             evidence,
-            bound=np.full(len(genomes), best + _NEXT_TO_NOTHING),
+            bound=np.full(len(genomes), best + _LOSS_MARGIN),
             order=self.evaluator.order_by_hardness(evidence),
         )
         order = np.argsort(np.round(total), kind="stable")
@@ -198,7 +204,7 @@ class Neighborhood:
             if family not in seen:
                 seen.add(family)
                 rows.append(row)
-            if len(rows) == _NEW:
+            if len(rows) == _MOST_NEW:
                 break
         return np.array(rows, np.int64)
 

@@ -32,7 +32,16 @@ class ReleasedQuirks:
 def mutate_genes(
     genes: Floats, slips: ReleasedQuirks, rng: np.random.Generator
 ) -> Floats:
-    """(P) genes in [0, 1] after one mutation of the rule."""
+    """Genes after one mutation of the rule of 2006.
+
+    Args:
+        genes: (P) in [0, 1].
+        slips: quirks of the released program.
+        rng: draws the mutation.
+
+    Returns:
+        (P) genes in [0, 1].
+    """
     genes = genes.copy()
     if slips.idle_copies and rng.random() < 0.5:
         return genes
@@ -88,7 +97,13 @@ class Climbers(ABC):
     def climb(
         self, evidence: Evidence, generations: int, rng: np.random.Generator
     ) -> None:
-        """Climb for some generations, the newest action first."""
+        """Climb for some generations, the newest action first.
+
+        Args:
+            evidence: so far.
+            generations: how many.
+            rng: draws children.
+        """
         if not len(self.genes):
             self.genes = self.draw_first(rng)
         order = np.arange(len(evidence))[::-1]
@@ -152,7 +167,7 @@ class PaperSearch(Climbers):
     """Before damage: genes in [0, 1] are an attachment tree.
 
     Attributes:
-        slips: of the released program.
+        quirks: of the released program.
     """
 
     quirks: ReleasedQuirks = field(default_factory=ReleasedQuirks)
@@ -163,22 +178,22 @@ class PaperSearch(Climbers):
         return decode_unit_genes(self.evaluator.anatomy, self.genes)
 
     def build_bodies(self, genes: Floats) -> Bodies:
-        """Trees."""
+        """Trees of genes (N, P)."""
         anatomy = self.evaluator.anatomy
         return build_bodies(anatomy, decode_unit_genes(anatomy, genes))
 
     def draw_first(self, rng: np.random.Generator) -> Floats:
-        """Random trees."""
+        """Random trees: genes (CLIMBERS, P)."""
         return rng.random((CLIMBERS, self.evaluator.anatomy.size))
 
     def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
-        """One to four mutations."""
+        """Genes (P) after one to four mutations."""
         for _ in range(rng.integers(1, 5)):
             genes = mutate_genes(genes, self.quirks, rng)
         return genes
 
     def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
-        """Trees with other placements."""
+        """Trees of genes (N, P), with other placements."""
         anatomy = self.evaluator.anatomy
         return build_bodies(
             anatomy, perturb_placements(decode_unit_genes(anatomy, genes), rng)

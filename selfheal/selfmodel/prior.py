@@ -13,11 +13,18 @@ _LIMB_COST = 0.5
 
 
 def count_limbs(anatomy: Anatomy, genomes: Genomes) -> Floats:
-    """(N) number of different limbs of each body.
+    """Number of different limbs of each body.
 
-    A limb is a part and all that hangs on it; two are the same if their parts are
-    alike and hang on each other at the same sides by the same hinges. The starfish
-    has two: a lower leg, and an upper leg with a lower one.
+    A limb is a part and all that hangs on it. Two are equal if their parts are alike
+    and hang on each other at the same sides by the same hinges. The starfish has two:
+    a lower leg, and an upper leg with a lower one.
+
+    Args:
+        anatomy: the robot's parts.
+        genomes: N bodies.
+
+    Returns:
+        (N) numbers.
     """
     kind = classify_parts(anatomy)
     rows = zip(genomes.parent, genomes.side, genomes.hinge, strict=True)

@@ -71,7 +71,7 @@ class Cycle:
             mean standard deviation of their tilts, each counted as far as it is
             believed [deg].
         spent: simulations for the search since the start.
-        seconds: since the start, interruptions left out.
+        seconds: time since the start, interruptions left out [s].
     """
 
     action: int

@@ -31,15 +31,18 @@ class ScaleSearch(Climbers):
     known: Genomes = field(kw_only=True)
 
     def build_bodies(self, genes: Floats) -> Bodies:
-        """The known body with other parts."""
+        """The known body with its parts scaled by factors (N, P)."""
         return self._scale_bodies(self._copy_known(len(genes)), genes)
 
     def draw_first(self, rng: np.random.Generator) -> Floats:
-        """The known body, fifteen times."""
+        """Factors (CLIMBERS, P) of one: the known body."""
         return np.ones((CLIMBERS, self.evaluator.anatomy.size))
 
     def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
-        """One factor is multiplied by 1 +- e^b, b uniform in (-5, 0), or drawn anew."""
+        """Factors (P), of which one is multiplied by 1 +- e^b or drawn anew.
+
+        The exponent b is uniform in (-5, 0).
+        """
         genes = genes.copy()
         k = int(rng.integers(len(genes)))
         if rng.random() < 0.5:
@@ -49,7 +52,7 @@ class ScaleSearch(Climbers):
         return np.clip(genes, *SCALES)
 
     def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
-        """The known body with other parts at other places."""
+        """The known body with parts scaled by factors (N, P), at other places."""
         return self._scale_bodies(
             perturb_placements(self._copy_known(len(genes)), rng), genes
         )
@@ -69,7 +72,7 @@ class ScaleEstimate:
         action: index into the robot's actions.
         scale: (P) factors of the best model.
         spent: simulations for the search since the start.
-        chosen: simulations for choosing since the start.
+        spent_choosing: simulations for choosing since the start.
     """
 
     action: int

@@ -28,7 +28,16 @@ Decode = Callable[[Floats], Genomes]
 
 
 def simulate_channels(bodies: Bodies, targets: Floats, engine: Statics) -> Floats:
-    """(N, 7) what N bodies sense, each under its own joint targets (N, P) [rad]."""
+    """What bodies sense, each under its own joint targets.
+
+    Args:
+        bodies: N.
+        targets: (N, P) joint targets [rad].
+        engine: settles them.
+
+    Returns:
+        (N, 7) tilts [deg], clearance [mm], touch of four feet [1].
+    """
     seen = engine.simulate(bodies, targets)
     tilt, gap = np.degrees(seen.tilt), 1000 * seen.clearance[:, None]
     return np.hstack([tilt, gap, seen.touch])

@@ -1,10 +1,10 @@
-"""Our search: climbers that start from rivals, and a crowd of the rivals they reach.
+"""Our search: climbers that start from rivals, and the set of rivals they reach.
 
 A climber tries small changes round and round, a few at a time, and takes the best that
 gains enough. Each body's table under every action holds thousands of twins (see
-`symmetry`): a climber that has come some way, or stands at a peak, is simulated under
-every action once, and goes on from its best twin. A peak joins the crowd, where it
-competes only with bodies of the same structure until the crowd is full (deterministic
+`symmetry`). So a climber that has come some way, or stands at a peak, is simulated
+under every action once, and goes on from its best twin. A peak joins the rivals. It
+competes only with bodies of its structure until the set is full (deterministic
 crowding, Mahfoud 1995, with the tree as the distance).
 """
 
@@ -32,14 +32,14 @@ from .symmetry import SymmetryGroup
 _HOPELESS_RATIO = 2.0
 # Chosen on simulated robots: a climb from the best of 64 bodies takes half as many
 # simulations a success as one from a single body, where placements are free.
-_DRAWN = 64
+_RANDOM_STARTS = 64
 # Chosen on simulated robots: a change is tried on the actions that the climber explains
-# worst first, and given up where it has fallen _BEHIND or half of what there is still
-# to gain, for an action explained to _WELL has nothing to give.
-_BEHIND, _HOPE, _WELL = 1.0, 0.5, 1.0
+# worst first. It is given up where it has fallen behind by _GIVE_UP_LOSS, or by half of
+# what is still to gain: an action explained to _EXPLAINED_LOSS has nothing to give.
+_GIVE_UP_LOSS, _GIVE_UP_SHARE, _EXPLAINED_LOSS = 1.0, 0.5, 1.0
 # Chosen on simulated robots: a discrete change must gain this loss. With less a climber
 # drifts among bodies that differ by noise, and tries all changes again each time.
-_GAIN = 0.5
+_LEAST_GAIN = 0.5
 # Chosen on simulated robots: rivals that climb again on new evidence; the others are
 # kept as they are. Six took most of the simulations where hinges are unknown.
 _CLIMB_AGAIN = 2
@@ -73,12 +73,18 @@ class RivalSet:
         return len(self.losses)
 
     def keep_rows(self, rows: Ints) -> None:
-        """Keep these rows, in this order."""
+        """Keep these rows (N), in this order."""
         self.genomes, self.tables = self.genomes[rows], self.tables[rows]
         self.losses = self.losses[rows]
 
     def add_rival(self, genome: Genomes, table: Floats, loss: float) -> None:
-        """Take in a peak; of two equal structures the better one stays."""
+        """Take in a peak; of two equal structures the better one stays.
+
+        Args:
+            genome: (1) of the peak.
+            table: (A, 3) its channels under every action.
+            loss: of the peak.
+        """
         twin = np.flatnonzero(_has_same_structure(self.genomes, genome))
         if len(twin) and self.losses[twin[0]] <= loss:
             return
@@ -134,10 +140,10 @@ class _Climber:
             return np.arange(count), np.full(count, self.loss)
         order = np.argsort(-self.each, kind="stable")
         mine = self.each[order]
-        room = np.maximum(mine - _WELL, 0)
+        room = np.maximum(mine - _EXPLAINED_LOSS, 0)
         left = room.sum() - np.cumsum(room)
-        behind = np.minimum(_BEHIND, _HOPE * left)
-        return order, np.cumsum(mine) + behind - (1e-9 if self.fine else _GAIN)
+        behind = np.minimum(_GIVE_UP_LOSS, _GIVE_UP_SHARE * left)
+        return order, np.cumsum(mine) + behind - (1e-9 if self.fine else _LEAST_GAIN)
 
     def propose_changes(
         self, space: BodySpace, count: int, rng: np.random.Generator
@@ -193,7 +199,13 @@ class RivalSearch:
         self.rivals = RivalSet.empty(parts, actions)
 
     def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
-        """Search until the evaluator has spent `limit` simulations."""
+        """Search until the evaluator has spent its simulations.
+
+        Args:
+            evidence: so far.
+            limit: number of simulations since the start.
+            rng: draws starts and changes.
+        """
         queue = self._rescore_rivals(evidence)
         active: list[_Climber] = []
         while self.evaluator.spent < limit or not self._has_rivals(active):
@@ -296,10 +308,13 @@ class RivalSearch:
     ) -> _Climber:
         """The best of some random bodies with parts at the middle of sides."""
         genomes = center_on_sides(
-            draw_space_genomes(self.evaluator.anatomy, self.space, _DRAWN, rng)
+            draw_space_genomes(self.evaluator.anatomy, self.space, _RANDOM_STARTS, rng)
         )
         best, loss, parts = 0, np.inf, None
-        for rows in (slice(0, _DRAWN // 8), slice(_DRAWN // 8, _DRAWN)):
+        for rows in (
+            slice(0, _RANDOM_STARTS // 8),
+            slice(_RANDOM_STARTS // 8, _RANDOM_STARTS),
+        ):
             total, each = self.evaluator.compute_losses(
                 genomes[rows],
                 evidence,

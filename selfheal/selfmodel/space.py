@@ -63,7 +63,14 @@ def find_space(name: str, *, known_lengths: bool = False) -> BodySpace:
 def draw_space_genomes(
     anatomy: Anatomy, space: BodySpace, count: int, rng: np.random.Generator
 ) -> Genomes:
-    """`count` random genomes of the space, uniform in every unknown gene."""
+    """Draw genomes of a space, uniform in every unknown gene.
+
+    Args:
+        anatomy: the robot's parts.
+        space: that they lie in.
+        count: number of genomes.
+        rng: draws them.
+    """
     genomes = draw_genomes(anatomy, count, rng, space.sides)
     shape = genomes.parent.shape
     if space.hinges:
@@ -173,7 +180,13 @@ def list_neighbors(space: BodySpace, genome: Genomes) -> Genomes:
 
 
 def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> Genomes:
-    """Bodies one small continuous change away; none where every gene is discrete."""
+    """Bodies one small continuous change away; none where every gene is discrete.
+
+    Args:
+        space: that they lie in.
+        genome: (1) that is changed.
+        rng: draws the sizes of the changes.
+    """
     batches = [genome[:0]]
     if not space.sides:
         batches.append(_nudge_gene(genome, "placement", rng))
@@ -204,7 +217,13 @@ def is_same(genomes: Genomes, other: Genomes) -> np.ndarray:
 
 
 def cross_genomes(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genomes:
-    """Uniform crossover: each part's genes from one of two genomes (1 each)."""
+    """Uniform crossover: each part's genes from one of two genomes.
+
+    Args:
+        first: (1) genome.
+        second: (1) genome.
+        rng: draws from which.
+    """
     pick = rng.random(first.parent.shape) < 0.5
     names = ("parent", "placement", "hinge", "length")
     pairs = [(getattr(first, n), getattr(second, n)) for n in names]
@@ -214,7 +233,13 @@ def cross_genomes(first: Genomes, second: Genomes, rng: np.random.Generator) -> 
 def perturb_genome(
     space: BodySpace, genome: Genomes, rng: np.random.Generator
 ) -> Genomes:
-    """The genome (1) after two to four random small changes in a row."""
+    """A genome after two to four random small changes in a row.
+
+    Args:
+        space: that it lies in.
+        genome: (1) that is changed.
+        rng: draws the changes.
+    """
     for _ in range(rng.integers(2, 5)):
         around = list_neighbors(space, genome)
         genome = around[rng.integers(len(around), size=1)]

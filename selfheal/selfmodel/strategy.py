@@ -54,7 +54,13 @@ class Strategy(Protocol):
     def search_bodies(
         self, evidence: Evidence, limit: int, rng: np.random.Generator
     ) -> None:
-        """Look for bodies until about `limit` simulations were spent in all."""
+        """Look for bodies that explain the evidence.
+
+        Args:
+            evidence: so far.
+            limit: about the number of simulations to have spent since the start.
+            rng: draws starts and changes.
+        """
         ...
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
@@ -70,7 +76,7 @@ class Strategy(Protocol):
         ...
 
     def list_indistinguishable(self, table: Floats) -> Genomes:
-        """Bodies that might be right and that no action tells from one of a table."""
+        """Bodies that may be right and that no action tells from a table's (A, 3)."""
         ...
 
     def compute_prior(self, genomes: Genomes) -> Floats:
@@ -78,7 +84,7 @@ class Strategy(Protocol):
         ...
 
     def capture_state(self) -> dict[str, Any]:
-        """Arrays from which `restore` goes on."""
+        """Arrays from which `restore_state` goes on."""
         ...
 
     def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
@@ -124,7 +130,13 @@ class RivalStrategy:
     def search_bodies(
         self, evidence: Evidence, limit: int, rng: np.random.Generator
     ) -> None:
-        """Climb (see `RivalSearch.run`), and look at what is near the peaks."""
+        """Climb (see `RivalSearch.search`), and look at what is near the peaks.
+
+        Args:
+            evidence: so far.
+            limit: number of simulations of the climbers since the start.
+            rng: draws starts and changes.
+        """
         self.finder.search(evidence, limit, rng)
         self.neighborhood.update(self.finder.rivals, evidence, rng)
         self.found = self.neighborhood.list_hypotheses(evidence)
@@ -140,7 +152,7 @@ class RivalStrategy:
         crowd.keep_best(self.finder.size + _SEEDED)
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The crowd, by loss and prior."""
+        """The rivals by loss and prior: genomes, tables (K, A, 3) and losses (K)."""
         crowd = self.finder.rivals
         order = np.argsort(
             crowd.losses + self.compute_prior(crowd.genomes), kind="stable"
@@ -148,14 +160,14 @@ class RivalStrategy:
         return crowd.genomes[order], crowd.tables[order], crowd.losses[order]
 
     def list_candidates(self) -> tuple[Ints, Floats]:
-        """The rivals, their kin and all their twins."""
+        """Parents (N, P) and belief (N) of rivals, their neighbors and all twins."""
         if not self.found:
             crowd = self.finder.rivals
             return crowd.genomes.parent, np.full(len(crowd), 1 / len(crowd))
         return self.found.genomes.parent, compute_plausibility(self.found.costs)
 
     def predict_tables(self) -> tuple[Floats, Floats]:
-        """Of some of the candidates, the same ones whenever asked."""
+        """Tables (N, A, 3) and belief (N) of some candidates, equal whenever asked."""
         if not self.found:
             return self.finder.rivals.tables, np.ones(len(self.finder.rivals))
         some, belief = draw_voters(
@@ -164,19 +176,19 @@ class RivalStrategy:
         return some.tables, belief
 
     def list_indistinguishable(self, table: Floats) -> Genomes:
-        """Of the hypotheses."""
+        """Hypotheses that no action tells from the body of a table (A, 3)."""
         assert self.found is not None
         return find_indistinguishable(self.found, table).genomes
 
     def compute_prior(self, genomes: Genomes) -> Floats:
-        """Bodies of few kinds of limbs are likelier."""
+        """Cost (N) of each body by its kinds of limbs: few kinds are likelier."""
         return compute_prior_cost(self.evaluator.anatomy, genomes)
 
     def capture_state(self) -> dict[str, Any]:
         """The arrays of the crowd and of its kin."""
         return _to_arrays(self.finder.rivals) | {
             f"kin_{name}": value
-            for name, value in _to_arrays(self.neighborhood.crowd).items()
+            for name, value in _to_arrays(self.neighborhood.bodies).items()
         }
 
     def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
@@ -265,21 +277,30 @@ class ReleasedStrategy:
     def search_bodies(
         self, evidence: Evidence, limit: int, rng: np.random.Generator
     ) -> None:
-        """By the rule, whatever the limit."""
+        """Search by the rule of 2006, whatever the limit.
+
+        Args:
+            evidence: so far.
+            limit: not heeded.
+            rng: draws children.
+        """
         self.rule.search_bodies(evidence, rng)
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The climbers; their tables are not simulated, for the rule has none."""
+        """The climbers: genomes, tables (K, A, 3) and losses (K).
+
+        The rule keeps no tables, so these are NaN.
+        """
         genomes = self.finder.genomes
         shape = (len(genomes), len(self.finder.evaluator.actions), 3)
         return genomes, np.full(shape, np.nan), self.finder.losses
 
     def list_candidates(self) -> tuple[Ints, Floats]:
-        """The climbers."""
+        """Parents (K, P) and belief (K) of the climbers."""
         return self.finder.genomes.parent, compute_plausibility(self.finder.losses)
 
     def predict_tables(self) -> tuple[Floats, Floats]:
-        """Of the climbers."""
+        """Tables (K, A, 3) and belief (K) of the climbers."""
         evaluator = self.finder.evaluator
         with evaluator.count_as_choice():
             tables = evaluator.compute_table(self.finder.genomes)
@@ -288,11 +309,11 @@ class ReleasedStrategy:
         )
 
     def list_indistinguishable(self, table: Floats) -> Genomes:
-        """None: the climbers' tables are not simulated."""
+        """None, whatever the table (A, 3): the climbers' tables are not simulated."""
         return self.finder.genomes[:0]
 
     def compute_prior(self, genomes: Genomes) -> Floats:
-        """The rule knows none."""
+        """Cost (N) of zero for each body: the rule of 2006 has no prior."""
         return np.zeros(len(genomes))
 
     def capture_state(self) -> dict[str, Any]:

@@ -31,7 +31,7 @@ class SymmetryGroup:
         action: (T, A) index of the action that the first body must do for its twin
             to have done action a; -1 if the robot does not offer it.
         turns: (G, 2) quarters turned to the left, then 1 if mirrored (left to right).
-        tilt: (G, 3, 3) what that does to the channels.
+        tilt: (G, 3, 3) what that does to the channels [1].
     """
 
     trade: Ints
@@ -84,22 +84,53 @@ class SymmetryGroup:
         return np.where(unknown, np.inf, total)
 
     def map_table(self, table: Floats, turn: int, trade: int) -> Floats:
-        """(A, 3) channels of one twin under every action; NaN where not known."""
+        """Channels of one twin of a body under every action.
+
+        Args:
+            table: (A, 3) the body's channels under every action.
+            turn: row in `turns`.
+            trade: row in `trade`.
+
+        Returns:
+            (A, 3) channels; NaN where not known.
+        """
         return self.map_tables(table[None], np.array([turn]), np.array([trade]))[0]
 
     def map_tables(self, tables: Floats, turn: Ints, trade: Ints) -> Floats:
-        """(N, A, 3) channels of a twin (turn, trade) of each body, from its table."""
+        """Channels of a twin of each body under every action.
+
+        Args:
+            tables: (N, A, 3) the bodies' channels under every action.
+            turn: (N) rows in `turns`.
+            trade: (N) rows in `trade`.
+
+        Returns:
+            (N, A, 3) channels; NaN where not known.
+        """
         source = self.action[trade]  # (N, A)
         found = np.take_along_axis(tables, np.maximum(source, 0)[..., None], axis=1)
         twins = found @ self.tilt[turn].transpose(0, 2, 1)
         return np.where((source < 0)[..., None], np.nan, twins)
 
     def map_genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
-        """The genome (1) of one twin of a row."""
+        """The genome (1) of one twin of a body.
+
+        Args:
+            genomes: N bodies.
+            row: of the body among them.
+            turn: row in `turns`.
+            trade: row in `trade`.
+        """
         return self.map_genomes(genomes[[row]], np.array([turn]), np.array([trade]))
 
     def map_genomes(self, genomes: Genomes, turn: Ints, trade: Ints) -> Genomes:
-        """The genomes (N) of a twin (turn, trade) of each of N bodies."""
+        """The genomes of a twin of each body.
+
+        Args:
+            genomes: N bodies.
+            turn: (N) rows in `turns`.
+            trade: (N) rows in `trade`.
+        """
         to = self.trade[trade]
         quarters, mirrored = self.turns[turn].T[..., None]
         parent, placement, hinge = genomes.parent, genomes.placement, genomes.hinge

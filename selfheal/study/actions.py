@@ -9,7 +9,13 @@ from .calibration import make_reliability_picture, make_reliability_table
 from .methods import METHODS, OURS, group_by_method, make_test_table, run_method
 from .plan import Outcome, Picture, Record, Study, StudyRequest, Table, Task
 from .statistics import format_mean_std, format_share
-from .trees import REAL, WHERE, extract_column, list_statements, make_correlation_table
+from .trees import (
+    REAL,
+    ROBOT_LABELS,
+    extract_column,
+    list_statements,
+    make_correlation_table,
+)
 
 CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify-few-actions.md
 # the batch of 2006 asks the same as its other baseline: random actions, no score
@@ -47,7 +53,7 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
         for method, rs in found.items()
     ]
     text = (
-        f"{WHERE[REAL].capitalize()}, {CYCLES} actions, attachments looked for "
+        f"{ROBOT_LABELS[REAL].capitalize()}, {CYCLES} actions, attachments looked for "
         "anywhere. Baseline 2 is the search of 2006 with random actions: it, the 2006 "
         "rule and plain disagreement differ in their actions alone, and so do ours "
         "with random actions and ours. Success: every part on its true parent. Error: "

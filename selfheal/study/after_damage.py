@@ -20,15 +20,24 @@ from .plan import Outcome
 from .trees import HIDDEN, open_study_robot
 
 CYCLES = 16
-_CHOSEN = (0.177363, 0.203348, 0.208322, 0.224044, 0.28876, 0.40069, 0.477269, 0.543136)
+_KNOWN_GENES = (
+    0.177363,
+    0.203348,
+    0.208322,
+    0.224044,
+    0.28876,
+    0.40069,
+    0.477269,
+    0.543136,
+)
 _PART, _SCALE = "right_lower", 0.1
 _OURS = {"ours": True, "ours, random": False}
-_MIDDLE = 0.9  # share of belief of what is stated of a length
+_INTERVAL_SHARE = 0.9  # share of belief of what is stated of a length
 
 
 def _load_known_body(anatomy: Anatomy) -> Genomes:
     """The body to begin with."""
-    return decode_unit_genes(anatomy, np.array([_CHOSEN]))
+    return decode_unit_genes(anatomy, np.array([_KNOWN_GENES]))
 
 
 def _open_robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
@@ -130,7 +139,9 @@ def _state_intervals(
         values, place = np.unique(every[:, k], return_inverse=True)
         share = np.bincount(place.ravel(), belief)
         order = np.argsort(-share, kind="stable")
-        kept = order[: 1 + int(np.searchsorted(np.cumsum(share[order]), _MIDDLE))]
+        kept = order[
+            : 1 + int(np.searchsorted(np.cumsum(share[order]), _INTERVAL_SHARE))
+        ]
         edges = np.concatenate([[0.0], (values[1:] + values[:-1]) / 2, [np.inf]])
         true = _SCALE if part == _PART else 1.0
         low, high = edges[kept.min()], min(edges[kept.max() + 1], 10.0)

@@ -7,7 +7,10 @@ import numpy as np
 from .plan import Picture, Table
 from .statistics import format_share
 
-_BINS, _ENOUGH = 10, 50  # of a reliability table; statements that a verdict needs
+_BINS, _LEAST_STATEMENTS = (
+    10,
+    50,
+)  # of a reliability table; statements that a verdict needs
 Pairs = Sequence[tuple[float, bool]]
 
 
@@ -36,12 +39,24 @@ def bin_statements(pairs: Pairs) -> list[tuple[int, int, float, float]]:
 
 
 def make_reliability_table(title: str, text: str, pairs: Pairs) -> Table:
-    """A row for each tenth of the stated probability."""
+    """A row for each tenth of the stated probability.
+
+    Args:
+        title: of the table.
+        text: above it.
+        pairs: stated probabilities, and whether each statement was right.
+    """
     if not pairs:
         return Table(title, f"{text} No statements.")
     rows = []
     for k, count, said, right in bin_statements(pairs):
-        near = "" if count < _ENOUGH else "yes" if abs(said - right) <= 0.1 else "no"
+        near = (
+            ""
+            if count < _LEAST_STATEMENTS
+            else "yes"
+            if abs(said - right) <= 0.1
+            else "no"
+        )
         rows.append(
             (f"{k / _BINS:.1f} to {(k + 1) / _BINS:.1f}", f"{count:,}",
              f"{100 * said:.1f} %", format_share(round(right * count), count), near)
@@ -57,5 +72,5 @@ def make_reliability_table(title: str, text: str, pairs: Pairs) -> Table:
 
 
 def make_reliability_picture(title: str, series: dict[str, Pairs]) -> Picture:
-    """The same as a picture."""
+    """A picture of stated probabilities against the share of right statements."""
     return Picture(title, "reliability", {k: v for k, v in series.items() if v})

@@ -22,7 +22,7 @@ from .plan import (
 )
 from .statistics import format_mean_std, format_share
 
-ENOUGH = 0.9  # of the way when whole, to count as recovered; chosen
+RECOVERED_SHARE = 0.9  # of the way when whole, to count as recovered; chosen
 
 
 def _list_tasks(asked: StudyRequest) -> list[Task]:
@@ -65,7 +65,8 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
     ways = [_compute_recovered_share(r) for r in records]
     text = (
         "Ways after 1,000 steps by our method: whole, broken with the same controller, "
-        f"and after three trials. Recovered: at least {100 * ENOUGH:.0f} % of the way "
+        "and after three trials. Recovered: at least "
+        f"{100 * RECOVERED_SHARE:.0f} % of the way "
         "when whole. Named: the believed damage is of the true kinds and places; not "
         "said of hidden neurons, which no hypothesis has."
     )
@@ -87,7 +88,9 @@ def _format_row(rs: Sequence[Record]) -> tuple[str, ...]:
     return (
         f"{len(rs):,}",
         *(format_mean_std(way) for way in ways),
-        format_share(sum(_compute_recovered_share(r) >= ENOUGH for r in rs), len(rs)),
+        format_share(
+            sum(_compute_recovered_share(r) >= RECOVERED_SHARE for r in rs), len(rs)
+        ),
         format_share(sum(told), len(told)) if told else "",
         format_mean_std([r["outcome"]["actions"] for r in rs], 1),
     )

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 # Chosen: tasks that the scheduler knows of, for each worker and at least. A worker
 # always has its next one; the scheduler's memory does not grow with the study.
-_AHEAD, _LEAST = 4, 64
-_EVERY = 1.0  # [s] the scheduler is asked for its workers; chosen
+_TASKS_PER_WORKER, _LEAST_TASKS = 4, 64
+_POLL_PERIOD = 1.0  # [s] the scheduler is asked for its workers; chosen
 
 
 def execute_tasks(
@@ -59,12 +59,12 @@ def execute_tasks(
             )
 
     workers, asked = len(client.nthreads()), time.monotonic()
-    more(max(_LEAST, _AHEAD * workers))
+    more(max(_LEAST_TASKS, _TASKS_PER_WORKER * workers))
     for batch in done.batches():
-        if time.monotonic() > asked + _EVERY:
+        if time.monotonic() > asked + _POLL_PERIOD:
             workers, asked = len(client.nthreads()), time.monotonic()
         records = [_make_record(running.pop(f.key), f, result) for f, result in batch]
-        more(max(_LEAST, _AHEAD * workers) - len(running))
+        more(max(_LEAST_TASKS, _TASKS_PER_WORKER * workers) - len(running))
         yield records, workers
 
 

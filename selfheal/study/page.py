@@ -69,7 +69,7 @@ def _format_table(shown: Table) -> tuple[str, ...]:
 
 
 def format_markdown(results: Results, tables: Sequence[Table]) -> str:
-    """The same in Markdown, without pictures."""
+    """A study's page in Markdown, without pictures."""
     study = find_study(results.study)
     parts = [f"# Study: {results.study}", study.about, describe_progress(results)]
     for shown in tables:

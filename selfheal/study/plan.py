@@ -94,12 +94,12 @@ class Study:
 
     Attributes:
         about: it in a line.
-        tasks: the runs that are asked for.
-        play: does one, in a worker process: its settings in, its outcome out, as JSON
-            can hold it. The same settings give the same outcome.
-        tables: of the finished runs, each with "settings" and "outcome".
-        pictures: of the same.
-        given: names of what `Asked` must or may have besides runs and seed.
+        list_tasks: the runs that are asked for.
+        run_task: does one, in a worker process: its settings in, its outcome out, as
+            JSON can hold it. The same settings give the same outcome.
+        make_tables: of the finished runs, each with "settings" and "outcome".
+        make_pictures: of the finished runs, too.
+        inputs: names of what `StudyRequest` must or may have besides runs and seed.
     """
 
     about: str
@@ -111,7 +111,7 @@ class Study:
 
 
 def select_records(records: Sequence[Record], **wanted: str) -> list[Record]:
-    """Those with these settings."""
+    """Records of runs that had certain settings."""
     return [r for r in records
             if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
 

@@ -35,6 +35,11 @@ class Progress:
 def begin_study(path: Path, name: str, asked: StudyRequest) -> None:
     """Make a study's file, with all its runs left.
 
+    Args:
+        path: of the file.
+        name: of the study.
+        asked: what the user asked it for.
+
     Raises:
         InputError: the study is unknown, or what was asked for makes no sense.
     """

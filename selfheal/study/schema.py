@@ -33,7 +33,7 @@ from .plan import (
     select_records,
 )
 from .statistics import format_mean_std, format_share
-from .trees import HIDDEN, REAL, WHERE, extract_column
+from .trees import HIDDEN, REAL, ROBOT_LABELS, extract_column
 
 # papers.md 1.3 and 2, C
 _TRUE = (0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469)
@@ -178,7 +178,9 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
             ]
             if rows:
                 told = f"{text} {_LENGTHS}"
-                tables.append(Table(f"{title}, {WHERE[robot]}", told, _HEAD, rows))
+                tables.append(
+                    Table(f"{title}, {ROBOT_LABELS[robot]}", told, _HEAD, rows)
+                )
         if matrix := select_records(records, robot=robot, what="matrix"):
             tables.append(_make_matrix_table(robot, matrix))
     return tables
@@ -225,7 +227,7 @@ def _make_matrix_table(robot: str, rs: Sequence[Record]) -> Table:
     )
     head = ("runs", "evaluations", "every part on its true parent", "hips on the torso",
             "edge F1", "foretold [%]", "median tilt gap [deg]")  # fmt: skip
-    return Table(f"The 8 x 4 matrix, {WHERE[robot]}", text, head, [row])
+    return Table(f"The 8 x 4 matrix, {ROBOT_LABELS[robot]}", text, head, [row])
 
 
 def _make_pictures(records: Sequence[Record]) -> list[Picture]:
@@ -237,7 +239,7 @@ def _make_pictures(records: Sequence[Record]) -> list[Picture]:
                     name: extract_column(rs, "part") for name, rs in found.items()
                 }
                 axis = "mean error of a part [mm]"
-                title = f"{title}, {WHERE[robot]}"
+                title = f"{title}, {ROBOT_LABELS[robot]}"
                 pictures.append(Picture(title, "box", series, axis))
     return pictures
 

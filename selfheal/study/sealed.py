@@ -16,7 +16,7 @@ from ..errors import InputError
 from .plan import Outcome, Record, Study, StudyRequest, Table, Task
 from .statistics import format_mean_std, format_share
 
-_SHOWN = ("given", "refit", "patched", "explainable_removed")
+_COLUMNS = ("given", "refit", "patched", "explainable_removed")
 GIVEN = ("model.xml", "recording.h5")  # files of a case
 FOUND = "diagnosis"  # folder of its diagnosis, beside them
 
@@ -66,7 +66,7 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
     rows = []
     for verdict, count in counts.most_common():
         fits = [o["fit"] for o in outcomes if o["verdict"] == verdict]
-        errors = [[fit[k] for fit in fits if fit[k] is not None] for k in _SHOWN]
+        errors = [[fit[k] for fit in fits if fit[k] is not None] for k in _COLUMNS]
         middles = [f"{np.median(e):.3f}" if e else "" for e in errors]
         rows.append((verdict, format_share(count, len(outcomes)), *middles))
     head = ("verdict", "cases (95 %)", "given", "refit", "patched", "removed")

@@ -2,7 +2,7 @@
 
 STUDY.h5: attributes format="selfheal-study", version=1, study, code and asked (JSON);
 datasets `tasks` and `records`, a JSON text each run. While a study works, records go to
-STUDY.h5.journal, a line each, a chunk at a time; a process killed at any moment leaves
+STUDY.h5.journal, a line each, a chunk at a time. A process killed at any moment leaves
 whole lines and perhaps a torn last one, which is not counted. At the end all of it
 becomes one file, in one step; reading takes in both.
 """
@@ -33,7 +33,7 @@ class Results:
 
     Attributes:
         study: its name.
-        asked: what was asked for, as JSON can hold it.
+        request: what was asked for, as JSON can hold it.
         code: digest of the program that it was begun with.
         tasks: all its runs.
         records: of the runs done so far, key -> "settings", "outcome" (None where it
@@ -86,6 +86,12 @@ def create_study(
     path: Path, study: str, asked: dict[str, Any], tasks: Sequence[Task]
 ) -> None:
     """Begin a study's file.
+
+    Args:
+        path: of the file.
+        study: its name.
+        asked: what was asked for, as JSON can hold it.
+        tasks: all its runs.
 
     Raises:
         InputError: nothing can be written there.

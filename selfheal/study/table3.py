@@ -29,7 +29,7 @@ from .statistics import format_mean_std, format_share
 from .trees import (
     HIDDEN,
     REAL,
-    WHERE,
+    ROBOT_LABELS,
     extract_column,
     list_statements,
     make_correlation_table,
@@ -69,7 +69,7 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
     for robot in (REAL, HIDDEN):
         for phase in _PHASES:
             if found := group_by_method(records, robot=robot, phase=phase):
-                title = f"Tests, {phase} damage, {WHERE[robot]}"
+                title = f"Tests, {phase} damage, {ROBOT_LABELS[robot]}"
                 tables += [
                     _make_results_table(robot, phase, found),
                     make_test_table(title, found),
@@ -102,19 +102,22 @@ def _make_results_table(robot: str, phase: str, found: Mapping[str, list]) -> Ta
                   "2006 search for eight sizes at once"),
     }[phase]  # fmt: skip
     text = (
-        f"{WHERE[robot].capitalize()}. Success: {success}. Error: {error}. Evaluations "
-        "are simulations of the search, without those for choosing actions. 2006: its "
-        "own robot, another simulator. Seconds: median of a run, on one core."
+        f"{ROBOT_LABELS[robot].capitalize()}. Success: {success}. Error: {error}. "
+        "Evaluations are simulations of the search, without those for choosing "
+        "actions. 2006: its own robot, another simulator. Seconds: median of a run, on "
+        "one core."
     )
     head = ("method", "runs", "actions", "evaluations", "successes (95 %)", "2006",
             "error [cm]", "2006 [cm]", "seconds")  # fmt: skip
-    return Table(f"{phase.capitalize()} damage, {WHERE[robot]}", text, head, rows)
+    return Table(
+        f"{phase.capitalize()} damage, {ROBOT_LABELS[robot]}", text, head, rows
+    )
 
 
 def _make_correlation_tables(records: Sequence[Record]) -> list[Table]:
     """Does disagreement among models tell how wrong they are?"""
     rows = [
-        (f"{WHERE[robot]}, {METHODS[method]}", rs)
+        (f"{ROBOT_LABELS[robot]}, {METHODS[method]}", rs)
         for robot in (REAL, HIDDEN)
         for method, rs in group_by_method(records, robot=robot, phase="before").items()
     ]
@@ -140,7 +143,9 @@ def _make_tree_calibration(records: Sequence[Record]) -> list[Table]:
         "of each attachment but part 1's, which cannot be wrong."
     )
     return [
-        make_reliability_table(f"How sure of attachments, {WHERE[robot]}", text, pairs)
+        make_reliability_table(
+            f"How sure of attachments, {ROBOT_LABELS[robot]}", text, pairs
+        )
         for robot in (REAL, HIDDEN)
         if (pairs := _list_tree_statements(records, robot))
     ]
@@ -157,7 +162,7 @@ def _make_length_calibration(records: Sequence[Record]) -> list[Table]:
             pairs = [(held, low <= true <= high) for low, high, held, true in parts]
             if pairs:
                 stated, inside = np.mean(pairs, axis=0)
-                rows.append((WHERE[robot], METHODS[method], kind,
+                rows.append((ROBOT_LABELS[robot], METHODS[method], kind,
                              f"{100 * stated:.1f} %",
                              format_share(round(inside * len(pairs)), len(pairs)),
                              f"{compute_brier_score(pairs):.4f}"))  # fmt: skip
@@ -180,10 +185,11 @@ def _make_pictures(records: Sequence[Record]) -> list[Picture]:
             if found := group_by_method(records, robot=robot, phase=phase):
                 series = {METHODS[m]: extract_column(rs, "error")
                           for m, rs in found.items()}  # fmt: skip
-                title = f"Error {phase} damage, {WHERE[robot]}"
+                title = f"Error {phase} damage, {ROBOT_LABELS[robot]}"
                 pictures.append(Picture(title, "box", series, "error [cm]"))
     told = {
-        WHERE[robot]: _list_tree_statements(records, robot) for robot in (REAL, HIDDEN)
+        ROBOT_LABELS[robot]: _list_tree_statements(records, robot)
+        for robot in (REAL, HIDDEN)
     }
     if any(told.values()):
         pictures.append(

@@ -17,7 +17,7 @@ from .plan import Outcome, Record, Table
 from .statistics import format_pooled_correlation, format_rank_correlation
 
 REAL, HIDDEN = "starfish-2006", "starfish"
-WHERE = {REAL: "real readings", HIDDEN: "hidden robot"}
+ROBOT_LABELS = {REAL: "real readings", HIDDEN: "hidden robot"}
 
 
 def open_study_robot(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:

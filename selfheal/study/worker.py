@@ -45,7 +45,13 @@ def perform_task(
     key: str,
     settings: Mapping[str, Any],
 ) -> Record:
-    """The record of one run (see `store.Results`); its error is part of it."""
+    """The record of one run (see `store.Results`); its error is part of it.
+
+    Args:
+        play: does the run.
+        key: of the run.
+        settings: of the run.
+    """
     start, outcome, error = time.perf_counter(), None, ""
     try:
         outcome = play(settings)

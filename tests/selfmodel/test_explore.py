@@ -5,7 +5,7 @@ import pytest
 
 from selfheal.body.genome import Genomes, draw_genomes, encode_tree
 from selfheal.engine.statics import Statics
-from selfheal.selfmodel.attachment_probability import compute_sureness
+from selfheal.selfmodel.attachment_probability import compute_attachment_probability
 from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.explore import (
     choose_action,
@@ -173,7 +173,7 @@ def test_the_prior_counts_limbs_and_not_labels():
 def test_sureness_is_a_probability(survived):
     parent = _random(30).parent
     belief = compute_plausibility(np.linspace(0, 5, 30))
-    sure = compute_sureness(parent, belief, parent[0], survived=survived)
+    sure = compute_attachment_probability(parent, belief, parent[0], survived=survived)
     assert sure.shape == (PARTS,)
     assert ((sure >= 0) & (sure <= 1 + 1e-12)).all()
     assert sure[0] == 1  # the first part can only hang on the torso
@@ -183,7 +183,7 @@ def test_a_body_that_was_best_for_longer_is_more_probable():
     parent = _random(30).parent
     belief = np.append(1, np.zeros(29))
     new, old = (
-        compute_sureness(parent, belief, parent[0], survived=survived)
+        compute_attachment_probability(parent, belief, parent[0], survived=survived)
         for survived in (0, 10_000)
     )
     assert (new[1:] < old[1:]).all()
@@ -192,7 +192,7 @@ def test_a_body_that_was_best_for_longer_is_more_probable():
 
 def test_bodies_that_explain_equally_well_share_the_sureness():
     parent = np.array([[0, 0, 1, 1], [0, 0, 1, 2], [0, 0, 0, 1], [0, 1, 1, 0]])
-    sure = compute_sureness(parent, _even(4), parent[0], survived=10_000)
+    sure = compute_attachment_probability(parent, _even(4), parent[0], survived=10_000)
     np.testing.assert_allclose(sure, [1, 0.75, 0.75, 0.5], atol=1e-3)
 
 
@@ -241,14 +241,14 @@ def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched, 
 def test_a_neighborhood_holds_no_two_symmetric_bodies(searched, found):
     _, search, _ = searched
     kin, _ = found
-    count = len(kin.crowd)
+    count = len(kin.bodies)
     assert count > len(search.rivals) / 2
-    parent, valid_of = kin.crowd.genomes.parent, search.twins.find_valid_trades
+    parent, valid_of = kin.bodies.genomes.parent, search.twins.find_valid_trades
     valid = np.flatnonzero([valid_of(p).all() for p in parent])
     trade = np.full(len(valid), len(search.twins.trade) - 1)
-    twins = search.twins.map_genomes(kin.crowd.genomes[valid], 0 * trade + 1, trade)
-    kin.add_bodies(twins, kin.crowd.tables[valid])
-    assert len(kin.crowd) == count
+    twins = search.twins.map_genomes(kin.bodies.genomes[valid], 0 * trade + 1, trade)
+    kin.add_bodies(twins, kin.bodies.tables[valid])
+    assert len(kin.bodies) == count
 
 
 def test_voters_stand_for_all_belief(found):

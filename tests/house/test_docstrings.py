@@ -1,0 +1,123 @@
+"""Docstrings can be read alone, and say shapes and units; room by room."""
+
+import ast
+import inspect
+
+import pytest
+
+from tests.support.docstring_coverage import (
+    NEEDED,
+    RULES,
+    SHAPE,
+    UNITS,
+    Docstring,
+    RoomReader,
+    count_words,
+    format_table,
+    list_rooms,
+    measure_rooms,
+    split_sentences,
+)
+
+ROOMS = (
+    *("__init__", "api", "body", "cli", "engine", "errors", "files", "gait"),
+    *("recording", "recovery", "report", "robot", "selfmodel", "study"),
+)
+LATER = ("diagnosis", "mjcf")  # not yet asked
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_the_docstrings_of_a_room_say_what_they_must(room):
+    found = measure_rooms([room])[room]
+    gaps = [f"{r}: {g}" for r in RULES if found.share(r) < NEEDED[r]
+            for g in found.gaps[r]]  # fmt: skip
+    assert not gaps, "\n".join([format_table({room: found}), *gaps])
+
+
+def test_every_room_is_asked():
+    assert sorted([*ROOMS, *LATER]) == sorted(list_rooms())
+
+
+@pytest.mark.parametrize(
+    "text", ["(W, C)", "(N)", "(..., 3)", "(*B, 2)", "(A, P, 3)", "(N, 4 + P)", "(3)"]
+)
+def test_a_shape_is_seen(text):
+    assert SHAPE.search(f"targets: {text} of the joints")
+
+
+@pytest.mark.parametrize("text", ["(see below)", "(papers.md 1.3)", "[W, C]", "(s)"])
+def test_what_is_no_shape_is_not(text):
+    assert not SHAPE.search(f"targets: {text} of the joints")
+
+
+@pytest.mark.parametrize(
+    "text", ["[rad]", "[m/s]", "[1]", "[kg m^2]", "[m or rad]", "[1/deg]", "[mm]"]
+)
+def test_a_unit_is_seen(text):
+    assert UNITS.search(f"targets: of the joints {text}")
+
+
+@pytest.mark.parametrize("text", ["[t0, t1]", "[key]", "(rad)", "rad"])
+def test_what_is_no_unit_is_not(text):
+    assert not UNITS.search(f"targets: of the joints {text}")
+
+
+GOOD = '''
+def turn(angles: Floats, count: int, length: float) -> Floats:
+    """Turn links.
+
+    Args:
+        angles: (N, P) of the joints, which may be
+            several [rad].
+        count: of links.
+        length: of a link [m].
+
+    Returns:
+        (N, 3) position of the tip [m].
+    """
+'''
+
+
+def _read(text):
+    reader = RoomReader({"Floats"}, {"known"})
+    (node,) = ast.parse(text).body
+    reader._read_function(node, "turn", in_class=False)
+    return {rule: gaps for rule, gaps in reader.coverage.gaps.items() if gaps}
+
+
+def test_a_docstring_that_says_all_has_no_gap():
+    assert _read(GOOD) == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "rule"),
+    [
+        ("(N, P) of", "of", "shapes"),
+        ("(N, 3) position", "position", "shapes"),
+        ("several [rad]", "several", "units"),
+        ("of a link [m]", "of a link", "units"),
+        ("        count: of links.\n", "", "args"),
+        ("count: of links", "number: of links", "names"),
+        ("Turn links.", "The same for links.", "opening"),
+        ("Turn links.", f"Turn {30 * 'many '}links.", "sentences"),
+        ("Turn links.", "Turn links; see `bygone`.", "references"),
+        ('"""', "'''", ""),
+    ],
+)
+def test_what_is_missing_is_a_gap(old, new, rule):
+    assert old in GOOD
+    assert set(_read(GOOD.replace(old, new))) <= {rule, "args"}
+    assert not rule or rule in _read(GOOD.replace(old, new))
+
+
+def test_a_function_without_a_docstring_is_a_gap():
+    assert "docstring" in _read("def turn(angles: int) -> int:\n    return angles\n")
+
+
+def test_sentences_end_at_sections_entries_and_blank_lines():
+    (node,) = ast.parse(GOOD).body
+    text = ast.get_docstring(node)
+    assert text == inspect.cleandoc(node.body[0].value.value)
+    parsed = Docstring.parse(text)
+    assert parsed.entries["angles"].endswith("be several [rad].")
+    assert max(count_words(s) for s in split_sentences(text)) == 11

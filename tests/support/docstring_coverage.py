@@ -1,0 +1,370 @@
+"""Coverage of docstrings, as a table of rooms: source files in, shares and gaps out.
+
+Run by hand: `python -m tests.support.docstring_coverage [--room ROOM]... [--gaps]`.
+
+What is looked at are the public modules, classes, functions and methods of a room; what
+begins with an underscore and functions within functions are not. Eight rules hold:
+
+docstring: there is one.
+shapes: where an argument, a return or a field of a dataclass is annotated as an array,
+    its description has a shape, such as `(W, C)`. Aliases of array types count as well.
+units: where such a thing is a float or an array and its name is that of a physical
+    quantity (`QUANTITIES`), its description has a unit, such as `[rad]`, or `[1]`.
+args: from three arguments on, `Args:` describes each. Arguments of commands, which
+    carry their help text in their annotation, need no second description.
+names: what `Args:` or `Attributes:` describes is there, under that name.
+opening: it begins with no word that hangs on another docstring (`OPENINGS`).
+sentences: none has more than 30 words. What stands in backticks counts as one word.
+references: what stands in backticks and looks like a name occurs in the code.
+
+The description of an argument is its entry in `Args:`, or else the whole docstring.
+That of a return is `Returns:` or `Yields:`, and the text before the first section.
+"""
+
+import argparse
+import ast
+import builtins
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from tests.support.paths import ROOT
+
+RULES = (
+    *("docstring", "shapes", "units", "args", "names", "opening", "sentences"),
+    "references",
+)
+NEEDED = {rule: 1.0 for rule in RULES} | {"shapes": 0.9, "units": 0.9}
+OPENINGS = ("The same", "Of its", "Those")
+MOST_WORDS, LEAST_ARGUMENTS = 30, 3
+# Words in the names of physical quantities. Those with a meaning in mathematics or
+# statistics too (scale, gain, noise, value) are left out: their unit may vary.
+QUANTITIES = {
+    *("angle", "angles", "heading", "azimuth", "slope", "tilt", "swing", "reach"),
+    *("time", "seconds", "duration", "period", "onset", "delay", "timestep", "lag"),
+    *("length", "lengths", "distance", "height", "radius", "thickness", "clearance"),
+    *("position", "positions", "speed", "speeds", "velocity", "acceleration", "wind"),
+    *("mass", "masses", "inertia", "density", "gravity", "stiffness", "damping"),
+    *("torque", "torques", "force", "forces", "energy", "frequency", "displacement"),
+}
+_UNIT = (
+    r"(?:1|%|n?m|mm|cm|km|m?s|h|rad|deg|k?g|N|Nm|J|W|V|A|K|Hz|px|in|nats?|bits?|B|MB)"
+)
+_POWER = _UNIT + r"(?:\^-?\d)?"
+UNITS = re.compile(rf"\[{_POWER}(?:(?: or |, |[ */]){_POWER})*\]")
+SHAPE = re.compile(
+    r"\((?:\.\.\.|\*?[A-Zn0-9])[\w' +*/-]*(?:, ?(?:\.\.\.|[\w' +*/-]+))*,?\)"
+)
+_SECTION = re.compile(
+    r"^(Args|Returns|Yields|Raises|Attributes|Example|Examples|Note):\s*(.*)$"
+)
+_ENTRY = re.compile(
+    r"^\*{0,2}([A-Za-z_]\w*(?:, (?:\w+|\.\.\.))*)(?: \([^)]*\))?:\s*(.*)$"
+)
+
+
+@dataclass(frozen=True)
+class Docstring:
+    """A docstring in its parts.
+
+    Attributes:
+        text: what stands before the first section.
+        sections: name of a section -> its text.
+        entries: name of an argument or attribute -> its description.
+    """
+
+    text: str
+    sections: dict[str, str]
+    entries: dict[str, str]
+
+    @classmethod
+    def parse(cls, docstring: str) -> "Docstring":
+        """Split a docstring as `inspect.cleandoc` gives it."""
+        sections: dict[str, list[str]] = {"": []}
+        name = ""
+        for line in docstring.split("\n"):
+            if found := _SECTION.match(line):
+                name = found[1]
+                sections[name] = [found[2]]
+            else:
+                sections[name].append(line)
+        entries: dict[str, str] = {}
+        for part in ("Args", "Attributes"):
+            last: list[str] = []
+            for line in sections.get(part, ()):
+                text, indent = line.strip(), len(line) - len(line.lstrip())
+                if found := _ENTRY.match(text) if indent == 4 else None:
+                    last = found[1].split(", ")
+                    entries |= dict.fromkeys(last, found[2])
+                for name in () if found else last:
+                    entries[name] += f" {text}"
+        joined = {name: "\n".join(lines) for name, lines in sections.items()}
+        return cls(joined.pop(""), joined, entries)
+
+    def describe(self, name: str) -> str:
+        """The description of an argument, an attribute, or the "return"."""
+        if name == "return":
+            given = [self.sections.get(n, "") for n in ("Returns", "Yields")]
+            return self.text + " ".join(given)
+        whole = " ".join([self.text, *self.sections.values()])
+        return self.entries.get(name, whole)
+
+
+@dataclass
+class Coverage:
+    """Of one room: rule -> what was looked at and what is missing."""
+
+    seen: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    gaps: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+
+    def note(self, rule: str, good: bool, where: str) -> None:
+        """Count one thing that a rule asks something of."""
+        self.seen[rule] += 1
+        if not good:
+            self.gaps[rule].append(where)
+
+    def share(self, rule: str) -> float:
+        """Share of what a rule asks that is there; 1 where it asks nothing [1]."""
+        seen = self.seen[rule]
+        return 1.0 - len(self.gaps[rule]) / seen if seen else 1.0
+
+
+def split_sentences(docstring: str) -> Iterator[str]:
+    """The sentences of a docstring; indented formulas and literal blocks left out."""
+    paragraph: list[str] = []
+    for line in [*docstring.split("\n"), ""]:
+        text = line.strip()
+        formula = line.startswith("    ") and re.search(r"\s(=|~|<=|:=|->)\s", line)
+        formula = formula or "+--" in text  # a line of a drawn tree
+        starts = _ENTRY.match(text) or _SECTION.match(text) or text.startswith("- ")
+        if not text or formula or starts:
+            whole = re.sub(r"`[^`]*`", "code", " ".join(paragraph))
+            yield from re.split(r"(?<=[.?!])\s+(?=[A-Z`(\"'0-9])", whole)
+            paragraph = []
+        if text and not formula:
+            paragraph.append(text)
+
+
+def count_words(sentence: str) -> int:
+    """The number of words of a sentence; signs that stand alone are none."""
+    return sum(any(c.isalnum() for c in word) for word in sentence.split())
+
+
+def find_aliases(files: Sequence[Path]) -> set[str]:
+    """Names of types that are arrays: NumPy's, JAX's and their aliases in the code."""
+    known = {"ndarray", "NDArray", "ArrayLike", "Array"}
+    for path in files:
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                value = ast.unparse(node.value)
+                if re.match(r"(npt\.|np\.|jax\.)?(NDArray|ndarray|Array)\b", value):
+                    known.add(node.targets[0].id)
+    return known
+
+
+def find_names(files: Sequence[Path]) -> set[str]:
+    """Every name in the code, and every word of its texts, docstrings left out."""
+    known: set[str] = set(dir(builtins))
+    for path in files:
+        known |= {path.stem, path.parent.name}
+        tree = ast.parse(path.read_text())
+        texts = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+        for node in ast.walk(tree):
+            for kind in ("id", "attr", "arg", "name"):
+                if isinstance(name := getattr(node, kind, None), str):
+                    known |= set(name.split("."))
+            if isinstance(node, ast.Constant) and id(node) not in texts:
+                known |= set(re.findall(r"\w+", str(node.value)))
+    return known
+
+
+def is_named(annotation: ast.expr | None, names: set[str]) -> bool:
+    """Whether an annotation has one of these types, outside of any function type."""
+    if annotation is None:
+        return False
+    text = ast.unparse(annotation).strip("'\"")
+    text = re.sub(r"Callable\[.*\]", "", text)
+    return bool(set(re.findall(r"[A-Za-z_]\w*", text)) & names)
+
+
+def list_arguments(node: ast.FunctionDef, in_class: bool) -> list[ast.arg]:
+    """The arguments that a docstring has to describe, `self` and commands' ones out."""
+    a = node.args
+    every = [*a.posonlyargs, *a.args, *filter(None, [a.vararg]), *a.kwonlyargs]
+    every += filter(None, [a.kwarg])
+    static = any("staticmethod" in ast.unparse(d) for d in node.decorator_list)
+    if in_class and not static:
+        every = every[1:]
+    commands = ("Annotated[", "typer.Context")
+    return [
+        arg
+        for arg in every
+        if not (arg.annotation and ast.unparse(arg.annotation).startswith(commands))
+    ]
+
+
+class RoomReader:
+    """Reads the files of a room into its coverage."""
+
+    def __init__(self, arrays: set[str], known: set[str]) -> None:
+        self.arrays, self.known, self.coverage = arrays, known, Coverage()
+
+    def read_file(self, path: Path) -> None:
+        """Look at a module and at what is public in it."""
+        tree = ast.parse(path.read_text())
+        name = str(path.relative_to(ROOT))
+        self._check_text(ast.get_docstring(tree), name)
+        self._read_body(tree, name)
+
+    def _read_body(self, scope: ast.Module | ast.ClassDef, where: str) -> None:
+        """Look at the public definitions of a module or class."""
+        for node in scope.body:
+            if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+                continue
+            if node.name.startswith("_"):
+                continue
+            name = f"{where}:{node.lineno} {node.name}"
+            if isinstance(node, ast.ClassDef):
+                self._read_class(node, name)
+                self._read_body(node, where)
+            elif not any(_is_secondary(d) for d in node.decorator_list):
+                self._read_function(node, name, isinstance(scope, ast.ClassDef))
+
+    def _read_class(self, node: ast.ClassDef, name: str) -> None:
+        """Look at a class and the fields of a dataclass."""
+        docstring = ast.get_docstring(node)
+        self._check_text(docstring, name)
+        self._check_entries(node, Docstring.parse(docstring or ""), name)
+        if not any("dataclass" in ast.unparse(d) for d in node.decorator_list):
+            return
+        parsed = Docstring.parse(docstring or "")
+        for item in node.body:
+            if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
+                if not item.target.id.startswith("_"):
+                    self._check_value(item.target.id, item.annotation, parsed, name)
+
+    def _read_function(self, node: ast.FunctionDef, name: str, in_class: bool) -> None:
+        """Look at a function or method, its arguments and its return."""
+        docstring = ast.get_docstring(node)
+        self._check_text(docstring, name)
+        parsed = Docstring.parse(docstring or "")
+        self._check_entries(node, parsed, name)
+        arguments = list_arguments(node, in_class)
+        if len(arguments) >= LEAST_ARGUMENTS:
+            left = [a.arg for a in arguments if a.arg not in parsed.entries]
+            self.coverage.note("args", not left, f"{name}: {', '.join(left)}")
+        for arg in arguments:
+            self._check_value(arg.arg, arg.annotation, parsed, name)
+        self._check_value("return", node.returns, parsed, name, quantity=node.name)
+
+    def _check_text(self, docstring: str | None, name: str) -> None:
+        """Whether there is a docstring that can be read alone."""
+        self.coverage.note("docstring", bool(docstring), name)
+        if docstring:
+            good = not docstring.startswith(OPENINGS)
+            self.coverage.note("opening", good, name)
+            for sentence in split_sentences(docstring):
+                words = count_words(sentence)
+                if words:
+                    what = f"{name}: {words} words: {sentence[:60]}"
+                    self.coverage.note("sentences", words <= MOST_WORDS, what)
+
+            for reference in re.findall(r"`(?:\w+\.)*([A-Za-z_]\w+)`", docstring):
+                good = reference in self.known
+                self.coverage.note("references", good, f"{name}: {reference}")
+
+    def _check_entries(
+        self, node: ast.ClassDef | ast.FunctionDef, parsed: Docstring, where: str
+    ) -> None:
+        """Whether what the docstring describes is there."""
+        there = {n.arg for n in ast.walk(node) if isinstance(n, ast.arg)}
+        there |= {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+        there |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+        there |= {n.name for n in ast.walk(node) if isinstance(n, ast.FunctionDef)}
+        for name in parsed.entries:
+            self.coverage.note("names", name in there | {"..."}, f"{where}: {name}")
+
+    def _check_value(
+        self,
+        name: str,
+        annotation: ast.expr | None,
+        parsed: Docstring,
+        where: str,
+        quantity: str = "",
+    ) -> None:
+        """Whether a value has its shape and its unit."""
+        text, what = parsed.describe(name), f"{where}: {name}"
+        is_array = is_named(annotation, self.arrays)
+        if is_array:
+            self.coverage.note("shapes", bool(SHAPE.search(text)), what)
+        words = set((quantity or name).lower().split("_"))
+        if words & QUANTITIES and (is_array or is_named(annotation, {"float"})):
+            self.coverage.note("units", bool(UNITS.search(text)), what)
+
+
+def _is_secondary(decorator: ast.expr) -> bool:
+    """Whether a decorator marks an overload or a setter, documented elsewhere."""
+    return ast.unparse(decorator).endswith(("overload", ".setter"))
+
+
+def list_rooms() -> dict[str, list[Path]]:
+    """Room -> its files: the packages and modules of `selfheal`, and `cli`."""
+    rooms: dict[str, list[Path]] = {"cli": sorted((ROOT / "cli").rglob("*.py"))}
+    for path in sorted((ROOT / "selfheal").iterdir()):
+        if path.is_dir() and (path / "__init__.py").exists():
+            rooms[path.name] = sorted(path.rglob("*.py"))
+        elif path.suffix == ".py":
+            rooms[path.stem] = [path]
+    return rooms
+
+
+@cache
+def _read_house() -> tuple[set[str], set[str]]:
+    """The array types and the names of the whole code."""
+    files = [path for room in list_rooms().values() for path in room]
+    return find_aliases(files), find_names(files)
+
+
+def measure_rooms(names: Sequence[str]) -> dict[str, Coverage]:
+    """The coverage of each of some rooms."""
+    rooms = list_rooms()
+    found = {}
+    for name in names:
+        reader = RoomReader(*_read_house())
+        for path in rooms[name]:
+            reader.read_file(path)
+        found[name] = reader.coverage
+    return found
+
+
+def format_table(found: dict[str, Coverage]) -> str:
+    """A row a room: of each rule the share that is met, and how many it asks of."""
+    width = max(map(len, found))
+    lines = [" ".join([" " * width, *(f"{rule:>14}" for rule in RULES)])]
+    for name, room in found.items():
+        cells = [f"{100 * room.share(r):7.1f} %{room.seen[r]:5}" for r in RULES]
+        lines.append(" ".join([f"{name:{width}}", *cells]))
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table, and what is missing if that is asked for."""
+    rooms = list_rooms()
+    parser = argparse.ArgumentParser(description="Coverage of docstrings by room.")
+    parser.add_argument("--room", action="append", choices=sorted(rooms))
+    parser.add_argument("--gaps", action="store_true", help="list what is missing")
+    options = parser.parse_args()
+    found = measure_rooms(options.room or sorted(rooms))
+    print(format_table(found))
+    if options.gaps:
+        for room in found.values():
+            for rule in RULES:
+                for gap in room.gaps[rule]:
+                    print(f"{rule}: {gap}")
+
+
+if __name__ == "__main__":
+    main()
