@@ -2,18 +2,17 @@
 
 import numpy as np
 
+from ...body.changes import LOST_SHARE, list_subtree
 from ..data.robot_summary import RobotSummary, find_link_axis, min_stable_inertia
 from .base import Term, extend_places
 from .by_target import BodyEffect, JointEffect
 from .declaration import ParameterSpec
-from .inertia import add_mass, list_subtree, stretch_body
+from .inertia import add_mass, stretch_body
 
 # times a joint's inertia, the rotor of one that is stuck; chosen
 JAMMED_ARMATURE_RATIO = 1000.0
 # times a reading's noise, the spread of readings that show no motion; chosen
 MAX_REST_SPREAD = 1.5
-# of a lost limb's mass and inertia; chosen: nothing, and it still steps
-LOST_SHARE = 1e-3
 
 
 class Payload(BodyEffect):
@@ -191,8 +190,9 @@ class LimbLoss(BodyEffect):
         return not body.is_floating and body.parent != 0
 
     def propose_terms(self, robot):
+        parents = robot.model.body_parentid
         return [
-            extend_places(t, parts=len(list_subtree(robot.model, t.places[0]["body"])))
+            extend_places(t, parts=len(list_subtree(parents, t.places[0]["body"])))
             for t in super().propose_terms(robot)
         ]
 
@@ -201,7 +201,7 @@ class LimbLoss(BodyEffect):
         return self.rarity + term.places[0]["parts"] - 1
 
     def edit_model(self, model, place, values):
-        for body in list_subtree(model, place["body"]):
+        for body in list_subtree(model.body_parentid, place["body"]):
             model.body_mass[body] *= LOST_SHARE
             model.body_inertia[body] *= LOST_SHARE
             for dof in np.flatnonzero(model.dof_bodyid == body):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...body.changes import limit_rate
 from ...recording.data import Floats
 
 
@@ -56,11 +57,5 @@ def filter_column(u: Floats, keep: Floats) -> Floats:
 def limit_rate_of_column(u: Floats, most: Floats) -> Floats:
     """Commands u (1 or N, G) that change by at most `most` (N) from step to step."""
     goals = u.T.copy()
-    least = -most
-    out = np.empty((len(goals), len(most)))
-    state = np.broadcast_to(goals[0], len(most)).astype(float)
-    for k, goal in enumerate(goals):
-        # np.clip takes ten times as long
-        state = state + np.minimum(np.maximum(goal - state, least), most)
-        out[k] = state
-    return out.T
+    start = np.broadcast_to(goals[0], len(most)).astype(float)
+    return limit_rate(goals, most, start).T

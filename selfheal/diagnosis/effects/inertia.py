@@ -139,12 +139,3 @@ def _stretch_geom(model, geom: int, axis: int, ratio: float) -> None:
     ):
         model.geom_size[geom, 1] *= ratio
     model.geom_rbound[geom] *= max(ratio, 1.0)
-
-
-def list_subtree(model, body: int) -> list[int]:
-    """A body and all that hang on it, by id."""
-    found = [body]
-    for other in range(body + 1, model.nbody):
-        if model.body_parentid[other] in found:
-            found.append(other)
-    return found

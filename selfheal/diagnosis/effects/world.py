@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...body.changes import compute_direction, tilt_gravity
 from ...errors import InputError
 from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
@@ -62,12 +63,11 @@ class Slope(WorldEffect):
 
     def edit_model(self, model, place, values):
         tilt, azimuth = values
-        size = np.linalg.norm(model.opt.gravity)
-        up = -model.opt.gravity / size
-        down = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        up = -model.opt.gravity / np.linalg.norm(model.opt.gravity)
+        down = np.array([*compute_direction(azimuth), 0.0])
         down -= (down @ up) * up
         down /= max(np.linalg.norm(down), 1e-9)
-        model.opt.gravity[:] = size * (np.sin(tilt) * down - np.cos(tilt) * up)
+        model.opt.gravity[:] = tilt_gravity(model.opt.gravity, tilt, down)
 
 
 def _find_plane_azimuths(model) -> tuple[float, ...] | None:
