@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, check_seed
-from .run_files import REPORT, Folder, PathLike, begin_run_file
+from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
 
 if TYPE_CHECKING:
     from ..body.damage import Damage
@@ -159,7 +159,6 @@ def _finish_heal(
     """Phase by phase to the end, saved after each; then the page."""
     from ..gait.rival_bodies import select_rival_bodies
     from ..recovery.heal import heal_robot
-    from ..recovery.phased_run import save_phased_run
     from ..recovery.phases import make_robot_states
     from ..report.heal import make_heal_page
     from ..report.page import write_page
@@ -167,15 +166,10 @@ def _finish_heal(
     found, robot = known
     models, weights = select_rival_bodies(found)
     robots = make_robot_states(robot, run.settings)
-    on_step(run)
     steps = heal_robot(
         robots, models, weights, run.settings, run=run, progress=progress
     )
-    for step in steps:
-        run = step
-        if path:
-            save_phased_run(run, path)
-        on_step(run)
+    run = follow_phases(run, steps, path, on_step)
     if path:
         write_page(make_heal_page(run, models), path.with_name(REPORT))
     return run

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from ..errors import InputError, UnknownNameError, check_seed
-from .run_files import REPORT, Folder, PathLike, begin_run_file
+from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
 
 if TYPE_CHECKING:
     from ..recovery.recover_run import RecoverRun, RecoverSettings
@@ -152,7 +152,6 @@ def _finish_run(
     on_step: "Callable[[RecoverRun], None]",
 ) -> "RecoverRun":
     """Phase by phase to the end, saved after each; then the page."""
-    from ..recovery.phased_run import save_phased_run
     from ..recovery.recover import recover_robot
     from ..report.page import write_page
     from ..report.recover import make_recover_page
@@ -160,12 +159,8 @@ def _finish_run(
 
     s, finished = run.settings, bool(run.result)
     robot = driven or SimulatedLegs(s.legged_robot, s.seed, s.gap)
-    on_step(run)
-    for step in recover_robot(robot, s, run=run, progress=progress):
-        run = step
-        if path and not finished:
-            save_phased_run(run, path)
-        on_step(run)
+    steps = recover_robot(robot, s, run=run, progress=progress)
+    run = follow_phases(run, steps, None if finished else path, on_step)
     page = path and path.with_name(REPORT)
     if page and not (finished and page.exists()):
         write_page(make_recover_page(run), page)

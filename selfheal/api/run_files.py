@@ -1,13 +1,18 @@
 """Files of the runs that Python users start: a folder in; a locked run file out."""
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import InputError
 from ..files import check_writable_folder
 
+if TYPE_CHECKING:
+    from ..recovery.phased_run import PhasedRun
+
+R = TypeVar("R", bound="PhasedRun")
 PathLike = str | os.PathLike[str]
 # a folder, or a function that makes one from the name of the run
 Folder = PathLike | Callable[[str], Path]
@@ -49,6 +54,31 @@ def begin_run_file(
     with lock_run(path):
         clear_run(path, force, others)
         yield path
+
+
+def follow_phases(
+    run: R, steps: Iterable[R], path: Path | None, on_step: Callable[[R], None]
+) -> R:
+    """Go through the phases of a run.
+
+    Args:
+        run: as it begins, or as it was left.
+        steps: the run after each phase.
+        path: of the file that each is saved to; None saves nothing.
+        on_step: given the run first, and after each phase.
+
+    Returns:
+        The run after its last phase.
+    """
+    from ..recovery.phased_run import save_phased_run
+
+    on_step(run)
+    for step in steps:
+        run = step
+        if path:
+            save_phased_run(run, path)
+        on_step(run)
+    return run
 
 
 def clear_run(path: Path, force: bool, others: Sequence[str]) -> None:

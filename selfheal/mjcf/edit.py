@@ -20,9 +20,9 @@ class Set:
     """Set or remove attributes of an element.
 
     Attributes:
-        tag: "joint" (a freejoint too), "geom", "site", "body", "inertial" (of the body
-            named), a section ("actuator", "sensor", ...: any element in it), or one
-            of the settings ("option", "compiler", ...; made where missing).
+        tag: "joint" (a freejoint too), "geom", "site", "body" or "inertial" (of the
+            body named). A section ("actuator", "sensor", ...) means any element in it.
+            A setting ("option", "compiler", ...) is made where it is missing.
         name: the element's, "" for settings; or its id in the compiled given model.
         attributes: values as MJCF writes them, None to remove one.
     """

@@ -1,7 +1,6 @@
 """The page of a diagnosis: in order, in plain words, escaped, drawn in a browser."""
 
 import html
-import json
 import re
 from dataclasses import replace
 
@@ -16,7 +15,12 @@ from selfheal.diagnosis.output.result import (
 )
 from selfheal.report import diagnose
 from selfheal.report.page import write_page
-from tests.support.browser import CHROMIUM, HOSTILE, MEASURE, list_console_lines
+from tests.support.browser import (
+    CHROMIUM,
+    HOSTILE,
+    list_console_lines,
+    measure_pictures,
+)
 from tests.support.made_up_diagnosis import (
     DELAY,
     DIFF,
@@ -253,11 +257,6 @@ def test_a_browser_finds_no_error_and_every_picture_drawn(diagnosis, browse, tmp
     write_page(made, path)
     _, log = browse(path, f"--screenshot={shot}")
     assert list_console_lines(log) == []
-    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", made)
-    (tmp_path / "free.html").write_text(free.replace("</body>", MEASURE + "</body>"))
-    dom, log = browse(tmp_path / "free.html", "--dump-dom")
-    assert list_console_lines(log) == []
-    found = re.search(r'data-pictures="([^"]*)"', dom)
-    boxes = json.loads(html.unescape(found.group(1)))
+    boxes = measure_pictures(made, browse, tmp_path)
     assert len(boxes) == made.count("<svg") == 2
     assert all(wide > 900 and high > 80 for _, _, wide, high in boxes)

@@ -1,7 +1,6 @@
 """The page of an identification: what it says, escaped, drawn in a browser."""
 
 import html
-import json
 import re
 from dataclasses import replace
 
@@ -13,7 +12,12 @@ from selfheal.report import facts, picture
 from selfheal.report.identify import make_identify_page
 from selfheal.report.page import write_page
 from selfheal.selfmodel.run import Run
-from tests.support.browser import HOSTILE, MEASURE, list_console_lines, read_words
+from tests.support.browser import (
+    HOSTILE,
+    list_console_lines,
+    measure_pictures,
+    read_words,
+)
 from tests.support.made_up_run import change_last_cycle, make_run
 
 
@@ -126,13 +130,7 @@ def test_a_browser_finds_no_error_and_every_picture_drawn(run, browse, tmp_path)
     write_page(made, path)
     _, log = browse(path, f"--screenshot={shot}")
     assert list_console_lines(log) == []
-    # where the pictures are, from a copy that may run a script
-    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", made)
-    (tmp_path / "free.html").write_text(free.replace("</body>", MEASURE + "</body>"))
-    dom, log = browse(tmp_path / "free.html", "--dump-dom")
-    assert list_console_lines(log) == []
-    found = re.search(r'data-pictures="([^"]*)"', dom)
-    boxes = json.loads(html.unescape(found.group(1)))
+    boxes = measure_pictures(made, browse, tmp_path)
     assert len(boxes) == made.count("<svg") == 5
     pixels = imread(shot)[..., :3]
     for x, y, wide, high in boxes:

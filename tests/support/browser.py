@@ -1,6 +1,7 @@
 """Pages of a report as a reader and a browser see them."""
 
 import html
+import json
 import re
 import shutil
 
@@ -25,3 +26,17 @@ def read_words(markup: str) -> str:
 def list_console_lines(log: str) -> list[str]:
     """What the page wrote to the browser's console."""
     return [line for line in log.splitlines() if "CONSOLE" in line]
+
+
+def measure_pictures(made: str, browse, folder) -> list[list[int]]:
+    """Left, top, width and height [pixels] of a page's pictures, drawn without error.
+
+    They are measured in a copy that may run a script.
+    """
+    free = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", made)
+    (folder / "free.html").write_text(free.replace("</body>", MEASURE + "</body>"))
+    dom, log = browse(folder / "free.html", "--dump-dom")
+    assert list_console_lines(log) == []
+    found = re.search(r'data-pictures="([^"]*)"', dom)
+    assert found
+    return json.loads(html.unescape(found.group(1)))

@@ -7,25 +7,20 @@ import numpy as np
 from selfheal.body.body import Anatomy
 from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.selfmodel.run import Cycle, Run, Settings
+from tests.support.stick_robot import anatomy
 
 
 def make_anatomy(parts: int) -> Anatomy:
     """A square torso and sticks, each second one with a box."""
     block = (np.arange(parts) % 2)[:, None]
-    return Anatomy(
-        name="toy",
-        parts=tuple(f"part_{i}" for i in range(parts)),
-        joints=tuple(f"joint_{i}" for i in range(parts)),
+    return replace(
+        anatomy(parts),
         torso_half=np.array([0.04, 0.05, 0.03]),
-        torso_mass=0.5,
         rim=np.array([0.06, 0.07, 0.0]),
         length=np.linspace(0.08, 0.12, parts),
-        radius=np.full(parts, 0.008),
-        mass=np.full(parts, 0.1),
         block_half=block * np.array([0.02, 0.015, 0.02]),
         block_center=0.02 * block[:, 0],
         block_mass=0.02 * block[:, 0],
-        feet=(parts,),
     )
 
 

@@ -1,6 +1,6 @@
 """Regimes: takes contact and the way of reading, gives what fits may ask of data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -61,41 +61,28 @@ SMOOTH = Regime(
     state_iterations=5,
     misleading_state_trials=2,
 )
-CONTACT = Regime(
+CONTACT = replace(
+    SMOOTH,
     has_rough_cost=True,
-    has_single_readings=False,
     difference_step=0.3,
     min_gain=0.1,
     explained_ratio=2.0,
     prior_penalty_of_value=1.0,
-    estimates_noise=True,
     reestimates_states=False,
-    state_iterations=5,
-    misleading_state_trials=2,
 )
-SINGLE_READINGS = Regime(
-    has_rough_cost=False,
+SINGLE_READINGS = replace(
+    SMOOTH,
     has_single_readings=True,
-    difference_step=0.02,
-    min_gain=0.02,
-    explained_ratio=1.3,
-    prior_penalty_of_value=0.0,
     estimates_noise=False,
     reestimates_states=False,
     state_iterations=0,
     misleading_state_trials=0,
 )
-POSES_IN_CONTACT = Regime(
+POSES_IN_CONTACT = replace(
+    SINGLE_READINGS,
     has_rough_cost=True,
-    has_single_readings=True,
-    difference_step=0.02,
-    min_gain=0.02,
     explained_ratio=2.0,
     prior_penalty_of_value=1.0,
-    estimates_noise=False,
-    reestimates_states=False,
-    state_iterations=0,
-    misleading_state_trials=0,
 )
 
 
