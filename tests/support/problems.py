@@ -7,7 +7,8 @@ from typing import TypeVar
 import numpy as np
 
 from selfheal.diagnosis.data.segments import Segments, cut_segments
-from selfheal.diagnosis.effects.base import Effect, Parameter, Term
+from selfheal.diagnosis.effects.base import Effect, Term
+from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.estimation.problem import Problem, build_initial_state_offsets

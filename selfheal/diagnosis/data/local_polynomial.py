@@ -141,8 +141,8 @@ def ar1_error_factors(ar1: float, m: int) -> tuple[float, float, float]:
 
     Returns:
         Standard errors of the value and of the slope, each over that of white noise of
-        the same variance [1]; share of the noise's variance that is left about the
-        parabola [1].
+        the same variance [1]. Then the share of the noise's variance that is left about
+        the parabola [1].
     """
     t = np.arange(-m, m + 1.0)
     basis = np.stack([t**0, t, t**2], axis=1)

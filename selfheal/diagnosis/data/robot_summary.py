@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,15 +33,15 @@ class Channel:
         kind: as the contract has it.
         target: name of the joint, actuator, body or sensor.
         unit: of the readings.
-        width: how many columns it has.
+        width: how many columns it has; c below.
         first_column: number of its first column.
         spread: standard deviation of the readings, over all columns [unit].
         max_abs: largest magnitude of a reading [unit].
         quantum: to whose multiples its readings are rounded [unit]; 0: to none.
-        scatter: (width) standard deviation of readings about local parabolas [unit].
-        noise: (width) standard deviation of a reading's noise [unit]. It is larger than
+        scatter: (c) standard deviation of readings about local parabolas [unit].
+        noise: (c) standard deviation of a reading's noise [unit]. It is larger than
             the scatter where the noise is slow: a parabola takes that for motion.
-        ar1: (width) correlation of the noise with that of the sample before [1]; 0: it
+        ar1: (c) correlation of the noise with that of the sample before [1]; 0: it
             is white.
     """
 
@@ -219,15 +219,6 @@ class RobotSummary:
     def joint_by_dof(self, dof: int) -> Joint:
         """The joint with an index in qvel."""
         return next(j for j in self.joints if j.dof == dof)
-
-    def actuator_place(self, actuator: Actuator) -> dict[str, Any]:
-        """Place of an effect that acts at an actuator."""
-        return {
-            "actuator": actuator.id,
-            "dof": actuator.dof,
-            "qpos": actuator.qpos,
-            "gear": float(self.model.actuator_gear[actuator.id, 0]),
-        }
 
 
 def has_affine_force(model: "mujoco.MjModel", actuator: int) -> bool:

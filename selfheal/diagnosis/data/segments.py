@@ -67,7 +67,7 @@ class Segments:
         )
 
     def find_sample_rows(self, chosen: np.ndarray) -> np.ndarray:
-        """Numbers (m) of the samples in some segments, as `select` orders them."""
+        """Numbers (n) of the samples in segments `chosen` (w), in order of `select`."""
         new = self._renumber(chosen)[self.segment_of_sample]
         rows = np.flatnonzero(new >= 0)
         return rows[np.argsort(new[rows], kind="stable")]

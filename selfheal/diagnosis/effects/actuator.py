@@ -7,7 +7,7 @@ import numpy as np
 from ...mjcf.edit import Rename, Set, format_number
 from ...recording.data import Floats
 from ..data.robot_summary import has_affine_force
-from .base import Term, extend_places
+from .base import Term
 from .by_target import ActuatorEffect
 from .commands import (
     delay_column,
@@ -16,6 +16,7 @@ from .commands import (
     replace_column,
 )
 from .declaration import FindingField, ParameterSpec
+from .terms import extend_places
 
 # share of its scale below which an integral gain is no more than a torque; chosen
 INTEGRAL_GAIN_RESOLUTION = 0.3

@@ -5,13 +5,13 @@ A `Term` is one effect at one place with the parameters to be fitted. A subclass
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...recording.data import Floats
-from .declaration import FindingField, ParameterSpec, convert_unit
+from .declaration import FindingField, Parameter, ParameterSpec, convert_unit
 from .places import Place, add_keys, locate_target
 from .step_state import StepState as StepState  # a simulation imports it from here
 
@@ -21,32 +21,10 @@ if TYPE_CHECKING:
     from ...mjcf.edit import Insert, Rename, Set
     from ..data.robot_summary import Actuator, Channel, Joint, RobotSummary
 
+
 # share of a parameter's scale within which it counts as its nominal value; chosen:
 # below any change that a fit tells from rounding
 ABSENT_TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One number of an effect, with its bounds on a robot.
-
-    Attributes:
-        name: MJCF's own where it has one.
-        unit: of the value; at a slide joint N and m stand for N m and rad.
-        nominal: the value at which the effect is exactly absent.
-        low: the smallest value that makes sense.
-        high: the largest.
-        scale: a change that the robot would show; the unit of a search step.
-        resolution: distance from `nominal` that the simulation's own errors hide.
-    """
-
-    name: str
-    unit: str
-    nominal: float
-    low: float
-    high: float
-    scale: float
-    resolution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -126,48 +104,6 @@ class Term:
         return f"{self.effect.name} at {', '.join(self.targets)}"
 
 
-def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
-    """Whether no kept term has the term's effect at one of its targets."""
-    return not any(
-        term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
-        for t in kept
-    )
-
-
-def find_other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
-    """Terms of the same effect and targets that differ in their finding fields."""
-    name, targets = term.effect.name, term.targets
-    same = [t for t in among if (t.effect.name, t.targets) == (name, targets)]
-    return [t for t in same if t.key != term.key]
-
-
-def extend_places(term: Term, **more: Any) -> Term:
-    """The term with more keys in each of its places."""
-    return replace(term, places=tuple(add_keys(place, **more) for place in term.places))
-
-
-def restates_nominal_value(term: Term, nominal_terms: Sequence[Term]) -> bool:
-    """Whether a term fits again a value of the model that a nominal term fits too."""
-    if not np.isfinite([p.nominal for p in term.parameters]).all():
-        return False
-    said = {target for t in nominal_terms for target in t.targets}
-    own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
-    return bool(own & said)
-
-
-def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
-    """Which nominal terms have no influence beside a term, by their index."""
-    own = {f"{at}/{name}" for at in term.targets for name in term.effect.overrides}
-    return [i for i, t in enumerate(terms) if own & set(t.targets)]
-
-
-def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
-    """Values (n, P) in which those that round readings are nominal."""
-    each = [(t.effect.rounds_readings, p.nominal) for t in terms for p in t.parameters]
-    rounds = np.array([r for r, _ in each], bool)
-    return np.where(rounds, [nominal for _, nominal in each], values)
-
-
 class Effect:
     """Physics that a model may lack; at its nominal values it changes nothing.
 
@@ -235,6 +171,12 @@ class Effect:
     is_periodic = False
 
     # ---- derived from the declaration
+
+    def __init_subclass__(cls) -> None:
+        """Make the docstring of an effect that has none of its own."""
+        super().__init_subclass__()
+        if cls.__doc__ is None and cls.description:
+            cls.__doc__ = f"{cls.description}\n\n    {cls.equation}\n\n{cls.source}"
 
     @property
     def is_native(self) -> bool:

@@ -4,10 +4,11 @@ import numpy as np
 
 from ...body.changes import LOST_SHARE, list_subtree
 from ..data.robot_summary import RobotSummary, find_link_axis, min_stable_inertia
-from .base import Term, extend_places
+from .base import Term
 from .by_target import BodyEffect, JointEffect
 from .declaration import ParameterSpec
 from .inertia import add_mass, stretch_body
+from .terms import extend_places
 
 # times a joint's inertia, the rotor of one that is stuck; chosen
 JAMMED_ARMATURE_RATIO = 1000.0

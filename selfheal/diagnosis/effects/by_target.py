@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from ..data.robot_summary import RobotSummary
-from .base import Effect, Parameter, Term
+from .base import Effect, Term
+from .declaration import Parameter
 from .places import Place, actuator_place, joint_place
 
 

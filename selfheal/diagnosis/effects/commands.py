@@ -23,7 +23,7 @@ def replace_column(ctrl: Floats, place, column: Floats) -> Floats:
 
 
 def delay_column(u: Floats, steps: Floats) -> Floats:
-    """Commands u (1 or N, G) that come `steps` (N, 1) of the grid later.
+    """Commands u (1 or N, G) that come `steps` (N, 1) [steps] of the grid later.
 
     Between grid points the command is interpolated linearly.
     """
@@ -41,7 +41,7 @@ def filter_column(u: Floats, keep: Floats) -> Floats:
     """Commands u (1 or N, G) behind a first-order filter; exactly u where keep is 0.
 
     Args:
-        u: on a grid.
+        u: (1 or N, G) on a grid.
         keep: (N) share of the distance to the command that is left after a step,
             exp(-step / timeconst).
     """

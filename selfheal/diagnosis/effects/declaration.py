@@ -32,6 +32,29 @@ class ParameterSpec:
 
 
 @dataclass(frozen=True)
+class Parameter:
+    """One number of an effect, with its bounds on a robot.
+
+    Attributes:
+        name: MJCF's own where it has one.
+        unit: of the value; at a slide joint N and m stand for N m and rad.
+        nominal: the value at which the effect is exactly absent.
+        low: the smallest value that makes sense.
+        high: the largest.
+        scale: a change that the robot would show; the unit of a search step.
+        resolution: distance from `nominal` that the simulation's own errors hide.
+    """
+
+    name: str
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    scale: float
+    resolution: float = 0.0
+
+
+@dataclass(frozen=True)
 class FindingField:
     """What a finding says beside its target and its parameters.
 

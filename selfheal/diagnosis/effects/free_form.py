@@ -3,9 +3,8 @@
 import numpy as np
 
 from ..data.robot_summary import Joint, RobotSummary
-from .base import Parameter
 from .by_target import JointEffect
-from .declaration import ParameterSpec
+from .declaration import Parameter, ParameterSpec
 from .places import Place, add_keys
 
 BASIS = ("constant", "position", "position^2", "position^3", "velocity",

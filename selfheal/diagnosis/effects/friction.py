@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..data.robot_summary import RobotSummary
-from .base import Term, extend_places
+from .base import Term
 from .by_target import JointEffect
 from .declaration import FindingField, ParameterSpec
+from .terms import extend_places
 
 BOTH = "both"  # sides of a gear
 # share of a friction by which its two directions have to differ; chosen: less is

@@ -19,7 +19,8 @@ from ..data.robot_summary import (
     has_affine_force,
     measure_extent,
 )
-from .base import Effect, Parameter, Term
+from .base import Effect, Term
+from .declaration import Parameter
 from .inertia import stretch_body
 from .places import Place
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from ...mjcf.edit import Insert, Set, format_number
 from ..data.robot_summary import min_stable_inertia
-from .base import extend_places
 from .by_target import JointEffect
 from .declaration import FindingField
 from .places import Place, add_keys
+from .terms import extend_places
 
 MOTOR, LINK = "motor", "link"  # where a joint's encoder sits
 # field of mjModel of each attribute that the second joint may have

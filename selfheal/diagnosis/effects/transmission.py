@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from .base import Parameter, Term
+from .base import Term
 from .by_target import JointEffect
-from .declaration import FindingField, ParameterSpec
+from .declaration import FindingField, Parameter, ParameterSpec
 from .friction import torque_scale
 from .places import Place, add_keys, locate_target
 from .second_joint import SecondJointEffect

@@ -11,7 +11,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from ...recording.data import Floats
-from ..effects.base import Term, find_overridden
+from ..effects.base import Term
+from ..effects.terms import find_overridden
 from ..simulation.checkpoint import Arrays
 from .least_squares import (
     Fit,
@@ -54,7 +55,7 @@ class LinearizedFit:
         return cls(problem, fit, prior, curvature)
 
     def select(self, chosen: np.ndarray) -> "LinearizedFit":
-        """The fit in some of the segments, by number, with its values as they are."""
+        """The fit in segments `chosen` (w), with its values as they are."""
         segments, fit = self.problem.segments, self.fit
         width = segments.readings.shape[1]
         rows = segments.find_sample_rows(chosen)[:, None] * width + np.arange(width)
@@ -117,7 +118,7 @@ class LinearizedFit:
 
         Args:
             residuals: (R) with the values of the fit [standard deviations].
-            hold: numbers of parameters that stay.
+            hold: (n) numbers of parameters that stay.
 
         Returns:
             The lowest cost [1], and the step (P) to it [units of the parameters].
@@ -136,14 +137,14 @@ class LinearizedFit:
 
 
 def fit_candidate(
-    base: LinearizedFit, term: Term, *, rounds: int = FIT.candidate_iterations
+    base: LinearizedFit, term: Term, *, iterations: int = FIT.candidate_iterations
 ) -> Fit:
     """Fit one more term, while the values of a fit answer linearly.
 
     Args:
         base: the fit without the term.
         term: to be fitted, from each of its initial values.
-        rounds: iterations at most.
+        iterations: of them, at most.
 
     Returns:
         The fit of all terms, the new one last. Residuals and Jacobian are those of the
@@ -152,7 +153,7 @@ def fit_candidate(
     base = base.release_overridden(term)
     old = base.fit
     values, residuals, jacobian, others_step = base.problem.simulator.load_or_compute(
-        partial(_fit_candidate, base, term, rounds)
+        partial(_fit_candidate, base, term, iterations)
     )
     return Fit(
         (*old.terms, term),

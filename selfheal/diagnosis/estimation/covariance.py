@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...recording.data import Floats
-from ..effects.base import Parameter
+from ..effects.declaration import Parameter
 from .least_squares import Fit
 from .problem import Problem, assign_blocks
 from .quadratic_model import prior_precision

@@ -147,7 +147,7 @@ class Trial:
         point: (P) values there [units of the parameters].
         cost: there.
         residuals: (R) there [standard deviations].
-        others_step: step of the values that answer linearly; empty without any.
+        others_step: (P - p) step of the values that answer linearly; (0) without any.
     """
 
     point: Floats
@@ -196,8 +196,8 @@ def fit_parameters(
     terms: Sequence[Term],
     start: Floats,
     *,
-    rounds: int = FIT.iterations,
-    known: Floats | None = None,
+    iterations: int = FIT.iterations,
+    jacobian: Floats | None = None,
 ) -> Fit:
     """Fit the values of terms by damped Gauss-Newton iterations within bounds.
 
@@ -205,13 +205,13 @@ def fit_parameters(
         problem: whose residuals are minimized.
         terms: effects beside the given model, P parameters in all.
         start: (P) values to begin with [units of the parameters].
-        rounds: iterations at most.
-        known: (R, P) a Jacobian near the start; None: by differences.
+        iterations: of them, at most.
+        jacobian: (R, P) a Jacobian near the start; None: by differences.
     """
     terms = tuple(terms)
-    compute = partial(_run_gauss_newton, problem, terms, start, rounds, known)
-    values, residuals, jacobian = problem.simulator.load_or_compute(compute)
-    return Fit(terms, values, residuals, jacobian)
+    compute = partial(_run_gauss_newton, problem, terms, start, iterations, jacobian)
+    values, residuals, last = problem.simulator.load_or_compute(compute)
+    return Fit(terms, values, residuals, last)
 
 
 @dataclass(frozen=True, eq=False)

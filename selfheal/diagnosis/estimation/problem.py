@@ -18,7 +18,8 @@ from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
-from ..effects.base import Term, remove_rounding
+from ..effects.base import Term
+from ..effects.terms import remove_rounding
 from ..simulation.dataset import (
     MIN_SEGMENTS,
     MIN_SNR,
@@ -149,7 +150,7 @@ class Problem:
             rng: draws signs.
 
         Returns:
-            (count, W, 2 nv) [rad or m, and per s].
+            (2 K, W, 2 nv) for a count of 2 K [rad or m, and per s].
         """
         std = initial_state_std(self.simulator, self.segments)
         size = FIT.antithetic_offset
@@ -237,7 +238,7 @@ class Problem:
         return later.residuals_at(terms, values) - residuals
 
     def select(self, chosen: np.ndarray) -> "Problem":
-        """The problem in some of the segments, by number."""
+        """The problem in segments `chosen` (w)."""
         if np.array_equal(chosen, np.arange(len(self.segments))):
             return self
         bases = (

@@ -136,7 +136,7 @@ class QuadraticModel:
         )
 
     def solve(self, damping: float = FIT.solver_damping) -> Floats:
-        """(P) the damped step within the bounds [units of the parameters]."""
+        """Step (P) with a damping [1] within the bounds [units of the parameters]."""
         return solve_bounded_step(
             self.curvature, self.gradient, self.low, self.high, self.scale, damping
         )

@@ -116,8 +116,8 @@ def reestimate_misleading_states(problem: Problem, fit: Fit) -> tuple[Problem, F
             new_problem,
             fit.terms,
             values,
-            rounds=FIT.misleading_iterations,
-            known=fit.jacobian,
+            iterations=FIT.misleading_iterations,
+            jacobian=fit.jacobian,
         )
         if new_fit.cost > (1 - FIT.misleading_cost_share) * fit.cost:
             break

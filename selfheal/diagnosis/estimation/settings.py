@@ -43,7 +43,7 @@ class FitSettings:
     it is nothing against a thousand readings."""
 
     solver_damping: float = 1e-9
-    """Share of each diagonal element, and of the largest one, added to a curvature.
+    """[1] share of each diagonal element, and of the largest one, added to a curvature.
     Chosen: it keeps the Cholesky factor real where columns are collinear."""
 
     min_curvature: float = 1e-12
@@ -243,10 +243,6 @@ class FitSettings:
     mad_to_std: float = 1.4826
     """Standard deviation over the median absolute value of a normal distribution,
     1 / Phi^-1(3/4) (Huber 1981, section 5.2)."""
-
-    student_degrees_of_freedom: float = 4.0
-    """Degrees of freedom of Student's t distribution of single readings' errors (Lange,
-    Little and Taylor 1989)."""
 
     unexplained_ratio: float = 2.0
     """Root mean square residual over noise, above which something is unexplained.

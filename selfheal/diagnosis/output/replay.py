@@ -25,7 +25,8 @@ from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import RobotSummary, summarize_bodies, summarize_joints
 from ..data.segments import cut_segments
 from ..effects import find_effect
-from ..effects.base import Parameter, Term
+from ..effects.base import Term
+from ..effects.declaration import Parameter
 from ..effects.nominal import build_nominal_terms
 from ..effects.places import Place
 from ..effects.second_joint import LINK

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..effects.base import Term, is_distinct
+from ..effects.base import Term
+from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import Problem
@@ -66,8 +67,8 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         fit = fit_parameters(
             problem,
             *fit.without_terms(*removed),
-            rounds=2,
-            known=fit.jacobian_without(*removed),
+            iterations=2,
+            jacobian=fit.jacobian_without(*removed),
         )
     return fit
 
@@ -95,7 +96,7 @@ def exchange_term(
     tried.sort(key=lambda f: predict_held_out(problem, f).sum())
     for fit in tried[: SELECTION.max_exchange_trials]:
         new = fit_and_score(
-            problem, fit.terms, fit.values, rounds=6, known=fit.jacobian
+            problem, fit.terms, fit.values, iterations=6, jacobian=fit.jacobian
         )
         if new.error < SELECTION.exchange_error_ratio * old.error:
             if is_rare_or_restating(term) or is_plausible(problem, old, new):
@@ -123,6 +124,6 @@ def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
     return fit_parameters(
         problem,
         *fit.without_terms(term),
-        rounds=3,
-        known=fit.jacobian_without(term),
+        iterations=3,
+        jacobian=fit.jacobian_without(term),
     )

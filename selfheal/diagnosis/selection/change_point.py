@@ -95,7 +95,7 @@ def _fit_if_explained(problem: Problem, chosen: np.ndarray, fit: Fit) -> Fit | N
     part = problem.select(chosen)
     rows = np.isin(problem.segment_of_residual, chosen)
     early = fit_parameters(
-        part, fit.terms, fit.values, rounds=4, known=fit.jacobian[rows]
+        part, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian[rows]
     )
     step_error = part.timestep_error(early.terms, early.values, early.residuals)
     usual = expected_noise_by_segment(part) + part.sum_by_segment(step_error**2)
@@ -150,13 +150,15 @@ def locate_change_point(problem: Problem, whole: Problem, best: ScoredFit) -> Sc
         best: the fit with effects that set in at some time.
     """
     fit = best.fit
-    always = fit_and_score(problem, set_onset(fit.terms, None), fit.values, rounds=4)
+    always = fit_and_score(
+        problem, set_onset(fit.terms, None), fit.values, iterations=4
+    )
     if always.error <= best.error or is_as_good(problem, always, best):
         return always
     whole = replace(whole, sigma=problem.sigma, simulator=problem.simulator)
     whole = marginalize_initial_states(whole, fit.terms, fit.values)
     onset = _find_likeliest_onset(whole, fit)
-    return fit_and_score(problem, set_onset(fit.terms, onset), fit.values, rounds=2)
+    return fit_and_score(problem, set_onset(fit.terms, onset), fit.values, iterations=2)
 
 
 def _find_likeliest_onset(problem: Problem, fit: Fit) -> Onset:

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from ..effects.base import Term, find_overridden, implements
+from ..effects.base import Term, implements
+from ..effects.terms import find_overridden
 from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.least_squares import (
     Fit,
@@ -68,7 +69,9 @@ def fit_finalists(
         old = scored[i]
         progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
         start, jacobian = old.fit.values, old.fit.jacobian
-        new = fit_and_score(problem, old.fit.terms, start, rounds=3, known=jacobian)
+        new = fit_and_score(
+            problem, old.fit.terms, start, iterations=3, jacobian=jacobian
+        )
         scored[i] = _score_reestimated(problem, new if new.error < old.error else old)
     return scored
 
@@ -80,7 +83,7 @@ def _score_reestimated(problem: Problem, old: ScoredFit) -> ScoredFit:
     if reestimated is problem:
         return old
     jacobian = problem.transfer_jacobian(reestimated, old.fit.jacobian)
-    new = fit_and_score(reestimated, terms, values, rounds=4, known=jacobian)
+    new = fit_and_score(reestimated, terms, values, iterations=4, jacobian=jacobian)
     new = replace(new, reestimated=reestimated)
     return new if new.error < old.error else old
 
@@ -121,7 +124,7 @@ def fit_parameterless(
         progress(f"fitting {term.label}", 0.0)
         terms = (*fit.terms, term)
         reestimated = marginalize_initial_states(as_read, terms, values)
-        new = fit_and_score(reestimated, terms, values, rounds=4)
+        new = fit_and_score(reestimated, terms, values, iterations=4)
         scored.append(replace(new, reestimated=reestimated))
     return scored
 
@@ -245,7 +248,7 @@ def _fit_freed(problem: Problem, fit: Fit, term: Term) -> Fit:
     columns = compute_jacobian(problem, terms, start, residuals, len(fit.values))
     jacobian = np.hstack([fit.jacobian, columns])
     jacobian[:, find_overridden(term, fit.terms)] = 0.0
-    return fit_parameters(problem, terms, start, rounds=1, known=jacobian)
+    return fit_parameters(problem, terms, start, iterations=1, jacobian=jacobian)
 
 
 def _choose_likeliest(

@@ -122,7 +122,7 @@ def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
             np.bincount(problem.segments.segment_of_sample, is_read, len(errors))
             * channel.free_columns
         )
-    freedom = FIT.student_degrees_of_freedom
+    freedom = SELECTION.student_degrees_of_freedom
     scale = mean = max(errors.sum() / count.sum(), FIT.tiny)
     least = SELECTION.student_min_scale**2 * mean
     for _ in range(SELECTION.student_iterations):

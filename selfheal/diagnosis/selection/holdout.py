@@ -11,7 +11,7 @@ from itertools import chain
 import numpy as np
 
 from ...recording.data import Floats
-from ..effects.base import is_distinct
+from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
@@ -162,7 +162,7 @@ def try_equivalents(
         if not is_distinct(term, less.terms):
             continue
         tried = fit_candidate(LinearizedFit.from_fit(problem, less), term)
-        fit = fit_parameters(problem, tried.terms, tried.values, rounds=6)
+        fit = fit_parameters(problem, tried.terms, tried.values, iterations=6)
         if (error := squared_error(held_out, fit)) < limit:
             others = tuple(t for t in refuted.equivalent if t is not term)
             substitutes = [replace(refuted, term=fit.terms[-1], equivalent=others)]

@@ -159,7 +159,7 @@ def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
         state = state.with_fit(state.problem, best)
     terms, fit = state.named, state.best.fit
     nominal = fit_and_score(
-        state.problem, *fit.without_terms(*terms), known=fit.jacobian_without(*terms)
+        state.problem, *fit.without_terms(*terms), jacobian=fit.jacobian_without(*terms)
     )
     claims = [(t, state.claims[t.key]) for t in terms]
     named = tuple(

@@ -61,11 +61,11 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
 def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     """Fit the nominal terms alone, and all terms of a hypothesis, to other segments."""
     old, nominal = hypothesis.final.fit, hypothesis.nominal.fit
-    alone = fit_parameters(problem, nominal.terms, nominal.values, rounds=6)
+    alone = fit_parameters(problem, nominal.terms, nominal.values, iterations=6)
     final = alone
     if hypothesis.named:
         start = search_multiples(problem, old.terms, old.values)
-        final = fit_parameters(problem, old.terms, start, rounds=6)
+        final = fit_parameters(problem, old.terms, start, iterations=6)
         if problem.regime.is_nonsmooth:  # the cost has many minima
             final = replace(final, values=search_along_valleys(problem, final))
             problem, final = fit_smoothed(problem, final)
@@ -115,7 +115,7 @@ def refit_native_timestep(base: LinearizedFit) -> Fit:
         t if t.effect.name == "stated" else _fix_values(t, v)
         for t, v in zip(fit.terms, split_values(fit.terms, fit.values), strict=True)
     ]
-    best = fit_parameters(native, fixed, fit.values, rounds=2, known=jacobian)
+    best = fit_parameters(native, fixed, fit.values, iterations=2, jacobian=jacobian)
     return replace(best, terms=fit.terms)
 
 

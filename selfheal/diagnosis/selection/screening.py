@@ -37,7 +37,9 @@ def select_hard_segments(
     problem, fit = base.problem, base.fit
     size = len(problem.segments)
     mean_steps = problem.segments.lengths.mean()
-    is_long = mean_steps * problem.simulator.timestep >= SELECTION.long_segment
+    is_long = (
+        mean_steps * problem.simulator.timestep >= SELECTION.long_screening_segment
+    )
     is_first = steps <= SELECTION.screening_steps[0]
     least = (
         SELECTION.min_first_screening_segments
@@ -100,7 +102,7 @@ def find_overlooked_segments(
         fit: the fit to them.
 
     Returns:
-        Numbers of the segments, the worst ones first.
+        (w) numbers of the segments, the worst ones first.
     """
     others = np.setdiff1d(np.arange(len(problem.segments)), chosen)
     if (
@@ -144,7 +146,7 @@ def screen_candidates(
     fits: list[Fit] = []
     responses: list[Floats] = []
     retried: list[Term] = []
-    for base, rounds, keep in zip(
+    for base, iterations, keep in zip(
         bases,
         SELECTION.screening_iterations,
         SELECTION.screening_kept,
@@ -153,15 +155,15 @@ def screen_candidates(
         fits = []
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
-            fit = fit_candidate(base, term, rounds=rounds)
+            fit = fit_candidate(base, term, iterations=iterations)
             # hundreds of Jacobians would fill the memory; the first ones are not used
-            fits.append(fit if rounds > 1 else replace(fit, jacobian=np.empty(0)))
+            fits.append(fit if iterations > 1 else replace(fit, jacobian=np.empty(0)))
         responses = responses or [base.fit.residuals - f.residuals for f in fits]
         fits = _sort_by_bic(fits, base.fit.residuals)
         retried = retried or [
             f.terms[-1] for f in fits[: SELECTION.max_retried_candidates]
         ]
-        fits = fits[:keep] if rounds == 1 else _drop_unpromising(base, fits)[:keep]
+        fits = fits[:keep] if iterations == 1 else _drop_unpromising(base, fits)[:keep]
         count = len(base.fit.values)
         candidates = [
             replace(f.terms[-1], initial_values=(tuple(f.values[count:]),))

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..effects.base import Term, find_other_forms, restates_nominal_value
+from ..effects.base import Term
+from ..effects.terms import find_other_forms, restates_nominal_value
 from ..estimation.covariance import effective_sample_size
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
@@ -186,7 +187,7 @@ def start_state(
 
 
 def reweight_and_fit(
-    problem: Problem, fit: Fit, rounds: int
+    problem: Problem, fit: Fit, iterations: int
 ) -> tuple[Problem, ScoredFit]:
     """The problem weighted by a fit's residuals, and the fit repeated there.
 
@@ -196,10 +197,12 @@ def reweight_and_fit(
     Args:
         problem: that was fitted.
         fit: its fit.
-        rounds: Gauss-Newton iterations at most.
+        iterations: of Gauss-Newton, at most.
     """
     reweighted = reweight_residuals(problem, fit)
     jacobian = problem.transfer_jacobian(reweighted, fit.jacobian)
     start = search_multiples(reweighted, fit.terms, fit.values)
-    scored = fit_and_score(reweighted, fit.terms, start, rounds=rounds, known=jacobian)
+    scored = fit_and_score(
+        reweighted, fit.terms, start, iterations=iterations, jacobian=jacobian
+    )
     return reweighted, scored

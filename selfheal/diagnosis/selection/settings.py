@@ -61,7 +61,7 @@ class SelectionSettings:
     """Segments of a trial in the first round, at least, if they are long. Chosen:
     development cases gave the same findings as with four."""
 
-    long_segment: float = 1.0
+    long_screening_segment: float = 1.0
     """[s] from which on a segment is long. Chosen: between the two horizons, 0.5 and
     2 s."""
 
@@ -123,6 +123,10 @@ class SelectionSettings:
     exchange_margin: float = 1.0
     """[standard errors or nats] within which a simpler hypothesis takes the place of
     another. Chosen: one, as in the one-standard-error rule (Breiman et al. 1984)."""
+
+    student_degrees_of_freedom: float = 4.0
+    """Degrees of freedom of Student's t distribution of single readings' errors (Lange,
+    Little and Taylor 1989)."""
 
     student_min_scale: float = 0.1
     """Least scale of Student's t distribution, of the root mean square residual.

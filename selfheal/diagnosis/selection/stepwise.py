@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects.base import Term, is_distinct
+from ..effects.base import Term
+from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import (
@@ -141,7 +142,7 @@ def _admit(state: SearchState, best: ScoredFit) -> tuple[SearchState, list[Term]
         problem = marginalize_initial_states(problem.with_measured_states, *start)
     elif best.reestimated:
         problem = reestimate_initial_states(problem, *start)
-    fit = fit_parameters(problem, *start, rounds=6, known=jacobian)
+    fit = fit_parameters(problem, *start, iterations=6, jacobian=jacobian)
     return _remove_and_exchange(state.with_fit(*reweight_and_fit(problem, fit, 4)))
 
 
@@ -205,11 +206,11 @@ def search_from_usual(
     problem, terms = state.problem, (*state.best.fit.terms, *usual)
     start = [np.array(t.initial_values[0]) for t in usual]
     values = np.concatenate([state.best.fit.values, *start])
-    fit = fit_parameters(problem, terms, values, rounds=8)
+    fit = fit_parameters(problem, terms, values, iterations=8)
     is_longer = is_horizon_informative(longer, problem, terms, fit.values)
     if is_longer:
         problem = marginalize_initial_states(longer, terms, fit.values)
-        fit = fit_parameters(problem, terms, fit.values, rounds=8)
+        fit = fit_parameters(problem, terms, fit.values, iterations=8)
     fit = eliminate_backward(problem, fit, state.nominal_count)
     state = state.with_fit(*reweight_and_fit(problem, fit, 4))
     state, _ = _remove_and_exchange(state)
@@ -262,7 +263,7 @@ def predicts_better(state: SearchState, other: SearchState) -> bool:
         problem, state.best.fit.terms, state.best.fit.values
     )
     first, second = (
-        fit_and_score(problem, s.best.fit.terms, s.best.fit.values, rounds=2)
+        fit_and_score(problem, s.best.fit.terms, s.best.fit.values, iterations=2)
         for s in (state, other)
     )
     if first.error < SELECTION.exchange_error_ratio * second.error:

@@ -99,13 +99,13 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     part = subsample_problem(whole, SELECTION.remaining_steps, rng)
     problem = marginalize_initial_states(part, fit.terms, fit.values)
     base = LinearizedFit.from_fit(
-        problem, fit_parameters(problem, fit.terms, fit.values, rounds=0)
+        problem, fit_parameters(problem, fit.terms, fit.values, iterations=0)
     )
     old = ScoredFit.from_fit(problem, base.fit)
     p_value, share = 1.0, 0.0
     terms = FreeFormTorque().propose_terms(dataset.robot)
     for term in terms:
-        new = ScoredFit.from_fit(problem, fit_candidate(base, term, rounds=2))
+        new = ScoredFit.from_fit(problem, fit_candidate(base, term, iterations=2))
         p = improvement_p_value(problem, old, new, len(terms))
         p_value = min(p_value, p)
         share = max(share, 1 - new.error / old.error)
@@ -258,8 +258,8 @@ def makes_replay_worse(
 ) -> bool:
     """Whether names make a replay of the held-out episodes worse.
 
-    Not if they explain nearly all in short segments and the replay is no other motion:
-    a robot that falls, or is chaotic, is soon elsewhere whatever is true of it.
+    Not if they explain nearly all in short segments and the replay is no other motion.
+    A robot that falls, or is chaotic, is soon elsewhere whatever is true of it.
 
     Args:
         dataset: with the held-out episodes.

@@ -26,7 +26,8 @@ class Hypotheses:
         terms: effects that all hypotheses have.
         values: (n, P) of all terms' parameters, a row a hypothesis.
         term_values: (n, p) of each term.
-        reading_changes: as `collect_reading_changes` gives them.
+        reading_changes: by signal and kind of change, (n) or (n, width), as
+            `collect_reading_changes` gives them.
         centered: whether steps are read as a leapfrog's; see `Simulator.simulate`.
     """
 
@@ -175,7 +176,7 @@ def restore_whole_steps(
         recorded: fields (K, B, ...) at each step; changed.
         commands: (K, B, nu).
         sensors: what is read of the fields.
-        sampled_steps: at which velocities of bodies and sensors are recomputed.
+        sampled_steps: (S) at which velocities of bodies and sensors are recomputed.
     """
     early = recorded["qvel"].copy()
     recorded["qvel"][:-1] = (early[:-1] + early[1:]) / 2

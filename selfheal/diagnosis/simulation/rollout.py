@@ -37,7 +37,7 @@ def simulate_batch(
         initial: states of the N simulations.
         commands: (N, K, nu), as they reach the actuators at K steps.
         sensors: reads C columns of channels.
-        sampled_steps: those whose readings matter.
+        sampled_steps: (S) those whose readings matter.
         step: of the simulation [s].
 
     Returns:

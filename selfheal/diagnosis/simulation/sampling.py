@@ -29,7 +29,7 @@ def find_sampled_steps(
 
     Args:
         segments: W of them.
-        reading_changes: as `Hypotheses` has them; their delays shift the samples.
+        reading_changes: as `Hypotheses` has them; their delays (n) shift the samples.
         step: of the simulation [s].
     """
     delays = [c["delay"] for c in reading_changes.values() if "delay" in c]

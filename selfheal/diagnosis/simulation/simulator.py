@@ -121,7 +121,7 @@ class Simulator(RecordedSystem):
         return is_active
 
     def select_segments(self, segments: Segments, chosen: np.ndarray) -> Segments:
-        """Select segments by number; the same object each time, while it is cached."""
+        """Select segments `chosen` (w); the same object again while it is cached."""
         key = "selection", np.asarray(chosen).tobytes()
         return self.cache.load_or_compute(
             segments, key, lambda: segments.select(chosen)

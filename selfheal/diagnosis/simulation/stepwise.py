@@ -43,10 +43,23 @@ def run_stepwise(
     sampled_steps: np.ndarray,
     step: float,
 ) -> Floats:
-    """Simulate with effects that act at every step; arguments as of `simulate_batch`.
+    """Simulate with effects that act at every step, as `simulate_batch` does without.
 
     Each thread has a group of its own: threads that wait for each other at every step
     are slow.
+
+    Args:
+        hypotheses: n of them.
+        segments: W of them.
+        initial: states of the N = n W simulations.
+        commands: (N, K, nu), as they reach the actuators at K steps.
+        sensors: reads C columns of channels.
+        sampled_steps: (S) those whose readings matter.
+        step: of the simulation [s].
+
+    Returns:
+        (N, K, C) true signals at each step [each channel's unit]; NaN in a simulation
+        that diverged.
     """
     variant, n, w = hypotheses.variant, len(hypotheses.models), len(segments)
     actions = [

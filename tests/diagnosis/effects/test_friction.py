@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import is_distinct
+from selfheal.diagnosis.effects.terms import is_distinct
 from tests.support.effect_robots import find_elbow_term, largest_change, predict
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import find_overridden
+from selfheal.diagnosis.effects.terms import find_overridden
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
 from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
@@ -43,11 +43,13 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     ones = np.ones(len(stated))
     problem = make_problem(b, (*stated, term), (*ones, *values))
     rough = replace(problem, sigma=_error_of(problem))
-    base = LinearizedFit.from_fit(rough, fit_parameters(rough, stated, ones, rounds=4))
+    base = LinearizedFit.from_fit(
+        rough, fit_parameters(rough, stated, ones, iterations=4)
+    )
     tried = fit_candidate(base, term)
     assert tried.cost < base.fit.cost
-    found = fit_parameters(rough, tried.terms, tried.values, rounds=6)
-    found = fit_parameters(problem, found.terms, found.values, rounds=6)
+    found = fit_parameters(rough, tried.terms, tried.values, iterations=6)
+    found = fit_parameters(problem, found.terms, found.values, iterations=6)
     error = (
         FIT.interval_standard_errors * standard_errors(problem, found)[-len(values) :]
     )
@@ -98,7 +100,7 @@ def test_a_nominal_value_that_an_effect_overrides_changes_no_residual(arm):
     )
     idle = find_overridden(rotor, stated)
     assert [stated[i].targets for i in idle] == [("joint:elbow/armature",)]
-    tried = fit_candidate(base, rotor, rounds=1)
+    tried = fit_candidate(base, rotor, iterations=1)
     moved = tried.values.copy()
     moved[idle] *= 1.1
     a, b = (base.problem.residuals_at(tried.terms, v) for v in (tried.values, moved))

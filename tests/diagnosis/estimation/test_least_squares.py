@@ -129,10 +129,10 @@ def test_a_fit_never_ends_worse_than_it_began(arm):
 def test_a_wrong_jacobian_to_begin_with_changes_nothing_in_the_end(arm):
     dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
     problem = make_problem(arm, (dry,), (0.1,))
-    plain = fit_parameters(problem, (dry,), (0.3,), rounds=20)
+    plain = fit_parameters(problem, (dry,), (0.3,), iterations=20)
     rng = np.random.default_rng(0)
     for known in (plain.jacobian, rng.normal(size=plain.jacobian.shape)):
-        found = fit_parameters(problem, (dry,), (0.3,), rounds=20, known=known)
+        found = fit_parameters(problem, (dry,), (0.3,), iterations=20, jacobian=known)
         assert found.cost == pytest.approx(plain.cost, rel=1e-3)
 
 

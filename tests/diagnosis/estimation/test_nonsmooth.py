@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import Effect, Parameter, Term
+from selfheal.diagnosis.effects.base import Effect, Term
+from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.estimation import nonsmooth
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
@@ -56,7 +57,7 @@ def test_initial_states_of_another_friction_do_not_fix_it(tmp_path):
     problem = with_contact(make_problem(b, (slip,), (truth,)))
     wrong = np.array([truth / 0.9])
     problem = marginalize_initial_states(problem, (slip,), wrong)
-    found = fit_parameters(problem, (slip,), wrong, rounds=0)
+    found = fit_parameters(problem, (slip,), wrong, iterations=0)
     assert search_along_valleys(problem, found) == pytest.approx(truth)
 
 

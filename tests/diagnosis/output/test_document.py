@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.effects.base import Parameter
+from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import is_unidentified
 from selfheal.diagnosis.output.document import (
     build_refit,

@@ -17,8 +17,8 @@ def test_a_rare_effect_takes_a_usual_ones_place_only_where_little_is_left(arm, h
     rare = find_effect("com_shift").propose_terms(arm.robot)[1]
     bias = find_effect("sensor_bias").propose_terms(arm.robot)[0]
     problem = make_problem(arm, (rare, bias), (0.01, 0.0, 0.0, hidden))
-    now = fit_and_score(problem, (dry,), np.array([0.01]), rounds=4)
-    rival = fit_and_score(problem, (rare,), np.zeros(3), rounds=4)
+    now = fit_and_score(problem, (dry,), np.array([0.01]), iterations=4)
+    rival = fit_and_score(problem, (rare,), np.zeros(3), iterations=4)
     assert rival.error < 0.9 * now.error
     new = exchange_term(problem, now, dry, [rare])
     assert new.candidate is (dry if hidden else rare)
@@ -33,7 +33,7 @@ def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
     )
     prices = []
     for value in (limit.high, 0.05 * limit.high):
-        found = fit_parameters(problem, (limit,), value, rounds=0)
+        found = fit_parameters(problem, (limit,), value, iterations=0)
         prices.append(
             compute_removal_costs(LinearizedFit.from_fit(problem, found), 0)[limit]
         )

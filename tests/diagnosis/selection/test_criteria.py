@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import restates_nominal_value
+from selfheal.diagnosis.effects.terms import restates_nominal_value
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit
 from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
 from selfheal.diagnosis.estimation.quadratic_model import stack_bounds
@@ -51,7 +51,7 @@ def test_nominal_values_at_their_bounds_are_relieved_by_the_missing_effect(arm, 
 
 def test_a_significant_prior_penalty_is_larger_in_contact(arm):
     problem, terms = make_problem(arm), list_nominal_terms(arm)
-    none = fit_parameters(problem, terms, np.ones(len(terms)), rounds=0)
+    none = fit_parameters(problem, terms, np.ones(len(terms)), iterations=0)
     least = SELECTION.significant_prior_penalty
     assert significant_prior_penalty(problem, none) == least
     assert significant_prior_penalty(with_contact(problem), none) == least + len(terms)
@@ -76,7 +76,7 @@ def test_a_lost_limb_is_tried_with_nominal_values(arm):
     low, _, _ = stack_bounds(stated)  # where what is missing may have driven them
     problem = make_problem(arm, (loss,))
     lost = LinearizedFit.from_fit(
-        problem, fit_parameters(problem, stated, low, rounds=0)
+        problem, fit_parameters(problem, stated, low, iterations=0)
     )
     (best,) = fit_parameterless(lost, len(stated), [dry, loss], tell)
     assert best.candidate is loss and best.reestimated is not None
@@ -84,7 +84,7 @@ def test_a_lost_limb_is_tried_with_nominal_values(arm):
     np.testing.assert_allclose(best.fit.values, 1, atol=0.1)
     problem = make_problem(arm)  # nothing is lost
     whole = LinearizedFit.from_fit(
-        problem, fit_parameters(problem, stated, low, rounds=0)
+        problem, fit_parameters(problem, stated, low, iterations=0)
     )
     assert fit_parameterless(whole, len(stated), [dry, loss], tell) == []
 

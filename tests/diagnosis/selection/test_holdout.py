@@ -44,7 +44,7 @@ def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(
     seen = replace(problem, segments=replace(problem.segments, readings=predicted))
 
     def naming(value: float, *says) -> Hypothesis:
-        at = fit_parameters(seen, (dry,), np.array([value]), rounds=0)
+        at = fit_parameters(seen, (dry,), np.array([value]), iterations=0)
         scored = ScoredFit.from_fit(seen, at)
         return Hypothesis(seen, scored, scored, tuple(map(name_effect, says)), ())
 

@@ -22,7 +22,7 @@ def test_a_parameter_without_effect_gives_way_to_the_simpler_name(arm):
     problem = make_problem(arm, (limit,), (most,))
     at = np.array([most, falling.high[1]])  # at no speed that it reaches
     found = ScoredFit.from_fit(
-        problem, fit_parameters(problem, (falling,), at, rounds=0)
+        problem, fit_parameters(problem, (falling,), at, iterations=0)
     )
     alone = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
     name = name_effect(falling)

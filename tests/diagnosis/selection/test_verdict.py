@@ -36,7 +36,7 @@ def _make_hypothesis(b, value: float | None = None) -> Hypothesis:
     if value is None:
         final = fit_parameters(problem, (term,), np.array([0.05]))
     else:
-        final = fit_parameters(problem, (term,), np.array([value]), rounds=0)
+        final = fit_parameters(problem, (term,), np.array([value]), iterations=0)
     scored = (ScoredFit.from_fit(problem, fit) for fit in (nominal, final))
     return Hypothesis(problem, *scored, (), ())
 

@@ -1,11 +1,12 @@
 """Coverage of docstrings, as a table of rooms: source files in, shares and gaps out.
 
-Run by hand: `python -m tests.support.docstring_coverage [--room ROOM]... [--gaps]`.
+Run by hand: `python -m tests.support.docstrings.coverage [--room ROOM]... [--gaps]`.
 
 What is looked at are the public modules, classes, functions and methods of a room; what
 begins with an underscore and functions within functions are not. Eight rules hold:
 
-docstring: there is one.
+docstring: there is one. A method that overrides a documented one inherits that, as
+    `inspect.getdoc` has it; an effect has the one that its declaration makes.
 shapes: where an argument, a return or a field of a dataclass is annotated as an array,
     its description has a shape, such as `(W, C)`. Aliases of array types count as well.
 units: where such a thing is a float or an array and its name is that of a physical
@@ -26,11 +27,13 @@ import ast
 import builtins
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
+from tests.support.docstrings.text import Docstring, count_words, split_sentences
 from tests.support.paths import ROOT
 
 RULES = (
@@ -51,66 +54,14 @@ QUANTITIES = {
     *("torque", "torques", "force", "forces", "energy", "frequency", "displacement"),
 }
 _UNIT = (
-    r"(?:1|%|n?m|mm|cm|km|m?s|h|rad|deg|k?g|N|Nm|J|W|V|A|K|Hz|px|in|nats?|bits?|B|MB)"
+    r"(?:1|%|n?m|mm|cm|km|m?s|h|rad|deg|k?g|N|Nm|J|W|V|A|K|Hz|px|in|nats?|bits?|B|MB"
+    r"|units?|steps?|scales?|samples?|standard deviations?)"
 )
 _POWER = _UNIT + r"(?:\^-?\d)?"
 UNITS = re.compile(rf"\[{_POWER}(?:(?: or |, |[ */]){_POWER})*\]")
 SHAPE = re.compile(
-    r"\((?:\.\.\.|\*?[A-Zn0-9])[\w' +*/-]*(?:, ?(?:\.\.\.|[\w' +*/-]+))*,?\)"
+    r"\((?:\.\.\.|\*?[A-Zn0-9]|[cpvw]\b)[\w' +*/-]*(?:, ?(?:\.\.\.|[\w' +*/-]+))*,?\)"
 )
-_SECTION = re.compile(
-    r"^(Args|Returns|Yields|Raises|Attributes|Example|Examples|Note):\s*(.*)$"
-)
-_ENTRY = re.compile(
-    r"^\*{0,2}([A-Za-z_]\w*(?:, (?:\w+|\.\.\.))*)(?: \([^)]*\))?:\s*(.*)$"
-)
-
-
-@dataclass(frozen=True)
-class Docstring:
-    """A docstring in its parts.
-
-    Attributes:
-        text: what stands before the first section.
-        sections: name of a section -> its text.
-        entries: name of an argument or attribute -> its description.
-    """
-
-    text: str
-    sections: dict[str, str]
-    entries: dict[str, str]
-
-    @classmethod
-    def parse(cls, docstring: str) -> "Docstring":
-        """Split a docstring as `inspect.cleandoc` gives it."""
-        sections: dict[str, list[str]] = {"": []}
-        name = ""
-        for line in docstring.split("\n"):
-            if found := _SECTION.match(line):
-                name = found[1]
-                sections[name] = [found[2]]
-            else:
-                sections[name].append(line)
-        entries: dict[str, str] = {}
-        for part in ("Args", "Attributes"):
-            last: list[str] = []
-            for line in sections.get(part, ()):
-                text, indent = line.strip(), len(line) - len(line.lstrip())
-                if found := _ENTRY.match(text) if indent == 4 else None:
-                    last = found[1].split(", ")
-                    entries |= dict.fromkeys(last, found[2])
-                for name in () if found else last:
-                    entries[name] += f" {text}"
-        joined = {name: "\n".join(lines) for name, lines in sections.items()}
-        return cls(joined.pop(""), joined, entries)
-
-    def describe(self, name: str) -> str:
-        """The description of an argument, an attribute, or the "return"."""
-        if name == "return":
-            given = [self.sections.get(n, "") for n in ("Returns", "Yields")]
-            return self.text + " ".join(given)
-        whole = " ".join([self.text, *self.sections.values()])
-        return self.entries.get(name, whole)
 
 
 @dataclass
@@ -130,27 +81,6 @@ class Coverage:
         """Share of what a rule asks that is there; 1 where it asks nothing [1]."""
         seen = self.seen[rule]
         return 1.0 - len(self.gaps[rule]) / seen if seen else 1.0
-
-
-def split_sentences(docstring: str) -> Iterator[str]:
-    """The sentences of a docstring; indented formulas and literal blocks left out."""
-    paragraph: list[str] = []
-    for line in [*docstring.split("\n"), ""]:
-        text = line.strip()
-        formula = line.startswith("    ") and re.search(r"\s(=|~|<=|:=|->)\s", line)
-        formula = formula or "+--" in text  # a line of a drawn tree
-        starts = _ENTRY.match(text) or _SECTION.match(text) or text.startswith("- ")
-        if not text or formula or starts:
-            whole = re.sub(r"`[^`]*`", "code", " ".join(paragraph))
-            yield from re.split(r"(?<=[.?!])\s+(?=[A-Z`(\"'0-9])", whole)
-            paragraph = []
-        if text and not formula:
-            paragraph.append(text)
-
-
-def count_words(sentence: str) -> int:
-    """The number of words of a sentence; signs that stand alone are none."""
-    return sum(any(c.isalnum() for c in word) for word in sentence.split())
 
 
 def find_aliases(files: Sequence[Path]) -> set[str]:
@@ -181,6 +111,18 @@ def find_names(files: Sequence[Path]) -> set[str]:
     return known
 
 
+def find_classes(files: Sequence[Path]) -> dict[str, ast.ClassDef]:
+    """The classes of the code by their names."""
+    nodes = [n for path in files for n in ast.walk(ast.parse(path.read_text()))]
+    return {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
+
+
+def list_documented(node: ast.ClassDef) -> set[str]:
+    """Names of a class's own methods that have a docstring."""
+    methods = [n for n in node.body if isinstance(n, ast.FunctionDef)]
+    return {n.name for n in methods if ast.get_docstring(n)}
+
+
 def is_named(annotation: ast.expr | None, names: set[str]) -> bool:
     """Whether an annotation has one of these types, outside of any function type."""
     if annotation is None:
@@ -209,8 +151,11 @@ def list_arguments(node: ast.FunctionDef, in_class: bool) -> list[ast.arg]:
 class RoomReader:
     """Reads the files of a room into its coverage."""
 
-    def __init__(self, arrays: set[str], known: set[str]) -> None:
-        self.arrays, self.known, self.coverage = arrays, known, Coverage()
+    def __init__(
+        self, arrays: set[str], known: set[str], classes: dict[str, ast.ClassDef]
+    ) -> None:
+        self.arrays, self.known, self.classes = arrays, known, classes
+        self.coverage = Coverage()
 
     def read_file(self, path: Path) -> None:
         """Look at a module and at what is public in it."""
@@ -230,19 +175,36 @@ class RoomReader:
             if isinstance(node, ast.ClassDef):
                 self._read_class(node, name)
                 self._read_body(node, where)
-            elif not any(_is_secondary(d) for d in node.decorator_list):
-                self._read_function(node, name, isinstance(scope, ast.ClassDef))
+            elif any(_is_secondary(d) for d in node.decorator_list):
+                continue
+            elif isinstance(scope, ast.Module):
+                self._read_function(node, name, in_class=False)
+            elif ast.get_docstring(node) or not self._is_inherited(node.name, scope):
+                self._read_function(node, name, in_class=True)
+            else:
+                self.coverage.note("docstring", True, name)
+
+    def _is_inherited(self, method: str, owner: ast.ClassDef) -> bool:
+        """Whether a base of a class, or one of that, has a method, documented."""
+        names = [ast.unparse(base).split("[")[0].split(".")[-1] for base in owner.bases]
+        above = [self.classes[name] for name in names if name in self.classes]
+        return any(
+            method in list_documented(base) or self._is_inherited(method, base)
+            for base in above
+        )
 
     def _read_class(self, node: ast.ClassDef, name: str) -> None:
         """Look at a class and the fields of a dataclass."""
-        docstring = ast.get_docstring(node)
+        docstring = ast.get_docstring(node) or _read_description(node)
         self._check_text(docstring, name)
-        self._check_entries(node, Docstring.parse(docstring or ""), name)
+        parsed = Docstring.parse(docstring or "")
+        self._check_entries(node, parsed, name)
         if not any("dataclass" in ast.unparse(d) for d in node.decorator_list):
             return
-        parsed = Docstring.parse(docstring or "")
-        for item in node.body:
+        for item, after in pairwise([*node.body, ast.Pass()]):
             if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name):
+                if isinstance(after, ast.Expr):  # the field's own docstring
+                    parsed.entries[item.target.id] = ast.literal_eval(after.value)
                 if not item.target.id.startswith("_"):
                     self._check_value(item.target.id, item.annotation, parsed, name)
 
@@ -271,7 +233,6 @@ class RoomReader:
                 if words:
                     what = f"{name}: {words} words: {sentence[:60]}"
                     self.coverage.note("sentences", words <= MOST_WORDS, what)
-
             for reference in re.findall(r"`(?:\w+\.)*([A-Za-z_]\w+)`", docstring):
                 good = reference in self.known
                 self.coverage.note("references", good, f"{name}: {reference}")
@@ -310,6 +271,13 @@ def _is_secondary(decorator: ast.expr) -> bool:
     return ast.unparse(decorator).endswith(("overload", ".setter"))
 
 
+def _read_description(node: ast.ClassDef) -> str:
+    """What an effect declares as its description, which is its docstring's text."""
+    assigned = [item for item in node.body if isinstance(item, ast.Assign)]
+    values = [a.value for a in assigned if ast.unparse(a.targets[0]) == "description"]
+    return ast.literal_eval(values[0]) if values else ""
+
+
 def list_rooms() -> dict[str, list[Path]]:
     """Room -> its files: the packages and modules of `selfheal`, and `cli`."""
     rooms: dict[str, list[Path]] = {"cli": sorted((ROOT / "cli").rglob("*.py"))}
@@ -322,10 +290,10 @@ def list_rooms() -> dict[str, list[Path]]:
 
 
 @cache
-def _read_house() -> tuple[set[str], set[str]]:
-    """The array types and the names of the whole code."""
+def _read_house() -> tuple[set[str], set[str], dict[str, ast.ClassDef]]:
+    """The array types, the names and the classes of the whole code."""
     files = [path for room in list_rooms().values() for path in room]
-    return find_aliases(files), find_names(files)
+    return find_aliases(files), find_names(files), find_classes(files)
 
 
 def measure_rooms(names: Sequence[str]) -> dict[str, Coverage]:

@@ -1,0 +1,53 @@
+"""What several terms are to each other, and terms changed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...recording.data import Floats
+from .base import Term
+from .places import add_keys
+
+
+def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
+    """Whether no kept term has the term's effect at one of its targets."""
+    return not any(
+        term.effect.name == t.effect.name and set(term.targets) & set(t.targets)
+        for t in kept
+    )
+
+
+def find_other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
+    """Terms of the same effect and targets that differ in their finding fields."""
+    name, targets = term.effect.name, term.targets
+    same = [t for t in among if (t.effect.name, t.targets) == (name, targets)]
+    return [t for t in same if t.key != term.key]
+
+
+def extend_places(term: Term, **more: Any) -> Term:
+    """The term with more keys in each of its places."""
+    return replace(term, places=tuple(add_keys(place, **more) for place in term.places))
+
+
+def restates_nominal_value(term: Term, nominal_terms: Sequence[Term]) -> bool:
+    """Whether a term fits again a value of the model that a nominal term fits too."""
+    if not np.isfinite([p.nominal for p in term.parameters]).all():
+        return False
+    said = {target for t in nominal_terms for target in t.targets}
+    own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
+    return bool(own & said)
+
+
+def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
+    """Which nominal terms have no influence beside a term, by their index."""
+    own = {f"{at}/{name}" for at in term.targets for name in term.effect.overrides}
+    return [i for i, t in enumerate(terms) if own & set(t.targets)]
+
+
+def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
+    """Values (n, P) in which those that round readings are nominal."""
+    each = [(t.effect.rounds_readings, p.nominal) for t in terms for p in t.parameters]
+    rounds = np.array([r for r, _ in each], bool)
+    return np.where(rounds, [nominal for _, nominal in each], values)

@@ -1,0 +1,1 @@
+"""Coverage of docstrings, and what it is measured of."""
