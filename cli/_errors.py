@@ -1,11 +1,15 @@
 """Exceptions to exit codes (contract section 3), for every command in one place."""
 
+import os
+import sys
+from contextlib import suppress
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
 from selfheal.errors import InputError, SelfhealError
+from selfheal.files import DISK_ERRORS
 
 
 class Group(TyperGroup):
@@ -18,7 +22,21 @@ class Group(TyperGroup):
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         """Run the command that `ctx` names."""
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
         except SelfhealError as error:
             typer.echo(f"selfheal: {error}", err=True)
             raise typer.Exit(2 if isinstance(error, InputError) else 1) from error
+        except OSError as error:
+            if error.errno not in DISK_ERRORS:
+                raise
+            typer.echo(f"selfheal: cannot write: {error.strerror}", err=True)
+            _discard_output()
+            raise typer.Exit(1) from error
+        return result
+
+
+def _discard_output() -> None:
+    """Have what could not be printed go nowhere, when Python tries once more."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

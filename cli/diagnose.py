@@ -1,7 +1,6 @@
 """`selfheal diagnose`, `replay`, `effects`: a model and recordings in, findings out."""
 
 import os
-import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -62,13 +61,12 @@ def diagnose(
     # numpy is loaded
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import diagnose as find
-    from selfheal.diagnosis.output.storage import check_folder, unfinished_folder
+    from selfheal.diagnosis.output.storage import claim_folder
 
-    out = check_folder(out, force)
-    memory = unfinished_folder(out)
-    if not resume:
-        shutil.rmtree(memory, ignore_errors=True)
-    with ProgressBar("reading", quiet=as_json) as live:
+    with (
+        claim_folder(out, force=force, resume=resume) as memory,
+        ProgressBar("reading", quiet=as_json) as live,
+    ):
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
         try:
@@ -78,8 +76,7 @@ def diagnose(
             if memory.exists():
                 typer.echo("selfheal: --resume goes on where this was", err=True)
             raise
-    found.save(out, force=force)
-    shutil.rmtree(memory, ignore_errors=True)
+        found.save(out, force=force)
     if as_json:
         from ._print import print_json
 

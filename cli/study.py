@@ -98,7 +98,7 @@ def _begin_study(
 
     from selfheal.api.run_files import clear_run
     from selfheal.errors import InputError
-    from selfheal.selfmodel.run import lock_run
+    from selfheal.files import lock_file
     from selfheal.study.plan import find_study
     from selfheal.study.run import begin_study
     from selfheal.study.store import find_journal
@@ -123,7 +123,7 @@ def _begin_study(
                if (f := getattr(asked, k)) is not None}  # fmt: skip
     asked = replace(asked, **folders)
     path = RunFolder(out, force)(f"study-{name}") / _NAME
-    with lock_run(path):
+    with lock_file(path):
         clear_run(path, force, (find_journal(path).name, *_PAGES))
         begin_study(path, name, asked)
     return path

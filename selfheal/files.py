@@ -1,14 +1,21 @@
 """Files that are whole or absent: paths in; safe places to write, open runs out."""
 
+import errno
+import fcntl
+import glob
 import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from uuid import uuid4
 
-from .errors import InputError, RunFileError, SelfhealError
+from .errors import InputError, RunFileError, RunLockError, SelfhealError
+from .limited_reading import explain_dangerous
+
+# errors of writing that are the machine's, whatever path was given
+DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
@@ -25,9 +32,7 @@ def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
         probe.touch(exist_ok=False)
         probe.unlink()
     except OSError as error:
-        raise InputError(
-            f"cannot write into {folder}: {_find_reason(error)}"
-        ) from error
+        raise make_write_error(f"into {folder}", error) from error
     return folder
 
 
@@ -46,9 +51,7 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         while not home.exists():
             home = home.parent
     except OSError as error:
-        raise InputError(
-            f"cannot write {os.fspath(path)}: {_find_reason(error)}"
-        ) from error
+        raise make_write_error(path, error) from error
     if not home.is_dir():
         raise InputError(f"cannot write {os.fspath(path)}: {home} is a file")
     check_writable_folder(home)
@@ -88,7 +91,8 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary path beside `path`; on success it takes that name at once.
 
     A reader, or a process killed half-way, finds the old file or the new one, never
-    a part. After an exception the old file stands and the temporary one is gone.
+    a part. After an exception the old file stands and the temporary one is gone. What
+    a killed process left beside it goes, too.
 
     Raises:
         InputError: nothing can be written at `path`; said before the body runs.
@@ -99,16 +103,86 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         if target.is_dir():
             raise IsADirectoryError(None, "it is a folder")
-        temporary.touch(exist_ok=False)
+        held = temporary.open("xb")
     except OSError as error:
-        raise InputError(f"cannot write {path}: {_find_reason(error)}") from error
+        raise make_write_error(path, error) from error
     try:
-        yield temporary
-        os.replace(temporary, target)
+        with held:
+            with suppress(OSError):  # a file system may have no locks
+                fcntl.flock(held, fcntl.LOCK_EX)
+            _remove_abandoned(target)
+            yield temporary
+            os.replace(temporary, target)
     except OSError as error:
-        raise SelfhealError(f"cannot write {path}: {error}") from error
+        raise SelfhealError(f"cannot write {path}: {_find_reason(error)}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _remove_abandoned(target: Path) -> None:
+    """Remove temporary files of a target that no process writes any more."""
+    for path in target.parent.glob(f".{glob.escape(target.name)}.????????.tmp"):
+        with suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()
+
+
+@contextmanager
+def atomic_hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
+    """Give an empty HDF5 file in memory; on success its bytes are at `path` at once.
+
+    HDF5 itself never writes to the disk: on a full one it fails while it closes a file,
+    with a segmentation fault even.
+
+    Raises:
+        InputError: nothing can be written at `path`; said before the body runs.
+        SelfhealError: writing failed later, on a full disk say.
+    """
+    import h5py
+
+    with atomic_path(path) as temporary:
+        with h5py.File(temporary, "w", driver="core", backing_store=False) as file:
+            yield file
+            file.flush()
+            image = file.id.get_file_image()
+        temporary.write_bytes(image)
+
+
+@contextmanager
+def lock_file(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep a file or folder to this process while it works on it, by PATH.lock.
+
+    Raises:
+        RunLockError: another process works on it, or no lock can be made beside it.
+        SelfhealError: the disk is full.
+    """
+    lock = Path(f"{path}.lock")
+    busy = f"{path}: another process is working on it"
+    try:
+        file = lock.open("w")
+    except OSError as error:
+        if error.errno in DISK_ERRORS:
+            raise make_write_error(lock, error) from error
+        raise RunLockError(f"cannot write beside {path}: {error.strerror}") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise RunLockError(busy) from error
+        if not _is_same_file(file, lock):  # another process has just let go of it
+            raise RunLockError(busy)
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
+
+
+def _is_same_file(file: IO[str], path: Path) -> bool:
+    """Whether an open file is still the one at a path."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 @contextmanager
@@ -136,6 +210,8 @@ def open_run(
     path = Path(path)
     if not path.is_file():
         raise RunFileError(f"{path}: no such run file")
+    if reason := explain_dangerous(path, f"{__name__}:read_members"):
+        raise RunFileError(f"{path}: {reason}")
     try:
         with h5py.File(path, "r") as file:
             _check_run(path, file.attrs, what, form, version)
@@ -151,6 +227,25 @@ def open_run(
         raise RunFileError(f"{path}: a damaged {what}: {error}") from error
 
 
+def read_members(path: str | os.PathLike[str]) -> None:
+    """Read all of an HDF5 file, whatever that does to the process.
+
+    Raises:
+        OSError, RuntimeError, KeyError, ValueError, TypeError: h5py's, of a file that
+            is damaged.
+    """
+    import h5py
+
+    def read(_: str, member: Any) -> None:
+        dict(member.attrs)
+        if isinstance(member, h5py.Dataset):
+            member[()]
+
+    with h5py.File(path, "r") as file:
+        read("", file)
+        file.visititems(read)
+
+
 def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> None:
     """Refuse a file of another format or version."""
     found = attrs.get("format")
@@ -164,6 +259,12 @@ def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> No
 
 def _make_temporary_path(path: Path) -> Path:
     return path.with_name(f".{path.name}.{uuid4().hex[:8]}.tmp")
+
+
+def make_write_error(path: str | os.PathLike[str], error: OSError) -> SelfhealError:
+    """What to raise if a path cannot be written: `InputError`, but for a full disk."""
+    kind = SelfhealError if error.errno in DISK_ERRORS else InputError
+    return kind(f"cannot write {os.fspath(path)}: {_find_reason(error)}")
 
 
 def _find_reason(error: OSError) -> str:

@@ -11,9 +11,10 @@ from typer.testing import CliRunner
 import selfheal
 from selfheal.cli import app
 from selfheal.errors import InputError, RunLockError, UnknownNameError
+from selfheal.files import lock_file
 from selfheal.recovery import hypotheses
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.run import load_run, lock_run
+from selfheal.selfmodel.run import load_run
 from tests.support import short_heal, short_recover
 
 SMALL = {"engine": "statics", "cycles": 1, "budget": 300, "seed": 5}
@@ -94,7 +95,7 @@ def test_what_makes_no_sense_is_refused(call, error, said):
 
 
 def test_a_run_that_another_process_works_on_is_refused(tmp_path):
-    with lock_run(tmp_path / "run.h5"), pytest.raises(RunLockError, match="another"):
+    with lock_file(tmp_path / "run.h5"), pytest.raises(RunLockError, match="another"):
         selfheal.identify(resume=tmp_path / "run.h5")
 
 

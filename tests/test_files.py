@@ -1,11 +1,14 @@
 """Files are whole or absent, and a folder that cannot be written is refused first."""
 
+import resource
+import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from selfheal.errors import InputError, SelfhealError
-from selfheal.files import atomic_path, check_writable_folder
+from selfheal.files import atomic_hdf5, atomic_path, check_writable_folder
 
 
 def _leftovers(folder: Path) -> list[str]:
@@ -68,3 +71,51 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, folder):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot write into"):
         check_writable_folder(folder.format(tmp=tmp_path))
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path):
+    left, other = tmp_path / ".run.h5.0123abcd.tmp", tmp_path / ".b.h5.0123abcd.tmp"
+    for path in (left, other):
+        path.touch()
+    with atomic_path(tmp_path / "run.h5") as temporary:
+        temporary.write_text("new")
+    assert _leftovers(tmp_path) == [other.name, "run.h5"]
+
+
+def test_what_another_process_writes_stays(tmp_path):
+    with atomic_path(tmp_path / "run.h5") as first:
+        with atomic_path(tmp_path / "run.h5") as second:
+            second.write_text("second")
+        first.write_text("first")
+    assert (tmp_path / "run.h5").read_text() == "first"
+    assert _leftovers(tmp_path) == ["run.h5"]
+
+
+@pytest.fixture(params=[0, 100, 3000])
+def full_disk(request):
+    """No file can grow beyond some bytes, while the test runs."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (request.param, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    signal.signal(signal.SIGXFSZ, old)
+
+
+def test_on_a_full_disk_the_old_hdf5_file_stands(tmp_path, full_disk):
+    path = tmp_path / "run.h5"
+    path.touch()
+    with pytest.raises(SelfhealError) as raised, atomic_hdf5(path) as file:
+        file["readings"] = np.arange(1000.0)
+    assert "cannot write" in str(raised.value)
+    assert not isinstance(raised.value, InputError)
+    assert path.read_bytes() == b"" and _leftovers(tmp_path) == ["run.h5"]
+
+
+def test_an_hdf5_file_is_whole(tmp_path):
+    import h5py
+
+    with atomic_hdf5(tmp_path / "run.h5") as file:
+        file["readings"] = np.arange(1000.0)
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert (file["readings"][()] == np.arange(1000.0)).all()

@@ -56,13 +56,13 @@ def heal(
         InputError: a setting makes no sense, or `out` holds a heal already.
         RunFileError: a run cannot be read, or another process works on it.
     """
+    from ..files import lock_file
     from ..recovery.phased_run import load_phased_run, save_phased_run
     from ..recovery.record import HealRun
-    from ..selfmodel.run import lock_run
 
     told = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
-        with lock_run(resume):
+        with lock_file(resume):
             begun = load_phased_run(resume, HealRun)
             known = load_identified(run or begun.settings.run, robot)
             return _finish_heal(begun, known, Path(resume), *told)
@@ -145,7 +145,7 @@ def _make_settings(
         else tuple(damage)
     )
     onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
-    file = run.result.get("run", "") if isinstance(run, Run) else os.fspath(run)
+    file = run.result.get("run", "") if isinstance(run, Run) else os.path.abspath(run)
     return known, HealSettings(file, what, onset, gait, heading, seed)
 
 

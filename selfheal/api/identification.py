@@ -75,12 +75,13 @@ def identify(
         InputError: a setting makes no sense, or `out` holds a run already.
         RunFileError: the run cannot be read, or another process works on it.
     """
+    from ..files import lock_file
     from ..selfmodel.loop import check_settings
-    from ..selfmodel.run import Run, load_run, lock_run, save_run
+    from ..selfmodel.run import Run, load_run, save_run
 
     told = progress or (lambda count: None), on_step or (lambda run: None)
     if resume is not None:
-        with lock_run(resume):
+        with lock_file(resume):
             return _finish_run(load_run(resume), robot, Path(resume), *told)
     if robot is None:
         raise InputError("give either a robot or a run to resume")
@@ -146,7 +147,8 @@ def _finish_run(
             seconds = round(before + time.perf_counter() - start, 1)
             files: dict[str, object] = {"seconds": seconds}
             if path:
-                files |= {"run": str(path), "model": str(write_best_model(run, path))}
+                model = write_best_model(run, path)
+                files |= {"run": str(path.absolute()), "model": str(model.absolute())}
             run = replace(run, result={**run.result, **files})
         if path:
             save_run(run, path)

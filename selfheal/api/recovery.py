@@ -69,13 +69,13 @@ def recover(
         InputError: a setting makes no sense, or `out` holds a recovery already.
         RunFileError: the run cannot be read, or another process works on it.
     """
+    from ..files import lock_file
     from ..recovery.phased_run import load_phased_run, save_phased_run
     from ..recovery.recover_run import RecoverRun
-    from ..selfmodel.run import lock_run
 
     told = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
-        with lock_run(resume):
+        with lock_file(resume):
             run = load_phased_run(resume, RecoverRun)
             return _finish_run(run, driven, Path(resume), *told)
     if robot is None or scenario is None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from ..errors import InputError
-from ..files import check_writable_folder
+from ..files import check_writable_folder, lock_file
 
 if TYPE_CHECKING:
     from ..recovery.phased_run import PhasedRun
@@ -44,14 +44,12 @@ def begin_run_file(
         InputError: a run is there already, or nothing can be written there.
         RunLockError: another process works on it.
     """
-    from ..selfmodel.run import lock_run
-
     if out is None:
         yield None
         return
     folder = out(name) if callable(out) else check_writable_folder(out)
     path = folder / file
-    with lock_run(path):
+    with lock_file(path):
         clear_run(path, force, others)
         yield path
 

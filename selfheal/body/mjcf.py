@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from ..errors import ModelError
+from ..limited_reading import explain_dangerous
 from .body import Anatomy, Bodies, Floats
 from .changes import compute_direction, tilt_gravity
 
@@ -237,6 +238,8 @@ def load(path: str | Path) -> Bodies:
     Raises:
         ModelError: the file is missing, does not compile or is not such a robot.
     """
+    if reason := explain_dangerous(path, "selfheal.recording.names:compile_model"):
+        raise ModelError(f"{path}: {reason}")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         model = spec.compile()

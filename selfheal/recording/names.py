@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import ModelError
+from ..limited_reading import explain_dangerous
 from .model import ModelNames, Target
 
 if TYPE_CHECKING:
@@ -53,14 +54,11 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     Raises:
         ModelError: MuJoCo cannot load it; the message is MuJoCo's.
     """
-    import mujoco
-
     name = os.fspath(path)
+    if reason := explain_dangerous(name, f"{__name__}:compile_model"):
+        raise ModelError(f"{name}: {reason}")
     try:
-        if name.endswith(_KNOWN):
-            model = mujoco.MjModel.from_xml_path(name)
-        else:
-            model = read_spec(name).compile()
+        model = compile_model(name)
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())
         if "package:/" in reason:
@@ -72,6 +70,19 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     if not 0 < (step := model.opt.timestep) < np.inf:
         raise ModelError(f"{name}: its timestep is {step:g} s; would fit: more than 0")
     return model
+
+
+def compile_model(name: str) -> "mujoco.MjModel":
+    """An MJCF or URDF file, compiled, whatever that does to the process.
+
+    Raises:
+        ValueError: MuJoCo's, of what it cannot read.
+    """
+    import mujoco
+
+    if name.endswith(_KNOWN):
+        return mujoco.MjModel.from_xml_path(name)
+    return read_spec(name).compile()
 
 
 def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":

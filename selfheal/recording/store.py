@@ -8,7 +8,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ..files import atomic_path, explain_unreadable
+from ..files import atomic_hdf5, explain_unreadable
+from ..limited_reading import explain_dangerous
 from .check import format_names, validate
 from .data import KINDS, Episode, Floats, Location, Recording, Signal
 
@@ -27,11 +28,11 @@ def read(path: str | os.PathLike[str]) -> Recording:
             fit. The size is checked from the headers, before any array is read.
     """
     file = Location(os.fspath(path))
-    if reason := explain_unreadable(path):
+    reason = explain_unreadable(path)
+    if reason := reason or explain_dangerous(path, f"{__name__}:load"):
         raise file.make_error(reason)
     try:
-        with h5py.File(path, "r") as root:
-            recording = _read_recording(root, file)
+        recording = load(path)
     except BlockingIOError as error:
         raise file.make_error("another process holds it open for writing") from error
     except PermissionError as error:
@@ -41,6 +42,18 @@ def read(path: str | os.PathLike[str]) -> Recording:
         raise file.make_error(f"it is damaged or not HDF5 ({error})") from error
     validate(recording)
     return recording
+
+
+def load(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording that is not checked, whatever that does to the process.
+
+    Raises:
+        RecordingError: it lacks something.
+        OSError, RuntimeError, KeyError, ValueError, TypeError: h5py's, of a file that
+            is damaged.
+    """
+    with h5py.File(path, "r") as root:
+        return _read_recording(root, Location(os.fspath(path)))
 
 
 def open_recording(recording: Recording | str | os.PathLike[str]) -> Recording:
@@ -63,7 +76,7 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
         InputError: nothing can be written at `path`.
     """
     validate(replace(recording, file=os.fspath(path)))
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as root:
+    with atomic_hdf5(path) as root:
         root.attrs.update(format=FORMAT, version=VERSION)
         _set_labels(root, robot=recording.robot, source=recording.source)
         episodes = root.create_group("episodes", track_order=True)

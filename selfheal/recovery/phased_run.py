@@ -14,7 +14,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from ..body.damage import Damage
-from ..files import atomic_path, open_run
+from ..files import atomic_hdf5, open_run
 
 Phase = Mapping[str, Any]
 
@@ -80,9 +80,7 @@ def save_phased_run(run: PhasedRun, path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: nothing can be written there.
     """
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_hdf5(path) as file:
         file.attrs.update(format=run.FORMAT, version=run.VERSION)
         file.attrs["settings"] = json.dumps(asdict(run.settings))
         file.attrs["result"] = json.dumps(dict(run.result))

@@ -6,18 +6,15 @@ JSON; groups `anatomy`, `truth` (if the robot knows it), `cycles/<k>`, `state`.
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from pathlib import Path
-from typing import IO, Any, get_origin
+from typing import Any, get_origin
 
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
-from ..errors import RunLockError
-from ..files import atomic_path, open_run
+from ..files import atomic_hdf5, open_run
 
 FORMAT, VERSION = "selfheal-run", 2
 
@@ -136,9 +133,7 @@ def save_run(run: Run, path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: nothing can be written there.
     """
-    import h5py
-
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_hdf5(path) as file:
         file.attrs.update(format=FORMAT, version=VERSION)
         file.attrs["settings"] = json.dumps(asdict(run.settings))
         file.attrs["counts"] = json.dumps(dict(run.counts))
@@ -217,39 +212,3 @@ def _read_run(file: Any) -> Run:
         result=json.loads(file.attrs["result"]),
         indistinguishable=file["alike"][()],
     )
-
-
-@contextmanager
-def lock_run(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Keep a run file to this process while it works on it.
-
-    Raises:
-        RunLockError: another process works on it.
-    """
-    import fcntl
-
-    lock = Path(f"{path}.lock")
-    busy = f"{path}: another process is working on this run"
-    try:
-        file = lock.open("w")
-    except OSError as error:
-        raise RunLockError(f"cannot write beside {path}: {error.strerror}") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise RunLockError(busy) from error
-        if not _is_same_file(file, lock):  # another process has just let go of it
-            raise RunLockError(busy)
-        try:
-            yield
-        finally:
-            lock.unlink(missing_ok=True)
-
-
-def _is_same_file(file: IO[str], path: Path) -> bool:
-    """Whether an open file is still the one at a path."""
-    try:
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
-    except FileNotFoundError:
-        return False

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ..errors import InputError, check_seed
-from ..selfmodel.run import lock_run
+from ..files import lock_file
 from .execute import execute_tasks
 from .plan import StudyRequest, find_study
 from .store import create_study, digest_code, load_study, open_journal
@@ -67,7 +67,7 @@ def continue_study(
     """
     check_workplace(place)
     with ExitStack() as stack:
-        stack.enter_context(lock_run(path))
+        stack.enter_context(lock_file(path))
         results = load_study(path)
         if results.records and results.code != digest_code():
             raise InputError(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import RunFileError
-from ..files import atomic_path, open_run
+from ..files import atomic_hdf5, open_run
 from .plan import Record, Task
 
 FORMAT, VERSION = "selfheal-study", 1
@@ -145,7 +145,7 @@ def _save_results(path: Path, results: Results) -> None:
     order = {task.key: k for k, task in enumerate(results.tasks)}
     records = sorted(results.records.values(), key=lambda r: order[r["key"]])
     text = h5py.string_dtype()
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_hdf5(path) as file:
         file.attrs.update(format=FORMAT, version=VERSION, study=results.study)
         file.attrs["asked"] = json.dumps(results.request)
         file.attrs["code"] = results.code

@@ -298,8 +298,8 @@ def test_a_run_whose_recording_has_changed_is_refused(recorded, tmp_path):
 
 HOLD = """
 import sys
-from selfheal.selfmodel.run import lock_run
-with lock_run(sys.argv[1]):
+from selfheal.files import lock_file
+with lock_file(sys.argv[1]):
     print("ready", flush=True)
     sys.stdin.read()
 """

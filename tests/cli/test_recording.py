@@ -1,6 +1,8 @@
 """`selfheal recording check`: a table or JSON on stdout, refusals on stderr, codes."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -102,3 +104,13 @@ def _raiser(error):
         raise error
 
     return fail
+
+
+@pytest.mark.parametrize("json_option", [[], ["--json"]])
+def test_a_full_disk_behind_stdout_is_one_message(file, json_option):
+    command = [sys.executable, "-c", "from selfheal.cli import app; app()"]
+    command += ["recording", "check", str(file), *json_option]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert done.stderr == "selfheal: cannot write: No space left on device\n"

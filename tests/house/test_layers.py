@@ -10,8 +10,18 @@ import pytest
 from tests.support.paths import ROOT
 
 ROOMS = [
-    *("errors", "files", "recording", "mjcf", "body", "engine", "robot", "selfmodel"),
-    *("gait", "recovery"),
+    *(
+        "errors",
+        "limited_reading",
+        "files",
+        "recording",
+        "mjcf",
+        "body",
+        "engine",
+        "robot",
+        "selfmodel",
+    ),
+    *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),
 ]
 INNER = {  # rooms of rooms

@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.errors import InputError, RecordingError, RunFileError, UnknownNameError
+from selfheal.files import lock_file
 from selfheal.recording import Recording
 from selfheal.selfmodel.loop import check_settings, identify_body, read_rest_channels
 from selfheal.selfmodel.prior import compute_prior_cost
-from selfheal.selfmodel.run import Run, Settings, load_run, lock_run, save_run
+from selfheal.selfmodel.run import Run, Settings, load_run, save_run
 from selfheal.selfmodel.strategy import METHODS
 from tests.support.stick_robot import PARTS, Toy
 
@@ -273,9 +274,9 @@ def test_a_run_that_lacks_a_part_is_refused(run_file, name):
 
 HOLD = """
 import sys, h5py
-from selfheal.selfmodel.run import lock_run
+from selfheal.files import lock_file
 path = sys.argv[2]
-with (h5py.File(path, "r+") if sys.argv[1] == "open" else lock_run(path)):
+with (h5py.File(path, "r+") if sys.argv[1] == "open" else lock_file(path)):
     print("ready", flush=True)
     sys.stdin.read()
 """
@@ -307,7 +308,7 @@ def test_two_processes_do_not_work_on_one_run(run_file, elsewhere):
     elsewhere("held")
     with (
         pytest.raises(RunFileError, match="another process is working"),
-        lock_run(run_file),
+        lock_file(run_file),
     ):
         pass
     assert load_run(run_file).cycles
@@ -316,14 +317,14 @@ def test_two_processes_do_not_work_on_one_run(run_file, elsewhere):
 def test_a_lock_of_a_killed_process_is_no_lock(run_file):
     lock = run_file.with_name("run.h5.lock")
     lock.touch()
-    with lock_run(run_file):
+    with lock_file(run_file):
         assert lock.exists()
     assert not lock.exists()
 
 
 def test_a_run_is_not_held_where_nothing_can_be_written(tmp_path):
     path = tmp_path / "nowhere" / "run.h5"
-    with pytest.raises(RunFileError, match="cannot write beside"), lock_run(path):
+    with pytest.raises(RunFileError, match="cannot write beside"), lock_file(path):
         pass
 
 

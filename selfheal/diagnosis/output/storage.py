@@ -1,15 +1,17 @@
 """A diagnosis on disk (contract section 2): takes its parts, writes all or nothing."""
 
+import glob
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from ...errors import InputError
-from ...files import check_writable
+from ...files import check_writable, lock_file, make_write_error
 from .document import format_document
 from .schema import check_entries
 
@@ -47,10 +49,50 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     return folder
 
 
-def unfinished_folder(folder: str | os.PathLike[str]) -> Path:
-    """The hidden folder beside a folder, in which a killed diagnosis goes on."""
+@contextmanager
+def claim_folder(
+    folder: str | os.PathLike[str], *, force: bool, resume: bool
+) -> Iterator[Path]:
+    """Keep a folder to one diagnosis, until that is written.
+
+    Args:
+        folder: that a user names.
+        force: whether an earlier diagnosis there may be replaced.
+        resume: whether a diagnosis that was killed goes on; else its arrays are lost.
+
+    Yields:
+        The hidden folder beside it for arrays that a killed diagnosis goes on with. It
+        is removed if nothing is raised.
+
+    Raises:
+        InputError: it cannot be written, or holds something and `force` is not set.
+        RunLockError: another process works on it.
+    """
+    check_writable(folder)
     real = Path(folder).resolve()  # "." has no name
-    return real.with_name(f".{real.name}.unfinished")
+    memory = real.with_name(f".{real.name}.unfinished")
+    real.parent.mkdir(parents=True, exist_ok=True)
+    with lock_file(real):
+        _remove_abandoned(real)
+        check_folder(folder, force)
+        if not resume:
+            shutil.rmtree(memory, ignore_errors=True)
+        yield memory
+        shutil.rmtree(memory, ignore_errors=True)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what a diagnosis that was killed while it was written left beside it.
+
+    An earlier diagnosis that it had just moved away gets its place back.
+    """
+    pattern = f".{glob.escape(folder.name)}.????????"
+    for old in folder.parent.glob(f"{pattern}.old"):
+        if not folder.exists():
+            os.replace(old, folder)
+        shutil.rmtree(old, ignore_errors=True)
+    for new in folder.parent.glob(f"{pattern}.tmp"):
+        shutil.rmtree(new, ignore_errors=True)
 
 
 def write_diagnosis(
@@ -63,14 +105,19 @@ def write_diagnosis(
         document: diagnosis.json.
         patched: text of patched.xml, whose paths lead from the folder.
         page: report.html.
+
+    Raises:
+        SelfhealError: the disk is full.
     """
     new = folder.parent / f".{folder.name}.{uuid4().hex[:8]}.tmp"
-    new.mkdir(parents=True)
     try:
+        new.mkdir(parents=True)
         (new / "diagnosis.json").write_text(format_document(document))
         (new / "patched.xml").write_bytes(patched.encode())
         (new / "report.html").write_text(page, encoding="utf-8")
         _replace_folder(new, folder)
+    except OSError as error:
+        raise make_write_error(folder, error) from error
     finally:
         shutil.rmtree(new, ignore_errors=True)
 
@@ -84,7 +131,12 @@ def _replace_folder(new: Path, folder: Path) -> None:
     old = new.with_suffix(".old")
     if folder.exists():
         os.replace(folder, old)
-    os.replace(new, folder)
+    try:
+        os.replace(new, folder)
+    except OSError:
+        if old.exists():
+            os.replace(old, folder)
+        raise
     shutil.rmtree(old, ignore_errors=True)
 
 

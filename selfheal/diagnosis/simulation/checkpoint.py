@@ -1,5 +1,6 @@
 """Checkpoints: takes what a computation depends on, gives its arrays of before."""
 
+import io
 import os
 import zipfile
 from collections.abc import Callable
@@ -58,6 +59,8 @@ class Checkpoint:
             pass
         arrays = compute()
         self.folder.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as temporary, temporary.open("wb") as new:
-            np.savez(new, *arrays)
+        image = io.BytesIO()  # a zip file cannot be closed on a full disk
+        np.savez(image, *arrays)
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(image.getbuffer())
         return arrays

@@ -1,13 +1,15 @@
 """A diagnosis on disk: whole or not there."""
 
+import errno
 import os
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from selfheal.diagnosis.output import storage
 from selfheal.diagnosis.output.result import Diagnosis, Localization
-from selfheal.errors import InputError
+from selfheal.errors import InputError, RunLockError, SelfhealError
 from tests.support.recorded_robots import ROBOTS
 
 FILES = ["diagnosis.json", "patched.xml", "report.html"]
@@ -100,13 +102,60 @@ def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
     if there:
         assert (out / "report.html").read_text() == "old"
 
-    def refuse(*_):
-        raise OSError("no")
+    replace = os.replace
+
+    def refuse(old, new):
+        if str(old).endswith(".tmp"):
+            raise OSError(errno.ENOSPC, "the disk is full")
+        replace(old, new)
 
     monkeypatch.setattr(os, "replace", refuse)
-    with pytest.raises(OSError, match="no"):
+    with pytest.raises(SelfhealError, match="the disk is full"):
         _diagnosis(given, page="new").save(out, force=True)
     assert _names(tmp_path) == (["out"] if there else [])
+    if there:
+        assert (out / "report.html").read_text() == "old"
+
+
+def _claim(out, **options):
+    return storage.claim_folder(out, **{"force": False, "resume": False, **options})
+
+
+def test_a_folder_is_kept_to_one_diagnosis(given, tmp_path):
+    out = tmp_path / "new" / "out"
+    with _claim(out) as memory:
+        memory.mkdir()
+        for force in (False, True):
+            again = _claim(out, force=force, resume=force)
+            with pytest.raises(RunLockError, match="another process"), again:
+                pytest.fail("two work on one folder")
+        assert memory.is_dir()
+        _diagnosis(given).save(out)
+    assert _names(out.parent) == ["out"] and _names(out) == FILES
+    with pytest.raises(InputError, match="--force"), _claim(out):
+        pytest.fail("it would be lost")
+
+
+def test_only_a_resumed_diagnosis_finds_the_arrays_of_a_killed_one(tmp_path):
+    with pytest.raises(KeyboardInterrupt), _claim(tmp_path / "out") as memory:
+        memory.mkdir()
+        raise KeyboardInterrupt
+    for resume in (True, False):
+        with suppress(KeyboardInterrupt), _claim(tmp_path / "out", resume=resume):
+            assert memory.is_dir() == resume
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_what_was_being_written_when_killed_is_cleared(moved, given, tmp_path):
+    out, new = tmp_path / "out", tmp_path / ".out.0123abcd.tmp"
+    _diagnosis(given, page="old").save(out)
+    new.mkdir()
+    if moved:
+        out.rename(tmp_path / ".out.0123abcd.old")
+    with _claim(out, force=True):
+        assert _names(tmp_path) == ["out", "out.lock"]
+        assert (out / "report.html").read_text() == "old"
 
 
 BAD = [

@@ -1,0 +1,144 @@
+"""Files read on trial by a process with limits; what they do to it, as an error.
+
+HDF5 and MuJoCo read some damaged files for ever, ask for all memory, or crash the
+process. So one process, which does nothing else, forks a child for each file. The child
+reads it and ends, and only what it survived is read again here.
+"""
+
+import atexit
+import json
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+# [s] that a small file may take; chosen: 100 times what the largest models take
+MAX_SECONDS = 12.0
+MIN_SPEED = 5e6  # [B/s] at which larger ones are read; chosen: a tenth of gzip's
+# [B] that reading a small file may add; chosen: far above what a robot's meshes take
+MAX_MEMORY = 1_000_000_000
+MAX_EXPANSION = (
+    4  # bytes added per byte of a larger file; chosen: float32 read as float64
+)
+_OUT_OF_MEMORY = 3  # exit code of a child
+_LATE = "late"
+_lock = Lock()
+
+
+def explain_dangerous(path: str | os.PathLike[str], reader: str) -> str:
+    """Why a file cannot be read without harm; empty where it can, or where it is not.
+
+    What the reader raises itself is not reported: who reads it next says it better.
+
+    Args:
+        path: of a file.
+        reader: "module:function" that is given the path.
+    """
+    real = os.path.realpath(path)
+    if not os.path.isfile(real):
+        return ""
+    stat = os.stat(real)
+    return _explain_version(reader, real, stat.st_mtime_ns, stat.st_size)
+
+
+@cache
+def _explain_version(reader: str, path: str, _: int, size: int) -> str:
+    """What becomes of reading a file that was last modified at a time; read once."""
+    seconds, memory = MAX_SECONDS + size / MIN_SPEED, MAX_MEMORY + MAX_EXPANSION * size
+    request = {"reader": reader, "path": path, "seconds": seconds, "memory": memory}
+    with _lock:
+        outcome = _ask_server(request)
+    if not outcome:
+        return ""
+    if outcome == _OUT_OF_MEMORY:
+        what = f"needs more than {memory / 1e9:.1f} GB of memory"
+    elif outcome == _LATE:
+        what = f"did not end within {seconds:.0f} s"
+    else:
+        what = f"crashes the process ({outcome})"
+    return (
+        f"reading it {what}: it is damaged, states sizes that are too large, or "
+        "includes what is no file"
+    )
+
+
+def _ask_server(request: dict[str, Any]) -> Any:
+    """Have a file read by the server; falsy where that ended by itself."""
+    process = _start_server(os.getpid())
+    sent, got = process.stdin, process.stdout
+    assert sent and got
+    try:
+        sent.write(json.dumps(request) + "\n")
+        sent.flush()
+        return json.loads(got.readline())
+    except BaseException:  # its next answer would be to this request
+        process.kill()
+        _start_server.cache_clear()
+        raise
+
+
+@cache
+def _start_server(_: int) -> subprocess.Popen[str]:
+    """Start the server of a process; a fork of that does not share it."""
+    code = f"import sys; sys.path[:] = {sys.path!r}; import {__name__} as m; m.serve()"
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", code], stdin=pipe, stdout=pipe,
+        stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+        cwd="/proc",  # where no library can leave a file
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    atexit.register(process.communicate)
+    return process
+
+
+def serve() -> None:
+    """Answer requests, a line of JSON each, until the input ends."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what libraries print is no answer
+    for line in sys.stdin:
+        outcome = _read_in_child(json.loads(line))
+        print(json.dumps(outcome), file=answers, flush=True)
+
+
+def _read_in_child(request: dict[str, Any]) -> Any:
+    """The end of a child that reads: an exit code, a signal's name or `_LATE`."""
+    module, _, function = request["reader"].partition(":")
+    reader = getattr(import_module(module), function)
+    child = os.fork()
+    if child == 0:
+        _read_and_exit(reader, request["path"], request["memory"])
+    ended = os.pidfd_open(child)
+    is_late = not select.select([ended], [], [], request["seconds"])[0]
+    os.close(ended)
+    if is_late:
+        os.kill(child, signal.SIGKILL)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if is_late:
+        return _LATE
+    return status if status >= 0 else signal.Signals(-status).name
+
+
+def _read_and_exit(reader: Any, path: str, memory: int) -> None:
+    """What a child does: read with so much more memory [B], and end."""
+    code = 1  # of a library that ends the process by itself
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        limit = pages * resource.getpagesize() + memory
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        reader(path)
+        code = 0
+    except MemoryError:
+        code = _OUT_OF_MEMORY
+    except Exception as error:  # MuJoCo: "Could not allocate memory for texture"
+        code = _OUT_OF_MEMORY if "alloc" in str(error) else 0
+    finally:
+        os._exit(code)
