@@ -254,6 +254,10 @@ def _is_prediction(path: Path) -> bool:
     """Whether a file is an earlier prediction, which a new one may replace."""
     import h5py
 
+    from selfheal.limited_reading import explain_dangerous
+
+    if explain_dangerous(path, "selfheal.files:read_members"):
+        return False
     try:
         with h5py.File(path) as file:
             return bool(file.attrs.get("source") == _PREDICTED)

@@ -58,10 +58,16 @@ def test_heal_takes_a_run_and_a_damage(short, tmp_path, monkeypatch):
     path, run = short_heal.identified(tmp_path)
     damage = "dead:left_hip_position"
     phases = []
-    done = selfheal.heal(run, damage, out=lambda name: tmp_path, on_step=phases.append)
+    monkeypatch.chdir(tmp_path)
+    done = selfheal.heal(
+        path.name, damage, out=lambda name: tmp_path, on_step=phases.append
+    )
     assert done.result["hypotheses"][0]["target"] == "sensor:left_hip_position"
-    again = selfheal.heal(path, resume=tmp_path / "heal.h5")
-    assert again.result == done.result and (tmp_path / "report.html").is_file()
+    monkeypatch.chdir("/")
+    for given in (run, path, None):  # the heal's own file says where the run is
+        again = selfheal.heal(given, resume=tmp_path / "heal.h5")
+        assert again.result == done.result
+    assert (tmp_path / "report.html").is_file()
     assert not phases[0].phases and phases[-1] is done
 
 
