@@ -7,6 +7,7 @@ import numpy as np
 from .data import KINDS, Episode, Floats, Kind, Location, Recording, Signal
 
 NORM_TOLERANCE = 0.01  # of a quaternion; chosen: two printed decimals still pass
+MAX_MAGNITUDE = 1e10  # of any number in SI units; MuJoCo's mjMAXVAL of a state
 
 
 def validate(recording: Recording) -> None:
@@ -25,6 +26,11 @@ def validate(recording: Recording) -> None:
         _check_time(episode.time, place)
         _check_ctrl(episode, place)
         _check_state(episode, place)
+        for what, values in (
+            ("time", episode.time), ("ctrl", episode.ctrl),
+            ("qpos0", episode.qpos0), ("qvel0", episode.qvel0),
+        ):  # fmt: skip
+            _check_magnitude(what, values, place)
         for signal_name, signal in episode.signals.items():
             where = Location(recording.file, name, signal_name)
             _check_id(signal_name, where)
@@ -97,6 +103,14 @@ def _check_state(episode: Episode, place: Location) -> None:
             )
 
 
+def _check_magnitude(what: str, values: Floats | None, place: Location) -> None:
+    if values is not None and (beyond := np.abs(values) > MAX_MAGNITUDE).any():
+        raise place.make_error(
+            f"{what} holds {values[beyond][0]:.4g}; would fit: SI units, and no number "
+            f"beyond {MAX_MAGNITUDE:g}"
+        )
+
+
 def _check_signal(signal: Signal, samples: int, place: Location) -> None:
     kind = KINDS.get(signal.kind)
     if kind is None:
@@ -129,6 +143,7 @@ def _check_values(signal: Signal, kind: Kind, samples: int, place: Location) -> 
     if np.isinf(values).any():
         row = int(np.argwhere(np.isinf(values))[0][0])
         raise place.make_error(f"infinite at sample {row}; a missing sample is NaN")
+    _check_magnitude("it", values, place)
     if signal.kind == "body_orientation":
         _check_norm(values, place)
 

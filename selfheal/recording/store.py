@@ -17,6 +17,9 @@ FORMAT = "selfheal-recording"
 VERSION = 1
 # 0.8 GB as float64; chosen: a day at 1 kHz of one signal, or an hour of 27
 MAX_VALUES = 100_000_000
+# values that a file may state without storing them, and how much smaller it may store
+# more; chosen: a short recording of fill values, and the limit of gzip
+MAX_UNSTORED, MAX_COMPRESSION = 1_000_000, 1032
 EPISODE_MEMBERS = ("time", "ctrl", "qpos0", "qvel0", "signals")
 
 
@@ -163,17 +166,25 @@ def _open_episode(episodes: h5py.Group, name: str, place: Location) -> _OpenEpis
 
 
 def _check_size(episodes: list[_OpenEpisode], file: Location) -> None:
-    total = sum(
-        # one chunk is unpacked whole, even where it reaches beyond the data
-        max(dataset.size, math.prod(dataset.chunks or (0,)))
+    arrays = [
+        (episode.place, name, dataset)
         for episode in episodes
-        for dataset in (*episode.arrays.values(), *episode.signals.values())
-    )
+        for name, dataset in (episode.arrays | episode.signals).items()
+    ]
+    # one chunk is unpacked whole, even where it reaches beyond the data
+    counts = [max(d.size, math.prod(d.chunks or (0,))) for _, _, d in arrays]
+    total = sum(counts)
     if total > MAX_VALUES:
         raise file.make_error(
             f"it holds {total} values; at most {MAX_VALUES} are read: cut it into "
             "several files"
         )
+    for count, (place, name, dataset) in zip(counts, arrays, strict=True):
+        stored = MAX_COMPRESSION * dataset.id.get_storage_size()
+        if count > max(MAX_UNSTORED, stored / dataset.dtype.itemsize):
+            raise place.make_error(
+                f"{name} states {count} values and stores hardly any; it is damaged"
+            )
 
 
 def _read_episode(opened: _OpenEpisode) -> Episode:
@@ -220,6 +231,12 @@ def _open_group(parent: h5py.Group, name: str, place: Location) -> h5py.Group:
 
 def _open_dataset(parent: h5py.Group, name: str, place: Location) -> h5py.Dataset:
     member = _find_member(parent, name, place)
+    if isinstance(member, h5py.Group) and len(member):
+        whole = f"{name}/{next(iter(member))}"
+        raise place.make_error(
+            f"{name} must be a dataset, and is a group, as HDF5 makes one of a slash "
+            f"in a name; would fit: {whole.replace('/', '_')!r} for {whole!r}"
+        )
     if not isinstance(member, h5py.Dataset):
         raise place.make_error(f"{name} must be a dataset")
     dtype = member.dtype

@@ -17,7 +17,6 @@ from .local_polynomial import (
 )
 from .robot_summary import NOT_PREDICTED, Channel
 
-MAX_MAGNITUDE = 1e10  # of any number in SI units; MuJoCo's mjMAXVAL of a state
 MAX_EPISODE_STEPS = 2e7  # of an episode; chosen: 0.2 GB for each actuator
 MIN_SPREAD = 1e-9  # [unit] of a signal that does not move; chosen: not zero
 # of rounded readings: least count of different values, quantile of the gaps between
@@ -140,13 +139,11 @@ def collect_signal_meanings(
         By the signals' names.
 
     Raises:
-        RecordingError: two episodes mean different things by one name, or a number is
-            none that a robot has.
+        RecordingError: two episodes mean different things by one name.
     """
     meanings: dict[str, tuple[str, str, str, int]] = {}
     for recording in recordings:
         for key, episode in recording.episodes.items():
-            _check_magnitude(episode, Location(recording.file, key))
             for name, signal in episode.signals.items():
                 if signal.kind in NOT_PREDICTED:
                     continue
@@ -162,20 +159,6 @@ def collect_signal_meanings(
                         "fit: a name for each"
                     )
     return meanings
-
-
-def _check_magnitude(episode: Episode, place: Location) -> None:
-    """Refuse an episode with a number beyond `MAX_MAGNITUDE`."""
-    arrays = {"time": episode.time, "ctrl": episode.ctrl, "qpos0": episode.qpos0,
-            "qvel0": episode.qvel0}  # fmt: skip
-    arrays |= {f"signal {name!r}": s.values for name, s in episode.signals.items()}
-    for name, values in arrays.items():
-        if values is not None and (np.abs(values) > MAX_MAGNITUDE).any():
-            value = values[np.abs(values) > MAX_MAGNITUDE][0]
-            raise place.make_error(
-                f"{name} holds {value:.4g}; would fit: SI units, and no number beyond "
-                f"{MAX_MAGNITUDE:g}"
-            )
 
 
 def _find_quantum(values: Floats) -> float:
