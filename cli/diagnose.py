@@ -256,7 +256,7 @@ def _is_prediction(path: Path) -> bool:
 
     from selfheal.limited_reading import explain_dangerous
 
-    if explain_dangerous(path, "selfheal.files:read_members"):
+    if explain_dangerous(path, "selfheal.files:read_members", "h5py"):
         return False
     try:
         with h5py.File(path) as file:

@@ -210,7 +210,7 @@ def open_run(
     path = Path(path)
     if not path.is_file():
         raise RunFileError(f"{path}: no such run file")
-    if reason := explain_dangerous(path, f"{__name__}:read_members"):
+    if reason := explain_dangerous(path, f"{__name__}:read_members", "h5py"):
         raise RunFileError(f"{path}: {reason}")
     try:
         with h5py.File(path, "r") as file:

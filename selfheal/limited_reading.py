@@ -9,7 +9,6 @@ import atexit
 import json
 import os
 import resource
-import select
 import signal
 import subprocess
 import sys
@@ -28,11 +27,11 @@ MAX_EXPANSION = (
     4  # bytes added per byte of a larger file; chosen: float32 read as float64
 )
 _OUT_OF_MEMORY = 3  # exit code of a child
-_LATE = "late"
+_LATE = signal.SIGALRM.name
 _lock = Lock()
 
 
-def explain_dangerous(path: str | os.PathLike[str], reader: str) -> str:
+def explain_dangerous(path: str | os.PathLike[str], reader: str, library: str) -> str:
     """Why a file cannot be read without harm; empty where it can, or where it is not.
 
     What the reader raises itself is not reported: who reads it next says it better.
@@ -40,19 +39,21 @@ def explain_dangerous(path: str | os.PathLike[str], reader: str) -> str:
     Args:
         path: of a file.
         reader: "module:function" that is given the path.
+        library: module that does the reading; it is loaded once.
     """
     real = os.path.realpath(path)
     if not os.path.isfile(real):
         return ""
     stat = os.stat(real)
-    return _explain_version(reader, real, stat.st_mtime_ns, stat.st_size)
+    return _explain_version(reader, library, real, stat.st_mtime_ns, stat.st_size)
 
 
 @cache
-def _explain_version(reader: str, path: str, _: int, size: int) -> str:
+def _explain_version(reader: str, library: str, path: str, _: int, size: int) -> str:
     """What becomes of reading a file that was last modified at a time; read once."""
     seconds, memory = MAX_SECONDS + size / MIN_SPEED, MAX_MEMORY + MAX_EXPANSION * size
-    request = {"reader": reader, "path": path, "seconds": seconds, "memory": memory}
+    request = {"library": library, "reader": reader, "path": path, "seconds": seconds,
+               "memory": memory}  # fmt: skip
     with _lock:
         outcome = _ask_server(request)
     if not outcome:
@@ -70,7 +71,7 @@ def _explain_version(reader: str, path: str, _: int, size: int) -> str:
 
 
 def _ask_server(request: dict[str, Any]) -> Any:
-    """Have a file read by the server; falsy where that ended by itself."""
+    """Have a file read by the server; 0 where that ended by itself."""
     process = _start_server(os.getpid())
     sent, got = process.stdin, process.stdout
     assert sent and got
@@ -78,9 +79,11 @@ def _ask_server(request: dict[str, Any]) -> Any:
         sent.write(json.dumps(request) + "\n")
         sent.flush()
         return json.loads(got.readline())
-    except BaseException:  # its next answer would be to this request
+    except BaseException as error:  # its next answer would be to this request
         process.kill()
         _start_server.cache_clear()
+        if isinstance(error, OSError | ValueError):
+            return 0  # it was killed; that says nothing about the file
         raise
 
 
@@ -95,8 +98,14 @@ def _start_server(_: int) -> subprocess.Popen[str]:
         cwd="/proc",  # where no library can leave a file
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip
-    atexit.register(process.communicate)
+    atexit.register(_stop_server, process, os.getpid())
     return process
+
+
+def _stop_server(process: subprocess.Popen[str], owner: int) -> None:
+    """End a server, unless this is a fork of the process that owns it."""
+    if os.getpid() == owner:
+        process.communicate()
 
 
 def serve() -> None:
@@ -108,33 +117,28 @@ def serve() -> None:
         print(json.dumps(outcome), file=answers, flush=True)
 
 
-def _read_in_child(request: dict[str, Any]) -> Any:
-    """The end of a child that reads: an exit code, a signal's name or `_LATE`."""
+def _read_in_child(request: dict[str, Any]) -> int | str:
+    """The end of a child that reads: an exit code, or a signal's name."""
     module, _, function = request["reader"].partition(":")
-    reader = getattr(import_module(module), function)
+    import_module(request["library"])
+    read = getattr(import_module(module), function)
     child = os.fork()
     if child == 0:
-        _read_and_exit(reader, request["path"], request["memory"])
-    ended = os.pidfd_open(child)
-    is_late = not select.select([ended], [], [], request["seconds"])[0]
-    os.close(ended)
-    if is_late:
-        os.kill(child, signal.SIGKILL)
+        _read_and_exit(read, request["path"], request["seconds"], request["memory"])
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if is_late:
-        return _LATE
     return status if status >= 0 else signal.Signals(-status).name
 
 
-def _read_and_exit(reader: Any, path: str, memory: int) -> None:
-    """What a child does: read with so much more memory [B], and end."""
+def _read_and_exit(read: Any, path: str, seconds: float, memory: int) -> None:
+    """What a child does: read in so much time [s] and more memory [B], and end."""
     code = 1  # of a library that ends the process by itself
     try:
+        signal.setitimer(signal.ITIMER_REAL, seconds)  # its signal ends the process
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         limit = pages * resource.getpagesize() + memory
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        reader(path)
+        read(path)
         code = 0
     except MemoryError:
         code = _OUT_OF_MEMORY

@@ -12,7 +12,10 @@ from selfheal.recording.names import load_model
 from tests.support import harmful_readers
 from tests.support.paths import RECORDINGS
 
-READERS = harmful_readers.__name__
+
+def _explain(file, reader):
+    name = f"{harmful_readers.__name__}:{reader}"
+    return limited_reading.explain_dangerous(file, name, "numpy")
 
 
 @pytest.fixture
@@ -25,7 +28,7 @@ def file(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("reader", ["read", "refuse"])
 def test_what_ends_by_itself_is_let_pass(file, reader):
-    assert limited_reading.explain_dangerous(file, f"{READERS}:{reader}") == ""
+    assert _explain(file, reader) == ""
 
 
 @pytest.mark.parametrize(
@@ -39,19 +42,25 @@ def test_what_ends_by_itself_is_let_pass(file, reader):
     ],
 )
 def test_what_does_not_is_said(file, reader, said):
-    assert said in limited_reading.explain_dangerous(file, f"{READERS}:{reader}")
-    assert limited_reading.explain_dangerous(file, f"{READERS}:read") == ""
+    assert said in _explain(file, reader)
+    assert _explain(file, "read") == ""
 
 
 def test_a_file_is_read_again_when_it_has_changed(file):
-    reader = f"{READERS}:crash_on_content"
-    assert limited_reading.explain_dangerous(file, reader) == ""
+    assert _explain(file, "crash_on_content") == ""
     file.write_text("content")
-    assert "SIGABRT" in limited_reading.explain_dangerous(file, reader)
+    assert "SIGABRT" in _explain(file, "crash_on_content")
+
+
+def test_a_server_that_was_killed_is_started_again(file):
+    limited_reading._start_server(os.getpid()).kill()
+    assert _explain(file, "refuse") == ""
+    file.write_text("content")
+    assert "SIGABRT" in _explain(file, "crash_on_content")
 
 
 def test_what_is_no_file_is_left_to_its_reader(tmp_path):
-    assert limited_reading.explain_dangerous(tmp_path, f"{READERS}:crash") == ""
+    assert _explain(tmp_path, "crash") == ""
 
 
 MODELS = {

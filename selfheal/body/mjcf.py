@@ -238,7 +238,9 @@ def load(path: str | Path) -> Bodies:
     Raises:
         ModelError: the file is missing, does not compile or is not such a robot.
     """
-    if reason := explain_dangerous(path, "selfheal.recording.names:compile_model"):
+    if reason := explain_dangerous(
+        path, "selfheal.recording.names:compile_model", "mujoco"
+    ):
         raise ModelError(f"{path}: {reason}")
     try:
         spec = mujoco.MjSpec.from_file(str(path))

@@ -55,7 +55,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
         ModelError: MuJoCo cannot load it; the message is MuJoCo's.
     """
     name = os.fspath(path)
-    if reason := explain_dangerous(name, f"{__name__}:compile_model"):
+    if reason := explain_dangerous(name, f"{__name__}:compile_model", "mujoco"):
         raise ModelError(f"{name}: {reason}")
     try:
         model = compile_model(name)

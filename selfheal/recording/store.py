@@ -32,7 +32,7 @@ def read(path: str | os.PathLike[str]) -> Recording:
     """
     file = Location(os.fspath(path))
     reason = explain_unreadable(path)
-    if reason := reason or explain_dangerous(path, f"{__name__}:load"):
+    if reason := reason or explain_dangerous(path, f"{__name__}:load", "h5py"):
         raise file.make_error(reason)
     try:
         recording = load(path)
