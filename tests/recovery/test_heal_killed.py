@@ -47,6 +47,8 @@ def test_a_heal_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
         words = "heal", "--resume", file
     ended = _selfheal("never", *words, "--json")
     assert ended.returncode == 0, ended.stderr
+    left = {path.name for path in file.parent.iterdir()}
+    assert left == {"heal.h5", "report.html"}  # nothing of the killed ones
     assert told(file, HealRun) == told(tmp_path / "whole" / "heal.h5", HealRun)
     printed = (json.loads(made.stdout) for made in (ended, whole))
     assert len({json.dumps({**said, "seconds": 0}) for said in printed}) == 1
