@@ -12,7 +12,7 @@ from .effects import load_catalogue
 from .effects.base import Onset
 from .effects.nominal import build_nominal_terms
 from .estimation.problem import Problem, build_problem, check_enough_segments
-from .output.build_result import build_diagnosis
+from .output.build_result import build_diagnosis, explain_unpatchable
 from .output.result import Diagnosis
 from .selection.change_point import (
     choose_held_out_after,
@@ -72,7 +72,7 @@ def diagnose(
     begun = time.monotonic()
     say = progress or (lambda what, share: None)
     rng = np.random.default_rng(seed)
-    dataset, problem = _read(model, recordings, held_out, memory)
+    dataset, problem = _read(model, recordings, held_out, memory, say)
     state, onset = _fit_nominal(dataset, problem, rng, say)
     if onset and not held_out:
         later = choose_held_out_after(onset, recordings, dataset.held_out)
@@ -99,6 +99,7 @@ def _read(
     recordings: Sequence[Recording],
     held_out: Sequence[str],
     memory: str | os.PathLike[str] | None,
+    say: Progress,
 ) -> tuple[Dataset, Problem]:
     """Stage 1: the recordings, split and checked, and the segments to fit.
 
@@ -107,9 +108,12 @@ def _read(
         recordings: of the real robot.
         held_out: episodes or parts of them kept from the fit.
         memory: folder of what was worked out.
+        say: called with a message and a share (0 to 1).
     """
     dataset = prepare_dataset(model, recordings, held_out, memory)
     check_dataset(dataset)
+    if reason := explain_unpatchable(model):
+        say(f"patched.xml will be the model as given: {reason}", 0.0)
     problem = build_problem(dataset, SHORT_SEGMENT)
     check_enough_segments(dataset.training, problem)
     return dataset, problem

@@ -58,7 +58,9 @@ class MjcfDocument:
 
     def _include(self, file: Element, seen: set[str]) -> None:
         """Read the files that a file includes, and those that they include."""
-        for element in [e for e in file.walk() if e.tag == "include"]:
+        stack = _find_includes(file)[::-1]
+        while stack:
+            element = stack.pop()
             path = find_file(element.get("file") or "", self.home, element.home)
             if os.path.realpath(path) in seen:  # MuJoCo refuses it too
                 raise ModelError(f"{self.path}: {path} is included twice")
@@ -67,7 +69,7 @@ class MjcfDocument:
             text = text.replace("\r\n", "\n").replace("\n", self.newline)
             element.included = parse(text, os.path.dirname(path), path)
             element.included.parent = element
-            self._include(element.included, seen)
+            stack += _find_includes(element.included)[::-1]
 
     def list_sections(self, tag: str) -> list[Element]:
         """The model's outermost elements of a tag."""
@@ -197,20 +199,23 @@ class MjcfDocument:
 
     def _margin(self, parent: Element) -> str:
         """Line end and indentation before a child; "" where children share a line."""
-        children = [c for c in parent.children if isinstance(c, Element)]
+        children = parent.own_elements()
         indents = [i for c in children if (i := find_indentation(c)) is not None]
         if indents:
             return self.newline + indents[0]
         base = find_indentation(parent)
         if children or base is None:
             return ""
-        tops = (
-            find_indentation(c) for c in self.root.children if isinstance(c, Element)
-        )
+        tops = (find_indentation(c) for c in self.root.own_elements())
         step = next((t for t in tops if t), "").removeprefix(
             find_indentation(self.root) or ""
         )
         return self.newline + base + (step or "  ")
+
+
+def _find_includes(file: Element) -> list[Element]:
+    """Every `<include>` of a file, in the text's order."""
+    return [e for e in file.walk() if e.tag == "include"]
 
 
 def find_file(name: str, *folders: str) -> str:
@@ -292,7 +297,12 @@ def _find_place(parent: Element, tag: str) -> int:
 
 def _contains(element: Element, tag: str) -> bool:
     """Whether an element has a tag, or holds one that MuJoCo puts beside it."""
-    if element.tag == tag or element.tag == "body":
-        return element.tag == tag
-    inside = element.included.root() if element.included else element
-    return any(_contains(e, tag) for e in inside.elements())
+    stack = [element]
+    while stack:
+        element = stack.pop()
+        if element.tag == tag:
+            return True
+        if element.tag != "body":
+            inside = element.included.root() if element.included else element
+            stack += inside.elements()
+    return False

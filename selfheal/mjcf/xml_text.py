@@ -106,42 +106,61 @@ class Element:
 
     def to_text(self) -> str:
         """The element as it stands in the text."""
-        if not self.tag:
-            return self.inner_text()
-        start = (
-            f"<{self.tag}{''.join(a.to_text() for a in self.attributes)}{self.space}"
-        )
-        return f"{start}/>" if self.close is None else f"{start}>{self.inner_text()}"
+        texts: list[str] = []
+        stack: list[str | Element] = [self]
+        while (
+            stack
+        ):  # no recursion: a model may be nested more deeply than Python calls
+            piece = stack.pop()
+            if isinstance(piece, str):
+                texts.append(piece)
+                continue
+            if piece.tag:
+                texts.append(piece.start_tag())
+            if piece.close is not None:
+                stack += [piece.close, *piece.children[::-1]]
+        return "".join(texts)
 
-    def inner_text(self) -> str:
-        """The text after the start tag, up to the end tag and with it."""
-        texts = (c if isinstance(c, str) else c.to_text() for c in self.children)
-        return "".join(texts) + (self.close or "")
+    def start_tag(self) -> str:
+        """The start tag as it stands in the text."""
+        attributes = "".join(a.to_text() for a in self.attributes)
+        end = "/>" if self.close is None else ">"
+        return f"<{self.tag}{attributes}{self.space}{end}"
 
     def root(self) -> "Element":
         """Outermost element of a file."""
         return next(c for c in self.children if isinstance(c, Element))
 
+    def own_elements(self) -> "list[Element]":
+        """Child elements, with an `<include>` as such."""
+        return [c for c in self.children if isinstance(c, Element)]
+
     def elements(self) -> "Iterator[Element]":
         """Child elements, those of an included file in place of the `<include>`."""
-        for child in self.children:
-            if isinstance(child, Element):
-                if child.included:
-                    yield from child.included.root().elements()
-                else:
-                    yield child
+        stack = self.own_elements()[::-1]
+        while stack:
+            child = stack.pop()
+            if child.included:
+                stack += child.included.root().own_elements()[::-1]
+            else:
+                yield child
 
     def walk(self) -> "Iterator[Element]":
         """All elements below; after an `<include>` those of its file."""
-        for child in self.children:
-            if isinstance(child, Element):
-                yield child
-                yield from (child.included.root() if child.included else child).walk()
+        stack = self.own_elements()[::-1]
+        while stack:
+            child = stack.pop()
+            yield child
+            inside = child.included.root() if child.included else child
+            stack += inside.own_elements()[::-1]
 
     def list_includes(self) -> "list[Element]":
         """Every `<include>` that leads to this element, the outermost first."""
-        above = self.parent.list_includes() if self.parent else []
-        return [*above, self] if self.included else above
+        found, element = [], self
+        while element.parent:
+            element = element.parent
+            found += [element] if element.included else []
+        return [*found[::-1], *([self] if self.included else [])]
 
 
 def _is_same_value(name: str, old: str | None, new: str | None) -> bool:

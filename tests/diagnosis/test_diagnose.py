@@ -11,6 +11,7 @@ import pytest
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.effects import load_catalogue
+from selfheal.diagnosis.output import build_result
 from selfheal.diagnosis.output.document import format_document
 from selfheal.diagnosis.output.localization import REGIMES
 from selfheal.errors import ModelError, RecordingError, UnknownNameError
@@ -334,3 +335,36 @@ def test_an_unknown_held_out_name_is_refused(model):
 def test_a_recording_of_another_robot_is_refused(model):
     with pytest.raises(RecordingError, match="shoulder"):
         diagnose(model, [record(ROBOTS["arm"], episodes=3, seconds=0.5)])
+
+
+class _SearchBegan(Exception):
+    """Ends a diagnosis whose beginning is all that a test asks for."""
+
+
+def _listen_until_search(said: list[str]):
+    """A progress function that notes what is said, up to the search."""
+
+    def listen(what, share):
+        if what.startswith("refitting"):
+            raise _SearchBegan
+        said.append(what)
+
+    return listen
+
+
+def _refuse(*arguments):
+    raise ModelError("it has no text")
+
+
+def test_a_text_that_cannot_be_copied_is_refused_before_the_search(model, monkeypatch):
+    monkeypatch.setattr(build_result, "apply_edits", _refuse)
+    with pytest.raises(ModelError, match="it has no text"):
+        diagnose(model, [short()], progress=_listen_until_search([]))
+
+
+def test_a_text_that_cannot_be_patched_is_told_before_the_search(model, monkeypatch):
+    monkeypatch.setattr(build_result, "compile_patched", _refuse)
+    said: list[str] = []
+    with pytest.raises(_SearchBegan):
+        diagnose(model, [short()], progress=_listen_until_search(said))
+    assert said == ["patched.xml will be the model as given: it has no text"]

@@ -70,3 +70,37 @@ def test_damage_has_a_line(tmp_path):
     path = write_file(tmp_path / "m.xml", ARM.replace("</body>\n    <body", "<body"))
     with pytest.raises(ModelError, match="in <worldbody>|in <body>.*line 2[0-9]"):
         apply_edits(path, [], tmp_path)
+
+
+DEEP = 480  # elements inside each other; MuJoCo's reader takes 500 of a file
+
+
+@pytest.mark.parametrize("tag", ["body", "frame"])
+def test_a_model_may_be_nested_as_deeply_as_mujoco_reads(tag, tmp_path):
+    begin, end = f"<{tag}>" * DEEP, f"</{tag}>" * DEEP
+    inside = '<body name="in"><joint name="hinge"/><geom size="1"/></body>'
+    text = f"<mujoco><worldbody>{begin}{inside}{end}</worldbody></mujoco>"
+    path = write_file(tmp_path / "m.xml", text)
+    edits = [
+        Set("joint", "hinge", {"damping": "3"}),
+        Insert("body", "in", '<site name="new"/>'),
+        Insert("body", "world", "<geom size='2'/>"),
+    ]
+    after = compile_edited(path, edits)
+    assert after.dof_damping.tolist() == [3] and after.nsite == 1 and after.ngeom == 2
+    assert apply_edits(path, [], tmp_path) == text
+    by_id = compile_edited(path, [Set("joint", 0, {"damping": "3"})])
+    assert by_id.dof_damping.tolist() == [3]
+
+
+def test_files_may_include_each_other_as_deeply_as_mujoco_reads(tmp_path):
+    parts = ["<mujoco>{}</mujoco>", *["<mujocoinclude>{}</mujocoinclude>"] * DEEP]
+    for k, part in enumerate(parts):
+        inside = f'<include file="{k + 1}.xml"/>'
+        write_file(tmp_path / f"{k}.xml", part.format(inside))
+    inside = '<worldbody><body name="in"><joint name="hinge"/><geom size="1"/></body>'
+    last = f"<mujocoinclude>{inside}</worldbody></mujocoinclude>"
+    write_file(tmp_path / f"{len(parts)}.xml", last)
+    path = tmp_path / "0.xml"
+    after = compile_edited(path, [Set("joint", "hinge", {"damping": "3"})])
+    assert after.dof_damping.tolist() == [3]

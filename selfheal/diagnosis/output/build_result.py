@@ -96,6 +96,22 @@ def build_diagnosis(
     )
 
 
+def explain_unpatchable(model: str | os.PathLike[str]) -> str:
+    """Why no change of a model's text could be patched; empty where one can.
+
+    A patch without changes is made on trial, for this is cheap before a search.
+
+    Raises:
+        ModelError: the text cannot even be copied: a file is missing or no XML.
+    """
+    apply_edits(model, (), Path(model).resolve().parent)
+    try:
+        compile_patched(model, ())
+    except ModelError as error:
+        return str(error)
+    return ""
+
+
 def patch_or_nominal(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit], str]:
     """Text, difference and edits of `build_patch`, and "".
 
