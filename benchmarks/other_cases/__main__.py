@@ -17,7 +17,7 @@ from pathlib import Path
 from benchmarks.other_cases.cases import OTHER_CASES
 from benchmarks.other_cases.make import make_case
 from benchmarks.sealed.cases import save_case
-from selfheal.body.mjcf import silence_mujoco
+from selfheal.mujoco_files import silence_mujoco
 
 
 def main() -> int:

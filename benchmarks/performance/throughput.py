@@ -61,7 +61,7 @@ def roll_out(compiled: list, targets: np.ndarray) -> None:
     import mujoco
     from mujoco import rollout
 
-    from selfheal.body.mjcf import silence_mujoco
+    from selfheal.mujoco_files import silence_mujoco
 
     silence_mujoco()
     ramp = np.minimum(np.arange(1, STEPS + 1) / (STEPS / 2), 1)[:, None]

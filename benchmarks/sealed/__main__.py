@@ -21,8 +21,8 @@ from benchmarks.sealed.hidden_robot import UnfitDraw
 from benchmarks.sealed.page import make_sections
 from benchmarks.sealed.score import compute_figures, count_confusions, read_cases
 from benchmarks.writer import make_parser, publish_results
-from selfheal.body.mjcf import silence_mujoco
 from selfheal.errors import InputError
+from selfheal.mujoco_files import silence_mujoco
 
 
 def _is_made(options, seed: int) -> bool:

@@ -8,16 +8,12 @@ import numpy as np
 
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
+from ..recording import read_spec
 from .body import Anatomy, Bodies, Floats
 from .changes import compute_direction, tilt_gravity
 
 GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
-
-
-def silence_mujoco() -> None:
-    """Keep MuJoCo from writing MUJOCO_LOG.TXT here; what diverged shows as NaN."""
-    mujoco.set_mju_user_warning(lambda message: None)
 
 
 @dataclass(frozen=True)
@@ -243,7 +239,7 @@ def load(path: str | Path) -> Bodies:
     ):
         raise ModelError(f"{path}: {reason}")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        spec = read_spec(path)
         model = spec.compile()
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split())  # in one line

@@ -51,7 +51,8 @@ class MuJoCo:
         import mujoco
         from mujoco import rollout
 
-        from ..body.mjcf import build_spec, silence_mujoco
+        from ..body.mjcf import build_spec
+        from ..mujoco_files import silence_mujoco
 
         silence_mujoco()
         a = bodies.anatomy

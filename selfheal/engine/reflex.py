@@ -213,7 +213,7 @@ def _build_batch(plants: LeggedPlants):
     """The simulations, at rest at their start."""
     from mujoco.batch import Batch
 
-    from ..body.mjcf import silence_mujoco
+    from ..mujoco_files import silence_mujoco
 
     silence_mujoco()
     robot = plants.robot

@@ -84,7 +84,8 @@ def _compile_plant(plant: Plant):
     """A plant's model."""
     import mujoco
 
-    from ..body.mjcf import build_walking_spec, silence_mujoco
+    from ..body.mjcf import build_walking_spec
+    from ..mujoco_files import silence_mujoco
 
     silence_mujoco()
     jammed = ~np.isnan(plant.jam)

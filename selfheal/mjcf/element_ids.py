@@ -7,6 +7,7 @@ from pathlib import Path
 import mujoco
 
 from ..errors import ModelError
+from ..mujoco_files import compile_file
 from .asset_paths import relocate_paths
 from .document import MjcfDocument, describe_refusal, find_named_element, name_of
 from .xml_text import Element
@@ -77,6 +78,6 @@ def _compile(document: MjcfDocument) -> mujoco.MjModel:
         path = Path(folder) / "model.xml"
         path.write_bytes(document.file.to_text().encode())
         try:
-            return mujoco.MjModel.from_xml_path(str(path))
+            return compile_file(path)
         except ValueError as error:
             raise ModelError(describe_refusal(document.path, error)) from error

@@ -107,10 +107,9 @@ class Element:
     def to_text(self) -> str:
         """The element as it stands in the text."""
         texts: list[str] = []
+        # no recursion: a model may be nested more deeply than Python calls
         stack: list[str | Element] = [self]
-        while (
-            stack
-        ):  # no recursion: a model may be nested more deeply than Python calls
+        while stack:
             piece = stack.pop()
             if isinstance(piece, str):
                 texts.append(piece)

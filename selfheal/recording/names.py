@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
+from ..mujoco_files import compile_file, read_spec_file
 from .model import ModelNames, Target
 
 if TYPE_CHECKING:
@@ -78,10 +79,8 @@ def compile_model(name: str) -> "mujoco.MjModel":
     Raises:
         ValueError: MuJoCo's, of what it cannot read.
     """
-    import mujoco
-
     if name.endswith(_KNOWN):
-        return mujoco.MjModel.from_xml_path(name)
+        return compile_file(name)
     return read_spec(name).compile()
 
 
@@ -91,13 +90,11 @@ def read_spec(path: str | os.PathLike[str]) -> "mujoco.MjSpec":
     Raises:
         ValueError: MuJoCo's, of what it cannot read.
     """
-    import mujoco
-
     name = os.fspath(path)
     if name.endswith(_KNOWN):
-        return mujoco.MjSpec.from_file(name)
+        return read_spec_file(name)
     beside = f"{name}.xml"  # the same text, from where the same files are found
-    return mujoco.MjSpec.from_file(beside, include={beside: Path(name).read_bytes()})
+    return read_spec_file(beside, include={beside: Path(name).read_bytes()})
 
 
 def list_model_names(model: "mujoco.MjModel") -> ModelNames:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from selfheal.body.mjcf import silence_mujoco
+from selfheal.mujoco_files import silence_mujoco
 from selfheal.recording import Episode, Recording, Signal
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ...mjcf.edit import Edit, apply_edits, list_tags
+from ...mujoco_files import read_spec_file
 from ...recording.data import Floats
 
 INERTIA_FROM_GEOM = 1  # mjtInertiaFromGeom: true
@@ -90,13 +91,11 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
     Raises:
         ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.
     """
-    import mujoco
-
     with tempfile.TemporaryDirectory() as folder:
         new = Path(folder) / "model.xml"
         new.write_bytes(apply_edits(path, changes, folder).encode())  # MJCF of a URDF
         try:
-            spec = mujoco.MjSpec.from_file(str(new))
+            spec = read_spec_file(new)
             spec.compile()
         except ValueError as error:
             said = " ".join(str(error).split())

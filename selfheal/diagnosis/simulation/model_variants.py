@@ -178,9 +178,6 @@ class ModelCompiler:
         """Compile the model with the joints of terms that edit its MjSpec."""
         import mujoco
 
-        from ...body.mjcf import silence_mujoco
-
-        silence_mujoco()
         spec = read_spec(self.path)
         given = self.nominal
         # the last joint first: an added one shifts what follows it
