@@ -39,9 +39,8 @@ def test_a_nan_is_one_message_and_leaves_nothing(
 ):
     path = tmp_path / name
     path.write_text(HINGE.replace("0 0 1", value))
-    with pytest.raises(
-        (ModelError, ValueError), match="a value in it is NaN; would fit: a number"
-    ):
+    said = "a value in it is NaN; would fit: a number"
+    with pytest.raises((ModelError, ValueError), match=said):
         read(path)
     assert capfd.readouterr() == ("", "")
     assert os.listdir(tmp_path) == [name]

@@ -209,6 +209,15 @@ def restore_whole_steps(
             at_step["cvel"][:] = bound["cvel"]
 
 
+def allow_divergence() -> np.errstate:
+    """NumPy without warnings of overflow and NaN, in this thread, while entered.
+
+    A simulation that diverges computes with such numbers until it ends, and
+    `find_diverged` says then that none of them counts.
+    """
+    return np.errstate(over="ignore", invalid="ignore")
+
+
 def find_diverged(batch) -> np.ndarray:
     """(B) whether MuJoCo warned of a bad position, velocity or acceleration."""
     bad = [

@@ -10,6 +10,7 @@ from ..effects.base import implements
 from .batch import (
     BatchState,
     Hypotheses,
+    allow_divergence,
     find_diverged,
     make_batch,
     restore_whole_steps,
@@ -51,6 +52,7 @@ def simulate_batch(
     return _run_rollout(hypotheses, initial, commands, sensors, sampled_steps)
 
 
+@allow_divergence()
 def _run_rollout(
     hypotheses: Hypotheses,
     initial: BatchState,

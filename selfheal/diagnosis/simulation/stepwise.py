@@ -13,6 +13,7 @@ from ..effects.base import Effect, StepState, implements
 from .batch import (
     BatchState,
     Hypotheses,
+    allow_divergence,
     find_diverged,
     make_batch,
     restore_whole_steps,
@@ -73,6 +74,7 @@ def run_stepwise(
     threads = int(np.clip(threads, 1, len(os.sched_getaffinity(0))))
     groups = np.array_split(np.arange(n * w), threads)
 
+    @allow_divergence()
     def run_group(rows: np.ndarray) -> Floats:
         batch = make_batch(hypotheses, rows, initial, 1, shares_model=True)
         own = [a._replace(values=a.values[rows]) for a in actions]
