@@ -6,7 +6,20 @@ after a change here, clear the caches (`__pycache__/*.nb*`).
 
 import numba
 
-JIT = dict(cache=True, nogil=True, fastmath=False, error_model="numpy")
+from ._compiler_cache import warn_uncached
+
+
+def _find_cache() -> bool:
+    """Whether numba can keep what it compiles: beside this file or in the home."""
+    try:
+        numba.njit(cache=True)(_find_cache)  # compiles nothing yet
+    except RuntimeError:
+        warn_uncached("numba", "some 5 s", "NUMBA_CACHE_DIR")
+        return False
+    return True
+
+
+JIT = dict(cache=_find_cache(), nogil=True, fastmath=False, error_model="numpy")
 _ORIGIN_TOLERANCE = 1e-7  # [m] the hull holds the origin when this close to it; chosen
 
 

@@ -4,6 +4,10 @@ import os
 import sys
 from pathlib import Path
 
+from ..errors import InputError
+from ..files import check_writable_folder
+from ._compiler_cache import warn_uncached
+
 _DEVICES = "--xla_force_host_platform_device_count"
 _MOST_DEVICES = 8  # chosen: every device takes a share of each batch
 
@@ -24,18 +28,14 @@ def prepare_jax():
         _set_environment()
     import jax
 
-    if jax.config.values["jax_compilation_cache_dir"] is None and _is_cache_writable():
-        jax.config.update("jax_compilation_cache_dir", str(find_cache_folder()))
+    if jax.config.values["jax_compilation_cache_dir"] is None:
+        try:
+            folder = check_writable_folder(find_cache_folder())
+        except (InputError, RuntimeError):  # RuntimeError: there is no home folder
+            warn_uncached("JAX", "some 15 s", "JAX_COMPILATION_CACHE_DIR")
+        else:
+            jax.config.update("jax_compilation_cache_dir", str(folder))
     return jax
-
-
-def _is_cache_writable() -> bool:
-    """Whether the cache folder exists, made if need be, and takes files."""
-    try:
-        find_cache_folder().mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # RuntimeError: there is no home folder
-        return False
-    return os.access(find_cache_folder(), os.W_OK)
 
 
 def _set_environment() -> None:
