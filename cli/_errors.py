@@ -11,6 +11,8 @@ from typer.core import TyperGroup
 from selfheal.errors import InputError, SelfhealError
 from selfheal.files import DISK_ERRORS
 
+from ._streams import print_any_text
+
 
 class Group(TyperGroup):
     """Commands whose expected failures are one message and an exit code.
@@ -18,6 +20,11 @@ class Group(TyperGroup):
     2: the input was refused; 1: any other failure the package raises on purpose. What
     nobody expected keeps its traceback, and Ctrl-C is typer's 130.
     """
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command line, which prints whatever text is in files and paths."""
+        print_any_text()
+        return super().main(*args, **kwargs)
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         """Run the command that `ctx` names."""

@@ -175,7 +175,7 @@ def write_best_model(run: "Run", path: Path) -> Path:
     model = path.with_name(_MODEL)
     text = format_mjcf(build_bodies(run.anatomy, run.cycles[-1].genomes[:1]))
     with atomic_path(model) as temporary:
-        temporary.write_text(text)
+        temporary.write_text(text, encoding="utf-8")
     return model
 
 

@@ -131,7 +131,7 @@ def load_legged_robot(
         raise InputError(f"joints reach 30 or 45 degrees, not {reach:g}")
     import mujoco
 
-    text = (files("selfheal.models") / name / f"{name}.xml").read_text()
+    text = (files("selfheal.models") / name / f"{name}.xml").read_text("utf-8")
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return LeggedRobot(name, float(np.radians(reach)), apart, model)

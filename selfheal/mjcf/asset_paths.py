@@ -1,10 +1,9 @@
 """Paths of a model's files: takes a document, makes them lead from another folder."""
 
 import os
-from pathlib import Path
 
 from .document import MjcfDocument, find_file
-from .xml_text import Element
+from .xml_text import Element, format_path
 
 _FILES = {
     **dict.fromkeys(("mesh", "hfield", "skin", "flexcomp"), ("meshdir", ("file",))),
@@ -16,13 +15,13 @@ _FILES = {
 
 
 def _relative_path(path: str, folder: str) -> str:
-    """Path of a file relative to a folder, with slashes as MJCF writes it."""
-    return Path(os.path.relpath(path, folder)).as_posix()
+    """Path of a file relative to a folder, as MJCF writes it."""
+    return format_path(os.path.relpath(path, folder))
 
 
 def _redirect(element: Element, target: str, folder: str) -> None:
     """Set an element's `file` so that it leads from a folder to a target file."""
-    name = element.get("file") or ""
+    name = element.get_path("file")
     present = os.path.normpath(os.path.join(folder, name))
     if present != os.path.normpath(target):
         element.set({"file": _relative_path(target, folder)})
@@ -35,7 +34,7 @@ def relocate_paths(tree: MjcfDocument, folder: str) -> None:
     changes the paths of what follows.
     """
     for element in [e for e in tree.root.walk() if e.included]:
-        path, above = element.get("file") or "", element.parent
+        path, above = element.get_path("file"), element.parent
         target = find_file(path, tree.home, element.home)
         if (
             above
@@ -44,7 +43,7 @@ def relocate_paths(tree: MjcfDocument, folder: str) -> None:
         ):
             tree.inline(above)  # only the model's own folder led to it
     for element in [e for e in tree.root.walk() if e.tag == "model"]:
-        if not (name := element.get("file")):
+        if not (name := element.get_path("file")):
             continue  # MuJoCo will say so
         target = find_file(name, element.home, tree.home)
         if not element.list_includes() or target != find_file(
@@ -53,7 +52,7 @@ def relocate_paths(tree: MjcfDocument, folder: str) -> None:
             _redirect(tree.inline(element), target, folder)
     _relocate_assets(tree, folder)
     for element in [e for e in tree.root.walk() if e.list_includes() == [e]]:
-        target = find_file(element.get("file") or "", tree.home, element.home)
+        target = find_file(element.get_path("file"), tree.home, element.home)
         _redirect(element, target, folder)
 
 
@@ -89,8 +88,8 @@ def _find_owner(tree: MjcfDocument, kind: str) -> tuple[Element, str] | None:
 
 
 def _owner_value(owner: tuple[Element, str] | None) -> str:
-    """Value of a compiler's attribute; empty without one."""
-    return (owner[0].get(owner[1]) or "") if owner else ""
+    """Value of a compiler's attribute, a path; empty without one."""
+    return owner[0].get_path(owner[1]) if owner else ""
 
 
 def _redirect_assets(tree: MjcfDocument, kind: str, value: str) -> bool:
@@ -112,7 +111,7 @@ def _redirect_assets(tree: MjcfDocument, kind: str, value: str) -> bool:
     for element in tree.root.walk():
         folder_kind, attributes = _FILES.get(element.tag, ("", ()))
         for attribute in attributes if folder_kind == kind else ():
-            name = element.get(attribute) or ""
+            name = element.get_path(attribute)
             name = os.path.basename(name) if strips else name
             if not name or os.path.isabs(name):
                 continue

@@ -61,7 +61,7 @@ class MjcfDocument:
         stack = _find_includes(file)[::-1]
         while stack:
             element = stack.pop()
-            path = find_file(element.get("file") or "", self.home, element.home)
+            path = find_file(element.get_path("file"), self.home, element.home)
             if os.path.realpath(path) in seen:  # MuJoCo refuses it too
                 raise ModelError(f"{self.path}: {path} is included twice")
             seen.add(os.path.realpath(path))

@@ -10,7 +10,7 @@ from ..errors import ModelError
 from ..mujoco_files import compile_file
 from .asset_paths import relocate_paths
 from .document import MjcfDocument, describe_refusal, find_named_element, name_of
-from .xml_text import Element
+from .xml_text import Element, encode_text
 
 _KINDS = {  # MuJoCo's name of an object with an id, and where a model counts it
     "body": ("BODY", "nbody"),
@@ -76,7 +76,7 @@ def _compile(document: MjcfDocument) -> mujoco.MjModel:
     with tempfile.TemporaryDirectory() as folder:
         relocate_paths(document, os.path.realpath(folder))
         path = Path(folder) / "model.xml"
-        path.write_bytes(document.file.to_text().encode())
+        path.write_bytes(encode_text(document.file.to_text()))
         try:
             return compile_file(path)
         except ValueError as error:

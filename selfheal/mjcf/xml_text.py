@@ -4,9 +4,11 @@ MuJoCo's reader forgives more than XML does ("--" in a comment, a bare "&"), and
 this one.
 """
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ..errors import ModelError
 
@@ -82,6 +84,10 @@ class Element:
     def get(self, name: str) -> str | None:
         """Value of an attribute; None without it."""
         return next((a.value for a in self.attributes if a.name == name), None)
+
+    def get_path(self, name: str) -> str:
+        """Value of an attribute as a path of this system; empty without it."""
+        return os.fsdecode((self.get(name) or "").encode(errors="surrogateescape"))
 
     def find_changes(
         self, attributes: Mapping[str, str | None]
@@ -239,6 +245,16 @@ def find_indentation(element: Element) -> str | None:
     if line_end and not indent.strip():
         return indent
     return None if element.parent.tag else ""
+
+
+def format_path(path: str) -> str:
+    """Text of a path of this system: whatever bytes it has, `encode_text` writes."""
+    return os.fsencode(Path(path).as_posix()).decode(errors="surrogateescape")
+
+
+def encode_text(text: str) -> bytes:
+    """A text as UTF-8; in paths of other bytes, these."""
+    return text.encode(errors="surrogateescape")
 
 
 def list_comments(pieces: Iterable[str | Element]) -> list[str]:

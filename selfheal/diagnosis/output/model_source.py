@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ...mjcf.edit import Edit, apply_edits, list_tags
+from ...mjcf.xml_text import encode_text
 from ...mujoco_files import read_spec_file
 from ...recording.data import Floats
 
@@ -93,7 +94,8 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
     """
     with tempfile.TemporaryDirectory() as folder:
         new = Path(folder) / "model.xml"
-        new.write_bytes(apply_edits(path, changes, folder).encode())  # MJCF of a URDF
+        text = apply_edits(path, changes, folder)  # of a URDF its MJCF
+        new.write_bytes(encode_text(text))
         try:
             spec = read_spec_file(new)
             spec.compile()

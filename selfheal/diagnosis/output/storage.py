@@ -12,6 +12,7 @@ from uuid import uuid4
 
 from ...errors import InputError
 from ...files import check_writable, lock_file, make_write_error
+from ...mjcf.xml_text import encode_text
 from .document import format_document
 from .schema import check_entries
 
@@ -112,8 +113,8 @@ def write_diagnosis(
     new = folder.parent / f".{folder.name}.{uuid4().hex[:8]}.tmp"
     try:
         new.mkdir(parents=True)
-        (new / "diagnosis.json").write_text(format_document(document))
-        (new / "patched.xml").write_bytes(patched.encode())
+        (new / "diagnosis.json").write_text(format_document(document), encoding="utf-8")
+        (new / "patched.xml").write_bytes(encode_text(patched))
         (new / "report.html").write_text(page, encoding="utf-8")
         _replace_folder(new, folder)
     except OSError as error:
@@ -148,7 +149,7 @@ def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """
     path = Path(folder) / "diagnosis.json"
     try:
-        document = json.loads(path.read_text())
+        document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:
