@@ -182,7 +182,8 @@ def _summarize_run(run: "Run") -> Iterator[str]:
             f"{run.indistinguishable_trees}"
         )
     counts = ", ".join(f"{name} {count:,}" for name, count in run.counts.items())
-    yield f"simulations: {counts}; {result['seconds']} s"
+    seconds = result.get("seconds", round(cycle.seconds, 1))  # no file, no seconds
+    yield f"simulations: {counts}; {seconds} s"
 
 
 def show(
@@ -192,7 +193,7 @@ def show(
     """Show a finished or interrupted run."""
     from selfheal.api.identification import write_identify_report
     from selfheal.errors import InputError
-    from selfheal.selfmodel.run import load_run
+    from selfheal.selfmodel.read_run import load_run
 
     run = load_run(file)
     if as_json:

@@ -14,7 +14,7 @@ from selfheal.errors import InputError, RunLockError, UnknownNameError
 from selfheal.files import lock_file
 from selfheal.recovery import hypotheses
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.run import load_run
+from selfheal.selfmodel.read_run import load_run
 from tests.support import short_heal, short_recover
 
 SMALL = {"engine": "statics", "cycles": 1, "budget": 300, "seed": 5}

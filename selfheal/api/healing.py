@@ -106,7 +106,8 @@ def load_identified(
         RunFileError: the run cannot be read.
     """
     from ..robot.base import open_robot, require_walker
-    from ..selfmodel.run import Run, load_run
+    from ..selfmodel.read_run import load_run
+    from ..selfmodel.run import Run
 
     found = run if isinstance(run, Run) else load_run(run)
     if not found.result:

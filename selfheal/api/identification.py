@@ -77,7 +77,8 @@ def identify(
     """
     from ..files import lock_file
     from ..selfmodel.loop import check_settings
-    from ..selfmodel.run import Run, load_run, save_run
+    from ..selfmodel.read_run import load_run
+    from ..selfmodel.run import Run, save_run
 
     told = progress or (lambda count: None), on_step or (lambda run: None)
     if resume is not None:

@@ -1,7 +1,7 @@
 """Damage as data: what may happen to a robot or its world, in words and numbers."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError, UnknownNameError
@@ -83,6 +83,45 @@ class Damage:
 
 
 INTACT = Damage("none")
+_LARGEST_VALUE = 1e6  # beyond it a value is no damage; chosen
+_FACTOR_KINDS = ("part_scale", "weak_motor", "weak_sensor", "ground_friction")
+
+
+def explain_misfit(
+    damage: Damage, names: Mapping[str, Collection[str]] | None = None
+) -> str:
+    """What of a damage makes no sense, in words; "" if nothing.
+
+    Args:
+        damage: as a file says it.
+        names: what a robot has of each sort of target, "body" say; None: any names.
+    """
+    if damage.kind not in KINDS:
+        return f"kind {damage.kind!r}; would fit: {', '.join(KINDS)}"
+    sort, (found, _, name) = KINDS[damage.kind][0], damage.target.partition(":")
+    if found != sort or (sort == "world") == bool(name):
+        return f"target {damage.target!r}; would fit: a {sort}"
+    if names is not None and name and name not in names.get(sort, ()):
+        fits = ", ".join(names.get(sort, ())) or "none"
+        return f"target {damage.target!r}; would fit: {fits}"
+    low = 0.0 if damage.kind in _FACTOR_KINDS else -_LARGEST_VALUE
+    value, azimuth = damage.value, damage.azimuth
+    if not low <= value <= _LARGEST_VALUE or (damage.kind, value) == ("part_scale", 0):
+        return f"value {value:g}; would fit: {KINDS[damage.kind][1]}"
+    if not abs(azimuth) <= _LARGEST_VALUE:
+        return f"azimuth {azimuth:g}; would fit: an angle [rad]"
+    return ""
+
+
+def list_targets(anatomy: Anatomy) -> dict[str, tuple[str, ...]]:
+    """Names of what may break of a robot, by what it is."""
+    servos = tuple(f"{joint}_servo" for joint in anatomy.joints)
+    return {
+        "body": anatomy.parts,
+        "joint": anatomy.joints,
+        "actuator": (*servos, *anatomy.joints),
+        "sensor": list_sensors(anatomy),
+    }
 
 
 def describe_damages(damages: Iterable[Damage]) -> str:

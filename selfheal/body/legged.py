@@ -96,6 +96,17 @@ class LeggedRobot:
             found[name] = DamageSite(name, part, (*before, dof))
         return tuple(found.values())
 
+    @property
+    def targets(self) -> dict[str, tuple[str, ...]]:
+        """Names of what may break, by what it is."""
+        return {
+            "body": self.parts,
+            "joint": tuple(site.name for site in self.damage_sites),
+            "actuator": self.motors,
+            "sensor": self.sensors,
+            "neuron": tuple(map(str, range(HIDDEN))),
+        }
+
     @cached_property
     def _joints(self) -> list[Any]:
         """The joint of each motor."""

@@ -8,9 +8,14 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
-from ..body.body import Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats
+from ..body.damage import explain_misfit, list_targets
+from ..engine.walk import list_channels
+from ..errors import RunFileError
+from ..gait.pattern import find_pattern
 from .phased_run import run_phases
-from .phases import HealPhases, Progress, RobotStates
+from .phases import HealPhases, Progress, RobotStates, read_damage
+from .probes import find_residual_scale, list_probes
 from .record import HealRun, HealSettings, read_gait
 
 
@@ -33,9 +38,60 @@ def heal_robot(
         run: one to go on with, made by the same robots and settings; None = start.
         progress: told the phase, what is done, and how much of it.
     """
+    run = run or HealRun(settings)
+    check_same_body(run, models)
     work = HealPhases(robots, models, weights, settings, progress)
     ended = partial(_summarize_run, robot=robots.intact.name)
-    return run_phases(run or HealRun(settings), work.run_next, ended)
+    return run_phases(run, work.run_next, ended)
+
+
+def check_same_body(run: HealRun, models: Bodies) -> None:
+    """Refuse a heal that was begun with another body, or whose numbers do not fit it.
+
+    Raises:
+        RunFileError: says what does not fit.
+    """
+    anatomy, targets = models.anatomy, list_targets(models.anatomy)
+    told = [run.settings.damage, *([read_damage(b) for b in p["believed"]]
+            for p in run.phases.values() if "believed" in p)]  # fmt: skip
+    for damage in (damage for damages in told for damage in damages):
+        if wrong := explain_misfit(damage, targets):
+            raise _make_misfit_error(f"a damage is of {wrong}")
+    channels = len(list_channels(anatomy).names)
+    sizes = {"angles": anatomy.size, "felt": channels}
+    for name, phase in run.phases.items():
+        for key, values in phase.items():
+            width = sizes.get(key.rpartition("_")[2])
+            if width is not None and values.shape[-1] != width:
+                found = f"{key} of {name} has {values.shape[-1]} columns"
+                raise _make_misfit_error(f"{found}; would fit: {width}")
+        if "gait" in phase:
+            kept = read_gait(phase)
+            count = find_pattern(kept.pattern).count_genes(anatomy.size)
+            if len(kept.genes) != count:
+                found = f"the gait of {name} has {len(kept.genes)} genes"
+                raise _make_misfit_error(f"{found}; would fit: {count}")
+    if run.actions:
+        _check_actions(run, anatomy)
+
+
+def _check_actions(run: HealRun, anatomy: Anatomy) -> None:
+    """Refuse actions that are none of the probes, or felt something else than these."""
+    probes = list_probes(read_gait(run.phases["gait"]), anatomy.joints)
+    names = list_channels(anatomy).names
+    for k, told in enumerate(run.actions, 1):
+        if told["probe"] >= len(probes):
+            found = f"the probe of action {k} is {told['probe']}"
+            raise _make_misfit_error(f"{found}; would fit: 0 to {len(probes) - 1}")
+        count = len(find_residual_scale(probes[told["probe"]], names))
+        if told["values"].shape != (count,):
+            found = f"action {k} has {told['values'].size} values"
+            raise _make_misfit_error(f"{found}; would fit: {count}")
+
+
+def _make_misfit_error(said: str) -> RunFileError:
+    """The error of a heal and a run that do not belong together."""
+    return RunFileError(f"the heal does not fit the body of its run: {said}")
 
 
 def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:

@@ -7,16 +7,52 @@ phases/<name> each: arrays as datasets, all else as JSON.
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..body.damage import Damage
-from ..files import atomic_hdf5, open_run
+from ..body.damage import Damage, explain_misfit
+from ..errors import InputError, RunFileError
+from ..files import atomic_hdf5
+from ..schema import Array, Members, Number, open_members
 
 Phase = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Timed:
+    """What every phase tells.
+
+    Attributes:
+        seconds: that it took [s].
+    """
+
+    seconds: Number
+
+
+@dataclass(frozen=True)
+class KeptDamage(Damage):
+    """A damage as a phase keeps it; one that makes no sense is refused."""
+
+    def __post_init__(self) -> None:
+        """Refuse it with a ValueError."""
+        if wrong := explain_misfit(self):
+            raise ValueError(wrong)
+
+
+@dataclass(frozen=True)
+class PhaseSchema:
+    """What a file holds of a phase.
+
+    Attributes:
+        told: the type of all that is JSON.
+        arrays: each dataset by its name.
+    """
+
+    told: type[Timed]
+    arrays: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -33,6 +69,7 @@ class PhasedRun:
     FORMAT: ClassVar[str]
     VERSION: ClassVar[int]
     SETTINGS: ClassVar[type]
+    RESULT: ClassVar[type]
 
     settings: Any
     phases: Mapping[str, Phase] = field(default_factory=dict)
@@ -42,6 +79,25 @@ class PhasedRun:
     def seconds(self) -> float:
         """Time spent so far, interruptions left out [s]."""
         return sum(phase["seconds"] for phase in self.phases.values())
+
+    @staticmethod
+    def measure_sizes(settings: Any) -> dict[str, int]:
+        """Lengths that arrays of a run with these settings have, by name."""
+        return {}
+
+    @staticmethod
+    def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
+        """Names of the phases one of which comes next; none at the end."""
+        raise NotImplementedError
+
+    @staticmethod
+    def find_schema(settings: Any, name: str) -> PhaseSchema:
+        """What a file holds of a phase."""
+        raise NotImplementedError
+
+    def explain_misfit(self) -> str:
+        """What does not fit together in a run that was read; "" if all of it does."""
+        return ""
 
 
 R = TypeVar("R", bound=PhasedRun)
@@ -103,16 +159,50 @@ def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
             version, or damaged.
     """
     form, version = kind.FORMAT, kind.VERSION
-    with open_run(path, kind.WHAT, form=form, version=version) as file:
-        settings = json.loads(file.attrs["settings"])
-        settings["damage"] = tuple(Damage(**d) for d in settings["damage"])
-        result = json.loads(file.attrs["result"])
-        phases: dict[str, Phase] = {}
-        for name, group in sorted(file.get("phases", {}).items()):
-            told = json.loads(group["told"][()])
-            arrays = {k: v[()] for k, v in group.items() if k != "told"}
-            phases[name.partition(" ")[2]] = {**told, **arrays}
-        return kind(kind.SETTINGS(**settings), phases, result)
+    with open_members(path, kind.WHAT, form=form, version=version) as file:
+        settings = file.read_json("settings", kind.SETTINGS)
+        for damage in settings.damage:
+            if wrong := explain_misfit(damage):
+                raise file.make_error("attribute settings.damage", f"of {wrong}")
+        result = file.read_document("result", kind.RESULT)
+        try:
+            file.sizes.update(kind.measure_sizes(settings))
+        except InputError as error:
+            said = f"of no robot that there is ({error})"
+            raise file.make_error("attribute settings", said) from error
+        run = kind(settings, _read_phases(file, kind, settings), result)
+        if wrong := run.explain_misfit():
+            raise RunFileError(f"{file.title}: {wrong}")
+    return run
+
+
+def _read_phases(
+    file: Members, kind: type[PhasedRun], settings: Any
+) -> dict[str, Phase]:
+    """The phases of an open file, in order.
+
+    Args:
+        file: opened.
+        kind: of the run.
+        settings: of the run.
+    """
+    phases: dict[str, Phase] = {}
+    if "phases" not in file.list_names():
+        return phases
+    group = file.open_group("phases")
+    for k, member in enumerate(group.list_names()):
+        asked = kind.list_next_phases(settings, tuple(phases))
+        number, _, name = member.partition(" ")
+        if number != f"{k:03d}" or name not in asked:
+            fits = " or ".join(f"'{k:03d} {each}'" for each in asked) or "no phase more"
+            raise group.make_error(f"member {k + 1}", repr(member), fits)
+        schema, members = kind.find_schema(settings, name), group.open_group(member)
+        text = members.read("told", str)
+        members.parse("told", text, schema.told)
+        arrays = members.read_table(schema.arrays)
+        phases[name] = {**json.loads(text), **arrays}
+        file.sizes.update(members.sizes)
+    return phases
 
 
 def _to_list(value: Any) -> Any:

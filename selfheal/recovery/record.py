@@ -1,13 +1,16 @@
 """Heals as records: what was asked, the phases so far, the gaits in them."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from ..body.damage import Damage
 from ..gait.synthesis import Gait
-from .phased_run import Phase, PhasedRun
+from ..schema import Array, Count, Finite, Number, Probability
+from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
 
 
 @dataclass(frozen=True)
@@ -25,10 +28,168 @@ class HealSettings:
 
     run: str
     damage: tuple[Damage, ...]
-    onset: float
+    onset: Finite
     gait: str = "waves"
-    heading: float = 0.0
-    seed: int = 0
+    heading: Finite = 0.0
+    seed: Count = 0
+
+
+@dataclass(frozen=True)
+class KeptGait:
+    """A gait as a phase keeps it; see `gait.synthesis.Gait`."""
+
+    pattern: str
+    genes: Annotated[list[Finite], Field(min_length=1)]
+    heading: Finite
+    predicted: Number
+    low: Number
+    high: Number
+    simulations: Count
+    failed: Count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Belief(KeptDamage):
+    """A hypothesis as a phase keeps it.
+
+    Attributes:
+        probability: that it is what happened.
+    """
+
+    probability: Probability
+
+
+Beliefs = Annotated[list[Belief], Field(min_length=1)]
+
+
+@dataclass(frozen=True)
+class KeptAlarm:
+    """An alarm as a result has it; see `monitor.Alarm`."""
+
+    time: Finite
+    sensor: str
+    p_value: Finite
+
+
+@dataclass(frozen=True)
+class Distances:
+    """How far a robot came in its walks [m].
+
+    Attributes:
+        intact: whole.
+        damaged: broken, as it walked before.
+        healed: broken, with what was found for that.
+        best_known: made knowing the damage; None where nobody knows it.
+    """
+
+    intact: Number | None
+    damaged: Number | None
+    healed: Number | None
+    best_known: Number | None
+
+
+@dataclass(frozen=True)
+class HealResult:
+    """What `heal --json` prints, as the schema of a heal's result.
+
+    Attributes:
+        robot: its name.
+        alarm: None where none was raised.
+        actions: how many were taken after it.
+        distance: walked [m].
+        predicted: of the gaits [m].
+        seconds: that it took [s].
+    """
+
+    robot: str
+    alarm: KeptAlarm | None
+    actions: Count
+    distance: Distances
+    predicted: dict[str, Number | None]
+    seconds: Number
+
+
+@dataclass(frozen=True)
+class _MadeGait(Timed):
+    gait: KeptGait
+
+
+@dataclass(frozen=True)
+class _HealedGait(_MadeGait):
+    kept: bool
+
+
+@dataclass(frozen=True)
+class _IntactWalk(Timed):
+    distance: Number
+
+
+@dataclass(frozen=True)
+class _Alarm(Timed):
+    alarm: KeptAlarm | None
+    threshold: Annotated[float, Field(gt=0, le=1e6)]
+
+
+@dataclass(frozen=True)
+class _Action(Timed):
+    probe: Count
+    why: str
+    expected: Number
+    believed: Beliefs
+
+
+@dataclass(frozen=True)
+class _Verdict(Timed):
+    believed: Beliefs
+
+
+@dataclass(frozen=True)
+class _BothWalks(Timed):
+    damaged: Number
+    healed: Number
+
+
+@dataclass(frozen=True)
+class _InformedWalk(Timed):
+    distance: Number | None
+    gait: KeptGait | None = None
+
+
+def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, Array]:
+    """What is kept of a walk of so many rows; see `HealPhases._extract_path`."""
+    return {
+        f"{prefix}position": Array((rows, 3), has_gaps=True),
+        f"{prefix}orientation": Array((rows, 4), has_gaps=True),
+        f"{prefix}angles": Array((rows, "P"), has_gaps=True),
+    }
+
+
+_FELT = Array(("whole rows", "C"), has_gaps=True)
+_FIRST, _LAST = ("gait", "whole", "alarm"), ("healed", "walked", "known")
+# P joints, C channels; a walk has as many rows as samples
+_SCHEMAS = {
+    "gait": PhaseSchema(_MadeGait),
+    "whole": PhaseSchema(
+        _IntactWalk,
+        {**_list_path_arrays("whole rows"), "felt": _FELT},
+    ),
+    "alarm": PhaseSchema(
+        _Alarm,
+        {
+            "angles": Array(("P",), has_gaps=True),
+            "time": Array(("windows",)),
+            "sums": Array(("windows", "sums"), has_gaps=True),
+        },
+    ),
+    "ask": PhaseSchema(_Action, {"values": Array((None,), has_gaps=True)}),
+    "verdict": PhaseSchema(_Verdict),
+    "healed": PhaseSchema(_HealedGait),
+    "walked": PhaseSchema(
+        _BothWalks,
+        _list_path_arrays("rows", "damaged_") | _list_path_arrays("rows", "healed_"),
+    ),
+    "known": PhaseSchema(_InformedWalk),
+}
 
 
 @dataclass(frozen=True)
@@ -39,6 +200,7 @@ class HealRun(PhasedRun):
     FORMAT: ClassVar[str] = "selfheal-heal-run"
     VERSION: ClassVar[int] = 1
     SETTINGS: ClassVar[type] = HealSettings
+    RESULT: ClassVar[type] = HealResult
 
     settings: HealSettings
 
@@ -46,6 +208,27 @@ class HealRun(PhasedRun):
     def actions(self) -> list[Phase]:
         """The actions taken after the alarm."""
         return [p for name, p in self.phases.items() if name.startswith("ask")]
+
+    @staticmethod
+    def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
+        """Names of the phases one of which comes next; none at the end."""
+        if len(done) < len(_FIRST):
+            return _FIRST[len(done) :][:1]
+        if "verdict" not in done:
+            return f"ask-{len(done) - len(_FIRST) + 1:02d}", "verdict"
+        return _LAST[len(done) - done.index("verdict") - 1 :][:1]
+
+    @staticmethod
+    def find_schema(settings: Any, name: str) -> PhaseSchema:
+        """What a file holds of a phase."""
+        return _SCHEMAS[name.partition("-")[0]]
+
+    def explain_misfit(self) -> str:
+        """What does not fit together; a result needs all phases."""
+        left = self.list_next_phases(self.settings, tuple(self.phases))
+        if self.result and left:
+            return f"there is a result, but no phase {' or '.join(left)}"
+        return ""
 
 
 def serialize_gait(gait: Gait) -> dict[str, Any]:

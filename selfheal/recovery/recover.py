@@ -78,16 +78,10 @@ def recover_robot(
 def _find_next_phase(run: RecoverRun) -> str:
     """The name of the next phase; none at the end."""
     settings, done = run.settings, list(run.phases)
-    if settings.method == "hardware-only":
-        names = ["original", "failure", "hardware"]
-    else:
-        turns = [f"{what}-{k}" for k in range(1, settings.trials + 1)
-                 for what in ("estimate", "explore", "trial")]  # fmt: skip
-        names = ["original", "failure", *turns]
-    left = names[len(done) :]
+    left = run.list_next_phases(settings, done)
     if settings.method == "ours" and done and done[-1].startswith("trial"):
         ways = [run.phases[name]["way"] for name in ("original", done[-1])]
-        left = left if ways[1] < ways[0] else []  # as far as ever: no need to go on
+        left = left if ways[1] < ways[0] else ()  # as far as ever: no need to go on
     return left[0] if left else ""
 
 

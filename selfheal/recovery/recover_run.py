@@ -1,15 +1,20 @@
 """Recoveries as records: what was asked, the phases so far, the hypotheses in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
-from ..body.damage import INTACT, Damage, describe_damages
+from ..body.damage import INTACT, Damage, describe_damages, explain_misfit
 from ..body.legged import LeggedRobot, load_legged_robot, reduce_damages
-from .estimate import Hypothesis, Trial
-from .phased_run import Phase, PhasedRun
+from ..engine.reflex import STEPS, STEPS_PER_SAMPLE
+from ..robot.scenarios import SCENARIOS
+from ..schema import Array, Count, Number, PositiveCount, Probability
+from .estimate import GENES, VALUES, Hypothesis, Trial
+from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .record import Distances
 
 METHODS = {
     "ours": "sensor series, graded damage, the world; trials that separate hypotheses",
@@ -40,17 +45,95 @@ class RecoverSettings:
     scenario: int
     damage: tuple[Damage, ...]
     method: str = "ours"
-    seed: int = 0
+    seed: Count = 0
     reach: float = 30.0
     apart: bool = False
-    gap: float = 0.0
-    trials: int = TRIALS
-    generations: int = 30
+    gap: Probability = 0.0
+    trials: PositiveCount = TRIALS
+    generations: PositiveCount = 30
 
     @property
     def legged_robot(self) -> LeggedRobot:
         """The robot's body as it was built."""
         return load_legged_robot(self.robot, self.reach, self.apart)
+
+
+@dataclass(frozen=True)
+class RecoverResult:
+    """What `recover --json` prints, as the schema of a recovery's result.
+
+    Attributes:
+        actions: trials of the broken robot.
+        distance: walked [m]; None where there was none to measure.
+        seconds: that it took [s].
+    """
+
+    actions: Count
+    distance: Distances
+    seconds: Number
+
+
+@dataclass(frozen=True)
+class _Rollout(Timed):
+    way: Number
+
+
+@dataclass(frozen=True)
+class _Search(Timed):
+    asked: Count
+
+
+@dataclass(frozen=True)
+class _SearchAndRollout(_Rollout):
+    asked: Count
+
+
+@dataclass(frozen=True)
+class _Estimate(Timed):
+    believed: Annotated[list[tuple[KeptDamage, ...]], Field(min_length=1)]
+    probability: list[Probability]
+
+
+@dataclass(frozen=True)
+class _Controller(_Search):
+    why: str
+    predicted: Number
+
+
+# W weights of a controller, S sensors, T samples of a run, D motors, K controllers
+_SEARCH = {
+    "pool": Array(("K", "W")),
+    "best": Array(("generations",), has_gaps=True),
+    "weights": Array(("W",)),
+}
+_ROLLOUT = {
+    "sensed": Array(("T", "S"), has_gaps=True),
+    "path": Array(("T", 3), has_gaps=True),
+}
+_SCHEMAS = {
+    "original": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
+    "failure": PhaseSchema(_Rollout, _ROLLOUT),
+    "estimate": PhaseSchema(
+        _Estimate,
+        {
+            "genome": Array((GENES * VALUES,), low=-1.0, high=1.0),
+            "best": Array(("generations",), has_gaps=True),
+        },
+    ),
+    "explore": PhaseSchema(_Controller, _SEARCH),
+    "trial": PhaseSchema(_Rollout, _ROLLOUT),
+    "hardware": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
+}
+_FACTORS = Array(("trims", "factors"), low=0.0, high=1e6)
+_OURS = {
+    "original": replace(
+        _SCHEMAS["original"],
+        arrays={**_SCHEMAS["original"].arrays, "trims": _FACTORS},
+    ),
+    "estimate": PhaseSchema(
+        _Estimate, {"scale": Array(("compared", "S"), low=1e-9, high=1e6)}
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -61,6 +144,7 @@ class RecoverRun(PhasedRun):
     FORMAT: ClassVar[str] = "selfheal-recover-run"
     VERSION: ClassVar[int] = 2
     SETTINGS: ClassVar[type] = RecoverSettings
+    RESULT: ClassVar[type] = RecoverResult
 
     settings: RecoverSettings
 
@@ -78,6 +162,61 @@ class RecoverRun(PhasedRun):
         return [Trial(done[by]["weights"], float(done[name]["way"]),
                       done[name]["sensed"])
                 for name, by in asked.items() if name in done]  # fmt: skip
+
+    @staticmethod
+    def measure_sizes(settings: Any) -> dict[str, int]:
+        """Lengths that arrays of a run with these settings have, by name."""
+        robot = settings.legged_robot
+        return {
+            "W": robot.synapses,
+            "S": len(robot.sensors),
+            "T": STEPS // STEPS_PER_SAMPLE,
+            "factors": 2 + len(robot.motors),
+        }
+
+    @staticmethod
+    def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
+        """The name of the phase that comes next; none at the end."""
+        if settings.method == "hardware-only":
+            names = ["original", "failure", "hardware"]
+        else:
+            turns = [f"{what}-{k}" for k in range(1, settings.trials + 1)
+                     for what in ("estimate", "explore", "trial")]  # fmt: skip
+            names = ["original", "failure", *turns]
+        return names[len(done) :][:1]
+
+    @staticmethod
+    def find_schema(settings: Any, name: str) -> PhaseSchema:
+        """What a file holds of a phase."""
+        kind = name.partition("-")[0]
+        ours = _OURS if settings.method == "ours" else {}
+        return ours.get(kind, _SCHEMAS[kind])
+
+    def explain_misfit(self) -> str:
+        """What does not fit together of settings, damages, phases and result."""
+        s, names = self.settings, list(self.phases)
+        for what, known in (("method", METHODS), ("scenario", SCENARIOS)):
+            if (given := getattr(s, what)) not in known:
+                fits = ", ".join(map(str, known))
+                return f"{what} of the settings is {given!r}; would fit: {fits}"
+        targets = s.legged_robot.targets
+        for where, damages in [("settings", s.damage), *self._list_believed()]:
+            for damage in damages:
+                if wrong := explain_misfit(damage, targets):
+                    return f"a damage of {where} is of {wrong}"
+        for name, phase in self.phases.items():
+            if len(phase.get("believed", ())) != len(phase.get("probability", ())):
+                return f"{name} has not a probability for each hypothesis"
+        left = self.list_next_phases(s, names)
+        may_end = s.method == "ours" and bool(names) and names[-1].startswith("trial")
+        if self.result and left and not may_end:
+            return f"there is a result, but no phase {left[0]}"
+        return ""
+
+    def _list_believed(self) -> list[tuple[str, Hypothesis]]:
+        """Phase and damages of each hypothesis."""
+        return [(name, h) for name, phase in self.phases.items()
+                if "believed" in phase for h in read_hypotheses(phase)]  # fmt: skip
 
 
 def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:

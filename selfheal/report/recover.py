@@ -54,7 +54,7 @@ def _write_lead(run: RecoverRun) -> str:
     s, spent, d = run.settings, run.result["actions"], run.result["distance"]
     end = ""
     if s.method != "hardware-only":
-        last = read_hypotheses(run.phases[f"estimate-{spent}"])[0]
+        last = read_hypotheses(run.estimates[-1])[0]
         end = f" In the end it believes: {describe_damages(last)}."
     return (
         f"What happened: {describe_damages(s.damage)}. Method: {s.method} "

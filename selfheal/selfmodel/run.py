@@ -8,13 +8,13 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, get_origin
+from typing import Any
 
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
-from ..files import atomic_hdf5, open_run
+from ..files import atomic_hdf5
 
 FORMAT, VERSION = "selfheal-run", 2
 
@@ -157,58 +157,3 @@ def _write_dataclass(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
         if f.name not in skip:
             value = getattr(data, f.name)
             group[f.name] = json.dumps(value) if isinstance(value, tuple) else value
-
-
-def _read_dataclass(group: Any, kind: type, **known: Any) -> Any:
-    """Read what `_write_dataclass` wrote; members in `known` come from there."""
-    values = dict(known)
-    for f in fields(kind):
-        if f.name in values:
-            continue
-        value = group[f.name][()]
-        if isinstance(value, bytes):
-            value = value.decode()
-        if get_origin(f.type) is tuple:
-            value = tuple(json.loads(value))
-        values[f.name] = value.item() if isinstance(value, np.generic) else value
-    return kind(**values)
-
-
-def load_run(path: str | os.PathLike[str]) -> Run:
-    """Read a run.
-
-    Raises:
-        RunFileError: missing, held by another process, truncated, no run file, or of
-            another version.
-    """
-    with open_run(path, "run file", form=FORMAT, version=VERSION) as file:
-        return _read_run(file)
-
-
-def _read_run(file: Any) -> Run:
-    """The run in an open file."""
-    anatomy = _read_dataclass(file["anatomy"], Anatomy)
-    cycles = tuple(
-        _read_dataclass(
-            group, Cycle, genomes=_read_dataclass(group["genomes"], Genomes)
-        )
-        for _, group in sorted(file.get("cycles", {}).items())
-    )
-    truth = (
-        _read_dataclass(file["truth"], Bodies, anatomy=anatomy)
-        if "truth" in file
-        else None
-    )
-    state = {k: v[()] for k, v in file["state"].items()}
-    texts = {k: v.decode() if isinstance(v, bytes) else v for k, v in state.items()}
-    return Run(
-        settings=Settings(**json.loads(file.attrs["settings"])),
-        anatomy=anatomy,
-        actions=file["actions"][()],
-        cycles=cycles,
-        truth=truth,
-        counts=json.loads(file.attrs["counts"]),
-        state=texts,
-        result=json.loads(file.attrs["result"]),
-        indistinguishable=file["alike"][()],
-    )

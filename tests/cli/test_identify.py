@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 from selfheal.cli import app
 from selfheal.recording import Recording, write
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.run import Run, Settings, load_run, save_run
+from selfheal.selfmodel.read_run import load_run
+from selfheal.selfmodel.run import Run, Settings, save_run
 from tests.support.stick_robot import Toy
 
 SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]

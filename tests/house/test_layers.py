@@ -10,8 +10,8 @@ import pytest
 from tests.support.paths import ROOT
 
 ROOMS = [
-    *("errors", "limited_reading", "files", "mujoco_files", "recording", "mjcf"),
-    *("body", "engine"),
+    *("errors", "limited_reading", "files", "mujoco_files", "schema", "recording"),
+    *("mjcf", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),
 ]

@@ -19,7 +19,8 @@ from selfheal.files import lock_file
 from selfheal.recording import Recording
 from selfheal.selfmodel.loop import check_settings, identify_body, read_rest_channels
 from selfheal.selfmodel.prior import compute_prior_cost
-from selfheal.selfmodel.run import Run, Settings, load_run, save_run
+from selfheal.selfmodel.read_run import load_run
+from selfheal.selfmodel.run import Run, Settings, save_run
 from selfheal.selfmodel.strategy import METHODS
 from tests.support.stick_robot import PARTS, Toy
 

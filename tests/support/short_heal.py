@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from selfheal.body.damage import parse_damages
-from selfheal.body.genome import encode_tree
+from selfheal.body.genome import Genomes, encode_tree
 from selfheal.gait import synthesis
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import Recording
@@ -64,10 +64,33 @@ def identified(folder: Path, placement: np.ndarray = PLACEMENT) -> tuple[Path, R
         )
         for a in (0, 9, 20, 30)
     )
-    settings, done = Settings("starfish", seed=SEED), {"format": "selfheal-identify"}
-    run = Run(settings, BODY.anatomy, hidden.actions, cycles, BODY, result=done)
+    run = Run(
+        Settings("starfish", seed=SEED),
+        BODY.anatomy,
+        hidden.actions,
+        cycles,
+        BODY,
+        result=make_result(genomes),
+    )
     save_run(run, folder / "run.h5")
     return folder / "run.h5", run
+
+
+def make_result(genomes: Genomes) -> dict[str, object]:
+    """What `identify` says of the first of some bodies."""
+    return {
+        "format": "selfheal-identify",
+        "version": 1,
+        "robot": "starfish",
+        "method": "default",
+        "seed": SEED,
+        "parent": genomes.parent[0].tolist(),
+        "sureness": [1.0] * genomes.parent.shape[1],
+        "length": genomes.length[0].tolist(),
+        "tilt_error": 0.0,
+        "actions": [],
+        "simulations": {},
+    }
 
 
 def record_walks() -> tuple[Recording, Recording]:

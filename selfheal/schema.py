@@ -1,0 +1,366 @@
+"""What a file of ours may hold: members and JSON texts in, checked values out.
+
+A run file may come from anywhere. Its size is checked from the headers before an array
+is read, every array by an `Array`, and every JSON text by a type. So what is read fits
+what it is used for.
+"""
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+
+from .errors import RunFileError
+from .files import open_run
+
+MAX_VALUES = 100_000_000  # that a file may declare: 0.8 GB as float64; chosen
+_MAX_SHOWN = 60  # characters of a misfit that a message repeats; chosen
+_LARGEST_NUMBER = 1e18  # chosen
+ROUNDING = 1e-6  # by which a sum of probabilities may be above 1
+
+
+def _refuse_huge(value: float) -> float:
+    """Refuse a whole number that no array holds; NaN and infinity may stand."""
+    if abs(value) > _LARGEST_NUMBER and math.isfinite(value):
+        raise ValueError(f"a number within {_LARGEST_NUMBER:g}")
+    return value
+
+
+# numbers of JSON texts
+Probability = Annotated[float, Field(ge=0, le=1 + ROUNDING)]
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+PositiveCount = Annotated[int, Field(ge=1, lt=2**53)]
+Finite = Annotated[float, Field(ge=-_LARGEST_NUMBER, le=_LARGEST_NUMBER)]
+Number = Annotated[float, AfterValidator(_refuse_huge)]  # or NaN, or infinite
+
+
+@dataclass(frozen=True)
+class Array:
+    """What an array must be.
+
+    Attributes:
+        shape: length of each axis: a number; a name, which stands for one length, not
+            0, wherever it stands; None for any length.
+        kind: "float", "int" or "byte".
+        low: smallest value.
+        high: largest value.
+        has_gaps: whether NaN and infinity may stand in it.
+        is_tree: whether column i is the parent of part i + 1: 0 to i.
+    """
+
+    shape: tuple[int | str | None, ...] = ()
+    kind: str = "float"
+    low: float = -math.inf
+    high: float = math.inf
+    has_gaps: bool = False
+    is_tree: bool = False
+
+    def find_misfit(self, found: Any, sizes: dict[str, int]) -> str:
+        """What of an array, or of an HDF5 dataset's header, does not fit; "" if all.
+
+        Args:
+            found: has a dtype and a shape.
+            sizes: length by name; names that stand here first are added.
+        """
+        kinds, widest = {"byte": ("u", 1), "int": ("iu", 8), "float": ("fiu", 8)}[
+            self.kind
+        ]
+        if found.dtype.kind not in kinds or found.dtype.itemsize > widest:
+            return f"of type {found.dtype}"
+        if found.shape is None or len(found.shape) != len(self.shape):
+            return f"of shape {found.shape}"
+        for asked, length in zip(self.shape, found.shape, strict=True):
+            known = asked
+            if isinstance(asked, str):
+                known = sizes.setdefault(asked, length)
+                if not length:
+                    return "empty"
+            if known not in (None, length):
+                return f"of shape {found.shape}"
+        return ""
+
+    def find_wrong_value(self, values: np.ndarray) -> str:
+        """A value of an array that cannot stand there, in words; "" if there is none.
+
+        Args:
+            values: whose type and shape fit.
+        """
+        if not self.has_gaps and not np.isfinite(values).all():
+            return "not finite"
+        high = np.arange(values.shape[-1]) if self.is_tree else self.high
+        low = 0 if self.is_tree else self.low
+        wrong = (values < low) | (values > high)
+        return f"{values[wrong][0]:g} somewhere" if wrong.any() else ""
+
+    def convert(self, values: np.ndarray) -> np.ndarray:
+        """Fitting values as this program computes with them."""
+        return values.astype({"byte": "u1", "int": "i8", "float": "f8"}[self.kind])
+
+    def describe(self, sizes: Mapping[str, int]) -> str:
+        """What would fit, in words."""
+        words = {"byte": "bytes", "int": "whole numbers", "float": "numbers"}
+        names = ["any" if k is None else str(k) for k in self.shape]
+        axes = [f"{k} = {sizes[k]}" if k in sizes else k for k in names]
+        said = (
+            f"{words[self.kind]} of shape ({', '.join(axes)})" if axes else "a number"
+        )
+        said += "" if self.has_gaps else ", finite"
+        if self.is_tree:
+            return f"{said}, the parent of part i from 0 to i - 1"
+        if math.isfinite(self.low) or math.isfinite(self.high):
+            said += f", from {self.low:g} to {self.high:g}"
+        return said
+
+
+@dataclass(frozen=True)
+class Members:
+    """The members of a group of an open file, each checked when it is read.
+
+    Attributes:
+        group: of the file.
+        title: of every message: "PATH: a damaged run file".
+        sizes: length by name, as `Array` has them; a group inside has its own copy.
+        place: name of the group in the file, with a slash; "" for the file itself.
+    """
+
+    group: Any
+    title: str
+    sizes: dict[str, int] = field(default_factory=dict)
+    place: str = ""
+
+    def make_error(self, member: str, found: str, fits: str = "") -> RunFileError:
+        """The error of a member that does not fit.
+
+        Args:
+            member: its name in this group.
+            found: what it is.
+            fits: what it could be; "" says nothing of it.
+        """
+        end = fits and f"; would fit: {fits}"
+        return RunFileError(f"{self.title}: {self.place}{member} is {found}{end}")
+
+    def list_names(self) -> list[str]:
+        """Names of the members, sorted."""
+        return sorted(self.group)
+
+    def open_group(self, name: str) -> "Members":
+        """The members of a group inside."""
+        import h5py
+
+        found = self._find_member(name, "a group")
+        if not isinstance(found, h5py.Group):
+            raise self.make_error(name, "an array", "a group")
+        place = f"{self.place}{name}/"
+        return replace(self, group=found, sizes=dict(self.sizes), place=place)
+
+    def read(self, name: str, kind: Any) -> Any:
+        """A dataset.
+
+        Args:
+            name: of it.
+            kind: an `Array`; `str` for a text; another type for a JSON text of it.
+
+        Raises:
+            RunFileError: it is missing or something else.
+        """
+        import h5py
+
+        is_array = isinstance(kind, Array)
+        fits = kind.describe(self.sizes) if is_array else "a text"
+        found = self._find_member(name, fits)
+        if not isinstance(found, h5py.Dataset):
+            raise self.make_error(name, "a group", fits)
+        if is_array:
+            return self._read_array(name, kind, found)
+        if h5py.check_string_dtype(found.dtype) is None or found.shape != ():
+            raise self.make_error(name, _describe_header(found), fits)
+        text = found.asstr()[()]
+        return text if kind is str else self.parse(name, text, kind)
+
+    def read_table(self, table: Mapping[str, Any]) -> dict[str, Any]:
+        """Datasets by name, each of its kind; see `read`."""
+        return {name: self.read(name, kind) for name, kind in table.items()}
+
+    def read_texts(self, name: str) -> list[str]:
+        """A dataset (N) of texts."""
+        import h5py
+
+        found = self._find_member(name, "texts")
+        if not isinstance(found, h5py.Dataset):
+            raise self.make_error(name, "a group", "texts")
+        shape = found.shape
+        if h5py.check_string_dtype(found.dtype) is None or len(shape or ()) != 1:
+            raise self.make_error(name, _describe_header(found), "texts, one a row")
+        return list(found.asstr()[()])
+
+    def read_attribute(self, name: str) -> str:
+        """An attribute of the group that is a text."""
+        import h5py
+
+        if name not in self.group.attrs:
+            raise self.make_error(f"attribute {name}", "missing", "a text")
+        header = self.group.attrs.get_id(name)
+        if h5py.check_string_dtype(header.dtype) is None or header.shape != ():
+            found = _describe_header(header)
+            raise self.make_error(f"attribute {name}", found, "a text")
+        text = self.group.attrs[name]
+        return text.decode() if isinstance(text, bytes) else str(text)
+
+    def read_json(self, name: str, kind: Any) -> Any:
+        """What the JSON text of an attribute says, as a type has it."""
+        return self.parse(f"attribute {name}", self.read_attribute(name), kind)
+
+    def read_document(self, name: str, kind: Any) -> dict[str, Any]:
+        """A JSON object of an attribute that fits a type, as it stands; {} if empty."""
+        place, text = f"attribute {name}", self.read_attribute(name)
+        found = self.parse(place, text, dict[str, Any])
+        if found:
+            self.parse(place, text, kind)
+        return found
+
+    def parse(self, member: str, text: str | bytes, kind: Any) -> Any:
+        """What a JSON text says, as a type has it.
+
+        Args:
+            member: that the text is of, for the message.
+            text: JSON.
+            kind: the type; a dataclass for an object with names.
+
+        Raises:
+            RunFileError: it is no JSON, or something else.
+        """
+        try:
+            return _make_adapter(kind).validate_json(text, strict=True)
+        except ValidationError as error:
+            raise self.make_error(*_explain(member, error)) from error
+
+    def check_list(self, member: str, values: Any, kind: Array) -> None:
+        """Refuse a list of numbers of a document that does not fit.
+
+        Args:
+            member: that it is of, for the message.
+            values: the list.
+            kind: what it must be.
+        """
+        found = np.array(values)
+        wrong = kind.find_misfit(found, self.sizes) or kind.find_wrong_value(found)
+        if wrong:
+            raise self.make_error(member, wrong, kind.describe(self.sizes))
+
+    def _find_member(self, name: str, fits: str) -> Any:
+        if name not in self.group:
+            raise self.make_error(name, "missing", fits)
+        return self.group[name]
+
+    def _read_array(self, name: str, kind: Array, found: Any) -> Any:
+        """An array, or a number where the kind has no axes."""
+        wrong = kind.find_misfit(found, self.sizes)
+        values = np.zeros(0) if wrong else np.asarray(found[()])
+        wrong = wrong or kind.find_wrong_value(values)
+        if wrong:
+            raise self.make_error(name, wrong, kind.describe(self.sizes))
+        values = kind.convert(values)
+        return values if kind.shape else values.item()
+
+
+@contextmanager
+def open_members(
+    path: str | os.PathLike[str], what: str, *, form: str, version: int
+) -> Iterator[Members]:
+    """Open a file as `files.open_run` does, for checked reading.
+
+    Args:
+        path: of the file.
+        what: such a file in words, "run file" say.
+        form: its attribute `format`.
+        version: its attribute `version`.
+
+    Yields:
+        Its members.
+
+    Raises:
+        RunFileError: it cannot be read, keeps data elsewhere, declares more values
+            than `MAX_VALUES`, or has a member that does not fit.
+    """
+    with open_run(path, what, form=form, version=version) as file:
+        members = Members(file, f"{os.fspath(path)}: a damaged {what}")
+        _check_headers(members)
+        yield members
+
+
+def _check_headers(members: Members) -> None:
+    """Refuse links to elsewhere and more values than are read."""
+    import h5py
+
+    total = 0
+
+    def check_link(name: str, link: Any) -> None:
+        if not isinstance(link, h5py.HardLink):
+            raise members.make_error(name, "a link to elsewhere", "data of this file")
+
+    def count(name: str, item: Any) -> None:
+        nonlocal total
+        if not isinstance(item, h5py.Dataset):
+            return
+        if item.is_virtual or item.external:
+            raise members.make_error(name, "kept elsewhere", "data of this file")
+        # one chunk is unpacked whole, even where it reaches beyond the data
+        values = max(item.size or 0, math.prod(item.chunks or (0,)))
+        total += values * max(1, item.dtype.itemsize // 8)
+        if total > MAX_VALUES:
+            found = f"of shape {item.shape}"
+            fits = f"at most {MAX_VALUES:,} values in the file"
+            raise members.make_error(name, found, fits)
+
+    members.group.visititems_links(check_link)
+    members.group.visititems(count)
+
+
+@cache
+def _make_adapter(kind: Any) -> TypeAdapter:
+    """What checks a type; made once, for that takes milliseconds."""
+    return TypeAdapter(kind)
+
+
+def _explain(member: str, error: ValidationError) -> tuple[str, str, str]:
+    """Place, finding and what would fit, of the first thing that is wrong."""
+    first, *_ = error.errors(include_url=False)
+    steps = (f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"])
+    place, said = member + "".join(steps), first["msg"]
+    if first["type"] == "missing":
+        return place, "missing", ""
+    if first["type"] == "json_invalid":
+        return place, f"no JSON ({said.removeprefix('Invalid JSON: ')})", ""
+    fits = said.removeprefix("Input should be ").removeprefix("Value error, ")
+    return place, shorten_value(first["input"]), fits
+
+
+def shorten_value(value: Any) -> str:
+    """A value as a message repeats it."""
+    said = repr(value)
+    return said if len(said) <= _MAX_SHOWN else f"{said[:_MAX_SHOWN]}..."
+
+
+def _describe_header(found: Any) -> str:
+    """Type and shape of a dataset or an attribute, in words."""
+    return f"of type {found.dtype} and shape {found.shape}"
+
+
+def load_json(text: str | bytes) -> Any:
+    """What a JSON text says; NaN and infinity are no JSON.
+
+    Raises:
+        ValueError: it is no JSON.
+    """
+
+    def refuse(word: str) -> None:
+        raise ValueError(f"{word} is no number of JSON")
+
+    return json.loads(text, parse_constant=refuse)

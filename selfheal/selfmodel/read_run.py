@@ -1,0 +1,245 @@
+"""Runs read back: a file in, the run that it holds out, every member checked."""
+
+import json
+import os
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..body.body import Anatomy, Bodies, Ints
+from ..body.genome import HINGE_NAMES, Genomes
+from ..schema import (
+    ROUNDING,
+    Array,
+    Count,
+    Members,
+    Number,
+    PositiveCount,
+    open_members,
+)
+from .run import FORMAT, VERSION, Cycle, Run, Settings
+
+# [m], [kg] or [rad]: what is beyond is damage; chosen
+_SMALLEST, _LARGEST = 1e-9, 1e6
+
+
+def _make_size(*shape: int | str, least: float = _SMALLEST) -> Array:
+    """Lengths or masses [m or kg]."""
+    return Array(shape, low=least, high=_LARGEST)
+
+
+def _make_place(*shape: int | str) -> Array:
+    """Positions or angles [m or rad]."""
+    return Array(shape, low=-_LARGEST, high=_LARGEST)
+
+
+# What a file holds, by name. P parts, A actions, N bodies, K rivals; see the classes.
+_ANATOMY = {
+    "name": str,
+    "parts": tuple[str, ...],
+    "joints": tuple[str, ...],
+    "torso_half": _make_size(3),
+    "torso_mass": _make_size(),
+    "rim": _make_place(3),
+    "length": _make_size("P"),
+    "radius": _make_size("P"),
+    "mass": _make_size("P"),
+    "block_half": _make_size("P", 3, least=0.0),
+    "block_center": _make_place("P"),
+    "block_mass": _make_size("P", least=0.0),
+    "feet": tuple[PositiveCount, ...],
+}
+_BODY = {
+    "parent": Array((1, "P"), "int", is_tree=True),
+    "anchor": _make_place(1, "P", 3),
+    "heading": _make_place(1, "P"),
+    "axis": _make_place(1, "P", 3),
+    "length": _make_size(1, "P"),
+    "thickness": _make_size(1, "P"),
+    "mass": _make_size(1, "P"),
+}
+_GENOMES = {
+    "parent": Array(("K", "P"), "int", is_tree=True),
+    "placement": Array(("K", "P"), low=0.0, high=1.0),
+    "hinge": Array(("K", "P"), "int", 0, len(HINGE_NAMES) - 1),
+    "length": _make_size("K", "P"),
+}
+_RIVALS = {
+    "tables": Array(("K", "A", 3), has_gaps=True),
+    "losses": Array(("K",), has_gaps=True),
+}
+_SURENESS = Array(("P",), low=0.0, high=1.0 + ROUNDING, has_gaps=True)
+_CYCLE = {
+    "action": Array((), "int", 0),
+    "why": str,
+    "felt": Array((3,), has_gaps=True),
+    **_RIVALS,
+    "sureness": _SURENESS,
+    "tilt_error": Array(has_gaps=True),
+    "disagreement": Array(has_gaps=True),
+    "spent": Array((), "int", 0),
+    "seconds": Array(low=0.0),
+}
+# what the search goes on from, as the strategies capture it
+_CROWD = {**_GENOMES, **_RIVALS}
+_CLIMBERS = {
+    "strategy_genes": Array(("K", "P"), low=0.0, high=1.0),
+    "strategy_losses": Array(("K",), has_gaps=True),
+    "strategy_weight": Array(low=0.0, high=1.0),
+}
+_ANY_METHOD = {"hardness": Array(("A",), has_gaps=True), "random": str}
+_SECOND_ENGINE = {
+    "judge_keys": Array(("J", None), "byte"),
+    "judge_values": Array(("J", 3), has_gaps=True),
+}
+
+
+@dataclass(frozen=True)
+class IdentifyResult:
+    """What `identify --json` prints, as the schema of a run's result.
+
+    Attributes:
+        format: "selfheal-identify".
+        version: of it.
+        robot: its name.
+        method: of the search.
+        seed: of everything random.
+        parent: (P) what each part hangs on; 0 is the torso.
+        sureness: (P) stated probability that each attachment is right.
+        length: (P) of the parts [m].
+        tilt_error: of the best body on the reference engine [deg].
+        actions: tried, each as the joints that go down or as joint targets [rad].
+        simulations: by engine.
+        seconds: that it took [s].
+        run: path of the run file.
+        model: path of the best body.
+    """
+
+    format: str
+    version: int
+    robot: str
+    method: str
+    seed: int
+    parent: list[int]
+    sureness: list[Number]
+    length: list[Number]
+    tilt_error: Number
+    actions: list[list[Number]]
+    simulations: dict[str, Count]
+    seconds: Number = 0.0
+    run: str = ""
+    model: str = ""
+
+
+def load_run(path: str | os.PathLike[str]) -> Run:
+    """Read a run.
+
+    Raises:
+        RunFileError: missing, held by another process, truncated, no run file, or of
+            another version.
+    """
+    what = "run file"
+    with open_members(path, what, form=FORMAT, version=VERSION) as file:
+        return _read_run(file)
+
+
+def _read_run(file: Members) -> Run:
+    """The run in an open file."""
+    settings = file.read_json("settings", Settings)
+    anatomy = _read_anatomy(file)
+    actions = file.read("actions", _make_place("A", "P"))
+    cycles = _read_cycles(file)
+    counts = file.read_json("counts", dict[str, Count])
+    truth = None
+    if "truth" in file.list_names():
+        truth = Bodies(anatomy, **file.open_group("truth").read_table(_BODY))
+    run = Run(
+        settings=settings,
+        anatomy=anatomy,
+        actions=actions,
+        cycles=cycles,
+        truth=truth,
+        counts=counts,
+        result=_read_result(file, cycles),
+        indistinguishable=_read_indistinguishable(file),
+    )
+    return replace(run, state=_read_state(file, run))
+
+
+def _read_anatomy(file: Members) -> Anatomy:
+    """The robot's parts; their number is P from here on."""
+    group = file.open_group("anatomy")
+    count = len(group.read("parts", tuple[str, ...]))
+    group.sizes["P"] = file.sizes["P"] = count
+    anatomy = Anatomy(**group.read_table(_ANATOMY))
+    if not count:
+        raise group.make_error("parts", "empty", "a name each")
+    if len(anatomy.joints) != count:
+        found = f"of {len(anatomy.joints)} names"
+        raise group.make_error("joints", found, f"{count}, one each part")
+    if not all(foot <= count for foot in anatomy.feet):
+        raise group.make_error("feet", f"{anatomy.feet}", f"parts from 1 to {count}")
+    return anatomy
+
+
+def _read_cycles(file: Members) -> tuple[Cycle, ...]:
+    """The cycles in order; none where there is no group of them."""
+    if "cycles" not in file.list_names():
+        return ()
+    group, cycles = file.open_group("cycles"), []
+    for k in range(len(group.list_names())):
+        members = group.open_group(f"{k:03d}")
+        values = members.read_table(_CYCLE)
+        if values["action"] >= members.sizes["A"]:
+            fits = f"0 to {members.sizes['A'] - 1}"
+            raise members.make_error("action", str(values["action"]), fits)
+        genomes = Genomes(**members.open_group("genomes").read_table(_GENOMES))
+        cycles.append(Cycle(**values, genomes=genomes))
+    return tuple(cycles)
+
+
+def _read_result(file: Members, cycles: tuple[Cycle, ...]) -> dict[str, Any]:
+    """What `identify` said in the end; empty until then."""
+    result = file.read_document("result", IdentifyResult)
+    if result and not cycles:
+        raise file.make_error("cycles", "missing", "what the result comes from")
+    if result:
+        file.check_list("result.sureness", result["sureness"], _SURENESS)
+    return result
+
+
+def _read_indistinguishable(file: Members) -> Ints:
+    """(M, P) parents; (0, 0) where there are none."""
+    found = file.read("alike", Array((None, None), "int"))
+    kind = Array((None, "P"), "int", is_tree=True)
+    return file.read("alike", kind) if len(found) else found
+
+
+def _read_state(file: Members, run: Run) -> dict[str, Any]:
+    """What the search goes on from; none before it, and none is needed after it."""
+    group, settings = file.open_group("state"), run.settings
+    if not group.list_names() and (run.result or not run.cycles):
+        return {}
+    state, engines = group.read_table(_ANY_METHOD), {settings.engine}
+    if settings.method == "default":
+        for start in ("strategy_", "strategy_kin_"):
+            table = {f"{start}{name}": kind for name, kind in _CROWD.items()}
+            state |= replace(group, sizes=dict(group.sizes)).read_table(table)
+    else:
+        state |= group.read_table(_CLIMBERS)
+    if settings.engine == "auto":
+        engines = {"statics"}
+        if settings.method == "default":
+            state |= group.read_table(_SECOND_ENGINE)
+            engines |= {"mjx"}
+    if lacking := {*engines, "choice", "failed"} - {*run.counts}:
+        said = f"without {', '.join(sorted(lacking))}"
+        raise file.make_error("attribute counts", said, "a number for each engine")
+    try:
+        known = json.loads(state["random"])
+        np.random.default_rng().bit_generator.state = known
+    except (ValueError, TypeError, KeyError, OverflowError) as error:
+        said = "no state of a random generator"
+        raise group.make_error("random", said) from error
+    return state
