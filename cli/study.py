@@ -195,7 +195,7 @@ def _show_study(path: Path, as_json: bool) -> None:
     from selfheal.study.plan import find_study
     from selfheal.study.store import load_study
 
-    results = load_study(path)
+    results = load_study(path, has_tables=True)
     tables = find_study(results.study).make_tables(results.finished)
     pages = [path.with_name(name) for name in _PAGES]
     for page, make in zip(pages, (make_study_page, format_markdown), strict=True):

@@ -220,10 +220,13 @@ class Members:
     def read_document(self, name: str, kind: Any) -> dict[str, Any]:
         """A JSON object of an attribute that fits a type, as it stands; {} if empty."""
         place, text = f"attribute {name}", self.read_attribute(name)
-        found = self.parse(place, text, dict[str, Any])
-        if found:
-            self.parse(place, text, kind)
-        return found
+        if not self.parse(place, text, dict[str, Any]):
+            return {}
+        self.parse(place, text, kind)
+        try:
+            return load_json(text)
+        except ValueError as error:
+            raise self.make_error(place, f"no JSON ({error})") from error
 
     def parse(self, member: str, text: str | bytes, kind: Any) -> Any:
         """What a JSON text says, as a type has it.

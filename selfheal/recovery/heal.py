@@ -65,7 +65,7 @@ def check_same_body(run: HealRun, models: Bodies) -> None:
             if width is not None and values.shape[-1] != width:
                 found = f"{key} of {name} has {values.shape[-1]} columns"
                 raise _make_misfit_error(f"{found}; would fit: {width}")
-        if "gait" in phase:
+        if phase.get("gait"):
             kept = read_gait(phase)
             count = find_pattern(kept.pattern).count_genes(anatomy.size)
             if len(kept.genes) != count:

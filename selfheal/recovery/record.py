@@ -89,6 +89,19 @@ class Distances:
 
 
 @dataclass(frozen=True)
+class _HealDistances(Distances):
+    intact: Number
+    damaged: Number
+    healed: Number
+
+
+@dataclass(frozen=True)
+class _Predicted:
+    intact: Number
+    healed: Number
+
+
+@dataclass(frozen=True)
 class HealResult:
     """What `heal --json` prints, as the schema of a heal's result.
 
@@ -104,8 +117,8 @@ class HealResult:
     robot: str
     alarm: KeptAlarm | None
     actions: Count
-    distance: Distances
-    predicted: dict[str, Number | None]
+    distance: _HealDistances
+    predicted: _Predicted
     seconds: Number
 
 
@@ -228,6 +241,10 @@ class HealRun(PhasedRun):
         left = self.list_next_phases(self.settings, tuple(self.phases))
         if self.result and left:
             return f"there is a result, but no phase {' or '.join(left)}"
+        if self.result:
+            raised = [bool(a["alarm"]) for a in (self.result, self.phases["alarm"])]
+            if raised[0] != raised[1]:
+                return "the result and the phase alarm differ in whether one was raised"
         return ""
 
 

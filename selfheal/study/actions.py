@@ -12,6 +12,8 @@ from .statistics import format_mean_std, format_share
 from .trees import (
     REAL,
     ROBOT_LABELS,
+    TreeOutcome,
+    TreeSettings,
     extract_column,
     list_statements,
     make_correlation_table,
@@ -96,4 +98,6 @@ STUDY = Study(
     make_tables=_make_tables,
     make_pictures=_make_pictures,
     inputs=("recordings",),
+    settings=TreeSettings,
+    find_outcome=lambda settings: TreeOutcome,
 )

@@ -4,7 +4,7 @@ Everybody begins with the body that the authors chose for it (papers.md 1.3).
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, cast
 
@@ -15,9 +15,10 @@ from ..body.genome import Genomes, build_bodies, decode_unit_genes
 from ..recovery.predict_actions import infer_damage, predict_actions
 from ..robot.base import Robot
 from ..robot.simulated import SimulatedRobot
+from ..schema import Count, Number
 from ..selfmodel.scaled import estimate_scales
 from .plan import Outcome
-from .trees import HIDDEN, open_study_robot
+from .trees import HIDDEN, Series, open_study_robot
 
 CYCLES = 16
 _KNOWN_GENES = (
@@ -33,6 +34,25 @@ _KNOWN_GENES = (
 _PART, _SCALE = "right_lower", 0.1
 _OURS = {"ours": True, "ours, random": False}
 _INTERVAL_SHARE = 0.9  # share of belief of what is stated of a length
+
+
+@dataclass(frozen=True)
+class DamageOutcome:
+    """What `run_after_damage` gives, as tables read it.
+
+    Attributes:
+        success: whether the right part is said to have changed.
+        error: of the parts' lengths [cm], a number an action.
+        actions: taken.
+        evaluations: simulations of the search.
+        lengths: low, high, belief and truth of each part's length; may be none.
+    """
+
+    success: bool
+    error: Series
+    actions: list[Count]
+    evaluations: Count
+    lengths: list[tuple[Number, Number, Number, Number]]
 
 
 def _load_known_body(anatomy: Anatomy) -> Genomes:

@@ -1,15 +1,18 @@
 """Study `eea`: the table of 2004, two robots by ten scenarios, as recoveries."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..body.legged import LEGGED, load_legged_robot
+from ..recovery.record import Distances
 from ..recovery.recover import recover_robot
 from ..recovery.recover_run import RecoverSettings, is_damage_named
 from ..robot.scenarios import SCENARIOS, TABLE, draw_scenario
 from ..robot.simulated_legs import SimulatedLegs
+from ..schema import Count
 from .plan import (
     Outcome,
     Picture,
@@ -23,6 +26,19 @@ from .plan import (
 from .statistics import format_mean_std, format_share
 
 RECOVERED_SHARE = 0.9  # of the way when whole, to count as recovered; chosen
+
+
+@dataclass(frozen=True)
+class _Settings:
+    robot: str
+    scenario: int
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    named: bool | None
+    actions: Count
+    distance: Distances
 
 
 def _list_tasks(asked: StudyRequest) -> list[Task]:
@@ -45,7 +61,7 @@ def _run_task(settings: Mapping[str, Any]) -> Outcome:
 def _compute_recovered_share(record: Record) -> float:
     """How much of the way when whole was recovered; 0 where the robot went nowhere."""
     ways = record["outcome"]["distance"]
-    return (ways["healed"] or 0.0) / ways["intact"]
+    return (ways["healed"] or 0.0) / ways["intact"] if ways["intact"] else 0.0
 
 
 def _make_tables(records: Sequence[Record]) -> list[Table]:
@@ -114,4 +130,6 @@ STUDY = Study(
     run_task=_run_task,
     make_tables=_make_tables,
     make_pictures=_make_pictures,
+    settings=_Settings,
+    find_outcome=lambda settings: _Outcome,
 )

@@ -100,6 +100,8 @@ class Study:
         make_tables: of the finished runs, each with "settings" and "outcome".
         make_pictures: of the finished runs, too.
         inputs: names of what `StudyRequest` must or may have besides runs and seed.
+        settings: schema of a run's settings, as its tables read them.
+        find_outcome: gives the schema of a finished run's outcome, by its settings.
     """
 
     about: str
@@ -108,6 +110,8 @@ class Study:
     make_tables: Callable[[Sequence[Record]], Sequence[Table]]
     make_pictures: Callable[[Sequence[Record]], Sequence[Picture]] = lambda records: ()
     inputs: tuple[str, ...] = ()
+    settings: Any = dict[str, Any]
+    find_outcome: Callable[[Mapping[str, Any]], Any] = lambda settings: dict[str, Any]
 
 
 def select_records(records: Sequence[Record], **wanted: str) -> list[Record]:

@@ -1,6 +1,7 @@
 """Study `schema`: paper C's lengths from seven sensor sets, and its 8 x 4 matrix."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from ..engine.statics import Statics
 from ..errors import InputError
 from ..robot.actions import load_published_body
 from ..robot.simulated import SimulatedRobot
+from ..schema import Count, Number
 from ..selfmodel.lengths import Ask, estimate_lengths
 from ..selfmodel.loop import read_rest_channels
 from ..selfmodel.schema import (
@@ -43,6 +45,30 @@ _STAGES = (6, 5, 5)  # poses that our way asks for before each estimation; chose
 _FILE = "poses_schema.csv"
 _NEW = 100  # poses that models are asked for and were not fitted to; chosen
 _TOLD = 2.0  # [deg], by which such a pose is told apart; chosen
+
+
+@dataclass(frozen=True)
+class _Settings:
+    robot: str
+    what: str
+    sensors: str
+
+
+@dataclass(frozen=True)
+class _LengthsOutcome:
+    part: Number
+    leg: Number
+    uneven: Number
+    evaluations: Count
+
+
+@dataclass(frozen=True)
+class _MatrixOutcome(_LengthsOutcome):
+    edge_f1: Number
+    success: bool
+    hips: bool
+    foretold: Number
+    tilt_gap: Number
 
 
 def _list_tasks(asked: StudyRequest) -> list[Task]:
@@ -251,4 +277,8 @@ STUDY = Study(
     make_tables=_make_tables,
     make_pictures=_make_pictures,
     inputs=("recordings",),
+    settings=_Settings,
+    find_outcome=lambda settings: (
+        _MatrixOutcome if settings["what"] == "matrix" else _LengthsOutcome
+    ),
 )

@@ -6,6 +6,7 @@ them. Who has the keys scores them: `python -m benchmarks.sealed` makes and scor
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,28 @@ import numpy as np
 
 from ..api import diagnose
 from ..errors import InputError
+from ..schema import Number
 from .plan import Outcome, Record, Study, StudyRequest, Table, Task
 from .statistics import format_mean_std, format_share
 
 _COLUMNS = ("given", "refit", "patched", "explainable_removed")
 GIVEN = ("model.xml", "recording.h5")  # files of a case
 FOUND = "diagnosis"  # folder of its diagnosis, beside them
+
+
+@dataclass(frozen=True)
+class _Fit:
+    given: Number | None
+    refit: Number | None
+    patched: Number | None
+    explainable_removed: Number | None
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    verdict: str
+    named: list[tuple[str, str]]
+    fit: _Fit
 
 
 def find_cases(folder: Path) -> list[Path]:
@@ -90,4 +107,5 @@ STUDY = Study(
     run_task=_run_task,
     make_tables=_make_tables,
     inputs=("cases",),
+    find_outcome=lambda settings: _Outcome,
 )

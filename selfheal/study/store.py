@@ -10,21 +10,39 @@ becomes one file, in one step; reading takes in both.
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ..errors import RunFileError
-from ..files import atomic_hdf5, open_run
-from .plan import Record, Task
+from ..files import atomic_hdf5
+from ..schema import Count, Members, Number, open_members
+from .plan import Record, Study, Task, find_study
 
 FORMAT, VERSION = "selfheal-study", 1
 # rooms and data that an outcome depends on
 _ROOMS = ("recording", "body", "engine", "robot", "selfmodel", "gait", "recovery",
           "diagnosis", "study", "models")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class KeptRecord:
+    """A record as a file has it; see `Results`."""
+
+    key: str
+    settings: dict[str, Any]
+    outcome: dict[str, Any] | None
+    error: str
+    seconds: Number
+    megabytes: Count
+    worker: str
+
+    def __post_init__(self) -> None:
+        """Refuse a run that neither ended well nor failed, or both."""
+        if (self.outcome is None) != bool(self.error):
+            raise ValueError("either an outcome or an error")
 
 
 @dataclass(frozen=True)
@@ -99,43 +117,86 @@ def create_study(
     _save_results(path, Results(study, asked, digest_code(), tuple(tasks), {}))
 
 
-def load_study(path: str | os.PathLike[str]) -> Results:
+def load_study(path: str | os.PathLike[str], *, has_tables: bool = False) -> Results:
     """Read a study, the records of its journal included.
+
+    Args:
+        path: of the file.
+        has_tables: whether settings and outcomes are checked for the study's tables.
 
     Raises:
         RunFileError: missing, held by another process, truncated, of another format or
             version, or damaged.
     """
     path = Path(path)
-    with open_run(path, "study", form=FORMAT, version=VERSION) as file:
-        tasks = tuple(Task(**json.loads(t)) for t in file["tasks"].asstr()[()])
-        kept = [json.loads(text) for text in file["records"].asstr()[()]]
-        results = Results(
-            study=str(file.attrs["study"]),
-            request=json.loads(file.attrs["asked"]),
-            code=str(file.attrs["code"]),
-            tasks=tasks,
-            records={record["key"]: record for record in kept},
-        )
-    journal = find_journal(path)
-    if journal.is_file():
-        lines = journal.read_bytes().split(b"\n")[:-1]  # what has no end is torn
+    with open_members(path, "study", form=FORMAT, version=VERSION) as file:
+        name, code = file.read_attribute("study"), file.read_attribute("code")
+        request = file.read_json("asked", dict[str, int | str | None])
+        tasks = _read_tasks(file)
         known = {task.key for task in tasks}
-        for line in lines:
-            record = _parse_line(line, journal)
-            if record["key"] in known:
-                results.records[record["key"]] = record
-    return results
+        records = _parse_records(file, "records", file.read_texts("records"))
+        if unknown := records.keys() - known:
+            found = f"of runs that tasks lacks, as {min(unknown)!r}"
+            raise file.make_error("records", found)
+        journal = find_journal(path)
+        if journal.is_file():
+            lines = journal.read_bytes().split(b"\n")[:-1]  # what has no end is torn
+            place = Members(None, f"{journal}: a damaged journal")
+            added = _parse_records(place, "line", lines)
+            records |= {key: record for key, record in added.items() if key in known}
+        if has_tables:
+            _check_outcomes(file, find_study(name), records)
+    return Results(name, request, code, tasks, records)
 
 
-def _parse_line(line: bytes, journal: Path) -> Record:
-    """The record of a line."""
-    try:
-        record = json.loads(line)
-        record["key"], record["error"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise RunFileError(f"{journal}: a damaged journal: {error}") from error
-    return record
+def _read_tasks(file: Members) -> tuple[Task, ...]:
+    """All runs of an open file."""
+    tasks = [
+        file.parse(f"tasks[{k}]", text, Task)
+        for k, text in enumerate(file.read_texts("tasks"))
+    ]
+    if len({task.key for task in tasks}) != len(tasks):
+        raise file.make_error(
+            "tasks", "of several runs with one key", "keys that differ"
+        )
+    return tuple(tasks)
+
+
+def _parse_records(
+    members: Members, what: str, texts: Sequence[str | bytes]
+) -> dict[str, Record]:
+    """The records of JSON texts by their keys; of two with one key the last.
+
+    Args:
+        members: of the file, for the message.
+        what: a text is in the file, for the message.
+        texts: of the records.
+    """
+    records = {}
+    for k, text in enumerate(texts):
+        members.parse(f"{what} {k + 1}", text, KeptRecord)
+        record = json.loads(text)
+        records[record["key"]] = record
+    return records
+
+
+def _check_outcomes(
+    members: Members, study: Study, records: Mapping[str, Record]
+) -> None:
+    """Refuse what a study's tables could not read.
+
+    Args:
+        members: of the file, for the message.
+        study: whose runs they are.
+        records: by key.
+    """
+    for key, record in records.items():
+        settings, outcome = record["settings"], record["outcome"]
+        if outcome is not None:
+            place, kind = f"run {key!r}", study.find_outcome
+            members.parse(f"{place}, settings", json.dumps(settings), study.settings)
+            text = json.dumps(outcome)
+            members.parse(f"{place}, outcome", text, kind(settings))
 
 
 def _save_results(path: Path, results: Results) -> None:

@@ -1,13 +1,14 @@
 """Study `table3`: Table 3 of 2006 with our method beside its three, and two robots."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from statistics import median
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from .after_damage import CYCLES, run_after_damage
+from .after_damage import CYCLES, DamageOutcome, run_after_damage
 from .calibration import (
     Pairs,
     compute_brier_score,
@@ -30,6 +31,8 @@ from .trees import (
     HIDDEN,
     REAL,
     ROBOT_LABELS,
+    TreeOutcome,
+    TreeSettings,
     extract_column,
     list_statements,
     make_correlation_table,
@@ -44,6 +47,11 @@ _2006 = {
     "paper": (13, ("7.31 ± 1.22", "2.17 ± 0.55")),
 }
 _PHASES = ("before", "after")
+
+
+@dataclass(frozen=True)
+class _Settings(TreeSettings):
+    phase: Literal["before", "after"]
 
 
 def _list_tasks(asked: StudyRequest) -> list[Task]:
@@ -205,4 +213,8 @@ STUDY = Study(
     make_tables=_make_tables,
     make_pictures=_make_pictures,
     inputs=("recordings",),
+    settings=_Settings,
+    find_outcome=lambda settings: (
+        TreeOutcome if settings["phase"] == "before" else DamageOutcome
+    ),
 )

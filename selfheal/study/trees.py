@@ -4,12 +4,16 @@ Shared by the studies that identify attachment trees.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from ..body.body import compute_edge_f1, measure_center_distance
 from ..body.genome import build_bodies
 from ..robot.base import Robot, open_robot
+from ..schema import Count, Number
 from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings
 from .calibration import Pairs
@@ -18,6 +22,37 @@ from .statistics import format_pooled_correlation, format_rank_correlation
 
 REAL, HIDDEN = "starfish-2006", "starfish"
 ROBOT_LABELS = {REAL: "real readings", HIDDEN: "hidden robot"}
+
+Series = Annotated[list[Number], Field(min_length=1)]  # a number a cycle
+
+
+@dataclass(frozen=True)
+class TreeSettings:
+    """Settings of a run that identifies a tree, as tables read them."""
+
+    robot: str
+    method: str
+
+
+@dataclass(frozen=True)
+class TreeOutcome:
+    """What `evaluate_identification` gives, as tables read it."""
+
+    success: bool
+    error: Series
+    disagreement: Series
+    edge_f1: Number
+    actions: list[Count]
+    evaluations: Count
+    stated: list[Number]
+    right: list[bool]
+
+    def __post_init__(self) -> None:
+        """Refuse lists that are not as long as each other."""
+        if len(self.error) != len(self.disagreement):
+            raise ValueError("as many numbers of error as of disagreement")
+        if len(self.stated) != len(self.right):
+            raise ValueError("as many statements as what was right of them")
 
 
 def open_study_robot(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
