@@ -1,0 +1,1 @@
+"""Broken files, full disks and kills: what the program does about them."""

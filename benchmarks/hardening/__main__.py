@@ -1,0 +1,70 @@
+"""Broken files, full disks and kills: what the program does about them.
+
+    python -m benchmarks.hardening fuzz [--count N]
+    python -m benchmarks.hardening fuzz --kind KIND --seed SEED [--keep FOLDER]
+    python -m benchmarks.hardening disk [--count SIZES]
+    python -m benchmarks.hardening kills [--count KILLS]
+    python -m benchmarks.hardening page
+
+Every study appends its records to benchmarks/results/hardening-STUDY.jsonl and leaves
+out what is there already; `page` makes docs/results/hardening.md of them. With a kind
+and a seed, one mutant is tried again and nothing is kept but what --keep names.
+"""
+
+import json
+import os
+import tempfile
+from argparse import Namespace
+from pathlib import Path
+
+from benchmarks.suites import complete_suite, read_records
+from benchmarks.writer import make_parser
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads where forks begin
+
+
+def main() -> None:
+    """Do the study that the command line names."""
+    from benchmarks.hardening.disk import list_disk_runs
+    from benchmarks.hardening.fuzz import list_mutants, list_runs
+    from benchmarks.hardening.kills import list_kill_runs
+    from benchmarks.hardening.originals import KINDS
+    from benchmarks.hardening.page import write_page
+
+    line = make_parser(__doc__ or "")
+    line.add_argument("study", choices=("fuzz", "disk", "kills", "page"))
+    line.add_argument("--count", type=int, default=0)
+    line.add_argument("--kind", choices=KINDS)
+    line.add_argument("--seed", type=int, default=0)
+    line.add_argument("--keep", type=Path)
+    asked = line.parse_args()
+    if asked.kind:
+        _try_one(asked)
+    elif asked.study == "page":
+        write_page(asked.root)
+    elif asked.study == "fuzz":
+        done = read_records("hardening", "fuzz")
+        mutants = list_mutants(asked.count or 10_000)
+        left = [(k, s) for k, s in mutants if f"{k} {s}" not in done]
+        complete_suite("hardening", "fuzz", list_runs(left))
+    else:
+        runs, usual = {"disk": (list_disk_runs, 40), "kills": (list_kill_runs, 100)}[
+            asked.study
+        ]
+        complete_suite("hardening", asked.study, runs(asked.count or usual))
+
+
+def _try_one(asked: Namespace) -> None:
+    """Try one mutant, and print what came of it."""
+    from benchmarks.hardening.fuzz import open_workshop, try_mutant
+
+    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
+        open_workshop(Path(place))
+        keep = asked.keep and asked.keep.resolve()
+        found = try_mutant(asked.kind, asked.seed, keep)
+    print(found.pop("said"))
+    print(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""Commands that write: where each runs, what it leaves, whether that is whole."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from benchmarks.hardening.originals import (
+    take_back,
+    write_identified_run,
+    write_small_files,
+)
+from benchmarks.hardening.process import Ended, run_forked, run_selfheal
+
+OUT = "out"  # folder of what a command writes, in its working folder
+_SECONDS = 120.0  # [s] that a command may take; it works, and is no reader alone
+
+
+@dataclass(frozen=True)
+class WritingCommand:
+    """A command that writes files.
+
+    Attributes:
+        start: its arguments.
+        again: its arguments where files of an earlier run are there: to go on with
+            that run, or to replace them.
+        resumed: its arguments after a kill; `start` where they are empty or where
+            there is no file to go on with.
+        main: path of its first file.
+        others: paths of its other files.
+    """
+
+    start: str
+    again: str
+    resumed: str
+    main: str
+    others: Sequence[str] = ()
+
+
+def _make_run_command(start: str, name: str, file: str) -> WritingCommand:
+    again = f"{name} --resume {OUT}/{file} --json"
+    return WritingCommand(f"{start} --out {OUT} --json", again, again, f"{OUT}/{file}",
+                          (f"{OUT}/report.html",))  # fmt: skip
+
+
+_DIAGNOSE = f"diagnose model.xml arm.h5 --out {OUT}/found --json"
+_REPLAY = f"replay diagnosis arm.h5 --out {OUT}/predicted.h5"
+COMMANDS = {
+    "identify": _make_run_command(
+        "identify --robot starfish --engine statics --budget 500 --cycles 2",
+        "identify", "run.h5",
+    ),
+    "heal": _make_run_command(
+        "heal run.h5 --damage dead:left_hip_position", "heal", "heal.h5"
+    ),
+    "recover": _make_run_command(
+        "recover --robot quadruped --scenario 1", "recover", "recover.h5"
+    ),
+    "diagnose": WritingCommand(
+        _DIAGNOSE, f"{_DIAGNOSE} --force", f"{_DIAGNOSE} --resume --force",
+        f"{OUT}/found/diagnosis.json",
+        (f"{OUT}/found/patched.xml", f"{OUT}/found/report.html"),
+    ),
+    "replay": WritingCommand(
+        _REPLAY, f"{_REPLAY} --force", f"{_REPLAY} --force", f"{OUT}/predicted.h5"
+    ),
+}  # fmt: skip
+
+
+def run_writer(words: str, folder: Path, **more: Any) -> Ended:
+    """Run a command that writes, in its working folder.
+
+    Args:
+        words: its arguments.
+        folder: where it works.
+        **more: for `run_selfheal`.
+    """
+    return run_selfheal(words.split(), folder, seconds=_SECONDS, **more)
+
+
+def make_inputs(folder: Path) -> None:
+    """Fill a new folder with all that the commands read, and an empty one for OUT."""
+    folder.mkdir()
+    for write in (write_small_files, write_identified_run):
+        ended = run_forked(lambda write=write: write(folder), folder)  # type: ignore[misc]
+        if ended.code:
+            raise RuntimeError(ended.said)
+    (folder / "pipe").unlink()
+    (folder / OUT).mkdir()
+
+
+def make_earlier(name: str, folder: Path) -> None:
+    """Have OUT hold an earlier run of a command, one that is to go on where it can.
+
+    Args:
+        name: of the command.
+        folder: made by `make_inputs`, where the command has not run yet.
+    """
+    command = COMMANDS[name]
+    ended = run_writer(command.start, folder)
+    if ended.code:
+        raise RuntimeError(ended.said)
+    if "--resume" in command.again:
+        take_back(folder / command.main)
+        for other in command.others:
+            (folder / other).unlink()
+
+
+def read_main(name: str, folder: Path) -> Any:
+    """All that a command's first file says but times, as JSON can hold it.
+
+    Args:
+        name: of the command.
+        folder: where it worked.
+
+    Raises:
+        Exception: the file is damaged.
+    """
+    path = folder / COMMANDS[name].main
+    if path.suffix == ".json":
+        return _drop_times(json.loads(path.read_text()))
+    found: dict[str, Any] = {}
+    with h5py.File(path, "r") as file:
+        found |= {f"/{k}": _parse(v) for k, v in file.attrs.items()}
+
+        def read(key: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and not key.endswith("/seconds"):
+                found[key] = _parse(item[()])
+
+        file.visititems(read)
+    return found
+
+
+def _parse(value: Any) -> Any:
+    """A value of HDF5: JSON as what it says, arrays as text of all their bits."""
+    if isinstance(value, bytes | str):
+        try:
+            return _drop_times(json.loads(value))
+        except ValueError:
+            return str(value)
+    return value.tobytes().hex() if hasattr(value, "tobytes") else value
+
+
+def _drop_times(document: Any) -> Any:
+    """A JSON document without the seconds that things took."""
+    if isinstance(document, dict):
+        return {k: _drop_times(v) for k, v in document.items() if k != "seconds"}
+    return [*map(_drop_times, document)] if isinstance(document, list) else document
+
+
+def is_whole(name: str, folder: Path) -> bool:
+    """Whether a command's first file can be read to its end; looked at from outside."""
+    ended = run_forked(lambda: read_main(name, folder) and None, folder)
+    return ended.code == 0
+
+
+def copy_folder(folder: Path, place: Path) -> Path:
+    """Copy a working folder to a new place, and give the place."""
+    return Path(shutil.copytree(folder, place))

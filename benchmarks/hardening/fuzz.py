@@ -1,0 +1,173 @@
+"""Mutants of all kinds of files: kinds and seeds in; what commands did out."""
+
+import multiprocessing
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.hardening.judge import list_faults
+from benchmarks.hardening.originals import (
+    KINDS,
+    Original,
+    list_originals,
+    make_originals,
+)
+from benchmarks.hardening.process import (
+    Ended,
+    load_program,
+    run_selfheal,
+    stop_at_progress,
+)
+from benchmarks.suites import KeyedRuns, Record
+from benchmarks.writer import count_cores
+
+_ORIGINALS: dict[str, Path] = {}  # folders of originals, by kind, of this process
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A damaged file and the command that is to read it.
+
+    Attributes:
+        original: what was damaged.
+        content: of the damaged file.
+        command: arguments, paths in the folder of originals.
+    """
+
+    original: Original
+    content: bytes
+    command: str
+
+
+def make_mutant(folder: Path, kind: str, seed: int) -> Mutant:
+    """The mutant of a kind and a seed, of originals that `make_originals` made.
+
+    Args:
+        folder: of the originals.
+        kind: one of `KINDS`.
+        seed: draws the original, the damage and the command.
+    """
+    rng = np.random.default_rng([KINDS.index(kind), seed])
+    originals = list_originals(kind)
+    original = originals[rng.integers(len(originals))]
+    mutate = original.mutate[int(rng.integers(len(original.mutate)))]
+    command = original.commands[int(rng.integers(len(original.commands)))]
+    whole = (folder / original.file).read_bytes()
+    return Mutant(original, mutate(whole, int(rng.integers(2**31))), command)
+
+
+def copy_with_mutant(folder: Path, mutant: Mutant, place: Path) -> None:
+    """Copy a folder of originals, with a mutant in the place of its original.
+
+    Args:
+        folder: of the originals.
+        mutant: that belongs to them.
+        place: a new folder to be made.
+    """
+    shutil.copytree(folder, place, copy_function=_copy_file)
+    path = place / mutant.original.file
+    path.unlink()
+    path.write_bytes(mutant.content)
+
+
+def _copy_file(source: str, target: str) -> None:
+    """Link a file, whose content nobody changes; a pipe is made anew."""
+    if Path(source).is_fifo():
+        os.mkfifo(target)
+    else:
+        os.link(source, target)
+
+
+def try_mutant(kind: str, seed: int, keep: Path | None = None) -> Record:
+    """Give a mutant to its command, in a folder of its own.
+
+    Args:
+        kind: one of `KINDS`.
+        seed: of the mutant.
+        keep: the folder; None makes one and removes it.
+
+    Returns:
+        The command, its exit code, its faults, its time [s] and its memory [MB].
+    """
+    folder = _find_originals(kind)
+    mutant = make_mutant(folder, kind, seed)
+    with tempfile.TemporaryDirectory(prefix="mutant-", dir=folder.parent) as home:
+        place = keep or Path(home) / "work"
+        copy_with_mutant(folder, mutant, place)
+        prepare = partial(stop_at_progress, mutant.original.pause)
+        ended = run_selfheal(mutant.command.split(), place, prepare=prepare)
+        return describe_end(mutant, ended, place)
+
+
+def describe_end(mutant: Mutant, ended: Ended, place: Path) -> Record:
+    """The record of a mutant that was tried.
+
+    Args:
+        mutant: which.
+        ended: how its command ended.
+        place: folder in which it worked.
+    """
+    return {
+        "file": mutant.original.file,
+        "command": mutant.command,
+        "code": ended.code,
+        "faults": [asdict(fault) for fault in list_faults(ended, place)],
+        "seconds": round(ended.seconds, 2),
+        "megabytes": round(ended.megabytes),
+        "said": ended.said[-2000:],
+    }
+
+
+def _find_originals(kind: str) -> Path:
+    """The originals of a kind, made when they are first asked for."""
+    if kind not in _ORIGINALS:
+        place = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=os.environ[_PLACE]))
+        folder = place / "originals"
+        folder.mkdir()
+        make_originals(folder, kind)
+        _ORIGINALS[kind] = folder
+    return _ORIGINALS[kind]
+
+
+_PLACE = "SELFHEAL_HARDENING"  # environment variable: a folder for all that is made
+
+
+def open_workshop(place: Path) -> None:
+    """Make this process one that tries mutants, in a folder."""
+    os.environ[_PLACE] = str(place)
+    load_program()
+
+
+def list_mutants(count: int) -> list[tuple[str, int]]:
+    """Kinds and seeds of a campaign of so many mutants, kind after kind in turns."""
+    return [(KINDS[k % len(KINDS)], k // len(KINDS)) for k in range(count)]
+
+
+def list_runs(mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
+    """A run for each mutant; as many processes as cores do them ahead."""
+    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
+        pool = ProcessPoolExecutor(
+            count_cores(),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=open_workshop,
+            initargs=(Path(place),),
+        )
+        with pool:
+            yield from _submit(pool, mutants)
+
+
+def _submit(
+    pool: ProcessPoolExecutor, mutants: Iterable[tuple[str, int]]
+) -> Iterator[tuple[str, partial[Record]]]:
+    """Keys and functions that wait for what the pool does."""
+    made = [(f"{kind} {seed}", pool.submit(try_mutant, kind, seed))
+            for kind, seed in mutants]  # fmt: skip
+    for key, future in made:
+        yield key, partial(future.result)

@@ -1,0 +1,104 @@
+"""What is wrong with how a command ended: its end and its folder in; faults out."""
+
+import re
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.hardening.process import Ended
+from benchmarks.writer import ROOT
+
+MOST_MEGABYTES = 1000.0  # of a command; chosen
+_LONGEST_MESSAGE = 2000  # characters; chosen
+_LEFTOVERS = ("*.tmp", "*.lock", "*.old", "MUJOCO_LOG.TXT")
+_NOISE = re.compile(r"^(?:WARNING|HDF5-DIAG|Exception ignored|.*Warning: ).*", re.M)
+_FRAME = re.compile(r'File "([^"]*)", line (\d+),? in ([\w<>]+)')
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that a command must not do.
+
+    Attributes:
+        what: "hang", "crash", "traceback", "exit code", "message", "warning", "memory"
+            or "leftover".
+        detail: where, or how; the same for all that have the same cause.
+    """
+
+    what: str
+    detail: str
+
+
+def list_faults(
+    ended: Ended, folder: Path, *, codes: Collection[int] = (0, 2)
+) -> list[Fault]:
+    """All that is wrong with how a command ended.
+
+    Args:
+        ended: how it ended.
+        folder: in which it worked, subfolders included.
+        codes: exit codes that may be.
+    """
+    found = [] if ended.megabytes < MOST_MEGABYTES else [Fault("memory", _find_place(
+        ended.said) or f"over {MOST_MEGABYTES:.0f} MB")]  # fmt: skip
+    if ended.code is None:
+        what = "hang" if ended.hung else "crash"
+        return [*found, Fault(what, f"{ended.signal}: {_find_place(ended.said)}")]
+    if "Traceback (most recent call last)" in ended.said:
+        found.append(Fault("traceback", _describe_traceback(ended.said)))
+    elif ended.code not in codes:
+        found.append(Fault("exit code", f"{ended.code}: {_shorten(ended.said)}"))
+    elif ended.code and (reason := _find_message_fault(ended.said)):
+        found.append(Fault("message", reason))
+    if noise := _NOISE.search(ended.said):
+        found.append(Fault("warning", _shorten(noise[0])))
+    found += [Fault("leftover", name) for name in list_leftovers(folder)]
+    return found
+
+
+def list_leftovers(folder: Path) -> list[str]:
+    """Names of files that no command may leave, random parts as *."""
+    found = {path.name for pattern in _LEFTOVERS for path in folder.rglob(pattern)}
+    return sorted({re.sub(r"\b[0-9a-f]{8}\b", "*", name) for name in found})
+
+
+def _find_message_fault(said: str) -> str:
+    """What is wrong with the message of a command that refused; "" if nothing."""
+    begins = [m.start() for m in re.finditer("^selfheal: ", said, re.M)]
+    if len(begins) != 1:
+        return f"{len(begins)} messages: {_shorten(said)}"
+    if len(said) - begins[0] > _LONGEST_MESSAGE:
+        return f"longer than {_LONGEST_MESSAGE} characters: {_shorten(said)}"
+    return ""
+
+
+def _describe_traceback(said: str) -> str:
+    """The last line of a traceback, and the last line of the program in it."""
+    parts = said.split("Traceback (most recent call last)")[1:]
+    last = next((p for p in reversed(parts) if _find_place(p)), parts[-1])
+    lines = [line for line in last.splitlines()[1:] if line[:1].strip()]
+    return f"{_shorten(lines[0]) if lines else ''} ({_find_place(last, last=True)})"
+
+
+def _find_place(said: str, *, last: bool = False) -> str:
+    """The program's own line nearest to a fault, as file:line; "" if none.
+
+    Args:
+        said: a traceback, or the stack that a fatal signal shows, innermost first.
+        last: whether the innermost frame is the last one.
+    """
+    own = []
+    for file, line, name in _FRAME.findall(said):
+        path = Path(file).resolve()
+        if path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in (
+            "selfheal",
+            "cli",
+        ):
+            own.append(f"{path.relative_to(ROOT)}:{line} {name}")
+    return (own[-1] if last else own[0]) if own else ""
+
+
+def _shorten(text: str) -> str:
+    """The start of a text in one line, paths and digits that vary left out."""
+    text = re.sub(r"/tmp/[^/\s]+/|time = .*", "", " ".join(text.split()))
+    return text if len(text) < 160 else f"{text[:150]} ..."

@@ -1,0 +1,146 @@
+"""Kills: commands that write and moments in; how they ended when resumed out."""
+
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from benchmarks.hardening.commands import (
+    COMMANDS,
+    copy_folder,
+    make_inputs,
+    read_main,
+    run_writer,
+)
+from benchmarks.hardening.judge import Fault, list_faults
+from benchmarks.hardening.process import load_program
+from benchmarks.suites import KeyedRuns, Record
+
+# what Python tells of before it is done; HDF5's own writing is told of below
+_EVENTS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.link"}
+_COUNT = "moments"  # a file in which a run that is only counted says how many
+
+
+def call_at_writes(act: Callable[[int], None], folder: Path) -> None:
+    """Call a function just before whatever this process does to files of a folder.
+
+    Args:
+        act: is given how many such moments there were.
+        folder: in which files count.
+    """
+    done = 0
+
+    def reach() -> None:
+        nonlocal done
+        done += 1
+        act(done)
+
+    def hear(event: str, args: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _, flags = args
+            if flags & (os.O_WRONLY | os.O_RDWR) and _is_within(path, folder):
+                reach()
+        elif event in _EVENTS and _is_within(args[0], folder):
+            reach()
+
+    sys.addaudithook(hear)
+    for place, name in ((h5py.File, "__init__"), (h5py.File, "close"),
+                        (h5py.Group, "create_dataset")):  # fmt: skip
+        setattr(place, name, _tell_before(getattr(place, name), reach))
+
+
+def _tell_before(call: Callable[..., Any], reach: Callable[[], None]) -> Any:
+    def told(*args: Any, **more: Any) -> Any:
+        reach()
+        return call(*args, **more)
+
+    return told
+
+
+def _is_within(path: Any, folder: Path) -> bool:
+    """Whether what Python opens is in a folder, its count of moments aside."""
+    if isinstance(path, int):
+        return False
+    full = os.path.abspath(os.fsdecode(path))
+    return full.startswith(f"{folder}/") and not full.endswith(_COUNT)
+
+
+def _kill_at(moment: int, done: int) -> None:
+    if done == moment:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _note(file: Path, done: int) -> None:
+    file.write_text(str(done))
+
+
+def list_kill_runs(count: int) -> KeyedRuns:
+    """A run for each command and moment.
+
+    Args:
+        count: of kills, shared out to the commands.
+    """
+    load_program()
+    with _make_workshop() as place:
+        for name in COMMANDS:
+            whole = copy_folder(place / "inputs", place / name)
+            note = partial(_note, whole / _COUNT)
+            ended = run_writer(COMMANDS[name].start, whole,
+                               prepare=partial(call_at_writes, note, whole)
+                               )  # fmt: skip
+            if ended.code:
+                raise RuntimeError(ended.said)
+            most, each = int((whole / _COUNT).read_text()), count // len(COMMANDS)
+            moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
+            for moment in map(int, moments):
+                yield (
+                    f"{name} {moment} of {most}",
+                    partial(try_kill, name, place / "inputs", whole, moment),
+                )
+
+
+@contextmanager
+def _make_workshop() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
+        make_inputs(Path(place) / "inputs")
+        yield Path(place)
+
+
+def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
+    """Kill a command at a moment, have it go on, and compare with one that was not.
+
+    Args:
+        name: of the command.
+        inputs: working folder to begin with.
+        whole: folder in which the command was not killed.
+        moment: number of the write before which it is killed.
+    """
+    command, faults = COMMANDS[name], list[Fault]()
+    with tempfile.TemporaryDirectory(prefix="kill-") as home:
+        folder = copy_folder(inputs, Path(home) / "work")
+        kill = partial(_kill_at, moment)
+        killed = run_writer(command.start, folder,
+                            prepare=partial(call_at_writes, kill, folder))  # fmt: skip
+        if killed.signal != "SIGKILL":
+            faults.append(Fault("crash", f"not killed: {killed.code} {killed.signal}"))
+        goes_on = (folder / command.main).exists() or name == "diagnose"
+        words = command.resumed if goes_on else command.start
+        ended = run_writer(words, folder)
+        faults += list_faults(ended, folder, codes=(0,))
+        if ended.code == 0:
+            if read_main(name, folder) != read_main(name, whole):
+                faults.append(Fault("other result", command.main))
+            faults += [Fault("lost", other) for other in command.others
+                       if not (folder / other).exists()]  # fmt: skip
+            faults += [Fault("leftover", p.name) for p in folder.rglob(".*.unfinished")]
+    told = {"moment": moment, "code": ended.code, "command": words}
+    return {**told, "faults": [*map(asdict, faults)], "said": ended.said[-2000:]}

@@ -1,0 +1,179 @@
+"""Commands of `selfheal` in forked processes: words in; how each ended out.
+
+The process that forks has all modules loaded and no threads, so a command costs what it
+does itself.
+"""
+
+import faulthandler
+import importlib
+import os
+import pkgutil
+import resource
+import select
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from benchmarks.hardening.short_searches import shorten_searches
+
+MOST_SECONDS = 20.0  # of a command; chosen
+_MOST_DATA = 6 * 2**30  # bytes that a command may ask for, so that the machine lives
+_UNLOADED = ("jax", "mjx", "_gl", "worker")  # in names of modules that start threads
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended.
+
+    Attributes:
+        code: its exit code; None where a signal ended it.
+        signal: name of that signal, "" if none.
+        hung: whether it was stopped because it took too long.
+        seconds: it took [s].
+        megabytes: peak of its memory [MB].
+        printed: standard output.
+        said: standard error.
+    """
+
+    code: int | None
+    signal: str
+    hung: bool
+    seconds: float
+    megabytes: float
+    printed: str
+    said: str
+
+
+def load_program() -> None:
+    """Import all modules of the program and make its searches short."""
+    import selfheal
+    import selfheal.cli
+
+    for package in (selfheal, selfheal.cli):
+        for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not any(word in found.name for word in _UNLOADED):
+                importlib.import_module(found.name)
+    shorten_searches()
+
+
+def run_selfheal(
+    words: Sequence[object],
+    folder: Path,
+    *,
+    prepare: Callable[[], None] = lambda: None,
+    seconds: float = MOST_SECONDS,
+) -> Ended:
+    """Run one command of `selfheal` in a process of its own.
+
+    Args:
+        words: its arguments.
+        folder: where it works.
+        prepare: is called in the process before the command.
+        seconds: after which it is stopped [s].
+    """
+
+    def play() -> None:
+        from selfheal.cli import app
+
+        prepare()
+        app(list(map(str, words)))
+
+    return run_forked(play, folder, seconds=seconds)
+
+
+def run_forked(
+    play: Callable[[], None], folder: Path, *, seconds: float = MOST_SECONDS
+) -> Ended:
+    """Call a function in a process of its own.
+
+    Args:
+        play: the function.
+        folder: in which it works.
+        seconds: after which it is stopped [s].
+    """
+    with tempfile.TemporaryFile() as printed, tempfile.TemporaryFile() as said:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        start = time.perf_counter()
+        child = os.fork()
+        if not child:
+            _play_and_leave(play, folder, printed, said)
+        hung = not _wait_for(child, seconds)
+        if hung:  # abort shows the stack, where a process still listens to signals
+            os.kill(child, signal.SIGABRT)
+            if not _wait_for(child, 2.0):
+                os.killpg(child, signal.SIGKILL)
+        _, status, used = os.wait4(child, 0)
+        code = os.waitstatus_to_exitcode(status)
+        return Ended(
+            code=None if code < 0 else code,
+            signal=signal.Signals(-code).name if code < 0 else "",
+            hung=hung,
+            seconds=time.perf_counter() - start,
+            megabytes=used.ru_maxrss / 1e3,
+            printed=_read_text(printed),
+            said=_read_text(said),
+        )
+
+
+def _wait_for(child: int, seconds: float) -> bool:
+    """Whether a process ends in time; it is left to be waited for."""
+    handle = os.pidfd_open(child)
+    try:
+        return bool(select.select([handle], [], [], seconds)[0])
+    finally:
+        os.close(handle)
+
+
+def _play_and_leave(
+    play: Callable[[], None], folder: Path, printed: IO[bytes], said: IO[bytes]
+) -> None:
+    """Call the function in this process, which is the forked one, and end it."""
+    code: object = 1
+    try:
+        os.setsid()
+        os.chdir(folder)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_DATA, (_MOST_DATA, _MOST_DATA))
+        os.dup2(printed.fileno(), 1)
+        os.dup2(said.fileno(), 2)
+        sys.stdout, sys.stderr = (open(f, "w", closefd=False) for f in (1, 2))
+        faulthandler.enable(sys.stderr)
+        play()
+        code = 0
+    except SystemExit as left:
+        code = left.code or 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code if isinstance(code, int) else 1)
+
+
+def _read_text(file: IO[bytes]) -> str:
+    """What a file holds, where it is long its two ends."""
+    file.seek(0)
+    text = file.read(2**26).decode(errors="replace")
+    return text if len(text) < 200_000 else f"{text[:100_000]} ... {text[-100_000:]}"
+
+
+def stop_at_progress(seconds: float) -> None:
+    """End a command with code 0 where it shows progress after some time [s]."""
+    from selfheal.cli._progress import ProgressBar
+
+    begun, show = time.perf_counter(), ProgressBar.show
+
+    def show_or_stop(self: ProgressBar, what: str, share: float) -> None:
+        if time.perf_counter() - begun >= seconds:
+            raise SystemExit(0)
+        show(self, what, share)
+
+    # by name: mypy refuses a function in a method's place
+    setattr(ProgressBar, "show", show_or_stop)  # noqa: B010
