@@ -22,7 +22,7 @@ from benchmarks.hardening.commands import (
 )
 from benchmarks.hardening.judge import Fault, list_faults
 from benchmarks.hardening.kills import call_at_writes
-from benchmarks.hardening.process import load_program
+from benchmarks.hardening.process import Ended, load_program
 from benchmarks.suites import KeyedRuns, Record
 
 _SMALLEST, _LARGE = 4, 65536  # [kB] of a disk
@@ -123,15 +123,34 @@ def try_disk(name: str, start: Path, variant: str, size: int) -> Record:
             words = command.again if filled else command.start
             ended = run_writer(words, folder)
             faults = list_faults(ended, folder, codes=(0, 1))
-            there = (folder / command.main).exists()
-            if (filled and not there) or (there and not is_whole(name, folder)):
-                faults.append(Fault("lost", command.main))
-            if ended.code and name in ("diagnose", "replay") and filled:
-                old = kept / Path(command.main).relative_to(OUT)
-                if there and old.read_bytes() != (folder / command.main).read_bytes():
-                    faults.append(Fault("lost", f"{command.main} is another one"))
+            faults += _list_losses(name, folder, kept if filled else None, ended)
     told = {"room": size, "code": ended.code, "command": words}
     return {**told, "faults": [*map(asdict, faults)], "said": ended.said[-2000:]}
+
+
+def _list_losses(
+    name: str, folder: Path, kept: Path | None, ended: Ended
+) -> list[Fault]:
+    """What a command lost of what was there, or left half-written.
+
+    Args:
+        name: of the command.
+        folder: where it worked.
+        kept: copy of what was there before; None where there was nothing.
+        ended: how it ended.
+    """
+    command = COMMANDS[name]
+    file = folder / command.main
+    if not file.exists():
+        return [Fault("lost", f"{command.main} is gone")] if kept else []
+    if not is_whole(name, folder):
+        return [Fault("lost", f"{command.main} is damaged")]
+    # a run that goes on may have got further; what is replaced stays until the end
+    if kept and ended.code != 0 and "--resume" not in command.again:
+        old = kept / file.relative_to(folder / OUT)
+        if old.read_bytes() != file.read_bytes():
+            return [Fault("lost", f"{command.main} is another one")]
+    return []
 
 
 def _fill(out: Path, room: int) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.hardening.judge import list_faults
 from benchmarks.hardening.originals import (
     KINDS,
+    Mutate,
     Original,
     list_originals,
     make_originals,
@@ -37,11 +38,13 @@ class Mutant:
 
     Attributes:
         original: what was damaged.
+        mutate: how.
         content: of the damaged file.
         command: arguments, paths in the folder of originals.
     """
 
     original: Original
+    mutate: Mutate
     content: bytes
     command: str
 
@@ -60,7 +63,8 @@ def make_mutant(folder: Path, kind: str, seed: int) -> Mutant:
     mutate = original.mutate[int(rng.integers(len(original.mutate)))]
     command = original.commands[int(rng.integers(len(original.commands)))]
     whole = (folder / original.file).read_bytes()
-    return Mutant(original, mutate(whole, int(rng.integers(2**31))), command)
+    damaged = mutate(whole, int(rng.integers(2**31)))
+    return Mutant(original, mutate, damaged, command)
 
 
 def copy_with_mutant(folder: Path, mutant: Mutant, place: Path) -> None:
@@ -78,11 +82,11 @@ def copy_with_mutant(folder: Path, mutant: Mutant, place: Path) -> None:
 
 
 def _copy_file(source: str, target: str) -> None:
-    """Link a file, whose content nobody changes; a pipe is made anew."""
+    """Copy a file; a pipe is made anew."""
     if Path(source).is_fifo():
         os.mkfifo(target)
     else:
-        os.link(source, target)
+        shutil.copyfile(source, target)
 
 
 def try_mutant(kind: str, seed: int, keep: Path | None = None) -> Record:
@@ -116,6 +120,7 @@ def describe_end(mutant: Mutant, ended: Ended, place: Path) -> Record:
     """
     return {
         "file": mutant.original.file,
+        "damage": mutant.mutate.__name__,
         "command": mutant.command,
         "code": ended.code,
         "faults": [asdict(fault) for fault in list_faults(ended, place)],

@@ -18,10 +18,10 @@ _NESTS = {f"nest{depth}{tag}": (depth, tag) for depth in (2, 50, 300, 3000)
 
 
 def mutate_xml(content: bytes, seed: int) -> bytes:
-    """Change one to three elements or values of a whole XML text."""
+    """Change an element or a value of a whole XML text, or a few."""
     rng = np.random.default_rng(seed)
     root = ET.fromstring(content)
-    for _ in range(rng.integers(1, 4)):
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
         _CHANGES[rng.integers(len(_CHANGES))](root, rng)
     text = ET.tostring(root, encoding="unicode")
     for name, (depth, tag) in _NESTS.items():

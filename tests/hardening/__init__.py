@@ -1,0 +1,1 @@
+"""Damaged files, in the process of the tests: a part of benchmarks.hardening."""
