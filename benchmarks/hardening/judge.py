@@ -77,7 +77,8 @@ def _describe_traceback(said: str) -> str:
     parts = said.split("Traceback (most recent call last)")[1:]
     last = next((p for p in reversed(parts) if _find_place(p)), parts[-1])
     lines = [line for line in last.splitlines()[1:] if line[:1].strip()]
-    return f"{_shorten(lines[0]) if lines else ''} ({_find_place(last, last=True)})"
+    place = _find_place(last, last=True)
+    return f"{_shorten(lines[0]) if lines else ''} {f'({place})' if place else ''}"
 
 
 def _find_place(said: str, *, last: bool = False) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.hardening.mutate_json import mutate_json
 
 _HUGE = 2**40  # values that a dataset declares and does not hold
+_MOST_VALUES = 10**6  # of a dataset that is changed
 _POISON = (np.nan, np.inf, -np.inf, 1e307, -1e307, -1.0, 0.0, 1e12, 2.0**63)
 _DTYPES = ("i1", "u8", "i8", "f2", "f4", ">f8", "c16", "?", "S8", "V5",
            [("x", "f8"), ("y", "i4")], h5py.string_dtype(), h5py.ref_dtype,
@@ -31,8 +32,16 @@ def _draw(file: h5py.File, rng: np.random.Generator, kind: Any = object) -> Any:
     """A member of a kind, at any depth; None where there is none."""
     names: list[str] = []
     file.visititems(lambda name, item: names.append(name))
-    found = [x for n in sorted(names) if isinstance(x := file.get(n), kind)]
+    found = [x for n in sorted(names) if isinstance(x := file.get(n), kind)
+             and _is_handy(x)]  # fmt: skip
     return found[rng.integers(len(found))] if found else None
+
+
+def _is_handy(item: Any) -> bool:
+    """Whether an item is no dataset, or one whose values are there and not many."""
+    return not isinstance(item, h5py.Dataset) or not (
+        item.is_virtual or item.external or (item.size or 0) > _MOST_VALUES
+    )
 
 
 def _put(old: Any, make: Callable[[h5py.Group, str], Any]) -> None:
@@ -175,20 +184,20 @@ def _change_text(file: h5py.File, rng: np.random.Generator) -> None:
         _change_attribute(file, rng)
         return
     item = found[rng.integers(len(found))]
-    rows = np.atleast_1d(item[()]).astype(object)
+    rows = np.atleast_1d(item[()]).astype(object).ravel()
     if not rows.size:
         return
     k, seed = int(rng.integers(rows.size)), int(rng.integers(2**31))
     whole: tuple[str, ...] = ("", "null", "[]", "3", json.dumps("text"), "{")
     rows[k] = (mutate_json(rows[k], seed) if rng.random() < 0.8
                else whole[rng.integers(6)].encode())  # fmt: skip
-    item[...] = rows if item.shape else rows[0]
+    item[...] = rows.reshape(item.shape) if item.shape else rows[0]
 
 
 def _is_text(item: Any) -> bool:
-    return isinstance(item, h5py.Dataset) and (
-        h5py.check_string_dtype(item.dtype) is not None
-    )
+    return isinstance(item, h5py.Dataset) and _is_handy(item) and (
+        h5py.check_string_dtype(item.dtype) is not None and item.shape is not None
+    )  # fmt: skip
 
 
 _CHANGES = (_drop_member, _add_member, _replace_by_group_or_link, _change_dtype,

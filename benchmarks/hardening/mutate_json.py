@@ -49,6 +49,6 @@ def _change_value(document: Any, rng: np.random.Generator) -> Any:
 def _draw_odd(value: Any, rng: np.random.Generator) -> Any:
     """Something in the place of a value: another number, or something else."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    if number and rng.random() < 0.4:
+    if number and abs(value) < 1e300 and rng.random() < 0.4:
         return value * float(rng.choice([-1, 0.5, 2, 1e3, 1e6, 1e12, 1e-12]))
     return _ODD[rng.integers(len(_ODD))]

@@ -67,7 +67,7 @@ def _make_fuzz_section(records: Mapping[str, Record]) -> Section:
         ))  # fmt: skip
     text = (
         "Damaged files of five kinds, each given to a command that reads it. A command "
-        "whose search begins is stopped after two seconds and counts as accepted. "
+        "whose search begins is stopped after five seconds and counts as accepted. "
         "Faults: a traceback, a hang above 20 s, a crash, more than 1 GB, an exit code "
         "other than 0 and 2, other than one message, a warning, a file left over. A "
         "mutant is repeated by `python -m benchmarks.hardening fuzz --kind KIND --seed "

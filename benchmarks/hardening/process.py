@@ -23,7 +23,7 @@ from typing import IO
 from benchmarks.hardening.short_searches import shorten_searches
 
 MOST_SECONDS = 20.0  # of a command; chosen
-_MOST_DATA = 6 * 2**30  # bytes that a command may ask for, so that the machine lives
+_MOST_DATA = 3 * 2**30  # bytes that a command may ask for, so that the machine lives
 _UNLOADED = ("jax", "mjx", "_gl", "worker")  # in names of modules that start threads
 
 
