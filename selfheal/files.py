@@ -4,6 +4,7 @@ import errno
 import fcntl
 import glob
 import os
+import reprlib
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,6 +15,8 @@ from uuid import uuid4
 from .errors import InputError, RunFileError, RunLockError, SelfhealError
 from .limited_reading import explain_dangerous
 
+# what h5py raises, beside OSError, of a file that is damaged
+HDF5_ERRORS = (KeyError, ValueError, TypeError, RuntimeError, SystemError)
 # errors of writing that are the machine's, whatever path was given
 DISK_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
@@ -223,7 +226,7 @@ def open_run(
     except OSError as error:
         message = f"{path}: truncated, or not an HDF5 file: {error}"
         raise RunFileError(message) from error
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+    except HDF5_ERRORS as error:
         raise RunFileError(f"{path}: a damaged {what}: {error}") from error
 
 
@@ -250,10 +253,12 @@ def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> No
     """Refuse a file of another format or version."""
     found = attrs.get("format")
     if found != form:
-        raise RunFileError(f"{path}: format {found!r}, not a {what} ({form!r})")
+        found = reprlib.repr(found)
+        raise RunFileError(f"{path}: format {found}, not a {what} ({form!r})")
     if (found := attrs["version"]) != version:
         raise RunFileError(
-            f"{path}: {what} version {found}; this program reads version {version}"
+            f"{path}: {what} version {reprlib.repr(found)}; this program reads version "
+            f"{version}"
         )
 
 

@@ -2,6 +2,7 @@
 
 import resource
 import signal
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -91,21 +92,28 @@ def test_what_another_process_writes_stays(tmp_path):
     assert _leftovers(tmp_path) == ["run.h5"]
 
 
-@pytest.fixture(params=[0, 100, 3000])
-def full_disk(request):
-    """No file can grow beyond some bytes, while the test runs."""
+@contextmanager
+def _limit_file_size(size):
+    """No file can grow beyond some bytes, not even that which pytest prints to."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (request.param, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    signal.signal(signal.SIGXFSZ, old)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, old)
 
 
-def test_on_a_full_disk_the_old_hdf5_file_stands(tmp_path, full_disk):
+@pytest.mark.parametrize("size", [0, 100, 3000])
+def test_on_a_full_disk_the_old_hdf5_file_stands(tmp_path, size):
     path = tmp_path / "run.h5"
     path.touch()
-    with pytest.raises(SelfhealError) as raised, atomic_hdf5(path) as file:
+    with (
+        _limit_file_size(size),
+        pytest.raises(SelfhealError) as raised,
+        atomic_hdf5(path) as file,
+    ):
         file["readings"] = np.arange(1000.0)
     assert "cannot write" in str(raised.value)
     assert not isinstance(raised.value, InputError)

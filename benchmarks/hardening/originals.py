@@ -191,18 +191,8 @@ def write_identified_run(folder: Path) -> None:
     from tests.support.short_heal import identified
 
     path, run = identified(folder)
-    result = {
-        "format": "selfheal-identify",
-        "version": 1,
-        "robot": "starfish",
-        "sureness": 8 * [1.0],
-        "tilt_error": 0.0,
-        "seconds": 1.0,
-        "simulations": {"statics": 1},
-        "run": "run.h5",
-        "model": "best.xml",
-    }
-    save_run(replace(run, result=result), path)  # fmt: skip
+    files = {"seconds": 1.0, "run": "run.h5", "model": "best.xml"}
+    save_run(replace(run, result={**run.result, **files}), path)
 
 
 def _make_runs(folder: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ..files import atomic_hdf5, explain_unreadable
+from ..files import HDF5_ERRORS, atomic_hdf5, explain_unreadable
 from ..limited_reading import explain_dangerous
 from .check import format_names, validate
 from .data import KINDS, Episode, Floats, Location, Recording, Signal
@@ -40,8 +40,7 @@ def read(path: str | os.PathLike[str]) -> Recording:
         raise file.make_error("another process holds it open for writing") from error
     except PermissionError as error:
         raise file.make_error("it may not be read: permission denied") from error
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        # what h5py raises of a file that is damaged or no HDF5 at all
+    except (OSError, *HDF5_ERRORS) as error:
         raise file.make_error(f"it is damaged or not HDF5 ({error})") from error
     validate(recording)
     return recording
