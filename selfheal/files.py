@@ -257,7 +257,7 @@ def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> No
         raise RunFileError(f"{path}: format {found}, not a {what} ({form!r})")
     if (found := attrs["version"]) != version:
         raise RunFileError(
-            f"{path}: {what} version {reprlib.repr(found)}; this program reads version "
+            f"{path}: {what} version {str(found)[:40]}; this program reads version "
             f"{version}"
         )
 

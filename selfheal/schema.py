@@ -90,7 +90,7 @@ class Array:
         """A value of an array that cannot stand there, in words; "" if there is none.
 
         Args:
-            values: whose type and shape fit.
+            values: (...) whose type and shape fit.
         """
         if not self.has_gaps and not np.isfinite(values).all():
             return "not finite"
@@ -100,7 +100,7 @@ class Array:
         return f"{values[wrong][0]:g} somewhere" if wrong.any() else ""
 
     def convert(self, values: np.ndarray) -> np.ndarray:
-        """Fitting values as this program computes with them."""
+        """Fitting values (...) as this program computes with them, (...)."""
         return values.astype({"byte": "u1", "int": "i8", "float": "f8"}[self.kind])
 
     def describe(self, sizes: Mapping[str, int]) -> str:
@@ -250,7 +250,7 @@ class Members:
         Args:
             member: that it is of, for the message.
             values: the list.
-            kind: what it must be.
+            kind: what it must be, of shape (n) say.
         """
         found = np.array(values)
         wrong = kind.find_misfit(found, self.sizes) or kind.find_wrong_value(found)

@@ -312,7 +312,7 @@ def test_two_processes_do_not_share_a_folder(copied):
         [sys.executable, "-c", HOLD, file], stdin=pipe, stdout=pipe, text=True
     ) as other:
         assert other.stdout.readline() == "ready\n"
-        busy = "another process is working on this run"
+        busy = "another process is working on it"
         assert busy in _refused(_identify("--resume", file))
         assert busy in _refused(_identify(*SMALL, "--out", copied, "--force"))
         other.communicate()

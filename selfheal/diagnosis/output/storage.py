@@ -5,7 +5,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -72,14 +72,20 @@ def claim_folder(
     check_writable(folder)
     real = Path(folder).resolve()  # "." has no name
     memory = real.with_name(f".{real.name}.unfinished")
+    made = [parent for parent in real.parents if not parent.exists()]
     real.parent.mkdir(parents=True, exist_ok=True)
-    with lock_file(real):
-        _remove_abandoned(real)
-        check_folder(folder, force)
-        if not resume:
+    try:
+        with lock_file(real):
+            _remove_abandoned(real)
+            check_folder(folder, force)
+            if not resume:
+                shutil.rmtree(memory, ignore_errors=True)
+            yield memory
             shutil.rmtree(memory, ignore_errors=True)
-        yield memory
-        shutil.rmtree(memory, ignore_errors=True)
+    finally:
+        with suppress(OSError):  # what is not empty stays
+            for parent in made:
+                parent.rmdir()
 
 
 def _remove_abandoned(folder: Path) -> None:
