@@ -1,8 +1,8 @@
 """What a file of ours may hold: members and JSON texts in, checked values out.
 
 A run file may come from anywhere. Its size is checked from the headers before an array
-is read, every array by an `Array`, and every JSON text by a type. So what is read fits
-what it is used for.
+is read, every array by an `ArraySchema`, every JSON text by a type. So what is read
+fits what it is used for.
 """
 
 import json
@@ -42,7 +42,7 @@ Number = Annotated[float, AfterValidator(_refuse_huge)]  # or NaN, or infinite
 
 
 @dataclass(frozen=True)
-class Array:
+class ArraySchema:
     """What an array must be.
 
     Attributes:
@@ -126,7 +126,7 @@ class Members:
     Attributes:
         group: of the file.
         title: of every message: "PATH: a damaged run file".
-        sizes: length by name, as `Array` has them; a group inside has its own copy.
+        sizes: length by name, as `ArraySchema` has them; a group inside has a copy.
         place: name of the group in the file, with a slash; "" for the file itself.
     """
 
@@ -165,14 +165,14 @@ class Members:
 
         Args:
             name: of it.
-            kind: an `Array`; `str` for a text; another type for a JSON text of it.
+            kind: an `ArraySchema`; `str` for a text; else the type of a JSON text.
 
         Raises:
             RunFileError: it is missing or something else.
         """
         import h5py
 
-        is_array = isinstance(kind, Array)
+        is_array = isinstance(kind, ArraySchema)
         fits = kind.describe(self.sizes) if is_array else "a text"
         found = self._find_member(name, fits)
         if not isinstance(found, h5py.Dataset):
@@ -244,7 +244,7 @@ class Members:
         except ValidationError as error:
             raise self.make_error(*_explain(member, error)) from error
 
-    def check_list(self, member: str, values: Any, kind: Array) -> None:
+    def check_list(self, member: str, values: Any, kind: ArraySchema) -> None:
         """Refuse a list of numbers of a document that does not fit.
 
         Args:
@@ -262,7 +262,7 @@ class Members:
             raise self.make_error(name, "missing", fits)
         return self.group[name]
 
-    def _read_array(self, name: str, kind: Array, found: Any) -> Any:
+    def _read_array(self, name: str, kind: ArraySchema, found: Any) -> Any:
         """An array, or a number where the kind has no axes."""
         wrong = kind.find_misfit(found, self.sizes)
         values = np.zeros(0) if wrong else np.asarray(found[()])

@@ -16,7 +16,7 @@ import numpy as np
 from ..body.damage import Damage, explain_misfit
 from ..errors import InputError, RunFileError
 from ..files import atomic_hdf5
-from ..schema import Array, Members, Number, open_members
+from ..schema import ArraySchema, Members, Number, open_members
 
 Phase = Mapping[str, Any]
 
@@ -52,7 +52,7 @@ class PhaseSchema:
     """
 
     told: type[Timed]
-    arrays: Mapping[str, Array] = field(default_factory=dict)
+    arrays: Mapping[str, ArraySchema] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

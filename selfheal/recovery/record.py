@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ..body.damage import Damage
 from ..gait.synthesis import Gait
-from ..schema import Array, Count, Finite, Number, Probability
+from ..schema import ArraySchema, Count, Finite, Number, Probability
 from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
 
 
@@ -168,16 +168,16 @@ class _InformedWalk(Timed):
     gait: KeptGait | None = None
 
 
-def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, Array]:
+def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, ArraySchema]:
     """What is kept of a walk of so many rows; see `HealPhases._extract_path`."""
     return {
-        f"{prefix}position": Array((rows, 3), has_gaps=True),
-        f"{prefix}orientation": Array((rows, 4), has_gaps=True),
-        f"{prefix}angles": Array((rows, "P"), has_gaps=True),
+        f"{prefix}position": ArraySchema((rows, 3), has_gaps=True),
+        f"{prefix}orientation": ArraySchema((rows, 4), has_gaps=True),
+        f"{prefix}angles": ArraySchema((rows, "P"), has_gaps=True),
     }
 
 
-_FELT = Array(("whole rows", "C"), has_gaps=True)
+_FELT = ArraySchema(("whole rows", "C"), has_gaps=True)
 _FIRST, _LAST = ("gait", "whole", "alarm"), ("healed", "walked", "known")
 # P joints, C channels; a walk has as many rows as samples
 _SCHEMAS = {
@@ -189,12 +189,12 @@ _SCHEMAS = {
     "alarm": PhaseSchema(
         _Alarm,
         {
-            "angles": Array(("P",), has_gaps=True),
-            "time": Array(("windows",)),
-            "sums": Array(("windows", "sums"), has_gaps=True),
+            "angles": ArraySchema(("P",), has_gaps=True),
+            "time": ArraySchema(("windows",)),
+            "sums": ArraySchema(("windows", "sums"), has_gaps=True),
         },
     ),
-    "ask": PhaseSchema(_Action, {"values": Array((None,), has_gaps=True)}),
+    "ask": PhaseSchema(_Action, {"values": ArraySchema((None,), has_gaps=True)}),
     "verdict": PhaseSchema(_Verdict),
     "healed": PhaseSchema(_HealedGait),
     "walked": PhaseSchema(

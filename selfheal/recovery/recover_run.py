@@ -11,7 +11,7 @@ from ..body.damage import INTACT, Damage, describe_damages, explain_misfit
 from ..body.legged import LeggedRobot, load_legged_robot, reduce_damages
 from ..engine.reflex import STEPS, STEPS_PER_SAMPLE
 from ..robot.scenarios import SCENARIOS
-from ..schema import Array, Count, Number, PositiveCount, Probability
+from ..schema import ArraySchema, Count, Number, PositiveCount, Probability
 from .estimate import GENES, VALUES, Hypothesis, Trial
 from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
 from .record import Distances
@@ -102,13 +102,13 @@ class _Controller(_Search):
 
 # W weights of a controller, S sensors, T samples of a run, D motors, K controllers
 _SEARCH = {
-    "pool": Array(("K", "W")),
-    "best": Array(("generations",), has_gaps=True),
-    "weights": Array(("W",)),
+    "pool": ArraySchema(("K", "W")),
+    "best": ArraySchema(("generations",), has_gaps=True),
+    "weights": ArraySchema(("W",)),
 }
 _ROLLOUT = {
-    "sensed": Array(("T", "S"), has_gaps=True),
-    "path": Array(("T", 3), has_gaps=True),
+    "sensed": ArraySchema(("T", "S"), has_gaps=True),
+    "path": ArraySchema(("T", 3), has_gaps=True),
 }
 _SCHEMAS = {
     "original": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
@@ -116,22 +116,22 @@ _SCHEMAS = {
     "estimate": PhaseSchema(
         _Estimate,
         {
-            "genome": Array((GENES * VALUES,), low=-1.0, high=1.0),
-            "best": Array(("generations",), has_gaps=True),
+            "genome": ArraySchema((GENES * VALUES,), low=-1.0, high=1.0),
+            "best": ArraySchema(("generations",), has_gaps=True),
         },
     ),
     "explore": PhaseSchema(_Controller, _SEARCH),
     "trial": PhaseSchema(_Rollout, _ROLLOUT),
     "hardware": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
 }
-_FACTORS = Array(("trims", "factors"), low=0.0, high=1e6)
+_FACTORS = ArraySchema(("trims", "factors"), low=0.0, high=1e6)
 _OURS = {
     "original": replace(
         _SCHEMAS["original"],
         arrays={**_SCHEMAS["original"].arrays, "trims": _FACTORS},
     ),
     "estimate": PhaseSchema(
-        _Estimate, {"scale": Array(("compared", "S"), low=1e-9, high=1e6)}
+        _Estimate, {"scale": ArraySchema(("compared", "S"), low=1e-9, high=1e6)}
     ),
 }
 

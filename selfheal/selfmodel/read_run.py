@@ -11,7 +11,7 @@ from ..body.body import Anatomy, Bodies, Ints
 from ..body.genome import HINGE_NAMES, Genomes
 from ..schema import (
     ROUNDING,
-    Array,
+    ArraySchema,
     Count,
     Members,
     Number,
@@ -24,14 +24,14 @@ from .run import FORMAT, VERSION, Cycle, Run, Settings
 _SMALLEST, _LARGEST = 1e-9, 1e6
 
 
-def _make_size(*shape: int | str, least: float = _SMALLEST) -> Array:
+def _make_size(*shape: int | str, least: float = _SMALLEST) -> ArraySchema:
     """Lengths or masses [m or kg]."""
-    return Array(shape, low=least, high=_LARGEST)
+    return ArraySchema(shape, low=least, high=_LARGEST)
 
 
-def _make_place(*shape: int | str) -> Array:
+def _make_place(*shape: int | str) -> ArraySchema:
     """Positions or angles [m or rad]."""
-    return Array(shape, low=-_LARGEST, high=_LARGEST)
+    return ArraySchema(shape, low=-_LARGEST, high=_LARGEST)
 
 
 # What a file holds, by name. P parts, A actions, N bodies, K rivals; see the classes.
@@ -51,7 +51,7 @@ _ANATOMY = {
     "feet": tuple[PositiveCount, ...],
 }
 _BODY = {
-    "parent": Array((1, "P"), "int", is_tree=True),
+    "parent": ArraySchema((1, "P"), "int", is_tree=True),
     "anchor": _make_place(1, "P", 3),
     "heading": _make_place(1, "P"),
     "axis": _make_place(1, "P", 3),
@@ -60,38 +60,38 @@ _BODY = {
     "mass": _make_size(1, "P"),
 }
 _GENOMES = {
-    "parent": Array(("K", "P"), "int", is_tree=True),
-    "placement": Array(("K", "P"), low=0.0, high=1.0),
-    "hinge": Array(("K", "P"), "int", 0, len(HINGE_NAMES) - 1),
+    "parent": ArraySchema(("K", "P"), "int", is_tree=True),
+    "placement": ArraySchema(("K", "P"), low=0.0, high=1.0),
+    "hinge": ArraySchema(("K", "P"), "int", 0, len(HINGE_NAMES) - 1),
     "length": _make_size("K", "P"),
 }
 _RIVALS = {
-    "tables": Array(("K", "A", 3), has_gaps=True),
-    "losses": Array(("K",), has_gaps=True),
+    "tables": ArraySchema(("K", "A", 3), has_gaps=True),
+    "losses": ArraySchema(("K",), has_gaps=True),
 }
-_SURENESS = Array(("P",), low=0.0, high=1.0 + ROUNDING, has_gaps=True)
+_SURENESS = ArraySchema(("P",), low=0.0, high=1.0 + ROUNDING, has_gaps=True)
 _CYCLE = {
-    "action": Array((), "int", 0),
+    "action": ArraySchema((), "int", 0),
     "why": str,
-    "felt": Array((3,), has_gaps=True),
+    "felt": ArraySchema((3,), has_gaps=True),
     **_RIVALS,
     "sureness": _SURENESS,
-    "tilt_error": Array(has_gaps=True),
-    "disagreement": Array(has_gaps=True),
-    "spent": Array((), "int", 0),
-    "seconds": Array(low=0.0),
+    "tilt_error": ArraySchema(has_gaps=True),
+    "disagreement": ArraySchema(has_gaps=True),
+    "spent": ArraySchema((), "int", 0),
+    "seconds": ArraySchema(low=0.0),
 }
 # what the search goes on from, as the strategies capture it
 _CROWD = {**_GENOMES, **_RIVALS}
 _CLIMBERS = {
-    "strategy_genes": Array(("K", "P"), low=0.0, high=1.0),
-    "strategy_losses": Array(("K",), has_gaps=True),
-    "strategy_weight": Array(low=0.0, high=1.0),
+    "strategy_genes": ArraySchema(("K", "P"), low=0.0, high=1.0),
+    "strategy_losses": ArraySchema(("K",), has_gaps=True),
+    "strategy_weight": ArraySchema(low=0.0, high=1.0),
 }
-_ANY_METHOD = {"hardness": Array(("A",), has_gaps=True), "random": str}
+_ANY_METHOD = {"hardness": ArraySchema(("A",), has_gaps=True), "random": str}
 _SECOND_ENGINE = {
-    "judge_keys": Array(("J", None), "byte"),
-    "judge_values": Array(("J", 3), has_gaps=True),
+    "judge_keys": ArraySchema(("J", None), "byte"),
+    "judge_values": ArraySchema(("J", 3), has_gaps=True),
 }
 
 
@@ -211,8 +211,8 @@ def _read_result(file: Members, cycles: tuple[Cycle, ...]) -> dict[str, Any]:
 
 def _read_indistinguishable(file: Members) -> Ints:
     """(M, P) parents; (0, 0) where there are none."""
-    found = file.read("alike", Array((None, None), "int"))
-    kind = Array((None, "P"), "int", is_tree=True)
+    found = file.read("alike", ArraySchema((None, None), "int"))
+    kind = ArraySchema((None, "P"), "int", is_tree=True)
     return file.read("alike", kind) if len(found) else found
 
 

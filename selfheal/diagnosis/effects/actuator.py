@@ -134,7 +134,7 @@ class RateLimit(ActuatorEffect):
     source = "MuJoCo actuator/pid slewmax"
     separate_by = "step the command by several sizes"
     phrase = "{at} follows its commands at {rate} at most"
-    parameters = (ParameterSpec("rate", "rad/s", nominal=np.inf),)
+    parameters = (ParameterSpec("rate", "rad/s", nominal=np.inf, nonnegative=True),)
 
     def make_parameters(self, robot, actuator):
         rate = actuator.max_rate
@@ -167,7 +167,7 @@ class TorqueSaturation(ActuatorEffect):
     source = "MuJoCo actuator/forcerange"
     separate_by = "command larger and larger steps"
     phrase = "{at} cannot give more than {limit}"
-    parameters = (ParameterSpec("limit", "N m", nominal=np.inf),)
+    parameters = (ParameterSpec("limit", "N m", nominal=np.inf, nonnegative=True),)
 
     def make_parameters(self, robot, actuator):
         most = actuator.max_force
@@ -207,8 +207,8 @@ class SpeedTorqueLimit(ActuatorEffect):
         "{no_load_speed}"
     )
     parameters = (
-        ParameterSpec("stall_torque", "N m", nominal=np.inf),
-        ParameterSpec("no_load_speed", "rad/s", nominal=np.inf),
+        ParameterSpec("stall_torque", "N m", nominal=np.inf, nonnegative=True),
+        ParameterSpec("no_load_speed", "rad/s", nominal=np.inf, nonnegative=True),
     )
     writes_forcerange = True
 
@@ -265,7 +265,10 @@ class ServoGain(ActuatorEffect):
     source = "MuJoCo actuator/position"
     separate_by = "load the held joint with a known weight"
     phrase = "{at} has gains {other} ({all})"
-    parameters = (ParameterSpec("kp", "N m/rad"), ParameterSpec("kv", "N m s/rad"))
+    parameters = (
+        ParameterSpec("kp", "N m/rad", nonnegative=True),
+        ParameterSpec("kv", "N m s/rad", nonnegative=True),
+    )
     parameter_sets = (("kp", "kv"), ("kp",))
     restates_nominal = True
     overrides = ("kp", "kv", "gain", "gear")
@@ -323,8 +326,8 @@ class IntegralAction(ActuatorEffect):
     separate_by = "hold a loaded pose for ten seconds"
     phrase = "{at} sums up its error with a gain of {ki}"
     parameters = (
-        ParameterSpec("ki", "N m/(rad s)", nominal=0.0),
-        ParameterSpec("imax", "N m"),
+        ParameterSpec("ki", "N m/(rad s)", nominal=0.0, nonnegative=True),
+        ParameterSpec("imax", "N m", nonnegative=True),
     )
     finding_fields = (
         FindingField(

@@ -24,7 +24,7 @@ class Payload(BodyEffect):
     separate_by = "repeat with a second known mass, or in another pose"
     phrase = "{at} carries a mass of {mass} {lacks}"
     parameters = (
-        ParameterSpec("mass", "kg", nominal=0.0),
+        ParameterSpec("mass", "kg", nominal=0.0, nonnegative=True),
         ParameterSpec("position", "m", size=3),  # in the body's frame
     )
     rarity = 1
@@ -100,7 +100,7 @@ class LinkLength(BodyEffect):
     source = "Bongard, Zykov, Lipson 2006: part scales"
     separate_by = "touch one known point with the part in two poses"
     phrase = "{at} has a length of {length}, {other}"
-    parameters = (ParameterSpec("length", "m"),)
+    parameters = (ParameterSpec("length", "m", nonnegative=True),)
     overrides = ("length",)
 
     def make_parameters(self, robot, body):

@@ -43,7 +43,7 @@ class ViscousFriction(FrictionEffect):
     source = "MuJoCo joint/damping"
     separate_by = "let the joint swing with the motor off"
     phrase = "{at} has viscous friction of {damping} {lacks}"
-    parameters = (ParameterSpec("damping", "N m s/rad"),)
+    parameters = (ParameterSpec("damping", "N m s/rad", nonnegative=True),)
     is_common = True
     overrides = ("damping",)
 
@@ -76,7 +76,7 @@ class QuadraticDamping(FrictionEffect):
     source = "MuJoCo joint/damping, second coefficient (3.7)"
     separate_by = "swing the joint once slowly and once at full speed"
     phrase = "{at} has drag of {damping2} {lacks}"
-    parameters = (ParameterSpec("damping2", "N m s^2/rad^2"),)
+    parameters = (ParameterSpec("damping2", "N m s^2/rad^2", nonnegative=True),)
 
     def make_parameters(self, robot, joint):
         scale = 0.2 * joint.torque / joint.speed**2
@@ -99,7 +99,7 @@ class CoulombFriction(FrictionEffect):
     source = "MuJoCo joint/frictionloss"
     separate_by = "move the joint back and forth at two constant speeds"
     phrase = "{at} has dry friction of {frictionloss} {lacks}"
-    parameters = (ParameterSpec("frictionloss", "N m"),)
+    parameters = (ParameterSpec("frictionloss", "N m", nonnegative=True),)
     is_common = True
     overrides = ("frictionloss",)
 
@@ -137,9 +137,9 @@ class StribeckFriction(FrictionEffect):
     separate_by = "ramp the joint slower than the Stribeck velocity for 20 s"
     phrase = "{at} has dry friction {lacks}: {static} at rest, {coulomb} in motion"
     parameters = (
-        ParameterSpec("coulomb", "N m"),
-        ParameterSpec("static", "N m"),
-        ParameterSpec("stribeck_velocity", "rad/s"),
+        ParameterSpec("coulomb", "N m", nonnegative=True),
+        ParameterSpec("static", "N m", nonnegative=True),
+        ParameterSpec("stribeck_velocity", "rad/s", nonnegative=True),
     )
     overrides = ("frictionloss",)
 
@@ -196,7 +196,9 @@ class LoadDependentFriction(FrictionEffect):
     phrase = (
         "{at} has friction {lacks}: {load_coefficient} of the torque that it passes on"
     )
-    parameters = (ParameterSpec("load_coefficient", "1", nominal=0.0),)
+    parameters = (
+        ParameterSpec("load_coefficient", "1", nominal=0.0, nonnegative=True),
+    )
     finding_fields = (FindingField("side", (BOTH,), is_required=False),)
     is_common = True
 
@@ -240,7 +242,10 @@ class AsymmetricFriction(FrictionEffect):
     source = "Corke 1996, A Robotics Toolbox for MATLAB: Link.Tc"
     separate_by = "move at the same constant speed both ways, without gravity"
     phrase = "{at} has dry friction {lacks}: {positive} one way, {negative} the other"
-    parameters = (ParameterSpec("positive", "N m"), ParameterSpec("negative", "N m"))
+    parameters = (
+        ParameterSpec("positive", "N m", nonnegative=True),
+        ParameterSpec("negative", "N m", nonnegative=True),
+    )
     overrides = ("frictionloss",)
 
     def make_parameters(self, robot, joint):

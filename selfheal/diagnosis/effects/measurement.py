@@ -72,7 +72,7 @@ class SensorGain(SensorEffect):
     source = "JCGM 200:2012 (VIM), sensitivity"
     separate_by = "bring the joint to two known angles"
     phrase = "{at} reads {gain} times what is true"
-    parameters = (ParameterSpec("gain", "1", nominal=1.0),)
+    parameters = (ParameterSpec("gain", "1", nominal=1.0, nonnegative=True),)
 
     def make_parameters(self, robot, signal):
         return (

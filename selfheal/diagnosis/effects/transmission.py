@@ -33,7 +33,7 @@ class Armature(TransmissionEffect):
     source = "MuJoCo joint/armature"
     separate_by = "repeat the motion with another payload"
     phrase = "{at} has a rotor inertia of {armature}, {other}"
-    parameters = (ParameterSpec("armature", "kg m^2"),)
+    parameters = (ParameterSpec("armature", "kg m^2", nonnegative=True),)
     is_common = True
     overrides = ("armature",)
 
@@ -68,7 +68,7 @@ class JointSpring(TransmissionEffect):
     separate_by = "measure the torque at rest, or re-zero the encoder"
     phrase = "{at} has a spring of {stiffness} {lacks}"
     parameters = (
-        ParameterSpec("stiffness", "N m/rad"),
+        ParameterSpec("stiffness", "N m/rad", nonnegative=True),
         ParameterSpec("springref", "rad"),
     )
     overrides = ("stiffness",)
@@ -208,8 +208,8 @@ class Cogging(TransmissionEffect):
     separate_by = "turn the joint slowly through its whole range"
     phrase = "{at} has a torque of {amplitude} {lacks}, rippling with its angle"
     parameters = (
-        ParameterSpec("amplitude", "N m", nominal=0.0),
-        ParameterSpec("poles", "1"),
+        ParameterSpec("amplitude", "N m", nominal=0.0, nonnegative=True),
+        ParameterSpec("poles", "1", nonnegative=True),
         ParameterSpec("phase", "rad", nominal=0.0),
     )
     rarity = 1
@@ -263,7 +263,7 @@ class JointCoupling(TransmissionEffect):
     separate_by = "hold one joint and move the other"
     phrase = "{at} is coupled to another joint by {stiffness} {lacks}"
     parameters = (
-        ParameterSpec("stiffness", "N m/rad", nominal=0.0),
+        ParameterSpec("stiffness", "N m/rad", nominal=0.0, nonnegative=True),
         ParameterSpec("ratio", "1", nominal=1.0),
     )
     finding_fields = (FindingField("other", target_kind="joint"),)
@@ -327,7 +327,7 @@ class Backlash(SecondJointEffect):
     source = "MuJoCo manual, Modeling: Backlash, as two hinges"
     separate_by = "rock the joint slowly about a pose without load"
     phrase = "{at} has play of {gap} {lacks}"
-    parameters = (ParameterSpec("gap", "rad", nominal=0.0),)
+    parameters = (ParameterSpec("gap", "rad", nominal=0.0, nonnegative=True),)
     suffix = "_play"
     # compared between 0.001 and 0.01: changes least where the gap is shut
     min_inertia_share = 0.003
@@ -362,8 +362,8 @@ class Compliance(SecondJointEffect):
     separate_by = "load the held joint with two known weights"
     phrase = "{at} gives way, with a stiffness of {stiffness} {lacks}"
     parameters = (
-        ParameterSpec("stiffness", "N m/rad", nominal=np.inf),
-        ParameterSpec("damping", "N m s/rad"),
+        ParameterSpec("stiffness", "N m/rad", nominal=np.inf, nonnegative=True),
+        ParameterSpec("damping", "N m s/rad", nonnegative=True),
     )
     suffix = "_flex"
 

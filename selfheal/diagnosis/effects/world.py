@@ -31,7 +31,7 @@ class Slope(WorldEffect):
     separate_by = "turn the robot by 180 degrees: a slope turns with the room"
     phrase = "the ground slopes by {tilt}, {other}"
     parameters = (
-        ParameterSpec("tilt", "rad", nominal=0.0),
+        ParameterSpec("tilt", "rad", nominal=0.0, nonnegative=True),
         ParameterSpec("azimuth", "rad", nominal=0.0),  # downhill, from +x towards +y
     )
     finding_fields = (FindingField("side", (1, -1), is_required=False),)
@@ -109,8 +109,8 @@ class FluidDrag(WorldEffect):
     separate_by = "change the area of a moving part"
     phrase = "a fluid {lacks} drags at {at} ({all})"
     parameters = (
-        ParameterSpec("density", "kg/m^3"),
-        ParameterSpec("viscosity", "Pa s"),
+        ParameterSpec("density", "kg/m^3", nonnegative=True),
+        ParameterSpec("viscosity", "Pa s", nonnegative=True),
     )
     parameter_sets = (("density",), ("viscosity",))
     rarity = 1
@@ -249,7 +249,7 @@ class GroundFriction(GroundEffect):
     source = "MuJoCo geom/friction"
     separate_by = "push the resting robot until it slides"
     phrase = "contact has a friction of {friction}, {other}"
-    parameters = (ParameterSpec("friction", "1"),)
+    parameters = (ParameterSpec("friction", "1", nonnegative=True),)
 
     def propose_terms(self, robot):
         """One term where the robot touched the ground."""
@@ -288,7 +288,7 @@ class GroundCompliance(GroundEffect):
     phrase = "contact gives way, {other} ({all})"
     parameters = (
         ParameterSpec("timeconst", "s", nonnegative=True),
-        ParameterSpec("dampratio", "1"),
+        ParameterSpec("dampratio", "1", nonnegative=True),
     )
 
     def propose_terms(self, robot):

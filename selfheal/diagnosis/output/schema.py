@@ -7,13 +7,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ...errors import InputError, UnknownNameError
+from ...schema import shorten_value
 from ..effects import load_catalogue
 from ..effects.base import Effect
 from ..effects.declaration import FindingField, ParameterSpec
 
 SIZE_WORDS = {2: "two", 3: "three", 4: "four", 6: "six"}  # sizes of vectors
-MAX_SHOWN_CHARACTERS = 60  # characters of a misfit that a message repeats; chosen
+MAX_FINDING_VALUE = 1e12  # beyond it no robot has a parameter in any unit; chosen
 
 
 def check_entries(path: object, document: Mapping[str, Any]) -> None:
@@ -50,8 +53,15 @@ def _check_finding(where: str, entry: Mapping[str, Any]) -> None:
     _check_target(where, "target", entry.get("target"), effect.target_kinds)
     _check_parameters(where, entry.get("parameters"), effect)
     for field in effect.finding_fields:
-        if field.is_required:
+        if field.is_required or field.name in entry:
             _check_field(where, entry.get(field.name), field)
+    own = {field.name for field in effect.finding_fields}
+    fields = {f.name for other in catalogue.values() for f in other.finding_fields}
+    for key in sorted(fields - own):
+        if key in entry:
+            raise _misfit_error(where, key, entry[key], f"no {key} beside {name}")
+    if not isinstance(native := entry.get("native", False), bool):
+        raise _misfit_error(where, "native", native, "true or false")
 
 
 def _check_target(where: str, key: str, target: Any, kinds: Sequence[str]) -> None:
@@ -79,7 +89,7 @@ def _check_field(where: str, value: Any, field: FindingField) -> None:
     """
     if field.target_kind:
         _check_target(where, field.name, value, (field.target_kind,))
-    elif value not in field.values:
+    elif isinstance(value, bool) or value not in field.values:
         fits = " or ".join(map(repr, field.values))
         raise _misfit_error(where, field.name, value, fits)
 
@@ -128,6 +138,9 @@ def _check_value(where: str, value: Any, spec: ParameterSpec) -> None:
         raise _misfit_error(where, what, value, "a number")
     elif spec.nonnegative and value < 0:
         raise _misfit_error(where, what, value, "0 or more")
+    if np.max(np.abs(value)) > MAX_FINDING_VALUE:
+        fits = f"{-MAX_FINDING_VALUE:g} to {MAX_FINDING_VALUE:g}"
+        raise _misfit_error(where, what, value, fits)
 
 
 def _check_refit(where: str, entry: Mapping[str, Any]) -> None:
@@ -138,6 +151,10 @@ def _check_refit(where: str, entry: Mapping[str, Any]) -> None:
     for key in ("given", "value"):
         if not _is_number(entry.get(key)):
             raise _misfit_error(where, key, entry.get(key), "a number")
+    given, value = entry["given"], entry["value"]
+    if given and abs(float(value)) > MAX_FINDING_VALUE * abs(given):
+        fits = f"at most {MAX_FINDING_VALUE:g} times as much as given"
+        raise _misfit_error(where, "value", value, fits)
 
 
 def _is_number(value: Any) -> bool:
@@ -159,10 +176,4 @@ def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
         value: that it has.
         fits: what it might be.
     """
-    said = repr(value)
-    said = (
-        said
-        if len(said) <= MAX_SHOWN_CHARACTERS
-        else f"{said[:MAX_SHOWN_CHARACTERS]}..."
-    )
-    return InputError(f"{where}: {what} is {said}; would fit: {fits}")
+    return InputError(f"{where}: {what} is {shorten_value(value)}; would fit: {fits}")

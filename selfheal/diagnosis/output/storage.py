@@ -1,7 +1,6 @@
 """A diagnosis on disk (contract section 2): takes its parts, writes all or nothing."""
 
 import glob
-import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -13,6 +12,7 @@ from uuid import uuid4
 from ...errors import InputError
 from ...files import check_writable, lock_file, make_write_error
 from ...mjcf.xml_text import encode_text
+from ...schema import load_json
 from .document import format_document
 from .schema import check_entries
 
@@ -155,7 +155,7 @@ def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """
     path = Path(folder) / "diagnosis.json"
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = load_json(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from error
     except ValueError as error:

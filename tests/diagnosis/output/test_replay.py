@@ -173,7 +173,7 @@ def test_inputs_of_another_robot_are_refused(change, said, empty_diagnosis):
 def test_a_diverging_model_is_reported_with_episode_and_time(empty_diagnosis):
     out, recording = empty_diagnosis
     write_finding(out, effect="joint_spring", native=False,
-          parameters=[{"name": "stiffness", "value": -1e9},
+          parameters=[{"name": "stiffness", "value": 1e9},
                       {"name": "springref", "value": 0.0}])  # fmt: skip
     with pytest.raises(RecordingError, match=r"'000': the model diverges at 0\.\d+ s$"):
         replay_recording(out, recording)

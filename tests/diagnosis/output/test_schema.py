@@ -11,8 +11,8 @@ from selfheal.errors import InputError, UnknownNameError
 from tests.support.diagnosis_folder import write_finding
 from tests.support.recorded_robots import bench, places
 
-NAN = float("nan")
-
+NAN, INFINITY = float("nan"), float("inf")
+STOP = {"effect": "hard_stop", "side": 1, "parameters": [{"name": "range", "value": 1}]}
 
 LOSS = {"name": "frictionloss", "value": 0.1}
 HUGE = 10**400
@@ -36,7 +36,21 @@ HUGE = 10**400
         ({"parameters": [{"value": 1.0}]}, InputError, "would fit: frictionloss"),
         ({"effect": "asymmetric_friction"}, InputError, "fit: positive, negative"),
         *(({"parameters": [{**LOSS, "value": value}]}, InputError, "fit: a number")
-          for value in (None, "much", [], HUGE, NAN, True)),
+          for value in (None, "much", [], HUGE, True)),
+        ({"parameters": [{**LOSS, "value": NAN}]}, InputError, "NaN is no number"),
+        ({"parameters": [{**LOSS, "low": -INFINITY}]}, InputError, "-Infinity is no"),
+        ({"parameters": [{**LOSS, "value": 1e13}]}, InputError, "-1e.12 to 1e.12"),
+        ({"effect": "quadratic_damping", "parameters": [
+            {"name": "damping2", "value": -1e9}]}, InputError,
+         "damping2 is -1000000000.0; would fit: 0 or more"),
+        ({**STOP, "measured": "link"}, InputError,
+         "measured is 'link'; would fit: no measured beside hard_stop"),
+        ({**STOP, "other": "joint:wrist"}, InputError, "fit: no other beside hard_sto"),
+        ({**STOP, "side": True}, InputError, "side is True; would fit: -1 or 1"),
+        ({**STOP, "native": "no"}, InputError, "native is 'no'; would fit: true or"),
+        ({"effect": "slope", "target": "world", "side": 3, "parameters": [
+            {"name": "tilt", "value": 0.1}, {"name": "azimuth", "value": 0.0}]},
+         InputError, "side is 3; would fit: 1 or -1"),
         ({"effect": "joint_coupling", "parameters": [
             {"name": "stiffness", "value": 1.0}, {"name": "ratio", "value": 1.0}]},
          InputError, "other is None; would fit: joint: and a name"),
@@ -64,6 +78,7 @@ def test_a_finding_that_says_nothing_of_this_model_is_refused(
     [
         ({"given": "x"}, "given is 'x'; would fit: a number"),
         ({"value": None}, "value is None; would fit: a number"),
+        ({"given": 1e-9, "value": 1e9}, r"1e\+12 times as much as given"),
         ({"parameter": 7}, r"refit\[0\]: parameter is 7; would fit: a text"),
     ],
 )
@@ -92,3 +107,14 @@ def test_what_a_diagnosis_writes_is_what_a_replay_takes(robot, tmp_path):
             }
             entries = {"findings": [{**entry, "parameters": stated}], "refit": []}
             check_entries("diagnosis.json", entries)
+
+
+@pytest.mark.parametrize("robot", places())
+def test_a_fit_stays_within_what_a_finding_may_state(robot, tmp_path):
+    scene = bench(robot, tmp_path).robot
+    for effect in load_catalogue().values():
+        specs = {spec.name: spec for spec in effect.parameters}
+        for parameter in (p for t in effect.propose_terms(scene) for p in t.parameters):
+            spec = specs.get(parameter.name)
+            if spec and (spec.nonnegative or parameter.low == 0):
+                assert spec.nonnegative and parameter.low >= 0, parameter
