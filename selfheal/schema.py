@@ -300,18 +300,8 @@ def open_members(
 
 def _check_headers(members: Members) -> None:
     """Refuse links to elsewhere and more values than are read."""
-    import h5py
-
     total = 0
-
-    def check_link(name: str, link: Any) -> None:
-        if not isinstance(link, h5py.HardLink):
-            raise members.make_error(name, "a link to elsewhere", "data of this file")
-
-    def count(name: str, item: Any) -> None:
-        nonlocal total
-        if not isinstance(item, h5py.Dataset):
-            return
+    for name, item in _walk_datasets(members):
         if item.is_virtual or item.external:
             raise members.make_error(name, "kept elsewhere", "data of this file")
         # one chunk is unpacked whole, even where it reaches beyond the data
@@ -322,8 +312,28 @@ def _check_headers(members: Members) -> None:
             fits = f"at most {MAX_VALUES:,} values in the file"
             raise members.make_error(name, found, fits)
 
-    members.group.visititems_links(check_link)
-    members.group.visititems(count)
+
+def _walk_datasets(members: Members) -> Iterator[tuple[str, Any]]:
+    """Name and dataset of each in a file; no link to elsewhere is followed."""
+    import h5py
+
+    left, seen = [("", members.group)], set()
+    while left:
+        place, group = left.pop()
+        for name in group:
+            path = f"{place}{name}"
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise members.make_error(
+                    path, "a link to elsewhere", "data of this file"
+                )
+            item = group[name]
+            if isinstance(item, h5py.Dataset):
+                yield path, item
+            elif isinstance(item, h5py.Group):
+                address = h5py.h5o.get_info(item.id).addr
+                if address not in seen:  # else a group that holds itself
+                    seen.add(address)
+                    left.append((f"{path}/", item))
 
 
 @cache
