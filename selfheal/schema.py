@@ -29,7 +29,7 @@ ROUNDING = 1e-6  # by which a sum of probabilities may be above 1
 def _refuse_huge(value: float) -> float:
     """Refuse a whole number that no array holds; NaN and infinity may stand."""
     if abs(value) > _LARGEST_NUMBER and math.isfinite(value):
-        raise ValueError(f"a number within {_LARGEST_NUMBER:g}")
+        raise ValueError(f"{value:g}; would fit: within {_LARGEST_NUMBER:g}")
     return value
 
 
@@ -351,8 +351,9 @@ def _explain(member: str, error: ValidationError) -> tuple[str, str, str]:
         return place, "missing", ""
     if first["type"] == "json_invalid":
         return place, f"no JSON ({said.removeprefix('Invalid JSON: ')})", ""
-    fits = said.removeprefix("Input should be ").removeprefix("Value error, ")
-    return place, shorten_value(first["input"]), fits
+    if first["type"] == "value_error":  # what a type of ours says of the value
+        return place, said.removeprefix("Value error, "), ""
+    return place, shorten_value(first["input"]), said.removeprefix("Input should be ")
 
 
 def shorten_value(value: Any) -> str:

@@ -39,7 +39,7 @@ class KeptDamage(Damage):
     def __post_init__(self) -> None:
         """Refuse it with a ValueError."""
         if wrong := explain_misfit(self):
-            raise ValueError(wrong)
+            raise ValueError(f"of {wrong}")
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class KeptRecord:
     def __post_init__(self) -> None:
         """Refuse a run that neither ended well nor failed, or both."""
         if (self.outcome is None) != bool(self.error):
-            raise ValueError("either an outcome or an error")
+            raise ValueError("with both or neither of outcome and error")
 
 
 @dataclass(frozen=True)

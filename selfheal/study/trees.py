@@ -5,6 +5,7 @@ Shared by the studies that identify attachment trees.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -50,9 +51,9 @@ class TreeOutcome:
     def __post_init__(self) -> None:
         """Refuse lists that are not as long as each other."""
         if len(self.error) != len(self.disagreement):
-            raise ValueError("as many numbers of error as of disagreement")
+            raise ValueError("with lists error and disagreement of unlike lengths")
         if len(self.stated) != len(self.right):
-            raise ValueError("as many statements as what was right of them")
+            raise ValueError("with lists stated and right of unlike lengths")
 
 
 def open_study_robot(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
@@ -104,13 +105,14 @@ def _count_searched(counts: Mapping[str, int]) -> int:
 def list_statements(records: Sequence[Record]) -> Pairs:
     """What runs said of each attachment: stated probability, whether it is right.
 
-    Part 1 has nothing but the torso to hang on, and is left out.
+    Part 1 has nothing but the torso to hang on, and is left out; NaN states nothing.
     """
     return [
         pair
         for record in records
         for pair in zip(record["outcome"]["stated"][1:], record["outcome"]["right"][1:],
                         strict=True)
+        if isfinite(pair[0])
     ]  # fmt: skip
 
 

@@ -1,0 +1,227 @@
+"""Run files with a member replaced are refused by one error that names it, or read."""
+
+import copy
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from selfheal import files
+from selfheal.errors import RunFileError, SelfhealError
+from selfheal.recovery.phased_run import load_phased_run, save_phased_run
+from selfheal.recovery.recover import recover_robot
+from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
+from selfheal.report.identify import make_identify_page
+from selfheal.robot.simulated_legs import SimulatedLegs
+from selfheal.selfmodel.loop import identify_body
+from selfheal.selfmodel.read_run import load_run
+from selfheal.selfmodel.run import Settings, save_run
+from selfheal.study.page import format_markdown
+from selfheal.study.plan import find_study
+from selfheal.study.store import load_study
+from tests.support import short_recover
+from tests.support.damaged_members import (
+    NEVER_FIT,
+    make_damaged_copies,
+    replace_member,
+)
+from tests.support.finished_study import RUNS, write_finished_study
+from tests.support.short_recover import LOWER
+from tests.support.stick_robot import Toy
+
+SMALL = Settings("toy", engine="statics", cycles=2, budget=40)
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    """Files are not read on trial by another process, which takes time."""
+    monkeypatch.setattr(files, "explain_dangerous", lambda *what: "")
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory) -> Path:
+    """A run after its first cycle, which has a state to go on from."""
+    path = tmp_path_factory.mktemp("run") / "run.h5"
+    save_run(next(identify_body(Toy(), SMALL)), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recovered(tmp_path_factory) -> Path:
+    """A recovery that is finished."""
+    path = tmp_path_factory.mktemp("recovery") / "recover.h5"
+    settings = RecoverSettings(
+        "quadruped", 1, (LOWER,), seed=2, generations=2, trials=1
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        short_recover.shorten(patch.setattr)
+        *_, run = recover_robot(SimulatedLegs(settings.legged_robot, 2), settings)
+    save_phased_run(run, path)
+    return path
+
+
+def _load_run(path: Path, member: str) -> None:
+    run = load_run(path)
+    if member.startswith("state/"):
+        next(identify_body(Toy(), run.settings, run=run))
+
+
+def _load_recovery(path: Path, member: str) -> None:
+    load_phased_run(path, RecoverRun)
+
+
+def _show_study(path: Path, member: str = "") -> None:
+    results = load_study(path, has_tables=True)
+    tables = find_study(results.study).make_tables(results.finished)
+    format_markdown(results, tables)
+
+
+def _find_faults(
+    path: Path, read: Callable[[Path, str], None]
+) -> tuple[dict[tuple[str, str], str], set[tuple[str, str]]]:
+    """Damages that end in another error, and those that are read."""
+    faults, passed = {}, set()
+    for member, what, damaged in make_damaged_copies(path):
+        try:
+            read(damaged, member)
+            passed.add((member, what))
+        except SelfhealError as error:
+            if str(damaged) not in str(error):
+                faults[member, what] = f"no path: {error}"
+        except Exception as error:
+            faults[member, what] = repr(error)
+    return faults, passed
+
+
+@pytest.mark.parametrize(
+    "kind, read", [("identified", _load_run), ("recovered", _load_recovery)]
+)
+def test_a_run_with_a_member_replaced_is_refused_or_gone_on_from(kind, read, request):
+    faults, passed = _find_faults(request.getfixturevalue(kind), read)
+    assert not faults
+    assert passed and not {each for each in passed if each[1] in NEVER_FIT}
+
+
+MISFITS: list[tuple[str, object, str]] = [
+    ("@result", "null", "attribute result is None; would fit: an object"),
+    ("@settings", '{"robot": "toy", "cycles": 2.5}',
+     r"settings\.cycles is 2\.5; would fit: a valid integer"),
+    ("@counts", "{}", "counts is without choice, failed, statics"),
+    ("actions", np.zeros((6, 3)), r"actions is of shape \(6, 3\); .*\(A.*, P = 4\)"),
+    ("anatomy/joints", '["a"]', "joints is of 1 names; would fit: 4, one each part"),
+    ("anatomy/mass", np.zeros(4), "mass is 0 somewhere; would fit: .*from 1e-09"),
+    ("cycles/000/action", 99, "action is 99; would fit: 0 to"),
+    ("cycles/000/losses", np.zeros(1), r"losses is of shape \(1,\); .*\(K = "),
+    ("cycles/000/why", 3, "why is of type int64 and shape"),
+    ("state/random", "{}", "random is no state of a random generator"),
+    ("state/hardness", h5py.SoftLink("/actions"), "hardness is a link to elsewhere"),
+    ("state/hardness", h5py.ExternalLink("x.h5", "/x"), "is a link to elsewhere"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("member, value, said", MISFITS)
+def test_the_error_says_what_would_fit(member, value, said, identified, tmp_path):
+    path = tmp_path / "run.h5"
+    path.write_bytes(identified.read_bytes())
+    replace_member(path, member, value)
+    with pytest.raises(RunFileError, match=f"run.h5: a damaged run file: .*{said}"):
+        load_run(path)
+
+
+@pytest.mark.parametrize("column, parent", [(0, 1), (3, 4), (2, -1)])
+def test_a_part_hangs_on_the_torso_or_on_one_before_it(
+    column, parent, identified, tmp_path
+):
+    path = tmp_path / "run.h5"
+    path.write_bytes(identified.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file["cycles/000/genomes/parent"][0, column] = parent
+    with pytest.raises(RunFileError, match=f"parent is {parent} somewhere"):
+        load_run(path)
+
+
+def test_a_size_is_refused_before_any_of_it_is_read(identified, tmp_path):
+    path = tmp_path / "run.h5"
+    path.write_bytes(identified.read_bytes())
+    with h5py.File(path, "r+") as file:
+        del file["cycles/000/tables"]
+        file.create_dataset("cycles/000/tables", (2**36, 6, 3), "f8")
+    with pytest.raises(RunFileError, match="at most 100,000,000 values in the file"):
+        load_run(path)
+
+
+def test_a_run_whose_sensors_gave_nothing_is_shown(identified, monkeypatch):
+    monkeypatch.setattr("selfheal.report.identify.embed_figure", lambda *a: "")
+    run = load_run(identified)
+    cycle, nan = run.cycles[0], np.nan
+    gaps = {k: np.full_like(getattr(cycle, k), nan)
+            for k in ("felt", "tables", "losses", "sureness")}  # fmt: skip
+    cycle = replace(cycle, **gaps, tilt_error=nan, disagreement=nan)
+    assert "Inferred body" in make_identify_page(replace(run, cycles=(cycle,)))
+
+
+@pytest.mark.parametrize("damage", [
+    {"kind": "gremlins"}, {"target": "body:nose"}, {"target": "world"},
+    {"value": float("inf")}, {"value": None},
+])  # fmt: skip
+def test_a_recovery_is_of_damages_that_its_robot_can_have(damage, recovered, tmp_path):
+    path = tmp_path / "recover.h5"
+    path.write_bytes(recovered.read_bytes())
+    with h5py.File(path) as file:
+        settings = json.loads(file.attrs["settings"])
+    settings["damage"][0] |= damage
+    replace_member(path, "@settings", json.dumps(settings))
+    with pytest.raises(RunFileError, match=r"damage.* of |damage\[0\]\.value is"):
+        load_phased_run(path, RecoverRun)
+
+
+def _replace_each(value: Any) -> Iterator[Any]:
+    """Copies of a document with one entry missing or something else."""
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, old in list(items):
+        for new in (None, "x", -1, [], {}, 10**30, float("nan"), True, ...):
+            changed = copy.copy(value)
+            if new is ...:
+                del changed[key]
+            else:
+                changed[key] = new
+            yield changed
+        if isinstance(old, dict | list):
+            for inner in _replace_each(old):
+                changed = copy.copy(value)
+                changed[key] = inner
+                yield changed
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_tables_of_a_study_are_made_of_outcomes_that_fit(name, tmp_path):
+    path = tmp_path / "study.h5"
+    records = write_finished_study(path, name)
+    _show_study(path)
+    lines = [json.dumps(record) for record in records]
+    refused = 0
+    for k, record in enumerate(records):
+        for changed in _replace_each(record):
+            new = [*lines[:k], json.dumps(changed), *lines[k + 1 :]]
+            replace_member(path, "records", np.array(new, h5py.string_dtype()))
+            try:
+                _show_study(path)
+            except RunFileError as error:
+                assert str(path) in str(error)
+                refused += 1
+    assert refused > 20
+
+
+@pytest.mark.parametrize("name", ["eea"])
+def test_a_study_with_a_member_replaced_is_refused_or_shown(name, tmp_path):
+    path = tmp_path / "study.h5"
+    write_finished_study(path, name)
+    faults, passed = _find_faults(path, _show_study)
+    known = {f for f in faults if f[0] == "@study"}  # another study's name
+    assert not faults.keys() - known
+    assert not {each for each in passed if each[1] in NEVER_FIT}
