@@ -1,18 +1,15 @@
-"""Run files with a member replaced are refused by one error that names it, or read."""
+"""Runs with a member replaced are refused by one error that names it, or read."""
 
-import copy
 import json
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from selfheal import files
-from selfheal.errors import RunFileError, SelfhealError
+from selfheal.errors import RunFileError
 from selfheal.recovery.phased_run import load_phased_run, save_phased_run
 from selfheal.recovery.recover import recover_robot
 from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
@@ -21,16 +18,8 @@ from selfheal.robot.simulated_legs import SimulatedLegs
 from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Settings, save_run
-from selfheal.study.page import format_markdown
-from selfheal.study.plan import find_study
-from selfheal.study.store import load_study
 from tests.support import short_recover
-from tests.support.damaged_members import (
-    NEVER_FIT,
-    make_damaged_copies,
-    replace_member,
-)
-from tests.support.finished_study import RUNS, write_finished_study
+from tests.support.damaged.members import NEVER_FIT, find_faults, replace_member
 from tests.support.short_recover import LOWER
 from tests.support.stick_robot import Toy
 
@@ -75,34 +64,11 @@ def _load_recovery(path: Path, member: str) -> None:
     load_phased_run(path, RecoverRun)
 
 
-def _show_study(path: Path, member: str = "") -> None:
-    results = load_study(path, has_tables=True)
-    tables = find_study(results.study).make_tables(results.finished)
-    format_markdown(results, tables)
-
-
-def _find_faults(
-    path: Path, read: Callable[[Path, str], None]
-) -> tuple[dict[tuple[str, str], str], set[tuple[str, str]]]:
-    """Damages that end in another error, and those that are read."""
-    faults, passed = {}, set()
-    for member, what, damaged in make_damaged_copies(path):
-        try:
-            read(damaged, member)
-            passed.add((member, what))
-        except SelfhealError as error:
-            if str(damaged) not in str(error):
-                faults[member, what] = f"no path: {error}"
-        except Exception as error:
-            faults[member, what] = repr(error)
-    return faults, passed
-
-
 @pytest.mark.parametrize(
     "kind, read", [("identified", _load_run), ("recovered", _load_recovery)]
 )
 def test_a_run_with_a_member_replaced_is_refused_or_gone_on_from(kind, read, request):
-    faults, passed = _find_faults(request.getfixturevalue(kind), read)
+    faults, passed = find_faults(request.getfixturevalue(kind), read)
     assert not faults
     assert passed and not {each for each in passed if each[1] in NEVER_FIT}
 
@@ -178,50 +144,3 @@ def test_a_recovery_is_of_damages_that_its_robot_can_have(damage, recovered, tmp
     replace_member(path, "@settings", json.dumps(settings))
     with pytest.raises(RunFileError, match=r"damage.* of |damage\[0\]\.value is"):
         load_phased_run(path, RecoverRun)
-
-
-def _replace_each(value: Any) -> Iterator[Any]:
-    """Copies of a document with one entry missing or something else."""
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, old in list(items):
-        for new in (None, "x", -1, [], {}, 10**30, float("nan"), True, ...):
-            changed = copy.copy(value)
-            if new is ...:
-                del changed[key]
-            else:
-                changed[key] = new
-            yield changed
-        if isinstance(old, dict | list):
-            for inner in _replace_each(old):
-                changed = copy.copy(value)
-                changed[key] = inner
-                yield changed
-
-
-@pytest.mark.parametrize("name", RUNS)
-def test_tables_of_a_study_are_made_of_outcomes_that_fit(name, tmp_path):
-    path = tmp_path / "study.h5"
-    records = write_finished_study(path, name)
-    _show_study(path)
-    lines = [json.dumps(record) for record in records]
-    refused = 0
-    for k, record in enumerate(records):
-        for changed in _replace_each(record):
-            new = [*lines[:k], json.dumps(changed), *lines[k + 1 :]]
-            replace_member(path, "records", np.array(new, h5py.string_dtype()))
-            try:
-                _show_study(path)
-            except RunFileError as error:
-                assert str(path) in str(error)
-                refused += 1
-    assert refused > 20
-
-
-@pytest.mark.parametrize("name", ["eea"])
-def test_a_study_with_a_member_replaced_is_refused_or_shown(name, tmp_path):
-    path = tmp_path / "study.h5"
-    write_finished_study(path, name)
-    faults, passed = _find_faults(path, _show_study)
-    known = {f for f in faults if f[0] == "@study"}  # another study's name
-    assert not faults.keys() - known
-    assert not {each for each in passed if each[1] in NEVER_FIT}

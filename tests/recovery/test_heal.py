@@ -6,17 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from selfheal import files
 from selfheal.body.damage import parse_damages
 from selfheal.errors import InputError, RunFileError
 from selfheal.gait.rival_bodies import select_rival_bodies
 from selfheal.gait.synthesis import Gait
 from selfheal.recovery import phases
-from selfheal.recovery.heal import heal_robot
+from selfheal.recovery.heal import check_same_body, heal_robot
 from selfheal.recovery.phased_run import load_phased_run, save_phased_run
 from selfheal.recovery.phases import make_robot_states
 from selfheal.recovery.record import HealRun, HealSettings
 from selfheal.report.heal import make_heal_page
 from selfheal.robot.base import open_robot, require_walker
+from tests.support.damaged.members import NEVER_FIT, make_damaged_copies
 from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot
 
 pytestmark = pytest.mark.usefixtures("short_heal")
@@ -96,6 +98,45 @@ def test_a_finished_heal_is_not_done_again(steps, tmp_path):
     kept = load_phased_run(tmp_path / "heal.h5", HealRun)
     again = _heal("right_lower:0.1", kept)
     assert len(again) == 1 and again[0].result == steps[-1].result
+
+
+def test_a_heal_with_a_member_replaced_is_refused_or_fits_its_run(
+    steps, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(files, "explain_dangerous", lambda *what: "")
+    save_phased_run(steps[-1], tmp_path / "heal.h5")
+    passed = set()
+    for member, what, damaged in make_damaged_copies(tmp_path / "heal.h5"):
+        try:
+            check_same_body(load_phased_run(damaged, HealRun), BODY)
+            passed.add((member, what))
+        except RunFileError:
+            pass
+    assert passed and not {each for each in passed if each[1] in NEVER_FIT}
+
+
+@pytest.mark.parametrize(
+    "name, changes, said",
+    [
+        ("ask-01", {"probe": 99}, "probe of action 1 is 99; would fit: 0 to 72"),
+        ("ask-01", {"values": np.zeros(3)}, "action 1 has 3 values; would fit: "),
+        ("whole", {"angles": np.zeros((5, 3))}, "whole has 3 columns; would fit: 8"),
+        ("verdict", {"believed": [{"kind": "limb_loss", "target": "body:nose"}]},
+         "target 'body:nose'; would fit: left_upper"),
+    ],
+)  # fmt: skip
+def test_a_heal_of_another_body_is_not_gone_on_with(steps, name, changes, said):
+    run = steps[-1]
+    phases = {**run.phases, name: {**run.phases[name], **changes}}
+    with pytest.raises(RunFileError, match=said):
+        check_same_body(replace(run, phases=phases), BODY)
+
+
+def test_a_result_needs_all_phases(steps, tmp_path):
+    kept = {k: p for k, p in steps[-1].phases.items() if k != "known"}
+    save_phased_run(replace(steps[-1], phases=kept), tmp_path / "heal.h5")
+    with pytest.raises(RunFileError, match="there is a result, but no phase known"):
+        load_phased_run(tmp_path / "heal.h5", HealRun)
 
 
 def test_the_page_reports_it_and_loads_nothing(steps, monkeypatch):

@@ -1,4 +1,4 @@
-"""Copies of HDF5 files with one member replaced by something else."""
+"""Copies of HDF5 files with one member replaced, and what becomes of reading them."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -6,6 +6,8 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+
+from selfheal.errors import SelfhealError
 
 GONE, GROUP = object(), object()
 # by what an attribute or a dataset is replaced, made of the values that it had
@@ -64,3 +66,20 @@ def make_damaged_copies(path: Path) -> Iterator[tuple[str, str, Path]]:
             shutil.copy(path, copy)
             replace_member(copy, member, make(old))
             yield member, what, copy
+
+
+def find_faults(
+    path: Path, read: Callable[[Path, str], None]
+) -> tuple[dict[tuple[str, str], str], set[tuple[str, str]]]:
+    """Damages that end in another error, and those that are read."""
+    faults, passed = {}, set()
+    for member, what, damaged in make_damaged_copies(path):
+        try:
+            read(damaged, member)
+            passed.add((member, what))
+        except SelfhealError as error:
+            if str(damaged) not in str(error):
+                faults[member, what] = f"no path: {error}"
+        except Exception as error:
+            faults[member, what] = repr(error)
+    return faults, passed
