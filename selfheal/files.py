@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import glob
+import math
 import os
 import reprlib
 import stat
@@ -15,6 +16,9 @@ from uuid import uuid4
 from .errors import InputError, RunFileError, RunLockError, SelfhealError
 from .limited_reading import explain_dangerous
 
+# values that an HDF5 file may state; chosen: 0.8 GB as float64, which is a day at 1 kHz
+# of one signal, or an hour of 27
+MAX_VALUES = 100_000_000
 # what h5py raises, beside OSError, of a file that is damaged
 HDF5_ERRORS = (KeyError, ValueError, TypeError, RuntimeError, SystemError)
 # errors of writing that are the machine's, whatever path was given
@@ -239,14 +243,44 @@ def read_members(path: str | os.PathLike[str]) -> None:
     """
     import h5py
 
-    def read(_: str, member: Any) -> None:
-        dict(member.attrs)
-        if isinstance(member, h5py.Dataset):
-            member[()]
-
     with h5py.File(path, "r") as file:
-        read("", file)
-        file.visititems(read)
+        dict(file.attrs)
+        for _, member in walk_hdf5(file):
+            if isinstance(member, h5py.Group | h5py.Dataset):
+                dict(member.attrs)
+            if isinstance(member, h5py.Dataset):
+                member[()]
+
+
+def walk_hdf5(group: Any) -> Iterator[tuple[str, Any]]:
+    """Path and member of all that an HDF5 group holds, each group once.
+
+    Links to elsewhere are not followed: in place of their members they come themselves.
+    There are no callbacks, for h5py makes a `SystemError` of what is raised in one.
+
+    Args:
+        group: an h5py.Group of an open file.
+    """
+    import h5py
+
+    left, seen = [("", group)], set()
+    while left:
+        place, group = left.pop()
+        for name in group:
+            path = f"{place}{name}"
+            link = group.get(name, getlink=True)
+            member = group[name] if isinstance(link, h5py.HardLink) else link
+            yield path, member
+            if isinstance(member, h5py.Group):
+                address = h5py.h5o.get_info(member.id).addr
+                if address not in seen:  # else a group that holds itself
+                    seen.add(address)
+                    left.append((f"{path}/", member))
+
+
+def count_values(dataset: Any) -> int:
+    """How many values reading an h5py.Dataset unpacks: one chunk always as a whole."""
+    return max(dataset.size or 0, math.prod(dataset.chunks or (0,)))
 
 
 def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> None:

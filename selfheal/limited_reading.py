@@ -23,9 +23,8 @@ MAX_SECONDS = 12.0
 MIN_SPEED = 5e6  # [B/s] at which larger ones are read; chosen: a tenth of gzip's
 # [B] that reading a small file may add; chosen: far above what a robot's meshes take
 MAX_MEMORY = 1_000_000_000
-MAX_EXPANSION = (
-    4  # bytes added per byte of a larger file; chosen: float32 read as float64
-)
+# bytes added per byte of a larger file; chosen: float32 read as float64, and room
+MAX_EXPANSION = 4
 _OUT_OF_MEMORY = 3  # exit code of a child
 _LATE = signal.SIGALRM.name
 _lock = Lock()

@@ -15,6 +15,7 @@ from selfheal.recovery.recover import recover_robot
 from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
 from selfheal.report.identify import make_identify_page
 from selfheal.robot.simulated_legs import SimulatedLegs
+from selfheal.schema import ArraySchema
 from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Settings, save_run
@@ -144,3 +145,10 @@ def test_a_recovery_is_of_damages_that_its_robot_can_have(damage, recovered, tmp
     replace_member(path, "@settings", json.dumps(settings))
     with pytest.raises(RunFileError, match=r"damage.* of |damage\[0\]\.value is"):
         load_phased_run(path, RecoverRun)
+
+
+@pytest.mark.parametrize("dtype", ["f2", "f4", "f8"])
+@pytest.mark.parametrize("value, said", [(1.0, ""), (9.0, "9 somewhere")])
+def test_a_narrow_number_may_be_bound_by_a_large_one(dtype, value, said):
+    kind = ArraySchema(("n",), low=2.0 if said else -1e6, high=8.0 if said else 1e6)
+    assert kind.find_wrong_value(np.full(3, value, dtype)) == said

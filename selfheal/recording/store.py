@@ -1,6 +1,5 @@
 """Recordings on disk: takes a path, gives a checked Recording, and the other way."""
 
-import math
 import os
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,15 +7,19 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ..files import HDF5_ERRORS, atomic_hdf5, explain_unreadable
+from ..files import (
+    HDF5_ERRORS,
+    MAX_VALUES,
+    atomic_hdf5,
+    count_values,
+    explain_unreadable,
+)
 from ..limited_reading import explain_dangerous
 from .check import format_names, validate
 from .data import KINDS, Episode, Floats, Location, Recording, Signal
 
 FORMAT = "selfheal-recording"
 VERSION = 1
-# 0.8 GB as float64; chosen: a day at 1 kHz of one signal, or an hour of 27
-MAX_VALUES = 100_000_000
 # values that a file may state without storing them, and how much smaller it may store
 # more; chosen: a short recording of fill values, and the limit of gzip
 MAX_UNSTORED, MAX_COMPRESSION = 1_000_000, 1032
@@ -170,8 +173,7 @@ def _check_size(episodes: list[_OpenEpisode], file: Location) -> None:
         for episode in episodes
         for name, dataset in (episode.arrays | episode.signals).items()
     ]
-    # one chunk is unpacked whole, even where it reaches beyond the data
-    counts = [max(d.size, math.prod(d.chunks or (0,))) for _, _, d in arrays]
+    counts = [count_values(dataset) for _, _, dataset in arrays]
     total = sum(counts)
     if total > MAX_VALUES:
         raise file.make_error(

@@ -9,15 +9,8 @@ import numpy as np
 import pytest
 
 from selfheal.errors import RecordingError
-from selfheal.recording import read, store, write
-
-
-@pytest.fixture
-def file(recording, tmp_path):
-    """The recording on disk."""
-    path = tmp_path / "arm.h5"
-    write(recording, path)
-    return path
+from selfheal.files import MAX_VALUES
+from selfheal.recording import read
 
 
 def _no_time(root):
@@ -116,7 +109,7 @@ def _unstored(root):
 
 
 def _huge_chunk(root):
-    options = {"maxshape": (None,), "chunks": (store.MAX_VALUES,)}
+    options = {"maxshape": (None,), "chunks": (MAX_VALUES,)}
     root["episodes/alpha/signals"].create_dataset("huge", (5,), "f8", **options)
 
 

@@ -38,14 +38,6 @@ def _facts(recording):
     return recording.robot, recording.source, episodes
 
 
-@pytest.fixture
-def file(recording, tmp_path):
-    """The recording on disk."""
-    path = tmp_path / "arm.h5"
-    write(recording, path)
-    return path
-
-
 def _edit(recording, **changes):
     """The recording with fields of its episode `alpha` changed."""
     alpha = replace(recording.episodes["alpha"], **changes)
