@@ -111,7 +111,7 @@ def make_earlier(name: str, folder: Path) -> None:
 
 
 def read_main(name: str, folder: Path) -> Any:
-    """All that a command's first file says but times, as JSON can hold it.
+    """All that a command's first file says but times and where it lies.
 
     Args:
         name: of the command.
@@ -122,27 +122,34 @@ def read_main(name: str, folder: Path) -> Any:
     """
     path = folder / COMMANDS[name].main
     if path.suffix == ".json":
-        return _drop_times(json.loads(path.read_text()))
+        return _drop_times(json.loads(_cut_paths(path.read_text(), folder)))
     found: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
-        found |= {f"/{k}": _parse(v) for k, v in file.attrs.items()}
+        found |= {f"/{k}": _parse(v, folder) for k, v in file.attrs.items()}
 
         def read(key: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset) and not key.endswith("/seconds"):
-                found[key] = _parse(item[()])
+                found[key] = _parse(item[()], folder)
 
         file.visititems(read)
     return found
 
 
-def _parse(value: Any) -> Any:
+def _parse(value: Any, folder: Path) -> Any:
     """A value of HDF5: JSON as what it says, arrays as text of all their bits."""
     if isinstance(value, bytes | str):
+        text = value.decode() if isinstance(value, bytes) else value
+        text = _cut_paths(text, folder)
         try:
-            return _drop_times(json.loads(value))
+            return _drop_times(json.loads(text))
         except ValueError:
-            return str(value)
+            return text
     return value.tobytes().hex() if hasattr(value, "tobytes") else value
+
+
+def _cut_paths(text: str, folder: Path) -> str:
+    """A text with paths from a folder on, as files in two folders are compared."""
+    return text.replace(f"{folder}/", "")
 
 
 def _drop_times(document: Any) -> Any:

@@ -11,19 +11,11 @@ from tests.support.short_heal import identified
 
 # a small catalogue and no moving picture
 BEFORE = """
-import numpy as np
 from tests.support.killed_process import replace_attribute
-from tests.support.short_heal import shorten
-from selfheal.recovery import hypotheses
-from selfheal.report import heal as page
+from tests.support.short_heal import shorten, shorten_catalogue
 
 shorten(replace_attribute)
-replace_attribute(hypotheses, "_SCALES", (0.1, 0.5))
-for name in ("_JAMS", "AZIMUTHS"):
-    replace_attribute(hypotheses, name, np.zeros(1))
-for name in ("STRENGTHS", "_FRICTIONS"):
-    replace_attribute(hypotheses, name, (0.3,))
-replace_attribute(page, "make_film", lambda *args, **more: "")
+shorten_catalogue(replace_attribute)
 """
 _selfheal = partial(selfheal, BEFORE)
 

@@ -10,7 +10,8 @@ from selfheal.body.genome import Genomes, encode_tree
 from selfheal.gait import synthesis
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import Recording
-from selfheal.recovery import plausible_plants
+from selfheal.recovery import hypotheses, plausible_plants
+from selfheal.report import heal as report_page
 from selfheal.robot.actions import load_published_body
 from selfheal.robot.base import Walker, open_robot, require_walker
 from selfheal.selfmodel.loop import read_rest_channels
@@ -37,6 +38,16 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
     patch(synthesis, "_STEP", 0.02)
     patch(synthesis, "_AGAIN_STEP", 0.02)
     patch(plausible_plants, "_KEPT", 1)
+
+
+def shorten_catalogue(patch: Callable[[object, str, object], None]) -> None:
+    """Make hypotheses few and the page one without a film, as `shorten` does it."""
+    patch(hypotheses, "_SCALES", (0.1, 0.5))
+    for name in ("_JAMS", "AZIMUTHS"):
+        patch(hypotheses, name, np.zeros(1))
+    for name in ("STRENGTHS", "_FRICTIONS"):
+        patch(hypotheses, name, (0.3,))
+    patch(report_page, "make_film", lambda *args, **more: "")
 
 
 def robot() -> Walker:
