@@ -10,7 +10,7 @@ from ..errors import SelfhealError
 from .plan import Record, Study, Task
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 # Chosen: tasks that the scheduler knows of, for each worker and at least. A worker
 # always has its next one; the scheduler's memory does not grow with the study.
@@ -63,16 +63,24 @@ def execute_tasks(
     for batch in done.batches():
         if time.monotonic() > asked + _POLL_PERIOD:
             workers, asked = len(client.nthreads()), time.monotonic()
-        records = [_make_record(running.pop(f.key), f, result) for f, result in batch]
+        records = [_make_record(running.pop(f.key), result) for f, result in batch]
         more(max(_LEAST_TASKS, _TASKS_PER_WORKER * workers) - len(running))
         yield records, workers
 
 
-def _make_record(task: Task, future: "Future", result: Any) -> Record:
-    """The record of a run that has ended one way or another."""
-    if future.status == "finished":
+def _make_record(task: Task, result: Any) -> Record:
+    """The record of a run that has ended one way or another.
+
+    Args:
+        task: the run.
+        result: what Dask's `as_completed` gives for its future: what `perform_task`
+            returned, the type, value and traceback of an exception, or an exception
+            that tells why there is neither. The future's own status may have changed
+            since: it is lost when the worker dies that had sent the result.
+    """
+    if isinstance(result, dict):
         return result
-    if future.status != "error":
+    if not isinstance(result, tuple):
         raise SelfhealError("the scheduler was lost; go on with the study by --resume")
     return {
         "key": task.key,

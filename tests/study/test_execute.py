@@ -65,6 +65,25 @@ def interrupted(journal, records):
 store.Journal.add = interrupted
 """
 
+# Kill the worker whose first result has come, before the result is read
+LOSE = """
+from distributed import as_completed, default_client
+
+batches = as_completed.batches
+
+def late(done):
+    batch = next(waiting := batches(done))
+    future, _ = batch[0]
+    default_client().run(os._exit, 1, on_error="ignore")
+    while future.status == "finished":
+        pass
+    print("its future is", future.status)
+    yield batch
+    yield from waiting
+
+as_completed.batches = late
+"""
+
 
 def _values(folder):
     """The outcome of each run of a study, once all of it is in one file."""
@@ -107,6 +126,14 @@ def test_workers_that_are_killed_change_no_value(calm, tmp_path):
     ended = selfheal(*words, TOY_KILL=str(marks))
     assert ended.returncode == 0, ended.stderr
     assert sorted(int(mark.name) for mark in marks.iterdir()) == [0, 9]
+    assert _values(tmp_path) == _values(calm)
+
+
+def test_a_result_counts_though_its_worker_died_after_sending_it(calm, tmp_path):
+    words = "study", "toy", "--runs", 16, "--workers", 1, "--out", tmp_path
+    ended = selfheal(*words, more=LOSE)
+    assert ended.returncode == 0, ended.stderr
+    assert "its future is" in ended.stdout
     assert _values(tmp_path) == _values(calm)
 
 
