@@ -25,7 +25,7 @@ MIN_SPEED = 5e6  # [B/s] at which larger ones are read; chosen: a tenth of gzip'
 MAX_MEMORY = 1_000_000_000
 # bytes added per byte of a larger file; chosen: float32 read as float64, and room
 MAX_EXPANSION = 4
-_OUT_OF_MEMORY = 3  # exit code of a child
+_OUT_OF_MEMORY, _UNKNOWN_ERROR = 3, 4  # exit codes of a child
 _LATE = signal.SIGALRM.name
 _lock = Lock()
 
@@ -59,6 +59,8 @@ def _explain_version(reader: str, library: str, path: str, _: int, size: int) ->
         return ""
     if outcome == _OUT_OF_MEMORY:
         what = f"needs more than {memory / 1e9:.1f} GB of memory"
+    elif outcome == _UNKNOWN_ERROR:
+        what = "ends in an error that the library cannot name"
     elif outcome == _LATE:
         what = f"did not end within {seconds:.0f} s"
     else:
@@ -141,7 +143,11 @@ def _read_and_exit(read: Any, path: str, seconds: float, memory: int) -> None:
         code = 0
     except MemoryError:
         code = _OUT_OF_MEMORY
-    except Exception as error:  # MuJoCo: "Could not allocate memory for texture"
-        code = _OUT_OF_MEMORY if "alloc" in str(error) else 0
+    except Exception as error:
+        text = str(error)
+        if "alloc" in text:  # MuJoCo: "Could not allocate memory for texture"
+            code = _OUT_OF_MEMORY
+        else:  # of C++, not a std::exception: MuJoCo's of a flexcomp that is too large
+            code = _UNKNOWN_ERROR if "unknown exception" in text else 0
     finally:
         os._exit(code)

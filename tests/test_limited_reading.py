@@ -70,6 +70,8 @@ MODELS = {
     'height="40000"/></asset>',
     "replicate": '<worldbody><replicate count="1000000000" offset="1 0 0">'
     '<geom size="1"/></replicate></worldbody>',
+    "flexcomp": '<worldbody><flexcomp name="f" type="grid" dim="3" spacing="1 1 1" '
+    'count="1000 1000 1000"/></worldbody>',
     "pipe": '<include file="pipe.xml"/>',
 }  # fmt: skip
 
