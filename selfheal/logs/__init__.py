@@ -1,0 +1,1 @@
+"""Logs as people have them: takes their files, gives recordings of the contract."""

@@ -1,0 +1,99 @@
+"""What a reader of a file format gives: streams of named columns, read in pieces."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64] | NDArray[np.object_]  # (n), one a row
+Rows = Mapping[str, Values]  # columns of some rows, by name
+Report = Callable[[float], None]  # is told the share of a log that was read
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Rows that share one clock: a table or a topic.
+
+    A vector in a cell or a message is a column for each element, `name[0]` and so on,
+    or `name[joint]` where the log names its elements.
+
+    Attributes:
+        name: of the topic or the table; "" where a log holds one table.
+        columns: unit of each column by its name, "" where the log states none.
+        rows: how many; None where only reading tells.
+        time: the column of the time [s] at which a row was measured, "" if there is
+            none.
+        period: [s] from row to row where the log states a rate; None if it does not.
+        episode: the column that tells the episodes apart; "" if there is none.
+    """
+
+    name: str
+    columns: Mapping[str, str]
+    rows: int | None = None
+    time: str = ""
+    period: float | None = None
+    episode: str = ""
+
+
+class Log(ABC):
+    """A log that was opened.
+
+    Attributes:
+        path: file or folder.
+        streams: all that it holds.
+        robot: name of the robot where the log states it.
+    """
+
+    path: Path
+    streams: Sequence[Stream]
+    robot: str | None = None
+
+    @abstractmethod
+    def read(
+        self, wanted: Mapping[str, Sequence[str]], report: Report | None = None
+    ) -> Iterator[tuple[str, Rows]]:
+        """Read columns, a piece of a stream at a time.
+
+        A piece is small beside the memory of a computer. Pieces of one stream come in
+        the order in which the log has them; those of several streams may alternate.
+
+        Args:
+            wanted: names of columns by names of streams.
+            report: is told the share that was read, from 0 to 1.
+
+        Yields:
+            The name of a stream and the wanted columns of some of its rows: numbers
+            as float64, NaN where one is missing; times of day as seconds since 1970
+            UTC; texts as Python strings.
+
+        Raises:
+            InputError: the log is damaged; says where.
+        """
+
+
+class LogFormat(ABC):
+    """A file format. Entry points of the group `selfheal.importers` name subclasses.
+
+    Attributes:
+        name: as messages and the documentation call it.
+        extra: what `pip install` needs for it; "" where selfheal needs it anyway.
+    """
+
+    name: str
+    extra: str = ""
+
+    @abstractmethod
+    def recognizes(self, path: Path) -> bool:
+        """Whether a path, which exists, looks like this format. Reads little of it."""
+
+    @abstractmethod
+    def open(self, path: Path) -> Log:
+        """Open a log.
+
+        Raises:
+            InputError: the log is damaged or is of a kind that is not read; or a
+                library is missing, and the message says how to install it.
+        """
