@@ -3,6 +3,7 @@
 import errno
 import fcntl
 import glob
+import io
 import math
 import os
 import reprlib
@@ -134,12 +135,71 @@ def _remove_abandoned(target: Path) -> None:
             path.unlink()
 
 
+class _ForgivingFile(io.RawIOBase):
+    """A file for HDF5 to write, which never fails: what went wrong is kept.
+
+    On a full disk HDF5 itself fails while it closes a file, with a segmentation fault
+    even.
+
+    Attributes:
+        error: the first one, after which nothing is written; None if all went well.
+    """
+
+    def __init__(self, raw: io.FileIO) -> None:
+        self._raw = raw
+        self.error: OSError | None = None
+
+    def readable(self) -> bool:
+        """True: HDF5 reads again what it wrote."""
+        return True
+
+    def writable(self) -> bool:
+        """True."""
+        return True
+
+    def seekable(self) -> bool:
+        """True."""
+        return True
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Move as `io.FileIO.seek` does."""
+        return self._raw.seek(offset, whence)
+
+    def tell(self) -> int:
+        """The position in the file [B]."""
+        return self._raw.tell()
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer; what was never written reads as zeros."""
+        count = self._raw.readinto(buffer)
+        view = memoryview(buffer).cast("B")
+        view[count:] = bytes(len(view) - count)
+        return len(view)
+
+    def write(self, content: Any) -> int:
+        """Write all of a buffer, unless writing has failed before."""
+        view, done = memoryview(content).cast("B"), 0
+        try:
+            while done < len(view) and self.error is None:
+                done += self._raw.write(view[done:])
+        except OSError as error:
+            self.error = error
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Change the length of the file [B], unless writing has failed before."""
+        size = self.tell() if size is None else size
+        try:
+            if self.error is None:
+                self._raw.truncate(size)
+        except OSError as error:
+            self.error = error
+        return size
+
+
 @contextmanager
 def atomic_hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
-    """Give an empty HDF5 file in memory; on success its bytes are at `path` at once.
-
-    HDF5 itself never writes to the disk: on a full one it fails while it closes a file,
-    with a segmentation fault even.
+    """Give an empty HDF5 file; on success it is at `path` at once.
 
     Raises:
         InputError: nothing can be written at `path`; said before the body runs.
@@ -147,12 +207,16 @@ def atomic_hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
     """
     import h5py
 
-    with atomic_path(path) as temporary:
-        with h5py.File(temporary, "w", driver="core", backing_store=False) as file:
-            yield file
-            file.flush()
-            image = file.id.get_file_image()
-        temporary.write_bytes(image)
+    with atomic_path(path) as temporary, io.FileIO(temporary, "r+") as raw:
+        disk = _ForgivingFile(raw)
+        try:
+            with h5py.File(disk, "w") as file:
+                yield file
+        except (OSError, *HDF5_ERRORS):
+            if disk.error is None:
+                raise
+        if disk.error is not None:
+            raise disk.error
 
 
 @contextmanager
