@@ -21,7 +21,7 @@ from .errors import RunFileError
 from .files import MAX_VALUES, count_values, open_run, walk_hdf5
 
 _MAX_SHOWN = 60  # characters of a misfit that a message repeats; chosen
-_LARGEST_NUMBER = 1e18  # chosen
+_LARGEST_NUMBER = 1e18  # also of an array; chosen: squares of its sums are finite
 ROUNDING = 1e-6  # by which a sum of probabilities may be above 1
 
 
@@ -98,6 +98,7 @@ class ArraySchema:
         high = np.arange(values.shape[-1]) if self.is_tree else self.high
         low = 0 if self.is_tree else self.low
         wrong = (values < low) | (values > high)
+        wrong |= np.isfinite(values) & (np.abs(values) > _LARGEST_NUMBER)
         return f"{values[wrong][0]:g} somewhere" if wrong.any() else ""
 
     def convert(self, values: np.ndarray) -> np.ndarray:

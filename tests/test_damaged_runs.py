@@ -80,6 +80,7 @@ MISFITS: list[tuple[str, object, str]] = [
      r"settings\.cycles is 2\.5; would fit: a valid integer"),
     ("@counts", "{}", "counts is without choice, failed, statics"),
     ("actions", np.zeros((6, 3)), r"actions is of shape \(6, 3\); .*\(A.*, P = 4\)"),
+    ("cycles/000/felt", np.full(3, 1e300), r"felt is 1e\+300 somewhere"),
     ("anatomy/joints", '["a"]', "joints is of 1 names; would fit: 4, one each part"),
     ("anatomy/mass", np.zeros(4), "mass is 0 somewhere; would fit: .*from 1e-09"),
     ("cycles/000/action", 99, "action is 99; would fit: 0 to"),

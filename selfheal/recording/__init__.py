@@ -5,7 +5,7 @@ from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
 from .names import list_model_names, load_model, read_names, read_spec
 from .split import shorten_names, split, strip_file, strip_window
-from .store import open_recording, read, write
+from .store import open_recording, open_writer, read, write
 
 __all__ = [
     "KINDS",
@@ -18,6 +18,7 @@ __all__ = [
     "load_model",
     "list_model_names",
     "open_recording",
+    "open_writer",
     "read",
     "read_names",
     "read_spec",

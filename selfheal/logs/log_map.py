@@ -1,0 +1,180 @@
+"""The map of a log: a TOML file in; which columns are which signals out."""
+
+import json
+import os
+import tomllib
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from ..errors import InputError
+from ..files import check_file
+from ..schema import shorten_value
+
+VERSION = 1
+COMMAND = "command"  # the kind of columns that become `ctrl`
+_MAX_SIZE = 1_000_000  # bytes of a map; chosen: ten thousand lines
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_STRICT: Any = {"extra": "forbid", "strict": True}
+
+
+@dataclass(frozen=True, config=_STRICT)
+class Clock:
+    """When the rows of a stream were measured.
+
+    Attributes:
+        column: that holds the time; "" leaves it to the log.
+        unit: of that column.
+        rate: [Hz] of the rows, where no column holds the time.
+        offset: [s] added to the time.
+        stretch: by which the time is multiplied: a clock that runs fast has less
+            than 1.
+    """
+
+    column: str = ""
+    unit: str = "s"
+    rate: _Positive | None = None
+    offset: _Number = 0.0
+    stretch: _Positive = 1.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class TimeBase(Clock):
+    """The clock of all streams, and what of their time is taken.
+
+    Attributes:
+        start: [s] after the first row, before which nothing is taken.
+        end: [s] after the first row, behind which nothing is taken.
+        streams: clocks of streams that differ, by their names.
+    """
+
+    start: _Number | None = None
+    end: _Number | None = None
+    streams: dict[str, Clock] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, config=_STRICT)
+class EpisodeRule:
+    """What parts a log into episodes.
+
+    Attributes:
+        column: whose value changes where another episode begins.
+        gap: [s] between two rows that belong to different episodes.
+        stream: each row of which begins an episode.
+    """
+
+    column: str = ""
+    gap: _Positive | None = None
+    stream: str | None = None
+
+
+@dataclass(frozen=True, config=_STRICT)
+class ColumnRule:
+    """Columns that become signals of one kind, or commands.
+
+    value in the model = sign * scale * (value in SI units) + offset
+
+    Attributes:
+        kind: one of the contract, or "command".
+        columns: names, `STREAM:COLUMN` where the log holds several streams; one name
+            may hold a `*` for all columns that differ there.
+        targets: name in the model of each column, or of each 3 or 4 columns of a
+            vector; empty: what stands for the `*`, or no target.
+        unit: of the columns; "" leaves it to the log.
+        sign: 1 or -1, of all columns or of each.
+        scale: of all columns or of each: N m per ampere, say.
+        offset: in the model's unit, of all columns or of each.
+        from_range: two values of a column, such as 0 and 100 %, ...
+        to_range: ... and the values in the model's unit which they stand for.
+        order: of a quaternion: "wxyz" or "xyzw".
+        delay: [s] by which the columns are late.
+    """
+
+    kind: str
+    columns: str | list[str]
+    targets: list[str] = field(default_factory=list)
+    unit: str = ""
+    sign: int | list[int] = 1
+    scale: _Number | list[_Number] = 1.0
+    offset: _Number | list[_Number] = 0.0
+    from_range: tuple[_Number, _Number] | None = None
+    to_range: tuple[_Number, _Number] | None = None
+    order: str = "wxyz"
+    delay: _Number = 0.0
+
+
+@dataclass(frozen=True, config=_STRICT)
+class LogMap:
+    """Which columns of a log are which signals of a model.
+
+    Attributes:
+        signals: columns that are taken.
+        time: when rows were measured.
+        episodes: what parts the log.
+        version: of the format of the map.
+    """
+
+    signals: list[ColumnRule]
+    time: TimeBase = field(default_factory=TimeBase)
+    episodes: EpisodeRule = field(default_factory=EpisodeRule)
+    version: int = VERSION
+
+
+def read_map(path: str | os.PathLike[str]) -> LogMap:
+    """Read a map.
+
+    Raises:
+        InputError: it is missing, no TOML, or states something that is not known.
+    """
+    check_file(path)
+    name = os.fspath(path)
+    if (size := os.path.getsize(path)) > _MAX_SIZE:
+        raise InputError(f"{name}: a map of {size} bytes; at most {_MAX_SIZE} are read")
+    try:
+        document = tomllib.loads(Path(path).read_bytes().decode())
+    except (ValueError, RecursionError) as error:  # of decoding, too
+        raise InputError(f"{name}: no TOML: {error}") from error
+    return parse_map(document, name)
+
+
+def parse_map(document: Any, name: str) -> LogMap:
+    """The map that a TOML document states.
+
+    Args:
+        document: what `tomllib` makes of it.
+        name: of the file, for messages.
+
+    Raises:
+        InputError: it states something that is not known.
+    """
+    try:
+        # as JSON: a strict dataclass takes a document from no other form
+        text = json.dumps(document, default=str)
+        found = TypeAdapter(LogMap).validate_json(text)
+    except ValidationError as error:
+        raise InputError(f"{name}: {_explain(error)}") from error
+    if found.version != VERSION:
+        raise InputError(
+            f"{name}: a map of version {found.version}; this program reads {VERSION}"
+        )
+    if not found.signals:
+        raise InputError(f"{name}: it has no [[signals]]; at least one is needed")
+    return found
+
+
+def _explain(error: ValidationError) -> str:
+    """The first thing that is wrong with a map, in words."""
+    first, *_ = error.errors(include_url=False)
+    steps = [s for s in first["loc"] if not (isinstance(s, str) and "[" in s)]
+    place = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps)[1:]
+    if first["type"] == "missing":
+        return f"{place} is missing"
+    if first["type"] == "unexpected_keyword_argument":
+        return f"{place} is not known"
+    wanted = first["msg"].removeprefix("Input should be ")
+    return f"{place} is {shorten_value(first['input'])}; would fit: {wanted}"

@@ -1,0 +1,227 @@
+"""Rows of streams in time: clocks in; episodes with one time base out."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .log_map import Clock, EpisodeRule, TimeBase
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+# [s]; times that differ by less are one: what float64 resolves of seconds since 1970
+TIME_RESOLUTION = 5e-7
+_MOST_LATE = 8  # rows that a network may bring too late one after another; chosen
+
+
+@dataclass(frozen=True)
+class StreamTime:
+    """When the rows of a stream were measured.
+
+    Attributes:
+        time: (n) [s] in the order of the log.
+        label: (n) number of the episode that the log states for each row; None where
+            it states none.
+    """
+
+    time: Floats
+    label: Indices | None = None
+
+
+@dataclass(frozen=True)
+class Span:
+    """Rows of one episode.
+
+    Attributes:
+        label: number that the log states; -1 where it states none.
+        rows: (n) of each stream, in the order of time, by the stream's name.
+    """
+
+    label: int
+    rows: Mapping[str, Indices]
+
+
+@dataclass
+class Mended:
+    """Rows that were not taken as the log has them.
+
+    Attributes:
+        sorted: rows that stood behind a later one.
+        dropped: rows whose time another row of the stream has, or that have none.
+        before_command: rows before the first command of their episode.
+    """
+
+    sorted: int = 0
+    dropped: int = 0
+    before_command: int = 0
+
+
+def read_clock(clock: Clock, column: Floats | None, rows: int, factor: float) -> Floats:
+    """Times of a stream's rows, (rows) [s].
+
+    Args:
+        clock: of the stream.
+        column: (rows) of the time, None to count rows.
+        rows: how many.
+        factor: [s] of a unit of the column, or from row to row.
+    """
+    time = np.arange(rows, dtype=float) if column is None else column
+    return clock.stretch * factor * time + clock.offset
+
+
+def split_episodes(
+    streams: Mapping[str, StreamTime], rule: EpisodeRule
+) -> tuple[list[Span], Mended]:
+    """Part streams into episodes.
+
+    An episode ends where the label changes, where no stream has a row for longer than
+    the gap, where the marking stream has a row, and where the time of a lone stream
+    begins again.
+
+    Args:
+        streams: by name.
+        rule: what parts them.
+
+    Returns:
+        Episodes in the order of time, or of the log where its time begins again; and
+        how many rows were mended.
+
+    Raises:
+        InputError: the time of one of several streams begins again.
+    """
+    mended = Mended()
+    if len(streams) == 1:
+        ((name, stream),) = streams.items()
+        spans = [
+            Span(label, {name: _sort_rows(stream.time, rows, mended)})
+            for label, rows in _split_rows(stream)
+        ]
+    else:
+        spans = _split_streams(streams, mended)
+    marks = streams[rule.stream].time if rule.stream is not None else np.empty(0)
+    found = [
+        part
+        for span in spans
+        for part in _cut_span(span, streams, rule.gap or np.inf, np.sort(marks))
+    ]
+    return [span for span in found if any(map(len, span.rows.values()))], mended
+
+
+def _split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
+    """Rows of a stream between changes of its label, or where time begins again."""
+    count = stream.time.size
+    new = np.zeros(count, dtype=bool)
+    if stream.label is not None:
+        new[1:] = np.diff(stream.label) != 0
+    else:
+        # some rows on it is still before the last one: a new run, no row that was late
+        ahead = np.minimum(np.arange(1, count) + _MOST_LATE, count - 1)
+        last = stream.time[:-1]
+        new[1:] = (stream.time[1:] < last) & (stream.time[ahead] < last)
+    cuts = [0, *np.flatnonzero(new), count]
+    for start, end in zip(cuts, cuts[1:], strict=False):
+        if start < end:
+            label = -1 if stream.label is None else int(stream.label[start])
+            yield label, np.arange(start, end)
+
+
+def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Span]:
+    """Episodes of several streams, which share a time that never begins again."""
+    for name, stream in streams.items():
+        if stream.label is None and len(list(_split_rows(stream))) > 1:
+            raise InputError(
+                f"the time of {name} begins again, and the log holds several streams; "
+                "would fit: [time] with a column that does not, or a file a run"
+            )
+    every = {n: _sort_rows(s.time, np.arange(s.time.size), mended)
+             for n, s in streams.items()}  # fmt: skip
+    labeled = next((n for n, s in streams.items() if s.label is not None), None)
+    if labeled is None:
+        return [Span(-1, every)]
+    owner = streams[labeled]
+    parts = list(_split_rows(owner))
+    starts = np.array([owner.time[rows[0]] for _, rows in parts])
+    if (np.diff(starts) <= 0).any():
+        raise InputError(
+            f"the time of {labeled} begins again, and the log holds several streams; "
+            "would fit: [time] with a column that does not, or a file a run"
+        )
+    where = {n: np.searchsorted(starts, streams[n].time[rows], side="right") - 1
+             for n, rows in every.items()}  # fmt: skip
+    return [
+        Span(label, {n: rows[where[n] == k] for n, rows in every.items()})
+        for k, (label, _) in enumerate(parts)
+    ]
+
+
+def _sort_rows(time: Floats, rows: Indices, mended: Mended) -> Indices:
+    """Rows by time, each time once, those without a time left out."""
+    valid = rows[np.isfinite(time[rows])]
+    values = time[valid]
+    if (np.diff(values) < 0).any():
+        late = values < np.maximum.accumulate(values)
+        mended.sorted += int(late.sum())
+        valid = valid[np.argsort(values, kind="stable")]
+        values = time[valid]
+    new = np.ones(valid.size, dtype=bool)
+    new[1:] = np.diff(values) > TIME_RESOLUTION
+    mended.dropped += int(rows.size - new.sum())
+    return valid[new]
+
+
+def _cut_span(
+    span: Span, streams: Mapping[str, StreamTime], gap: float, marks: Floats
+) -> Iterator[Span]:
+    """Parts of an episode between gaps and marks."""
+    times = {name: streams[name].time[rows] for name, rows in span.rows.items()}
+    every = np.sort(np.concatenate(list(times.values())))
+    cuts = every[1:][np.diff(every) > gap]
+    inner = marks[(marks > every[0]) & (marks <= every[-1])] if every.size else marks
+    cuts = np.unique(np.concatenate([cuts, inner]))
+    if not cuts.size:
+        yield span
+        return
+    parts = {
+        name: np.split(span.rows[name], np.searchsorted(time, cuts))
+        for name, time in times.items()
+    }
+    for k in range(cuts.size + 1):
+        yield replace(span, rows={name: rows[k] for name, rows in parts.items()})
+
+
+def merge_times(times: Sequence[Floats]) -> Floats:
+    """The time base of an episode: every time of any stream once, (T) [s]."""
+    every = np.unique(np.concatenate(times))
+    new = np.ones(every.size, dtype=bool)
+    new[1:] = np.diff(every) > TIME_RESOLUTION
+    return every[new]
+
+
+def clip_times(base: TimeBase, time: Floats) -> Floats:
+    """The part of a time base (T) [s] that a map takes."""
+    if not time.size:
+        return time
+    start = -np.inf if base.start is None else time[0] + base.start
+    end = np.inf if base.end is None else time[0] + base.end
+    return time[(time >= start) & (time <= end)]
+
+
+def find_rows(base: Floats, time: Floats) -> tuple[Indices, Indices]:
+    """Rows of a time base at which a stream has rows.
+
+    Args:
+        base: (T) [s] increasing.
+        time: (n) [s] increasing.
+
+    Returns:
+        (m) rows of the base and (m) rows of the stream; none where the base has no
+        such time.
+    """
+    place = np.searchsorted(base, time - TIME_RESOLUTION)
+    inside = place < base.size
+    near = np.zeros(time.size, dtype=bool)
+    near[inside] = np.abs(base[place[inside]] - time[inside]) <= TIME_RESOLUTION
+    rows = np.flatnonzero(near)
+    return place[rows], rows
