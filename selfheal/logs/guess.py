@@ -1,0 +1,317 @@
+"""A map proposed for a log: a log and a model in; lines, reasons and TOML out."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .base import Log
+from .guess_columns import (
+    Column,
+    Match,
+    assign_columns,
+    group_scalars,
+    group_vectors,
+    list_columns,
+)
+from .guess_time import TimeGuess, guess_times
+from .guess_units import (
+    UnitGuess,
+    guess_command_unit,
+    guess_position_units,
+    guess_speed_unit,
+)
+from .guess_vectors import match_vectors
+from .log_map import COMMAND
+from .model_facts import Place, group_places, list_places
+from .motion import (
+    Relation,
+    compare_command,
+    compare_speed,
+    measure_share_inside,
+    sample_log,
+)
+from .units import find_unit
+
+if TYPE_CHECKING:
+    import mujoco
+
+_FOLLOWS = 2.0  # nats that a perfect correlation speaks for a place; chosen
+_SCALARS = ("joint_position", "joint_velocity", COMMAND, "joint_torque",
+            "supply_voltage", "temperature")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GuessedLine:
+    """Columns that a proposed map takes.
+
+    Attributes:
+        kind: of the contract or "command".
+        columns: with their streams' names where the log holds several.
+        targets: in the model, one or one each vector.
+        units: how each target's columns are converted.
+        sure: probability that each target's columns are right.
+        why: reason of each.
+        order: of a quaternion.
+    """
+
+    kind: str
+    columns: list[str]
+    targets: list[str]
+    units: list[UnitGuess]
+    sure: list[float]
+    why: list[str]
+    order: str = "wxyz"
+
+
+@dataclass
+class Guess:
+    """A proposed map.
+
+    Attributes:
+        time: clocks and episodes.
+        lines: what is taken.
+        unused: columns that nothing was found for.
+        missing: actuators that no command was found for.
+        remarks: what a user should look at, in sentences.
+    """
+
+    time: TimeGuess
+    lines: list[GuessedLine] = field(default_factory=list)
+    unused: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+
+def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
+    """Propose which columns of a log are which signals of a model.
+
+    Columns are matched by their names, their units and how they move: a speed is the
+    derivative of its position, a position follows its command, and a reading is within
+    the limits of its joint.
+
+    Args:
+        log: of the robot.
+        model: compiled.
+
+    Raises:
+        InputError: the log is damaged.
+    """
+    samples = sample_log(log)
+    found = Guess(guess_times(log.streams, samples))
+    columns = list_columns(log.streams, samples, found.time.taken)
+    places = list_places(model)
+    by_kind = group_places(places)
+    vectors = group_vectors(columns)
+    several = len(log.streams) > 1
+    inside = {id(c) for members in vectors.values() for c in members}
+    scalars = [column for column in columns if id(column) not in inside]
+    matches = _match_scalars(scalars, places, by_kind)
+    found.lines = _make_scalar_lines(matches, several)
+    lines, notes = match_vectors(vectors, by_kind, several)
+    found.lines += [GuessedLine(*line) for line in lines]
+    found.remarks += notes
+    used = {name for line in found.lines for name in line.columns}
+    found.unused = [name for c in columns if (name := qualify(c, several)) not in used]
+    commanded = {m.place.name for m in matches if m.place.kind == COMMAND}
+    found.missing = [
+        p.name for p in by_kind.get(COMMAND, ()) if p.name not in commanded
+    ]
+    found.remarks += _list_remarks(found, matches, by_kind)
+    return found
+
+
+def qualify(column: Column, several: bool) -> str:
+    """The name of a column in a map, with its stream where the log has several."""
+    return f"{column.stream}:{column.name}" if several else column.name
+
+
+def _match_scalars(
+    columns: Sequence[Column],
+    places: Sequence[Place],
+    by_kind: Mapping[str, Sequence[Place]],
+) -> list[Match]:
+    """Whose each column of one number is, kind after kind."""
+    groups = group_scalars(columns, places)
+    found = list[Match]()
+    for kind in _SCALARS:
+        positions = {m.place.joint: m.column for m in found
+                     if m.place.kind == "joint_position"}  # fmt: skip
+        left = list(by_kind.get(kind, ()))
+        for group_kind, ahead, members in groups:
+            if group_kind != kind:
+                continue
+            judge = _Judge(positions)
+            got = assign_columns(members, left, judge)
+            settled = min(1.0, 0.6 + ahead / 2)
+            found += [Match(m.column, m.place, settled * m.sure, m.why) for m in got]
+            taken = {m.place.name for m in got}
+            left = [place for place in left if place.name not in taken]
+    return found
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """What values speak for a place.
+
+    Attributes:
+        positions: columns of positions that were found, by their joints.
+    """
+
+    positions: Mapping[int, Column]
+
+    def __call__(self, column: Column, place: Place) -> tuple[float, str]:
+        """Nats for a place, and the reason."""
+        if place.kind == "joint_position":
+            return _judge_range(column, place)
+        position = self.positions.get(place.joint)
+        if position is None or place.kind not in ("joint_velocity", COMMAND):
+            return 0.0, ""
+        relation = relate(column, position, place.kind)
+        found = abs(relation.correlation)
+        word = "its motion" if found > 0.8 else ""
+        return _FOLLOWS * found**2, word
+
+
+def _judge_range(column: Column, place: Place) -> tuple[float, str]:
+    """How a column of positions fits the limits of a joint, in its best unit."""
+    if not np.isfinite(place.high - place.low):
+        return 0.0, ""
+    shares = [
+        measure_share_inside(column.values * unit.factor, place.low, place.high)
+        for name in ("rad", "deg", "m", "mm")
+        if (unit := find_unit(name)) and unit.si == place.unit
+    ]
+    best = max(shares, default=1.0)
+    return 2 * (best - 1), ""
+
+
+def relate(column: Column, position: Column, kind: str) -> Relation:
+    """How a column of speeds or commands goes with one of positions, in its unit."""
+    if kind == COMMAND:
+        return compare_command(
+            (column.time, column.values), (position.time, position.values)
+        )
+    if column.stream == position.stream:
+        return compare_speed(position.time, position.values, column.values)
+    valid = np.isfinite(position.values)
+    if valid.sum() < 2 or not column.time.size:
+        return Relation(0.0, 0.0)
+    at = np.interp(column.time, position.time[valid], position.values[valid])
+    return compare_speed(column.time, at, column.values)
+
+
+def _make_scalar_lines(matches: Sequence[Match], several: bool) -> list[GuessedLine]:
+    """Lines of a map: matches of one kind and one stream together."""
+    units = _guess_units(matches)
+    groups = dict[tuple[str, str], list[int]]()
+    for k, match in enumerate(matches):
+        groups.setdefault((match.place.kind, match.column.stream), []).append(k)
+    return [
+        GuessedLine(
+            kind,
+            [qualify(matches[k].column, several) for k in members],
+            [matches[k].place.name for k in members],
+            [units[k] for k in members],
+            [matches[k].sure * units[k].sure for k in members],
+            [_join_reasons(matches[k].why, units[k].why) for k in members],
+        )
+        for (kind, _), members in groups.items()
+    ]
+
+
+def _join_reasons(*reasons: str) -> str:
+    return "; ".join(reason for reason in reasons if reason)
+
+
+def _guess_units(matches: Sequence[Match]) -> list[UnitGuess]:
+    """The unit of each match; those of positions first, for the others hang on them."""
+    found = dict[int, UnitGuess]()
+    for kind in ("joint_position", COMMAND):
+        members = [k for k, m in enumerate(matches)
+                   if m.place.kind == kind and m.place.unit]  # fmt: skip
+        if members:
+            guessed = guess_position_units([matches[k] for k in members])
+            found |= dict(zip(members, guessed, strict=True))
+    positions = {
+        m.place.joint: (m.column, found[k])
+        for k, m in enumerate(matches)
+        if m.place.kind == "joint_position"
+    }
+    for k, match in enumerate(matches):
+        place, column = match.place, match.column
+        relation = None
+        if place.joint in positions and place.kind in (COMMAND, "joint_velocity"):
+            position, unit = positions[place.joint]
+            relation = _scale(relate(column, position, place.kind), unit)
+        if place.kind == "joint_velocity":
+            found[k] = guess_speed_unit(column, place, relation)
+        elif place.kind == COMMAND and place.unit:
+            better = guess_command_unit(column, place, relation)
+            found[k] = found[k] if better is None else better
+        elif k not in found:
+            stated = find_unit(column.facts.unit) if column.facts.unit else None
+            fits = stated is not None and place.unit in ("", stated.si)
+            found[k] = UnitGuess(
+                column.facts.unit if fits else "", sure=0.95 if fits else 0.6,
+                why="the log states its unit" if fits else "no unit is stated",
+            )  # fmt: skip
+    return [found[k] for k in range(len(matches))]
+
+
+def _scale(relation: Relation, unit: UnitGuess) -> Relation:
+    """A relation of a position in its column's unit as one in SI units."""
+    known = find_unit(unit.unit)
+    factor = known.factor if known else 1.0
+    if unit.ranges:
+        (low, high), (bottom, top) = unit.ranges
+        factor = (top - bottom) / (high - low)
+    return Relation(relation.slope * factor, relation.correlation, relation.lag)
+
+
+def _list_remarks(
+    found: Guess, matches: Sequence[Match], by_kind: Mapping[str, Sequence[Place]]
+) -> list[str]:
+    """What a user should look at before he trusts the map."""
+    said = []
+    positions = {m.place.joint: m.column for m in matches
+                 if m.place.kind == "joint_position"}  # fmt: skip
+    goals = [
+        m.place.name
+        for m in matches
+        if m.place.kind == COMMAND and not m.place.unit and m.place.joint in positions
+        and _is_goal(relate(m.column, positions[m.place.joint], COMMAND))
+    ]  # fmt: skip
+    if goals:
+        said.append(
+            f"the commands of {_list_some(goals)} are followed by the positions, but "
+            "the model's actuators are no position servos: give it <position> "
+            "actuators with the gains of the drive"
+        )
+    if found.missing:
+        said.append(
+            f"no command was found for {_list_some(found.missing)}: without commands "
+            "nothing can be diagnosed; a constant one is columns = [] and offset"
+        )
+    absent = [p.name for p in by_kind.get("joint_position", ())
+              if p.joint not in positions]  # fmt: skip
+    if absent:
+        said.append(f"no position was found for {_list_some(absent)}")
+    counts = Counter(
+        line.kind for line in found.lines for sure in line.sure if sure < 0.7
+    )
+    said += [f"{n} columns of {kind} are less than 70 % sure: look at their comments"
+             for kind, n in counts.items()]  # fmt: skip
+    return said
+
+
+def _is_goal(relation: Relation) -> bool:
+    """Whether a position follows a column as a servo follows its goal."""
+    return relation.correlation > 0.9 and 0.5 < relation.slope < 2
+
+
+def _list_some(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:6])
+    return shown if len(names) <= 6 else f"{shown} and {len(names) - 6} more"

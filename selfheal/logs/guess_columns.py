@@ -1,0 +1,183 @@
+"""Which column is whose: names and motions of columns in; an assignment out."""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import Stream
+from .column_names import FILLERS, NameFacts, find_stem, score_kinds, score_names
+from .column_names import read_name as read_column_name
+from .model_facts import Place
+from .motion import Sample
+
+Floats = NDArray[np.float64]
+# what speaks for a place, in nats; chosen: a name outweighs all else
+_NAME, _ORDER, _POSITION = 6.0, 1.5, 0.5
+_LEAST_KIND = 0.15  # below, the words of a name say nothing of its kind; chosen
+_VECTOR = re.compile(r"(.+?)[._ /]?([xyzw])$")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of numbers of a log.
+
+    Attributes:
+        stream: that it is in.
+        name: in that stream.
+        facts: what its name says.
+        values: (n) those of the sample.
+        time: (n) [s].
+    """
+
+    stream: str
+    name: str
+    facts: NameFacts
+    values: Floats
+    time: Floats
+
+
+@dataclass(frozen=True)
+class Match:
+    """A column and whose it is.
+
+    Attributes:
+        column: that was assigned.
+        place: to which.
+        sure: probability that it is right.
+        why: in a few words.
+    """
+
+    column: Column
+    place: Place
+    sure: float
+    why: str
+
+
+def list_columns(
+    streams: Sequence[Stream], samples: Mapping[str, Sample], taken: set[str]
+) -> list[Column]:
+    """Columns that may be signals, in the order of the log.
+
+    Args:
+        streams: of the log.
+        samples: of the streams.
+        taken: "STREAM:COLUMN" of those that hold times and labels.
+    """
+    return [
+        Column(
+            stream.name,
+            name,
+            _read_facts(stream, name),
+            samples[stream.name].columns[name],
+            samples[stream.name].time,
+        )
+        for stream in streams
+        for name in stream.columns
+        if f"{stream.name}:{name}" not in taken and name in samples[stream.name].columns
+    ]
+
+
+def _read_facts(stream: Stream, name: str) -> NameFacts:
+    """What a name says, and the unit that the log states for it."""
+    facts = read_column_name(stream.name, name)
+    return NameFacts(facts.tokens, facts.own, stream.columns[name] or facts.unit)
+
+
+def group_vectors(columns: Sequence[Column]) -> dict[tuple[str, str], list[Column]]:
+    """Columns x, y, z and perhaps w of one thing, by stream and name without them."""
+    found = dict[tuple[str, str], dict[str, Column]]()
+    for column in columns:
+        if match := _VECTOR.fullmatch(column.name):
+            found.setdefault((column.stream, match[1]), {})[match[2]] = column
+    return {
+        key: [parts[axis] for axis in "xyzw" if axis in parts]
+        for key, parts in found.items()
+        if {"x", "y", "z"} <= parts.keys()
+    }
+
+
+def group_scalars(
+    columns: Sequence[Column], places: Sequence[Place]
+) -> list[tuple[str, float, list[Column]]]:
+    """Columns of one kind and one name but for whose they are.
+
+    Args:
+        columns: in the order of the log.
+        places: of the model, whose names do not tell kinds apart.
+
+    Returns:
+        Kind, how far ahead of the next kind it is, and the columns; first those whose
+        names say most.
+    """
+    own = {word for place in places for name in (place.name, *place.aliases)
+           for word in read_column_name("", name).own} - FILLERS  # fmt: skip
+    groups = dict[tuple[str, tuple[str, ...]], list[Column]]()
+    for column in columns:
+        stem = tuple(
+            word for word in column.facts.own
+            if not word.isdigit() and word not in own
+        )  # fmt: skip
+        groups.setdefault((column.stream, stem), []).append(column)
+    found = []
+    for members in groups.values():
+        scores = [score_kinds(column.facts) for column in members]
+        mean = {kind: float(np.mean([s[kind] for s in scores])) for kind in scores[0]}
+        first, second = sorted(mean, key=lambda k: -mean[k])[:2]
+        if mean[first] >= _LEAST_KIND:
+            found.append((first, mean[first] - mean[second], members))
+    return sorted(found, key=lambda group: (len(group[2]) < 2, -group[1]))
+
+
+def assign_columns(
+    columns: Sequence[Column],
+    places: Sequence[Place],
+    judge: Callable[[Column, Place], tuple[float, str]],
+) -> list[Match]:
+    """Give each column of a group the place that fits it best.
+
+    The assignment has the largest sum of scores (Hungarian method).
+
+    Args:
+        columns: of one kind.
+        places: of that kind, in the order of the model.
+        judge: what else than names speaks for a place [nats], and its reason.
+
+    Returns:
+        A match for each column that has a place.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    if not columns or not places:
+        return []
+    score = np.zeros((len(columns), len(places)))
+    why = [["" for _ in places] for _ in columns]
+    numbers = [find_stem(column.name)[1] for column in columns]
+    whole = len(columns) == len(places)
+    numbered = whole and sorted(numbers) == list(range(min(numbers), min(numbers)
+               + len(columns))) and min(numbers) in (0, 1)  # fmt: skip
+    for i, column in enumerate(columns):
+        for j, place in enumerate(places):
+            named = score_names(column.facts, (place.name, *place.aliases))
+            rank = numbers[i] - min(numbers) if numbered else i
+            ordered = (_ORDER if numbered else _POSITION) * (whole and rank == j)
+            more, reason = judge(column, place)
+            score[i, j] = _NAME * named + ordered + more
+            words = ["its name"] * (named > 0.3)
+            words += ["its number"] * (numbered and rank == j and named <= 0.3)
+            words += ["its place in the order"] * (
+                not numbered and whole and rank == j and named <= 0.3
+            )
+            why[i][j] = " and ".join([*words, *([reason] if reason else [])])
+    found = []
+    for i, j in zip(*linear_sum_assignment(-score), strict=True):
+        if score[i, j] <= 0 and len(places) > 1:
+            continue
+        rivals = np.delete(score[i], j)
+        ahead = float(score[i, j] - rivals.max()) if rivals.size else 2.0
+        sure = 1 / (1 + math.exp(-ahead)) if rivals.size else 0.9
+        found.append(Match(columns[i], places[j], sure, why[i][j] or "nothing else"))
+    return found

@@ -1,0 +1,144 @@
+"""When rows were measured and what parts a log: streams in; clocks out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .base import Stream
+from .column_names import read_name
+from .log_map import Clock, EpisodeRule
+from .motion import Sample
+from .units import find_unit
+
+_TIME_WORDS = {"time", "timestamp", "t", "stamp", "sec", "secs", "seconds", "clock",
+               "timestamps", "ts", "elapsed", "millis", "micros"}  # fmt: skip
+_EPISODE_WORDS = {"episode", "run", "trial", "traj", "trajectory", "rollout", "demo",
+                  "segment"}  # fmt: skip
+# [s] between rows of a robot's log; chosen: 5 kHz to 2 Hz
+_SHORTEST, _LONGEST = 2e-4, 0.5
+_GAP = 20  # times the median step, and above a second: another episode; chosen
+_LEAST_GAP = 1.0
+
+
+@dataclass
+class TimeGuess:
+    """Clocks of the streams of a log.
+
+    Attributes:
+        clocks: by stream.
+        taken: "STREAM:COLUMN" of the columns that tell time and episodes.
+        notes: what was seen of each stream, with how sure.
+        episodes: what parts the log.
+    """
+
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    taken: set[str] = field(default_factory=set)
+    notes: dict[str, tuple[float, str]] = field(default_factory=dict)
+    episodes: EpisodeRule = field(default_factory=EpisodeRule)
+
+
+def guess_times(streams: Sequence[Stream], samples: dict[str, Sample]) -> TimeGuess:
+    """Find the clocks of a log; the samples' times are set by them."""
+    found = TimeGuess()
+    for stream in streams:
+        sample = samples[stream.name]
+        clock, sure, why = _guess_clock(stream, sample)
+        found.clocks[stream.name] = clock
+        found.notes[stream.name] = sure, why
+        column = clock.column or ("" if clock.rate else stream.time)
+        if column:
+            found.taken.add(f"{stream.name}:{column}")
+        for name in stream.columns:  # other clocks are no signals either
+            words = set(read_name("", name).own)
+            if words & _TIME_WORDS and _is_increasing(sample.columns.get(name)):
+                found.taken.add(f"{stream.name}:{name}")
+        rows = len(next(iter(sample.columns.values()), ()))
+        unit = find_unit(clock.unit)
+        if column and column in sample.columns:
+            factor = unit.factor if unit and clock.column else 1.0
+            sample.time = sample.columns[column] * factor
+        else:
+            period = 1 / clock.rate if clock.rate else stream.period or 0.0
+            sample.time = period * np.arange(rows)
+    found.episodes = _guess_episodes(streams, samples, found)
+    return found
+
+
+def _is_increasing(values: np.ndarray | None) -> bool:
+    """Whether most steps (n) of a column go up."""
+    if values is None or values.size < 2:
+        return False
+    return bool((np.diff(values) > 0).mean() > 0.9)
+
+
+def _guess_clock(stream: Stream, sample: Sample) -> tuple[Clock, float, str]:
+    """The clock of a stream, how sure it is, and why."""
+    if stream.time:
+        return Clock(), 0.99, f"the log's own time {stream.time!r}"
+    best: tuple[float, Clock, str] | None = None
+    for name in stream.columns:
+        facts = read_name("", name)
+        values = sample.columns.get(name)
+        if not set(facts.own) & _TIME_WORDS or not _is_increasing(values):
+            continue
+        assert values is not None
+        unit, sure = _guess_time_unit(stream.columns[name] or facts.unit, values)
+        why = f"column {name!r} increases by {_measure_step(values):.4g}"
+        if best is None or sure > best[0]:
+            best = sure, Clock(name, unit), why
+    if best is not None:
+        return best[1], best[0], best[2]
+    if stream.period is not None:
+        return Clock(), 0.95, f"the log states {1 / stream.period:.4g} Hz"
+    return Clock(rate=100.0), 0.0, "the log has no time: write its rate in Hz"
+
+
+def _measure_step(values: np.ndarray) -> float:
+    steps = np.diff(values)
+    return float(np.median(steps[steps > 0]))
+
+
+def _guess_time_unit(stated: str, values: np.ndarray) -> tuple[str, float]:
+    """The unit of a column of times (n), and how sure it is."""
+    unit = find_unit(stated) if stated else None
+    if unit is not None and unit.si == "s":
+        return stated, 0.98
+    step = _measure_step(values)
+    fits = [
+        name
+        for name, factor in (("s", 1), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+        if _SHORTEST <= step * factor <= _LONGEST
+    ]
+    return (fits[0], 0.95 if len(fits) == 1 else 0.8) if fits else ("s", 0.3)
+
+
+def _guess_episodes(
+    streams: Sequence[Stream], samples: dict[str, Sample], found: TimeGuess
+) -> EpisodeRule:
+    """What parts the log: a column of its own, a named one, or gaps."""
+    for stream in streams:
+        sample = samples[stream.name]
+        if stream.episode:
+            found.taken.add(f"{stream.name}:{stream.episode}")
+            return EpisodeRule()
+        for name in stream.columns:
+            if set(read_name("", name).own) & _EPISODE_WORDS:
+                values = sample.columns.get(name)
+                if name in sample.texts or _is_label(values):
+                    found.taken.add(f"{stream.name}:{name}")
+                    return EpisodeRule(column=name)
+    steps = [np.diff(s.time) for s in samples.values() if s.time.size > 2]
+    wide = [float(step.max()) for step in steps
+            if step.max() > max(_LEAST_GAP, _GAP * np.median(step))]  # fmt: skip
+    if len(samples) == 1 and wide:
+        return EpisodeRule(gap=_LEAST_GAP)
+    return EpisodeRule()
+
+
+def _is_label(values: np.ndarray | None) -> bool:
+    """Whether a column (n) holds whole numbers that seldom change."""
+    if values is None or not values.size or not np.isfinite(values).all():
+        return False
+    return bool((values == np.round(values)).all() and (np.diff(values) != 0).mean()
+                < 0.05)  # fmt: skip

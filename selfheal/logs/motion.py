@@ -1,0 +1,161 @@
+"""How columns move together: samples of a log in; slopes, lags and correlations out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import Log
+
+Floats = NDArray[np.float64]
+_MAX_ROWS = 20_000  # of each stream that a guess looks at; chosen: minutes at 100 Hz
+_MAX_CELLS = 20_000_000  # of all streams; chosen: 160 MB
+_WINDOW = 0.15  # [s] over which speeds are integrated; chosen: above encoder noise
+_MAX_LAG = 0.5  # [s] of a position behind its command; chosen
+_GRID = 4000  # points at which columns of different clocks are compared; chosen
+
+
+@dataclass
+class Sample:
+    """The first rows of a stream.
+
+    Attributes:
+        columns: (n) values by name; of columns of numbers.
+        texts: names of columns of texts.
+        time: (n) [s]; empty where it is not known.
+    """
+
+    columns: dict[str, Floats] = field(default_factory=dict)
+    texts: list[str] = field(default_factory=list)
+    time: Floats = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A straight line through the values of two columns.
+
+    Attributes:
+        slope: of the second over the first.
+        correlation: -1 to 1.
+        lag: [s] by which the second is later.
+    """
+
+    slope: float
+    correlation: float
+    lag: float = 0.0
+
+
+def sample_log(log: Log) -> dict[str, Sample]:
+    """The first rows of every stream of a log."""
+    parts = {s.name: {c: list[Floats]() for c in s.columns} for s in log.streams}
+    rows, cells = dict.fromkeys(parts, 0), 0
+    wanted = {s.name: list(s.columns) for s in log.streams}
+    samples = {name: Sample() for name in parts}
+    for name, piece in log.read(wanted):
+        for column, values in piece.items():
+            if values.dtype.kind == "O":
+                if column not in samples[name].texts:
+                    samples[name].texts.append(column)
+                continue
+            room = _MAX_ROWS - rows[name]
+            parts[name][column].append(np.asarray(values[:room], dtype=float))
+            cells += len(values)
+        rows[name] += len(next(iter(piece.values()), ()))
+        if cells > _MAX_CELLS or min(rows.values()) >= _MAX_ROWS:
+            break
+    for name, sample in samples.items():
+        for column, pieces in parts[name].items():
+            if column not in sample.texts:
+                sample.columns[column] = np.concatenate([np.empty(0), *pieces])
+    return samples
+
+
+def fit_line(x: Floats, y: Floats) -> Relation:
+    """The line of y (n) over x (n), both with their means taken off."""
+    valid = np.isfinite(x) & np.isfinite(y)
+    if valid.sum() < 8:
+        return Relation(0.0, 0.0)
+    x, y = x[valid] - x[valid].mean(), y[valid] - y[valid].mean()
+    spread = float(np.sqrt((x @ x) * (y @ y)))
+    if not spread > 0:
+        return Relation(0.0, 0.0)
+    return Relation(float(x @ y / (x @ x)), float(x @ y) / spread)
+
+
+def compare_speed(time: Floats, position: Floats, speed: Floats) -> Relation:
+    """How a column of speeds fits the change of a column of positions.
+
+    Args:
+        time: (n) [s] increasing.
+        position: (n) in any unit.
+        speed: (n) in any unit.
+
+    Returns:
+        The line of the change of position over the integral of the speed, in windows.
+    """
+    valid = np.isfinite(time) & np.isfinite(position) & np.isfinite(speed)
+    time, position, speed = time[valid], position[valid], speed[valid]
+    if time.size < 8:
+        return Relation(0.0, 0.0)
+    steps = np.diff(time) * (speed[1:] + speed[:-1]) / 2
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    ends = np.searchsorted(time, time + _WINDOW)
+    rows = np.flatnonzero(ends < time.size)
+    ends = ends[rows]
+    whole = time[ends] - time[rows] < 3 * _WINDOW  # no gap
+    rows, ends = rows[whole], ends[whole]
+    return fit_line(way[ends] - way[rows], position[ends] - position[rows])
+
+
+def compare_command(
+    command: tuple[Floats, Floats], position: tuple[Floats, Floats]
+) -> Relation:
+    """How a position follows a command.
+
+    Args:
+        command: (n) [s] and (n) in any unit; held from row to row.
+        position: (m) [s] and (m) in any unit.
+
+    Returns:
+        The line of the position over the command at the lag that fits best.
+    """
+    (ct, c), (pt, p) = _drop_missing(*command), _drop_missing(*position)
+    if min(ct.size, pt.size) < 8:
+        return Relation(0.0, 0.0)
+    start, end = max(ct[0], pt[0]), min(ct[-1], pt[-1])
+    if not end - start > _WINDOW:
+        return Relation(0.0, 0.0)
+    grid = np.linspace(start, end, _GRID)
+    found = Relation(0.0, 0.0)
+    for lag in np.arange(0.0, min(_MAX_LAG, (end - start) / 4), 0.01):
+        at = grid[grid + lag <= end]
+        held = c[np.searchsorted(ct, at, side="right") - 1]
+        line = fit_line(held, np.interp(at + lag, pt, p))
+        if abs(line.correlation) > abs(found.correlation):
+            found = Relation(line.slope, line.correlation, float(lag))
+    return found
+
+
+def _drop_missing(time: Floats, values: Floats) -> tuple[Floats, Floats]:
+    valid = np.isfinite(time) & np.isfinite(values)
+    return time[valid], values[valid]
+
+
+def measure_share_inside(values: Floats, low: float, high: float) -> float:
+    """Share of values (n) within a range, a twentieth of it allowed on either side."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.0
+    slack = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
+    return float(((finite >= low - slack) & (finite <= high + slack)).mean())
+
+
+def list_moving(samples: Mapping[str, Sample]) -> set[tuple[str, str]]:
+    """Stream and name of the columns that are not constant."""
+    return {
+        (stream, name)
+        for stream, sample in samples.items()
+        for name, values in sample.columns.items()
+        if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values)
+    }
