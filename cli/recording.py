@@ -45,6 +45,99 @@ def check(
         _print_tables(summary)
 
 
+@app.command("import")
+def import_log(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG...", help="Files or folders of one robot."),
+    ],
+    model: Annotated[
+        Path, typer.Option(metavar="MODEL.xml", help="The robot's MJCF or URDF.")
+    ],
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", metavar="MAP.toml", help="Which columns are which signals."
+        ),
+    ] = None,
+    guess: Annotated[
+        bool, typer.Option("--guess", help="Propose a map, and import nothing.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The recording, or the map with --guess (map.toml)."
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object for scripts.")
+    ] = False,
+) -> None:
+    """Make a recording of a log: CSV, Parquet, ROS bag, LeRobot, JSON, NPZ, MAT ..."""
+    from selfheal.errors import InputError
+
+    if guess == (map_file is not None):
+        raise InputError("give either --map MAP.toml or --guess")
+    if guess:
+        _propose_map(logs[0], model, out or Path("map.toml"), as_json=as_json)
+        return
+    if out is None:
+        raise InputError("--out FILE.h5 is missing: where the recording goes")
+    assert map_file is not None
+    _import_logs(logs, model, map_file, out, as_json=as_json)
+
+
+def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
+    """Write a map that fits a log, as far as can be told."""
+    from selfheal.errors import InputError
+    from selfheal.files import atomic_path
+    from selfheal.logs.guess import guess_map
+    from selfheal.logs.map_text import format_map
+    from selfheal.logs.open_log import open_log
+    from selfheal.recording import load_model
+
+    from ._import import print_guess, summarize_guess
+    from ._print import print_json
+
+    if out.exists():
+        raise InputError(f"{out} exists; would fit: another name by --out")
+    found = guess_map(open_log(log), load_model(model))
+    with atomic_path(out) as temporary:
+        temporary.write_text(format_map(found, log.name, model.name))
+    if as_json:
+        print_json(summarize_guess(found, out))
+        return
+    print_guess(found)
+    print(f"wrote {out}; look at it, then: selfheal recording import {log} "
+          f"--model {model} --map {out} --out recording.h5")  # fmt: skip
+
+
+def _import_logs(
+    paths: list[Path], model: Path, map_file: Path, out: Path, *, as_json: bool
+) -> None:
+    """Write the recording of logs."""
+    from selfheal.logs.convert import import_logs
+    from selfheal.logs.log_map import read_map
+    from selfheal.logs.open_log import open_log
+    from selfheal.recording import read_names
+
+    from ._import import print_import, summarize_import
+    from ._print import print_json
+    from ._progress import ProgressBar
+
+    names, log_map = read_names(model), read_map(map_file)
+    opened = [open_log(path) for path in paths]
+    with ProgressBar("reading", quiet=as_json) as bar:
+        report = import_logs(
+            opened, log_map, names, out, map_name=str(map_file),
+            report=lambda file, share: bar.show(f"reading {file}", share),
+        )  # fmt: skip
+    if as_json:
+        print_json(summarize_import(report, out))
+    else:
+        print_import(report, out)
+
+
 def _summarize_recording(recording: "Recording", model: Path | None) -> dict[str, Any]:
     episodes = recording.episodes.items()
     return {

@@ -36,7 +36,8 @@ _WEIGHTS = {"state": 0.3, "dof": 0.3, "joint": 0.2, "joints": 0.2, "data": 0.1,
             "u": 0.8, "q": 0.9, "reference": 0.9, "command": 2.0, "commands": 2.0,
             "cmd": 2.0, "action": 2.0, "actions": 2.0, "target": 1.6, "targets": 1.6,
             "goal": 2.0, "des": 2.0, "desired": 2.0, "setpoint": 2.0, "ctrl": 2.0,
-            "commanded": 2.0, "effort": 1.4, "velocity": 1.4, "torque": 1.4}  # fmt: skip
+            "commanded": 2.0, "effort": 1.4, "velocity": 1.4,
+            "torque": 1.4}  # fmt: skip
 # what stands beside the name of a joint and is no part of it
 FILLERS = frozenset(
     word for words in _WORDS.values() for word in words

@@ -57,7 +57,7 @@ def guess_times(streams: Sequence[Stream], samples: dict[str, Sample]) -> TimeGu
         unit = find_unit(clock.unit)
         if column and column in sample.columns:
             factor = unit.factor if unit and clock.column else 1.0
-            sample.time = sample.columns[column] * factor
+            sample.time = np.asarray(sample.columns[column] * factor, np.float64)
         else:
             period = 1 / clock.rate if clock.rate else stream.period or 0.0
             sample.time = period * np.arange(rows)

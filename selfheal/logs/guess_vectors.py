@@ -55,8 +55,8 @@ def match_vectors(
         unit, kind = thing
         if kind == "body_linear_velocity" and "twist" in tokens:
             notes.append(
-                f"{stream or name}: a twist's linear velocity is in the body's frame; a "
-                "recording has it in the world's: left out"
+                f"{stream or name}: a twist's linear velocity is in the body's frame, "
+                "that of a recording in the world's: left out"
             )
             continue
         place, why = _find_place(columns[0], unit, kind, places, taken)
