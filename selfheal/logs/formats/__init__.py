@@ -1,0 +1,1 @@
+"""Readers of file formats of logs: takes paths, gives logs."""

@@ -1,0 +1,42 @@
+"""Opens a log of any format that is installed: takes a path, gives the log."""
+
+import os
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from ..errors import InputError
+from .base import Log, LogFormat
+from .formats.common import clean_text
+
+GROUP = "selfheal.importers"
+
+
+def open_log(path: str | os.PathLike[str]) -> Log:
+    """Open the log at a path, which a format of the group `selfheal.importers` reads.
+
+    Raises:
+        InputError: there is nothing, nobody recognizes it, or it is damaged.
+    """
+    path = Path(path)
+    try:
+        path.stat()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: it cannot be read: {clean_text(error)}") from error
+    broken = list[str]()
+    names = list[str]()
+    for found in _load_formats(broken):
+        if found.recognizes(path):
+            return found.open(path)
+        names.append(found.name)
+    message = f"{path}: no log that is read; these are: {', '.join(names)}"
+    raise InputError("; ".join([message, *broken]))
+
+
+def _load_formats(broken: list[str]) -> Iterator[LogFormat]:
+    """The formats, by the names of their entry points; adds why one does not load."""
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        try:
+            yield point.load()()
+        except Exception as error:  # whatever a third party's module raises
+            broken.append(f"{point.value} does not load: {clean_text(error)}")

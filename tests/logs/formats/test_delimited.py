@@ -1,0 +1,151 @@
+"""Tables as text: written in many ways, read as one."""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from selfheal.errors import InputError
+from selfheal.logs.open_log import open_log
+from tests.support.logs.reading import read_all, read_damaged, read_one
+
+PLAIN = "time [s],q1 (deg),q[0],name\n0.1,2.5,1,a\n0.2,,2,b\n"
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="log.csv"):
+        path = tmp_path / name
+        path.write_bytes(text.encode() if isinstance(text, str) else text)
+        return path
+
+    return write
+
+
+def test_columns_have_the_names_and_the_units_of_the_header(write):
+    log = open_log(write(PLAIN))
+    units = {"time [s]": "s", "q1 (deg)": "deg", "q[0]": "", "name": ""}
+    assert log.streams[0].columns == units
+    found = read_all(log)[""]
+    assert found["time [s]"].tolist() == [0.1, 0.2]
+    np.testing.assert_equal(found["q1 (deg)"], [2.5, np.nan])
+    assert found["name"].tolist() == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t\tq\n1\t2\n3\t4\n",
+        "t,q\r\n1,2\r\n3,4\r\n",
+        "t, q\n1, 2\n3, 4\n",
+        '"t","q"\n"1","2"\n"3","4"\n',
+        "t;q\n1,0;2,0\n3,0;4,0\n",
+        "sep=;\nt;q\n1;2\n3;4\n",
+        "t   q\n 1  2 \n 3  4",
+        "# made by\n% a logger\n\nt,q\n1,2\n# a remark, or\n# two\n3,4\n",
+        "# t q\n1 2\n3 4\n",
+        "t,q\ns,deg\n1,2\n3,4\n",
+        "\ufefft,q\n1,2\n3,4\n",
+    ],
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_one_table_written_in_many_ways_reads_the_same(write, text, packed):
+    name = "log.csv.gz" if packed else "log.csv"
+    found = read_one(write(gzip.compress(text.encode()) if packed else text, name))
+    assert {name: v.tolist() for name, v in found.items()} == {"t": [1, 3], "q": [2, 4]}
+
+
+@pytest.mark.parametrize("rows", [2, 3000])
+def test_the_last_row_is_left_out_where_the_logger_was_cut_off(write, rows):
+    found = read_one(write("t,q\n" + "1,2\n" * rows + "1"))
+    assert found["t"].tolist() == [1] * rows
+
+
+def test_a_table_without_header_has_numbers_for_names(write):
+    path = write("1 2 3\n4 5 6\n", "log.txt")
+    assert list(read_one(path)) == ["0", "1", "2"]
+
+
+def test_a_row_of_units_gives_the_units(write):
+    log = open_log(write("t,q,mode\nms,[deg],-\n1,2,a\n3,4,b\n"))
+    assert log.streams[0].columns == {"t": "ms", "q": "deg", "mode": "-"}
+
+
+@pytest.mark.parametrize(
+    "cells", [('"[0.5, 1.5]"', '"[2, 3]"'), ("0.5 1.5", "2 3"), ("[0.5;1.5]", "(2 3)")]
+)
+def test_a_list_in_a_cell_is_a_column_for_each_element(write, cells):
+    found = read_one(write(f"t,q\n1,{cells[0]}\n2,{cells[1]}\n"))
+    assert list(found) == ["t", "q[0]", "q[1]"]
+    assert found["q[1]"].tolist() == [1.5, 3]
+
+
+def test_a_list_that_is_short_lacks_elements(write):
+    found = read_one(write("t,q\n1,[1 2]\n2,[3]\n"))
+    np.testing.assert_equal(found["q[1]"], [2, np.nan])
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["1970-01-01T00:01:00.5Z", "1970-01-01 00:01:00.5", "1970-01-01T01:01:00,5+01:00",
+     "1970-01-01T00:01:00.500000000 +0000"],
+)  # fmt: skip
+def test_iso_8601_times_are_seconds_since_1970(write, word):
+    log = open_log(write(f"when;q\n{word};1\n\n;3\n"))
+    assert log.streams[0].time == "when"
+    np.testing.assert_equal(read_all(log)[""]["when"], [60.5, np.nan])
+
+
+def test_words_for_true_and_false_are_numbers(write):
+    assert read_one(write("a,b\n1,True\n2,false\n"))["b"].tolist() == [1, 0]
+
+
+def test_names_are_made_unique(write):
+    assert list(read_one(write("q,q,,q_2\n1,2,3,4\n"))) == ["q", "q_2", "2", "q_2_2"]
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16", "utf-8-sig"])
+def test_other_encodings_are_read(write, encoding):
+    found = read_one(write("t,q [°]\n1,2\n".encode(encoding)))
+    assert found["q [°]"].tolist() == [2]
+
+
+def test_blocks_of_a_long_table_come_in_order(write):
+    values = np.random.default_rng(1).normal(size=(60_000, 6))
+    text = "\n".join("  ".join(map(repr, row)) for row in values.tolist())
+    path = write(text + "\n", "log.dat")
+    log = open_log(path)
+    assert len(list(log.read({"": ["0"]}))) > 1
+    found = read_all(log)[""]
+    np.testing.assert_array_equal(np.stack(list(found.values()), axis=1), values)
+
+
+def test_a_table_without_rows_has_none(write):
+    log = open_log(write("t,q\n"))
+    assert all(len(v) == 0 for v in read_all(log).get("", {}).values())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("t,q\n" + "1,2\n" * 2000 + "1,two\n", "conversion error"),
+        ("t,q\n" + "1,2\n" * 2000 + "1\n1,2\n", "Expected 2 columns"),
+        ("some words\nof no table at all\n", "no table"),
+        ("", "no log that is read"),
+        (gzip.compress(PLAIN.encode())[:-9], "damaged table"),
+    ],
+)
+def test_what_is_no_table_is_refused(write, text, said):
+    with pytest.raises(InputError, match=said):
+        read_one(write(text))
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_damaged_table_is_read_or_refused(write, packed):
+    text = "time,q [rad],v,label,list\n" + "".join(
+        f"{k / 10},{k * 0.1},{k},run{k},[1 {k}]\n" for k in range(50)
+    )
+    if packed:
+        assert read_damaged(write(gzip.compress(text.encode()), "log.csv.gz"))
+    else:
+        read_damaged(write(text))
