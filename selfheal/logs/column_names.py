@@ -43,6 +43,7 @@ FILLERS = frozenset(
     word for words in _WORDS.values() for word in words
 ) | {"motor", "servo", "act", "actuator", "link", "axis", "observation", "main",
      "rad", "deg", "header", "stamp", "x", "y", "z", "w"}  # fmt: skip
+_SHARED = 0.8  # what a shared name says beside an own one; chosen
 _SPLIT = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 _TRAILING_UNIT = re.compile(r"[ _]*[(\[]([^)\]]*)[)\]]\s*$")
 
@@ -101,9 +102,16 @@ def score_kinds(facts: NameFacts) -> dict[str, float]:
     return scores
 
 
-def score_names(facts: NameFacts, names: Iterable[str]) -> float:
-    """How much of a name of the model a column's name repeats, 0 to 1."""
-    return max((_score_name(facts, name) for name in names), default=0.0)
+def score_names(facts: NameFacts, name: str, aliases: Iterable[str] = ()) -> float:
+    """How much of a name of the model a column's name repeats, 0 to 1.
+
+    Args:
+        facts: of the column.
+        name: in the model.
+        aliases: names that several things in the model may share.
+    """
+    shared = max((_score_name(facts, alias) for alias in aliases), default=0.0)
+    return max(_score_name(facts, name), _SHARED * shared)
 
 
 def _score_name(facts: NameFacts, name: str) -> float:

@@ -1,8 +1,9 @@
 """A map proposed for a log: a log and a model in; lines, reasons and TOML out."""
 
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ from .guess_columns import (
 from .guess_time import TimeGuess, guess_times
 from .guess_units import (
     UnitGuess,
+    find_flipped,
     guess_command_unit,
     guess_position_units,
     guess_speed_unit,
@@ -169,7 +171,7 @@ class _Judge:
         position = self.positions.get(place.joint)
         if position is None or place.kind not in ("joint_velocity", COMMAND):
             return 0.0, ""
-        relation = relate(column, position, place.kind)
+        relation = relate(column, position, place)
         found = abs(relation.correlation)
         word = "its motion" if found > 0.8 else ""
         return _FOLLOWS * found**2, word
@@ -188,9 +190,9 @@ def _judge_range(column: Column, place: Place) -> tuple[float, str]:
     return 2 * (best - 1), ""
 
 
-def relate(column: Column, position: Column, kind: str) -> Relation:
-    """How a column of speeds or commands goes with one of positions, in its unit."""
-    if kind == COMMAND:
+def relate(column: Column, position: Column, place: Place) -> Relation:
+    """How speeds or commands of a place go with positions in their column's unit."""
+    if not place.unit.endswith("/s"):
         return compare_command(
             (column.time, column.values), (position.time, position.values)
         )
@@ -229,36 +231,72 @@ def _join_reasons(*reasons: str) -> str:
 def _guess_units(matches: Sequence[Match]) -> list[UnitGuess]:
     """The unit of each match; those of positions first, for the others hang on them."""
     found = dict[int, UnitGuess]()
-    for kind in ("joint_position", COMMAND):
+    for kind, unit in itertools.product(("joint_position", COMMAND), ("rad", "m")):
         members = [k for k, m in enumerate(matches)
-                   if m.place.kind == kind and m.place.unit]  # fmt: skip
+                   if m.place.kind == kind and m.place.unit == unit]  # fmt: skip
         if members:
             guessed = guess_position_units([matches[k] for k in members])
             found |= dict(zip(members, guessed, strict=True))
-    positions = {
-        m.place.joint: (m.column, found[k])
+    positions = {m.place.joint: k for k, m in enumerate(matches)
+                 if m.place.kind == "joint_position"}  # fmt: skip
+    relations = {
+        k: _scale(relate(m.column, matches[p].column, m.place), found[p])
         for k, m in enumerate(matches)
-        if m.place.kind == "joint_position"
+        if m.place.kind in (COMMAND, "joint_velocity")
+        and (p := positions.get(m.place.joint)) is not None
     }
     for k, match in enumerate(matches):
-        place, column = match.place, match.column
-        relation = None
-        if place.joint in positions and place.kind in (COMMAND, "joint_velocity"):
-            position, unit = positions[place.joint]
-            relation = _scale(relate(column, position, place.kind), unit)
-        if place.kind == "joint_velocity":
-            found[k] = guess_speed_unit(column, place, relation)
-        elif place.kind == COMMAND and place.unit:
-            better = guess_command_unit(column, place, relation)
-            found[k] = found[k] if better is None else better
+        place = match.place
+        if place.kind == COMMAND and k in relations:
+            better = guess_command_unit(match.column, place, relations[k])
+            if better is not None:
+                found[k] = better
+                if relations[k].slope < 0:
+                    position = positions[place.joint]
+                    found |= _settle_signs(matches, found, position, k)
+    for k, match in enumerate(matches):
+        if match.place.unit.endswith("/s"):
+            guessed_unit = guess_speed_unit(match.column, match.place, relations.get(k))
+            joint = positions.get(match.place.joint)
+            sign = found[joint].sign if joint is not None else 1
+            found[k] = replace(guessed_unit, sign=sign * guessed_unit.sign)
         elif k not in found:
-            stated = find_unit(column.facts.unit) if column.facts.unit else None
-            fits = stated is not None and place.unit in ("", stated.si)
-            found[k] = UnitGuess(
-                column.facts.unit if fits else "", sure=0.95 if fits else 0.6,
-                why="the log states its unit" if fits else "no unit is stated",
-            )  # fmt: skip
+            found[k] = _take_stated_unit(match)
     return [found[k] for k in range(len(matches))]
+
+
+def _settle_signs(
+    matches: Sequence[Match],
+    found: Mapping[int, UnitGuess],
+    position: int,
+    command: int,
+) -> dict[int, UnitGuess]:
+    """Units of a position and a command that move against each other.
+
+    Args:
+        matches: all.
+        found: units by number of the match.
+        position: number of the position.
+        command: number of the command.
+    """
+    pair = position, command
+    first, second = ((matches[k], found[k]) for k in pair)
+    flipped = find_flipped(first, second)
+    if not flipped:
+        why = "position and command move against each other: one needs sign = -1"
+        return {k: replace(found[k], sure=0.5, why=why) for k in pair}
+    why = "position and command move against each other, and this one leaves its limits"
+    turned = position if flipped == "position" else command
+    return {turned: replace(found[turned], sign=-1, sure=0.8, why=why)}
+
+
+def _take_stated_unit(match: Match) -> UnitGuess:
+    """The unit that a log states, where it fits."""
+    name = match.column.facts.unit
+    unit = find_unit(name) if name else None
+    if unit is not None and match.place.unit in ("", unit.si):
+        return UnitGuess(name, sure=0.95, why="the log states its unit")
+    return UnitGuess("", sure=0.6, why="no unit is stated")
 
 
 def _scale(relation: Relation, unit: UnitGuess) -> Relation:
@@ -281,8 +319,9 @@ def _list_remarks(
     goals = [
         m.place.name
         for m in matches
-        if m.place.kind == COMMAND and not m.place.unit and m.place.joint in positions
-        and _is_goal(relate(m.column, positions[m.place.joint], COMMAND))
+        if m.place.kind == COMMAND and m.place.unit not in ("rad", "m")
+        and m.place.joint in positions
+        and _is_goal(relate(m.column, positions[m.place.joint], m.place))
     ]  # fmt: skip
     if goals:
         said.append(

@@ -161,7 +161,7 @@ def assign_columns(
                + len(columns))) and min(numbers) in (0, 1)  # fmt: skip
     for i, column in enumerate(columns):
         for j, place in enumerate(places):
-            named = score_names(column.facts, (place.name, *place.aliases))
+            named = score_names(column.facts, place.name, place.aliases)
             rank = numbers[i] - min(numbers) if numbered else i
             ordered = (_ORDER if numbered else _POSITION) * (whole and rank == j)
             more, reason = judge(column, place)

@@ -57,10 +57,11 @@ def guess_times(streams: Sequence[Stream], samples: dict[str, Sample]) -> TimeGu
         unit = find_unit(clock.unit)
         if column and column in sample.columns:
             factor = unit.factor if unit and clock.column else 1.0
-            sample.time = np.asarray(sample.columns[column] * factor, np.float64)
+            times: np.ndarray = sample.columns[column] * factor
         else:
             period = 1 / clock.rate if clock.rate else stream.period or 0.0
-            sample.time = period * np.arange(rows)
+            times = period * np.arange(rows)
+        sample.time = times.astype(np.float64)
     found.episodes = _guess_episodes(streams, samples, found)
     return found
 

@@ -148,7 +148,7 @@ def guess_speed_unit(
 def guess_command_unit(
     column: Column, place: Place, relation: Relation | None
 ) -> UnitGuess | None:
-    """The unit and the sign of the command of a position servo.
+    """The unit of the command of a position servo.
 
     Args:
         column: of commands.
@@ -168,10 +168,34 @@ def guess_command_unit(
     best = min(distance, key=lambda name: distance[name])
     if distance[best] > 2 * _CLOSE:
         return None
-    sign = 1 if relation.slope > 0 else -1
     why = (f"the position follows it {relation.lag * 1000:.0f} ms later by "
            f"{relation.slope:.3g}")  # fmt: skip
-    return UnitGuess(best, sign, None, 0.95, why)
+    return UnitGuess(best, 1, None, 0.95, why)
+
+
+def find_flipped(
+    position: tuple[Match, UnitGuess], command: tuple[Match, UnitGuess]
+) -> str:
+    """Which of two columns that move against each other counts the other way.
+
+    The limits of the joint and of the command tell, where they are not symmetric.
+
+    Args:
+        position: of a joint, and its unit.
+        command: of the joint's position servo, and its unit.
+
+    Returns:
+        "position", "command", or "" where limits do not tell.
+    """
+    gain = dict[str, float]()
+    for name, (match, unit) in (("position", position), ("command", command)):
+        place, values = match.place, match.column.values * _get_factor(unit.unit)
+        limits = place if np.isfinite(place.high - place.low) else position[0].place
+        asis, flipped = (measure_share_inside(sign * values, limits.low, limits.high)
+                         for sign in (1, -1))  # fmt: skip
+        gain[name] = flipped - asis
+    best = max(gain, key=lambda name: gain[name])
+    return best if gain[best] > 0.1 else ""
 
 
 def _get_factor(name: str) -> float:

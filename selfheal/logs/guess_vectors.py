@@ -93,7 +93,7 @@ def _find_place(
     ]  # fmt: skip
     bodies = [p for p in places.get(kind, ()) if (kind, p.name) not in taken]
     for options, what in ((fitting, "sensor"), (bodies, "body")):
-        named = [p for p in options if score_names(column.facts, (p.name,)) > 0.3]
+        named = [p for p in options if score_names(column.facts, p.name) > 0.3]
         if named:
             return named[0], f"the name of the {what}"
     if fitting:

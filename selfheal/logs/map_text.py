@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from .guess import Guess, GuessedLine
 from .guess_units import UnitGuess
@@ -74,12 +75,14 @@ def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:
     keys = [(unit.unit, unit.ranges) for unit in line.units]
     for key in dict.fromkeys(keys):
         members = [k for k, other in enumerate(keys) if other == key]
-        yield GuessedLine(
-            line.kind,
-            [c for k in members for c in line.columns[k * width : (k + 1) * width]],
-            *([values[k] for k in members]
-              for values in (line.targets, line.units, line.sure, line.why)),
-            order=line.order,
+        yield replace(
+            line,
+            columns=[c for k in members
+                     for c in line.columns[k * width : (k + 1) * width]],
+            targets=[line.targets[k] for k in members],
+            units=[line.units[k] for k in members],
+            sure=[line.sure[k] for k in members],
+            why=[line.why[k] for k in members],
         )  # fmt: skip
 
 

@@ -64,6 +64,8 @@ def _list_joints(model: "mujoco.MjModel") -> list[Place]:
 
 def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
     """Commands and forces of actuators."""
+    import mujoco
+
     found = []
     for a in range(model.nu):
         name, joint = model.actuator(a).name, _find_joint(model, a)
@@ -75,9 +77,9 @@ def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
             low, high = model.actuator_ctrlrange[a]
         unit, force = "", ""
         if joint >= 0:
-            is_hinge = model.jnt_type[joint] == 3
+            is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
             force = "N m" if is_hinge else "N"
-            unit = ("rad" if is_hinge else "m") if is_position_servo(model, a) else ""
+            unit = _find_command_unit(model, a, "rad" if is_hinge else "m")
         found.append(Place("command", name, aliases, unit, 1, low, high, joint))
         if force:
             found.append(Place("joint_torque", name, aliases, force, joint=joint))
@@ -120,14 +122,24 @@ def _find_joint(model: "mujoco.MjModel", actuator: int) -> int:
     return int(model.actuator_trnid[actuator, 0])
 
 
-def is_position_servo(model: "mujoco.MjModel", actuator: int) -> bool:
-    """Whether an actuator holds its joint at the position that is its command.
+def _find_command_unit(model: "mujoco.MjModel", actuator: int, length: str) -> str:
+    """The unit of a servo's command; "" of what is no servo.
 
-    MuJoCo's force is gain * ctrl + bias[0] + bias[1] * position + bias[2] * velocity;
-    of a position servo bias[1] is -gain (MuJoCo, XML reference, actuator/position).
+    MuJoCo's force is gain * ctrl + bias[0] + bias[1] * position + bias[2] * velocity:
+    bias[1] is -gain of a position servo, bias[2] of a velocity servo (MuJoCo, XML
+    reference, actuator/position and actuator/velocity).
+
+    Args:
+        model: compiled.
+        actuator: its number.
+        length: unit of the joint's position.
     """
-    gain, bias = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
-    return bool(gain[0] > 0 and np.isclose(bias[1], -gain[0]))
+    gain, bias = model.actuator_gainprm[actuator][0], model.actuator_biasprm[actuator]
+    if gain > 0 and np.isclose(bias[1], -gain):
+        return length
+    if gain > 0 and not bias[1] and np.isclose(bias[2], -gain):
+        return f"{length}/s"
+    return ""
 
 
 def group_places(places: Sequence[Place]) -> dict[str, list[Place]]:
