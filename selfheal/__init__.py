@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import diagnose, heal, identify, recover
+    from .api import Recording, diagnose, heal, identify, recover
 
-__all__ = ["__version__", "diagnose", "heal", "identify", "recover"]
+__all__ = ["Recording", "__version__", "diagnose", "heal", "identify", "recover"]
 __version__ = "0.1.0"
 
 

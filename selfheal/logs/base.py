@@ -65,9 +65,9 @@ class Log(ABC):
             report: is told the share that was read, from 0 to 1.
 
         Yields:
-            The name of a stream and the wanted columns of some of its rows: numbers
-            as float64, NaN where one is missing; times of day as seconds since 1970
-            UTC; texts as Python strings.
+            The name of a stream and the wanted columns of some of its rows. Numbers
+            are float64, NaN where one is missing. Times of day are seconds since 1970
+            UTC. Texts are Python strings.
 
         Raises:
             InputError: the log is damaged; says where.

@@ -41,7 +41,7 @@ class EpisodeReport:
     Attributes:
         id: in the recording.
         start: [s] in the log's clock of what is 0 in the recording.
-        seconds: from its first to its last row.
+        seconds: from its first to its last row [s].
         rows: of its time base.
         rates: [Hz] median of each stream's rows.
     """

@@ -90,7 +90,7 @@ class Guess:
 def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     """Propose which columns of a log are which signals of a model.
 
-    Columns are matched by their names, their units and how they move: a speed is the
+    Columns are matched by their names, their units and how they move. A speed is the
     derivative of its position, a position follows its command, and a reading is within
     the limits of its joint.
 
@@ -191,7 +191,17 @@ def _judge_range(column: Column, place: Place) -> tuple[float, str]:
 
 
 def relate(column: Column, position: Column, place: Place) -> Relation:
-    """How speeds or commands of a place go with positions in their column's unit."""
+    """How speeds or commands go with positions.
+
+    Args:
+        column: of speeds, or of commands.
+        position: column of the joint's position.
+        place: to which the first one belongs.
+
+    Returns:
+        The line of the position in its column's unit over the command, or over the
+        integral of the speed.
+    """
     if not place.unit.endswith("/s"):
         return compare_command(
             (column.time, column.values), (position.time, position.values)

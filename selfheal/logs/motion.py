@@ -36,7 +36,7 @@ class Relation:
     """A straight line through the values of two columns.
 
     Attributes:
-        slope: of the second over the first.
+        slope: of the second over the first [unit of the one per unit of the other].
         correlation: -1 to 1.
         lag: [s] by which the second is later.
     """
@@ -88,8 +88,8 @@ def compare_speed(time: Floats, position: Floats, speed: Floats) -> Relation:
 
     Args:
         time: (n) [s] increasing.
-        position: (n) in any unit.
-        speed: (n) in any unit.
+        position: (n) [any unit].
+        speed: (n) [any unit].
 
     Returns:
         The line of the change of position over the integral of the speed, in windows.
@@ -143,7 +143,13 @@ def _drop_missing(time: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def measure_share_inside(values: Floats, low: float, high: float) -> float:
-    """Share of values (n) within a range, a twentieth of it allowed on either side."""
+    """Share of values within a range, a twentieth of it allowed on either side.
+
+    Args:
+        values: (n) [any unit].
+        low: end of the range, -inf if it has none [the same].
+        high: its other end [the same].
+    """
     finite = values[np.isfinite(values)]
     if not finite.size:
         return 0.0

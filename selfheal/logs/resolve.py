@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..recording import KINDS, ModelNames
+from ..recording.build import name_signal
 from .base import Log, Stream
 from .log_map import COMMAND, ColumnRule
 from .units import find_unit, get_unit, list_units
@@ -278,15 +279,8 @@ def check_commands(channels: Sequence[Channel], names: ModelNames, file: str) ->
 
 def name_signals(channels: Sequence[Channel]) -> Mapping[int, str]:
     """Names of the signals of channels, by number; commands have none."""
-    names = dict[int, str]()
+    names = dict[str, int]()
     for number, channel in enumerate(channels):
-        if channel.kind == COMMAND:
-            continue
-        word = channel.kind.removeprefix("joint_").removeprefix("body_")
-        word = "" if channel.kind == "sensor" else word
-        parts = [part for part in (channel.target, word) if part]
-        name = "_".join(parts).replace("/", "_").replace("\0", "_")
-        while name in names.values() or name in ("", ".", ".."):
-            name += "_"
-        names[number] = name
-    return names
+        if channel.kind != COMMAND:
+            names[name_signal(channel.kind, channel.target, names)] = number
+    return {number: name for name, number in names.items()}

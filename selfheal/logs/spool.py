@@ -84,7 +84,14 @@ class Spool:
         return np.array([known.setdefault(text, len(known)) for text in texts], float)
 
     def read(self, stream: str, column: str, start: int = 0, end: int = -1) -> Floats:
-        """A column's rows from `start` to before `end`, (n); -1: to the last."""
+        """Rows of a column, (n).
+
+        Args:
+            stream: that it is in.
+            column: its name.
+            start: first row.
+            end: row behind the last one; -1: all that there are.
+        """
         end = self.rows.get(stream, 0) if end < 0 else end
         parts, row = [np.empty(0)], 0
         for place, count in self._pieces.get((stream, column), ()):

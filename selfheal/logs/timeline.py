@@ -59,12 +59,12 @@ class Mended:
 
 
 def read_clock(clock: Clock, column: Floats | None, rows: int, factor: float) -> Floats:
-    """Times of a stream's rows, (rows) [s].
+    """Times of a stream's rows, (N) [s].
 
     Args:
         clock: of the stream.
-        column: (rows) of the time, None to count rows.
-        rows: how many.
+        column: (N) of the time, None to count rows.
+        rows: N, how many.
         factor: [s] of a unit of the column, or from row to row.
     """
     time = np.arange(rows, dtype=float) if column is None else column
@@ -76,9 +76,9 @@ def split_episodes(
 ) -> tuple[list[Span], Mended]:
     """Part streams into episodes.
 
-    An episode ends where the label changes, where no stream has a row for longer than
-    the gap, where the marking stream has a row, and where the time of a lone stream
-    begins again.
+    An episode ends where the label changes and where the marking stream has a row. It
+    ends where no stream has a row for longer than the gap, too, and where the time of a
+    lone stream begins again.
 
     Args:
         streams: by name.
@@ -216,8 +216,8 @@ def find_rows(base: Floats, time: Floats) -> tuple[Indices, Indices]:
         time: (n) [s] increasing.
 
     Returns:
-        (m) rows of the base and (m) rows of the stream; none where the base has no
-        such time.
+        Two arrays (M): rows of the base and rows of the stream. A row of the stream
+        is left out where the base has no such time.
     """
     place = np.searchsorted(base, time - TIME_RESOLUTION)
     inside = place < base.size
