@@ -56,7 +56,7 @@ class _Frame(dict):
     columns = property(list)
 
 
-@pytest.mark.parametrize("make", [_Frame, "pandas", "polars"])
+@pytest.mark.parametrize("make", [_Frame, "pandas"])
 def test_a_table_makes_the_recording_that_its_columns_make(make, model):
     if isinstance(make, str):
         make = pytest.importorskip(make).DataFrame
