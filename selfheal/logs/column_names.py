@@ -31,7 +31,9 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 # more that a word is worth where it leaves little doubt; chosen
-_WEIGHTS = {"state": 0.3, "dof": 0.3, "joint": 0.2, "joints": 0.2, "data": 0.1,
+_WEIGHTS = {"state": 0.3, "dof": 0.3, "actual": 0.3, "measured": 0.3, "present": 0.3,
+            "velocities": 1.4, "torques": 1.4, "efforts": 1.4,
+            "joint": 0.2, "joints": 0.2, "data": 0.1,
             "sensor": 0.3, "input": 0.5, "force": 0.7, "current": 0.9, "load": 0.9,
             "u": 0.8, "q": 0.9, "reference": 0.9, "command": 2.0, "commands": 2.0,
             "cmd": 2.0, "action": 2.0, "actions": 2.0, "target": 1.6, "targets": 1.6,

@@ -35,12 +35,13 @@ from .motion import (
     measure_share_inside,
     sample_log,
 )
-from .units import find_unit
+from .units import find_unit, get_unit
 
 if TYPE_CHECKING:
     import mujoco
 
-_FOLLOWS = 2.0  # nats that a perfect correlation speaks for a place; chosen
+# nats that a perfect correlation, and being within limits, speak for a place; chosen
+_FOLLOWS, _INSIDE = 2.0, 1.0
 _SCALARS = ("joint_position", "joint_velocity", COMMAND, "joint_torque",
             "supply_voltage", "temperature")  # fmt: skip
 
@@ -145,8 +146,11 @@ def _match_scalars(
         for group_kind, ahead, members in groups:
             if group_kind != kind:
                 continue
-            judge = _Judge(positions)
-            got = assign_columns(members, left, judge)
+            got = (
+                _assign_positions(members, left)
+                if kind == "joint_position"
+                else assign_columns(members, left, _Judge(positions))
+            )
             settled = min(1.0, 0.6 + ahead / 2)
             found += [Match(m.column, m.place, settled * m.sure, m.why) for m in got]
             taken = {m.place.name for m in got}
@@ -166,8 +170,6 @@ class _Judge:
 
     def __call__(self, column: Column, place: Place) -> tuple[float, str]:
         """Nats for a place, and the reason."""
-        if place.kind == "joint_position":
-            return _judge_range(column, place)
         position = self.positions.get(place.joint)
         if position is None or place.kind not in ("joint_velocity", COMMAND):
             return 0.0, ""
@@ -177,17 +179,26 @@ class _Judge:
         return _FOLLOWS * found**2, word
 
 
-def _judge_range(column: Column, place: Place) -> tuple[float, str]:
-    """How a column of positions fits the limits of a joint, in its best unit."""
-    if not np.isfinite(place.high - place.low):
-        return 0.0, ""
-    shares = [
-        measure_share_inside(column.values * unit.factor, place.low, place.high)
-        for name in ("rad", "deg", "m", "mm")
-        if (unit := find_unit(name)) and unit.si == place.unit
-    ]
-    best = max(shares, default=1.0)
-    return 2 * (best - 1), ""
+def _assign_positions(
+    columns: Sequence[Column], places: Sequence[Place]
+) -> list[Match]:
+    """Give positions their joints, in the units in which most are within limits."""
+
+    def judge(column: Column, place: Place) -> tuple[float, str]:
+        if not np.isfinite(place.high - place.low):
+            return 0.0, ""
+        values = column.values * factors[place.unit]
+        share = measure_share_inside(values, place.low, place.high)
+        return _INSIDE * (2 * share - 1), ""
+
+    best, most = list[Match](), -np.inf
+    for angle, length in itertools.product(("rad", "deg"), ("m", "mm")):
+        factors = {"rad": get_unit(angle).factor, "m": get_unit(length).factor}
+        found = assign_columns(columns, places, judge)
+        inside = sum(judge(match.column, match.place)[0] for match in found)
+        if inside > most + 0.05:  # the first ones unless others fit better
+            best, most = found, inside
+    return best
 
 
 def relate(column: Column, position: Column, place: Place) -> Relation:

@@ -120,6 +120,7 @@ def group_scalars(
         stem = tuple(
             word for word in column.facts.own
             if not word.isdigit() and word not in own
+            and (len(word) > 1 or word in FILLERS)
         )  # fmt: skip
         groups.setdefault((column.stream, stem), []).append(column)
     found = []

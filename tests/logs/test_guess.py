@@ -1,0 +1,258 @@
+"""A proposed map finds columns by name, unit, limits and motion, and tells doubts."""
+
+import tomllib
+
+import mujoco
+import numpy as np
+import pytest
+
+from selfheal.logs.column_names import read_name, score_kinds, score_names
+from selfheal.logs.convert import import_logs
+from selfheal.logs.guess import guess_map
+from selfheal.logs.log_map import COMMAND, parse_map
+from selfheal.logs.map_text import format_map
+from selfheal.recording import list_model_names, read
+from tests.logs.table_log import TableLog
+
+JOINTS = {"pan": (-2.5, 2.5), "lift": (-0.2, 2.0), "elbow": (-2.6, -0.3)}
+ARM = f"""<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <worldbody><body name="base">{
+    "".join(
+        f'<body name="{n}_link" pos="0.2 0 0"><joint name="{n}" range="{a} {b}" '
+        f'axis="{"0 0 1" if n == "pan" else "0 1 0"}" damping="1"/>'
+        '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0"/>'
+        for n, (a, b) in JOINTS.items()
+    )
+}{"</body>" * 4}</worldbody>
+  <actuator>{
+    "".join(f'<position name="{n}_servo" joint="{n}" kp="60" kv="2"/>' for n in JOINTS)
+}</actuator>
+</mujoco>"""
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_string(ARM)
+
+
+@pytest.fixture(scope="module")
+def motion(model):
+    """Times (T), and commands, positions and speeds (T, 3) of a motion of the arm."""
+    data = mujoco.MjData(model)
+    middle = np.array([(a + b) / 2 for a, b in JOINTS.values()])
+    data.qpos[:] = middle
+    found = []
+    for step in range(6000):
+        phase = data.time * np.array([1.1, 1.7, 2.3]) + np.array([0.3, 1.2, 2.0])
+        data.ctrl[:] = middle + 0.5 * np.sin(phase) * np.array([2.0, 1.2, 1.4])
+        if step % 5 == 0:
+            found.append(
+                (data.time, data.ctrl.copy(), data.qpos.copy(), data.qvel.copy())
+            )
+        mujoco.mj_step(model, data)
+    return tuple(map(np.array, zip(*found, strict=True)))
+
+
+def _make_table(
+    motion, command="cmd_{}", position="{}_pos", speed="{}_vel", names=JOINTS
+):
+    time, ctrl, q, v = motion
+    table = {"time": time}
+    for form, values in ((command, ctrl), (position, q), (speed, v)):
+        if form:
+            table |= {form.format(n): values[:, k] for k, n in enumerate(names)}
+    return table
+
+
+def _list_found(guess):
+    """Column, unit and sign by kind and target."""
+    return {
+        (line.kind, target): (column, unit.unit, unit.sign)
+        for line in guess.lines
+        for column, target, unit in zip(
+            line.columns, line.targets, line.units, strict=True
+        )
+    }
+
+
+def _expect(command, position, speed, units=("rad", "rad", "rad/s"), names=JOINTS):
+    return {
+        (kind, joint + end): (form.format(name), unit, 1)
+        for kind, form, unit, end in (
+            (COMMAND, command, units[0], "_servo"),
+            ("joint_position", position, units[1], ""),
+            ("joint_velocity", speed, units[2], ""),
+        )
+        for joint, name in zip(JOINTS, names, strict=True)
+    }
+
+
+@pytest.mark.parametrize(
+    "command, position, speed",
+    [
+        ("cmd_{}", "{}_pos", "{}_vel"),
+        ("action[{}.pos]", "observation.state[{}.pos]", "observation.velocity[{}]"),
+        ("{}/target", "{}/actual", "{}/speed"),
+        ("desired.positions[{}]", "actual.positions[{}]", "actual.velocities[{}]"),
+    ],
+)
+def test_names_as_tools_write_them_are_understood(
+    command, position, speed, model, motion
+):
+    table = _make_table(motion, command, position, speed)
+    guess = guess_map(TableLog({"": table}), model)
+    assert _list_found(guess) == _expect(command, position, speed)
+    assert min(sure for line in guess.lines for sure in line.sure) > 0.7
+    assert not guess.unused and not guess.missing
+
+
+def test_numbered_columns_are_taken_in_the_order_of_the_model(model, motion):
+    names = ("0", "1", "2")
+    forms = "des_pos[{}]", "dof_pos[{}]", "dof_vel[{}]"
+    table = _make_table(motion, *forms, names=names)
+    guess = guess_map(TableLog({"": table}), model)
+    assert _list_found(guess) == _expect(*forms, names=names)
+
+
+def test_columns_without_a_telling_order_are_found_by_limits_and_motion(model, motion):
+    time, ctrl, q, v = motion
+    order = (2, 0, 1)  # the elbow's column is the first one
+    table = {"time": time}
+    for letter, values, turn in (("q", q, 0), ("dq", v, 1), ("u", ctrl, 2)):
+        for k in range(3):
+            name = f"{letter}_{'abc'[(k + turn) % 3]}"
+            table[name] = values[:, order[(k + turn) % 3]]
+    guess = guess_map(TableLog({"": table}), model)
+    found = {key: column for key, (column, *_) in _list_found(guess).items()}
+    for joint, letter in zip(("elbow", "pan", "lift"), "abc", strict=True):
+        assert found["joint_position", joint] == f"q_{letter}"
+        assert found["joint_velocity", joint] == f"dq_{letter}"
+        assert found[COMMAND, f"{joint}_servo"] == f"u_{letter}"
+
+
+def test_units_are_found_by_limits_and_by_motion(model, motion):
+    time, ctrl, q, v = motion
+    table = _make_table((time, np.rad2deg(ctrl), np.rad2deg(q), v * 60 / (2 * np.pi)))
+    guess = guess_map(TableLog({"": table}), model)
+    forms = "cmd_{}", "{}_pos", "{}_vel"
+    assert _list_found(guess) == _expect(*forms, units=("deg", "deg", "rpm"))
+
+
+def test_a_speed_that_counts_backwards_gets_a_sign(model, motion):
+    time, ctrl, q, v = motion
+    table = _make_table((time, ctrl, q, v * np.array([1, -1, 1])))
+    found = _list_found(guess_map(TableLog({"": table}), model))
+    assert [found["joint_velocity", n][2] for n in JOINTS] == [1, -1, 1]
+
+
+def test_limits_tell_which_of_position_and_command_counts_backwards(model, motion):
+    time, ctrl, q, v = motion
+    turned = np.array([1, 1, -1])
+    table = _make_table((time, ctrl, q * turned, v * turned))
+    found = _list_found(guess_map(TableLog({"": table}), model))
+    assert found["joint_position", "elbow"][2] == -1
+    assert found["joint_velocity", "elbow"][2] == -1
+    assert found[COMMAND, "elbow_servo"][2] == 1
+    # the limits of the pan are symmetric: nothing is turned, and it is said
+    turned = np.array([-1, 1, 1])
+    guess = guess_map(
+        TableLog({"": _make_table((time, ctrl, q * turned, v * turned))}), model
+    )
+    found = _list_found(guess)
+    assert {found[key][2] for key in found} == {1}
+    (line,) = (line for line in guess.lines if line.kind == COMMAND)
+    assert line.sure[0] <= 0.5 and "against each other" in line.why[0]
+
+
+def test_a_column_in_percent_is_mapped_to_its_range(model, motion):
+    time, ctrl, q, v = motion
+    low, high = JOINTS["elbow"]
+    table = _make_table((time, np.rad2deg(ctrl), np.rad2deg(q), v))
+    table["elbow_pos"] = 100 * (q[:, 2] - low) / (high - low)
+    guess = guess_map(TableLog({"": table}), model)
+    ranges = [
+        unit.ranges
+        for line in guess.lines
+        for target, unit in zip(line.targets, line.units, strict=True)
+        if target == "elbow" and line.kind == "joint_position"
+    ]
+    assert ranges == [((0.0, 100.0), (low, high))]
+
+
+def test_what_is_not_there_is_said(model, motion):
+    table = _make_table(motion, command="", speed="") | {
+        "camera": np.arange(1200.0) % 7
+    }
+    guess = guess_map(TableLog({"": table}), model)
+    assert guess.missing == [f"{n}_servo" for n in JOINTS]
+    assert guess.unused == ["camera"]
+    assert any("no command was found" in remark for remark in guess.remarks)
+
+
+def test_a_goal_for_a_torque_motor_is_remarked(motion):
+    text = ARM.replace("<position", "<motor").replace('kp="60" kv="2"', "")
+    motors = mujoco.MjModel.from_xml_string(text)
+    guess = guess_map(TableLog({"": _make_table(motion)}), motors)
+    assert any("no position servos" in remark for remark in guess.remarks)
+
+
+def test_two_streams_of_a_robot_are_named_and_their_clocks_kept(model, motion):
+    time, ctrl, q, v = motion
+    streams = {
+        "/commands": {"stamp": time[::2], **{
+            f"data[{k}]": ctrl[::2, k] for k in range(3)}},
+        "/joint_states": {"t": time * 1000, **{
+            f"position[{n}]": q[:, k] for k, n in enumerate(JOINTS)}},
+    }  # fmt: skip
+    guess = guess_map(TableLog(streams), model)
+    assert guess.time.clocks["/joint_states"].unit == "ms"
+    found = _list_found(guess)
+    assert found[COMMAND, "pan_servo"][0] == "/commands:data[0]"
+    assert found["joint_position", "lift"][0] == "/joint_states:position[lift]"
+
+
+def test_the_text_of_a_guess_imports_what_the_robot_did(model, motion, tmp_path):
+    time, ctrl, q, v = motion
+    table = _make_table((time * 1e3, np.rad2deg(ctrl), np.rad2deg(q), v))
+    log = TableLog({"": table})
+    text = format_map(guess_map(log, model), "log\n.csv", "arm\x1b.xml")
+    assert "\x1b" not in text
+    import_logs(
+        [log], parse_map(tomllib.loads(text), "map"), list_model_names(model),
+        tmp_path / "rec.h5",
+    )  # fmt: skip
+    episode = read(tmp_path / "rec.h5").episodes["000"]
+    assert episode.ctrl == pytest.approx(ctrl)
+    for k, name in enumerate(JOINTS):
+        assert episode.signals[f"{name}_position"].values == pytest.approx(q[:, k])
+        assert episode.signals[f"{name}_velocity"].values == pytest.approx(v[:, k])
+
+
+@pytest.mark.parametrize(
+    "stream, column, kind, unit",
+    [
+        ("", "q1 [deg]", "joint_position", "deg"),
+        ("", "joint_3_velocity_deg/s", "joint_velocity", ""),
+        ("", "tau_est_2", "joint_torque", ""),
+        ("/joint_states", "effort[a]", "joint_torque", ""),
+        ("/cmd", "data[0]", "command", ""),
+        ("", "motor_temp (°C)", "temperature", "°C"),
+        ("", "goal_position", "command", ""),
+        ("", "present_position", "joint_position", ""),
+        ("", "input_volts", "supply_voltage", "volts"),
+        ("", "action[gripper.pos]", "command", ""),
+    ],
+)
+def test_kinds_are_read_from_words(stream, column, kind, unit):
+    facts = read_name(stream, column)
+    scores = score_kinds(facts)
+    assert max(scores, key=scores.get) == kind
+    assert facts.unit == unit
+
+
+def test_an_own_name_beats_a_shared_one():
+    facts = read_name("", "cmd_elbow_p")
+    own = score_names(facts, "elbow_p", ("elbow",))
+    assert own > score_names(facts, "elbow_v", ("elbow",)) > 0.5
+    assert score_names(facts, "wrist", ()) == 0
