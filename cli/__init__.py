@@ -6,7 +6,7 @@ import typer
 
 from selfheal import __version__
 
-from . import diagnose, heal, identify, recording, recover, study
+from . import diagnose, example, heal, identify, recording, recover, study
 from ._errors import Group
 
 # rich_markup_mode: rich's help pages would double the time to the first line
@@ -28,6 +28,7 @@ app.command()(recover.recover)
 app.command()(diagnose.diagnose)
 app.command()(diagnose.replay)
 app.command()(diagnose.effects)
+app.command()(example.example)
 app.add_typer(study.app, name="study")
 app.add_typer(recording.app, name="recording")
 

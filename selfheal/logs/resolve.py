@@ -30,7 +30,7 @@ class Channel:
         factor: (d) from a column's number to the recording's unit.
         offset: (d) [unit] added to that.
         delay: [s] by which the columns are late.
-        assumed: whether neither map nor log states the unit of the columns.
+        assumed: whether nothing states the unit of the columns: map, log or scale.
     """
 
     kind: str
@@ -141,7 +141,7 @@ def _make_channel(
         offset = offset + factor * known.offset
         factor = factor * known.factor
     else:
-        assumed = bool(columns)
+        assumed = bool(columns) and rule.scale == 1
     if rule.kind == "body_orientation":
         columns = _order_quaternion(rule.order, columns)
     return Channel(

@@ -1,0 +1,1 @@
+"""A pendulum on a position servo, for `selfheal example`."""
