@@ -1,11 +1,13 @@
 """`selfheal recording import`: what it prints of a guess and of what was done."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from selfheal.logs.convert import ImportReport
     from selfheal.logs.guess import Guess
+    from selfheal.logs.offsets import Offset
 
 
 def print_guess(guess: "Guess") -> None:
@@ -100,6 +102,14 @@ def print_import(report: "ImportReport", path: Path) -> None:
     for unit, names in report.assumed.items():
         say(f"assumed to be in {unit}, for neither map nor log states a unit: "
             f"{', '.join(names)}")  # fmt: skip
+    for offset in report.offsets:
+        say(_describe_offset(offset))
+    if report.lag:
+        say(
+            f"all positions follow their commands {1000 * report.lag[0]:.0f} to "
+            f"{1000 * report.lag[1]:.0f} ms later: the drives' delay and lag, or one "
+            "shift between the two clocks, which this log cannot tell apart."
+        )
     if report.sorted:
         say(f"{report.sorted} rows stood behind later ones and were sorted in.")
     if report.dropped:
@@ -107,6 +117,19 @@ def print_import(report: "ImportReport", path: Path) -> None:
             "were left out.")  # fmt: skip
     if report.before_command:
         say(f"{report.before_command} rows before the first command were left out.")
+
+
+def _describe_offset(offset: "Offset") -> str:
+    """By how much a clock is off, and what would mend it."""
+    late, low, high = (1000 * s for s in (offset.seconds, offset.low, offset.high))
+    said = (
+        f"{offset.stream}: its clock is {late:.1f} ms ({low:.1f} to {high:.1f}) late "
+        f"against that of {offset.reference}"
+    )
+    if low <= 0 <= high:
+        return f"{said}: as good as none."
+    stream = json.dumps(offset.stream)
+    return f"{said}; in the map: [time.streams.{stream}] offset = {-late / 1000:.4f}"
 
 
 def summarize_import(report: "ImportReport", path: Path) -> dict[str, Any]:

@@ -119,17 +119,18 @@ def _import_logs(
     from selfheal.logs.convert import import_logs
     from selfheal.logs.log_map import read_map
     from selfheal.logs.open_log import open_log
-    from selfheal.recording import read_names
+    from selfheal.recording import list_model_names, load_model
 
     from ._import import print_import, summarize_import
     from ._print import print_json
     from ._progress import ProgressBar
 
-    names, log_map = read_names(model), read_map(map_file)
+    compiled, log_map = load_model(model), read_map(map_file)
     opened = [open_log(path) for path in paths]
     with ProgressBar("reading", quiet=as_json) as bar:
         report = import_logs(
-            opened, log_map, names, out, map_name=str(map_file),
+            opened, log_map, list_model_names(compiled), out,
+            map_name=str(map_file), model=compiled,
             report=lambda file, share: bar.show(f"reading {file}", share),
         )  # fmt: skip
     if as_json:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ..files import MAX_VALUES
 from ..recording import Episode, ModelNames, Signal, open_writer
 from .base import Log, Stream
 from .log_map import COMMAND, Clock, LogMap
+from .offsets import Offset, estimate_offsets, find_common_lag
 from .resolve import Channel, check_commands, name_signals, resolve_rules
 from .spool import Spool
 from .timeline import (
@@ -28,6 +30,9 @@ from .timeline import (
     split_episodes,
 )
 from .units import get_unit
+
+if TYPE_CHECKING:
+    import mujoco
 
 Floats = NDArray[np.float64]
 _BLOCK = 200_000  # rows that are converted at once; chosen: some 10 MB of a robot
@@ -60,6 +65,9 @@ class ImportReport:
     Attributes:
         episodes: all that were written.
         assumed: targets whose columns have no stated unit, by the unit assumed.
+        offsets: of streams' clocks against that of the joints; nothing is moved by it.
+        lag: [s] by which every position follows its command where the two come from
+            different streams: shortest and longest; None where that is not so.
         sorted: rows that stood behind a later one and were sorted in.
         dropped: rows without a time or with one that another row has.
         before_command: rows left out before the first command of their episode.
@@ -67,6 +75,8 @@ class ImportReport:
 
     episodes: list[EpisodeReport] = field(default_factory=list)
     assumed: dict[str, list[str]] = field(default_factory=dict)
+    offsets: list[Offset] = field(default_factory=list)
+    lag: tuple[float, float] | None = None
     sorted: int = 0
     dropped: int = 0
     before_command: int = 0
@@ -84,6 +94,7 @@ def import_logs(
     path: str | os.PathLike[str],
     *,
     map_name: str = "map",
+    model: "mujoco.MjModel | None" = None,
     report: Report | None = None,
 ) -> ImportReport:
     """Write the recording of logs.
@@ -94,6 +105,7 @@ def import_logs(
         names: of the model.
         path: of the recording.
         map_name: of the map, for messages.
+        model: compiled; with it the clocks of streams are compared.
         report: is told the file that is read and the share of it, from 0 to 1.
 
     Returns:
@@ -123,11 +135,33 @@ def import_logs(
                 for episode_id, parts in converter.convert(made):
                     for part in parts:
                         writer.append(episode_id, part)
+                        if model is not None and not made.offsets:
+                            _compare_clocks(part, channels, model, made)
         if not made.episodes:
             raise InputError(
                 f"{', '.join(str(log.path) for log in logs)}: no row is left to import"
             )
     return made
+
+
+def _compare_clocks(
+    part: Episode,
+    channels: Sequence[Channel],
+    model: "mujoco.MjModel",
+    made: ImportReport,
+) -> None:
+    """Note how the clocks of streams differ, as far as a part of an episode tells.
+
+    Args:
+        part: of an episode.
+        channels: that it was made of.
+        model: compiled.
+        made: to be noted in.
+    """
+    streams = {n: channels[k].stream for k, n in name_signals(channels).items()}
+    made.offsets = estimate_offsets(part, streams, model)
+    sources = {c.target: c.stream for c in channels if c.kind == COMMAND and c.columns}
+    made.lag = find_common_lag(part, streams, sources, model)
 
 
 def _note_assumed(channels: Sequence[Channel], made: ImportReport) -> None:
