@@ -30,8 +30,9 @@ def convert_array(array: Any) -> Values:
     elif not is_numeric(kind):
         texts = ["" if cell is None else str(cell) for cell in array.to_pylist()]
         return convert_cells(texts)
-    values = pc.cast(array, pa.float64(), safe=False)
-    return np.array(values.to_numpy(zero_copy_only=False), dtype=float) / scale
+    numbers = pc.cast(array, pa.float64(), safe=False)
+    values = np.array(numbers.to_numpy(zero_copy_only=False), dtype=float)
+    return values if scale == 1 else values / scale
 
 
 def is_numeric(kind: Any) -> bool:

@@ -112,12 +112,15 @@ class DelimitedLog(Log):
     ) -> Iterator[tuple[str, Rows]]:
         """Read columns; a piece is a block of the file."""
         check_wanted(self, wanted)
-        csv = import_extra("pyarrow.csv", "CSV")
+        csv, pyarrow = (
+            import_extra("pyarrow.csv", "CSV"),
+            import_extra("pyarrow", "CSV"),
+        )
         size, columns = get_size(self.path), wanted.get("", ())
         cells = sorted({self._places[column][0] for column in columns})
         if not cells:
             return
-        with explain_damage(self.path, "table"), self.path.open("rb") as raw:
+        with explain_damage(self.path, "table"), pyarrow.OSFile(str(self.path)) as raw:
             for batch in csv.open_csv(
                 self._open_text(raw), **self._make_options(cells)
             ):
@@ -134,14 +137,15 @@ class DelimitedLog(Log):
                     report(min(1.0, raw.tell() / size))
 
     def _open_text(self, raw: Any) -> Any:
-        """The text of the file as pyarrow reads it."""
-        import gzip
+        """The text of an open file as pyarrow reads it."""
+        import pyarrow as pa
 
-        packed = raw.peek(2).startswith(_GZIP)
-        text = gzip.GzipFile(fileobj=raw) if packed else raw
-        if self.dialect.encoding == "utf-16":
-            return text
-        return io.BufferedReader(_Rows(text, self.dialect.delimiter == " "), _BLOCK)
+        dialect, packed = self.dialect, read_start(self.path).startswith(_GZIP)
+        text = pa.CompressedInputStream(raw, "gzip") if packed else raw
+        blanks = dialect.delimiter == " "
+        if dialect.encoding != "utf-16" and (blanks or dialect.has_comments):
+            return io.BufferedReader(_Rows(text, blanks), _BLOCK)
+        return text
 
     def _make_options(self, cells: Sequence[int]) -> dict[str, Any]:
         """What pyarrow is told of the dialect and the cells that are wanted."""
@@ -172,9 +176,10 @@ class DelimitedLog(Log):
     def _judge_row(self, row: Any) -> str:
         """What becomes of a row with another number of cells.
 
-        The last line of a logger that was killed is left out.
+        A comment is left out, and the last line of a logger that was killed.
         """
-        return "skip" if row.text.strip() == self._cut else "error"
+        line = row.text.strip()
+        return "skip" if line.startswith(COMMENTS) or line == self._cut else "error"
 
     def _convert(self, array: Any, cell: int, element: int) -> Values:
         """One column of a block, (n)."""

@@ -35,6 +35,7 @@ class Dialect:
         kinds: of the columns: "number", "bool", "time", "list" or "text".
         widths: elements of a list in a cell; 0 of any other column.
         decimal: the character before the fraction of a number.
+        has_comments: whether there are some in the first lines.
     """
 
     delimiter: str
@@ -45,6 +46,7 @@ class Dialect:
     kinds: Sequence[str]
     widths: Sequence[int]
     decimal: str
+    has_comments: bool
 
 
 def find_dialect(sample: bytes, whole: bool) -> Dialect | None:
@@ -144,6 +146,7 @@ def _make_dialect(
             for column, kind in zip(columns, kinds, strict=True)
         ],
         decimal=decimal,
+        has_comments=any(line.strip().startswith(COMMENTS) for line in lines),
     )
 
 
