@@ -35,10 +35,16 @@ def read_all(log: Log) -> dict[str, dict[str, np.ndarray]]:
     }
     for stream in log.streams:
         assert {stream.time, stream.episode} - {""} <= set(stream.columns)
-        if stream.rows is not None and stream.columns:
+    return found
+
+
+def check_rows(log: Log) -> None:
+    """Check that streams have as many rows as they state."""
+    found = read_all(log)
+    for stream in log.streams:
+        if stream.rows is not None:
             read = found.get(stream.name, {})
             assert all(len(values) == stream.rows for values in read.values())
-    return found
 
 
 def read_one(path: Path) -> dict[str, np.ndarray]:

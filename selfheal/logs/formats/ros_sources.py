@@ -1,0 +1,284 @@
+"""Files with ROS messages: takes bags, gives their topics and messages undecoded."""
+
+import bz2
+import zlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from .common import get_size, import_extra
+
+# bytes of a chunk of messages, unpacked; chosen: far above those that recorders write
+_MAX_CHUNK = 256_000_000
+_FORMS = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a file states of a topic.
+
+    Attributes:
+        name: of it.
+        kind: name of the type of its messages.
+        definition: of the type, "" if the file has none.
+        form: of the definition: "msg" or "idl".
+        coding: of the messages: "cdr", "ros1", or another that is not decoded.
+        count: of its messages; None where the file does not state it.
+    """
+
+    name: str
+    kind: str
+    definition: str
+    form: str
+    coding: str
+    count: int | None
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message that is not decoded.
+
+    Attributes:
+        topic: its name.
+        time: of receipt [ns] since 1970 UTC.
+        content: the message.
+        share: of the file that was read, from 0 to 1.
+    """
+
+    topic: str
+    time: int
+    content: bytes
+    share: float
+
+
+class Source(ABC):
+    """A file with messages.
+
+    Attributes:
+        path: of the file.
+        topics: all that it has.
+    """
+
+    path: Path
+    topics: Sequence[Topic]
+
+    @abstractmethod
+    def __init__(self, path: Path) -> None: ...
+
+    @abstractmethod
+    def read(self, topics: set[str]) -> Iterator[Message]:
+        """Messages of some topics, in the order of receipt, or nearly."""
+
+
+class McapSource(Source):
+    """An MCAP file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        reader = import_extra("mcap.reader", "MCAP")
+        self._index = list[Any]()
+        with path.open("rb") as file:
+            seeking = reader.SeekingReader(file, record_size_limit=2 * _MAX_CHUNK)
+            summary = seeking.get_summary()
+        schemas, channels, counts = {}, {}, dict[int, int]()
+        if summary is not None and summary.channels and summary.statistics:
+            schemas, channels = summary.schemas, summary.channels
+            counts = summary.statistics.channel_message_counts
+            self._index = sorted(
+                summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset
+            )
+        else:
+            for _, record in self._walk():
+                if hasattr(record, "schema_id"):
+                    channels[record.id] = record
+                elif hasattr(record, "channel_id"):
+                    key = record.channel_id
+                    counts[key] = counts.get(key, 0) + 1
+                else:
+                    schemas[record.id] = record
+        self._names = {key: channel.topic for key, channel in channels.items()}
+        self.topics = [
+            _make_topic(channel, schemas.get(channel.schema_id), counts.get(key, 0))
+            for key, channel in channels.items()
+        ]
+
+    def read(self, topics: set[str]) -> Iterator[Message]:
+        """Messages of some topics, chunk by chunk."""
+        keys = {key for key, name in self._names.items() if name in topics}
+        size = get_size(self.path)
+        for place, record in self._walk(keys):
+            if getattr(record, "channel_id", None) in keys:
+                name = self._names[record.channel_id]
+                yield Message(name, record.log_time, record.data, min(1, place / size))
+
+    def _walk(self, keys: set[int] | None = None) -> Iterator[tuple[int, Any]]:
+        """Place [B] and record of schemas, channels and messages.
+
+        Chunks of which the index says that they have none of some channels are
+        skipped.
+        """
+        stream_reader = import_extra("mcap.stream_reader", "MCAP")
+        records = import_extra("mcap.records", "MCAP")
+        wanted = (records.Schema, records.Channel, records.Message)
+        with self.path.open("rb") as file:
+            for start in self._list_starts(keys):
+                file.seek(start)
+                stream = stream_reader.StreamReader(
+                    file, skip_magic=start > 0, emit_chunks=True,
+                    record_size_limit=2 * _MAX_CHUNK,
+                )  # fmt: skip
+                for record in stream.records:
+                    if isinstance(record, records.Chunk):
+                        for inner in stream_reader.breakup_chunk(_unpack(record)):
+                            yield file.tell(), inner
+                    elif isinstance(record, wanted):
+                        yield file.tell(), record
+                    elif isinstance(record, records.DataEnd):
+                        break
+                    if start:
+                        break
+
+    def _list_starts(self, keys: set[int] | None) -> list[int]:
+        """Where to start reading: at chunks, or at the start of the file."""
+        if keys is None or not self._index:
+            return [0]
+        return [
+            chunk.chunk_start_offset
+            for chunk in self._index
+            if keys & set(chunk.message_index_offsets)
+            or not chunk.message_index_offsets
+        ]
+
+
+def _make_topic(channel: Any, schema: Any, count: int) -> Topic:
+    """A topic of an MCAP channel."""
+    form = _FORMS.get(schema.encoding, "") if schema else ""
+    kind = schema.name if schema else ""
+    if channel.message_encoding == "ros1":
+        kind = import_extra("rosbags.typesys.msg", "MCAP").normalize_msgtype(kind)
+    return Topic(
+        name=channel.topic,
+        kind=kind,
+        definition=schema.data.decode(errors="replace") if form else "",
+        form=form,
+        coding=channel.message_encoding,
+        count=count,
+    )
+
+
+def _unpack(chunk: Any) -> Any:
+    """An MCAP chunk unpacked, its size and its checksum checked."""
+    if chunk.uncompressed_size > _MAX_CHUNK:
+        raise InputError(f"a chunk of {chunk.uncompressed_size} bytes")
+    if chunk.compression == "zstd":
+        content = unpack_zstd(chunk.data, chunk.uncompressed_size)
+    elif chunk.compression == "lz4":
+        content = _unpack_lz4(chunk.data, chunk.uncompressed_size)
+    elif chunk.compression:
+        raise InputError("a chunk is packed in a way that is not known")
+    else:
+        content = chunk.data
+    if len(content) != chunk.uncompressed_size:
+        raise InputError("a chunk has another size than it states")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(content)):
+        raise InputError("the checksum of a chunk is wrong")
+    chunk.data, chunk.compression = content, ""
+    return chunk
+
+
+def unpack_zstd(content: bytes, size: int = _MAX_CHUNK) -> bytes:
+    """What zstd packed, of at most a size [B] and one byte."""
+    zstandard = import_extra("zstandard", "MCAP")
+    with zstandard.ZstdDecompressor().stream_reader(content) as reader:
+        return reader.read(size + 1)
+
+
+def _unpack_lz4(content: bytes, size: int = _MAX_CHUNK) -> bytes:
+    """What lz4 packed, of at most a size [B] and one byte."""
+    frame = import_extra("lz4.frame", "MCAP")
+    return frame.LZ4FrameDecompressor().decompress(content, max_length=size + 1)
+
+
+def _unpack_bz2(content: bytes) -> bytes:
+    return bz2.BZ2Decompressor().decompress(content, max_length=_MAX_CHUNK)
+
+
+class SqliteSource(Source):
+    """A ROS 2 bag in SQLite."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        storage = import_extra("rosbags.rosbag2.storage_sqlite3", "ROS bags")
+        self._open: Callable[[], Any] = lambda: _open_reader(
+            storage.Sqlite3Reader(path)
+        )
+        self.topics = _list_topics(self._open())
+
+    def read(self, topics: set[str]) -> Iterator[Message]:
+        """Messages of some topics by their time."""
+        yield from _read_messages(self._open(), topics)
+
+
+class Bag1Source(Source):
+    """A ROS 1 bag."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        module = import_extra("rosbags.rosbag1.reader", "ROS bags")
+        limits = {
+            module.decompressors["bz2"]: _unpack_bz2,
+            module.decompressors["lz4"]: _unpack_lz4,
+        }
+
+        def open_bag() -> Any:
+            reader = _open_reader(module.Reader(path))
+            for place, chunk in reader.chunks.items():
+                unpack = limits.get(chunk.decompressor, chunk.decompressor)
+                reader.chunks[place] = chunk._replace(decompressor=unpack)
+            return reader
+
+        self._open: Callable[[], Any] = open_bag
+        self.topics = _list_topics(self._open(), coding="ros1")
+
+    def read(self, topics: set[str]) -> Iterator[Message]:
+        """Messages of some topics by their time."""
+        yield from _read_messages(self._open(), topics)
+
+
+def _open_reader(reader: Any) -> Any:
+    reader.open()
+    return reader
+
+
+def _list_topics(reader: Any, coding: str = "") -> list[Topic]:
+    """Topics of a reader of rosbags, which is closed."""
+    forms = import_extra("rosbags.interfaces", "ROS bags").MessageDefinitionFormat
+    with closing(reader):
+        return [
+            Topic(
+                name=found.topic,
+                kind=found.msgtype,
+                definition=found.msgdef.data,
+                form="idl" if found.msgdef.format == forms.IDL else "msg",
+                coding=coding or found.ext.serialization_format,
+                count=found.msgcount,
+            )
+            for found in reader.connections
+        ]
+
+
+def _read_messages(reader: Any, topics: set[str]) -> Iterator[Message]:
+    """Messages of some topics of a reader of rosbags, which is closed at the end."""
+    with closing(reader):
+        wanted = [found for found in reader.connections if found.topic in topics]
+        total = max(1, sum(found.msgcount for found in wanted))
+        if not wanted:
+            return
+        for number, found in enumerate(reader.messages(wanted)):
+            connection, time, content = found
+            share = min(1, (number + 1) / total)
+            yield Message(connection.topic, time, content, share)
