@@ -1,6 +1,7 @@
 """Files with ROS messages: takes bags, gives their topics and messages undecoded."""
 
 import bz2
+import struct
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +15,8 @@ from .common import get_size, import_extra
 
 # bytes of a chunk of messages, unpacked; chosen: far above those that recorders write
 _MAX_CHUNK = 256_000_000
+# of an MCAP record: code, length [B]; of a message: channel, number, times [ns]
+_RECORD, _MESSAGE, _MESSAGE_CODE = struct.Struct("<BQ"), struct.Struct("<HIQQ"), 5
 _FORMS = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 
 
@@ -92,7 +95,7 @@ class McapSource(Source):
                 summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset
             )
         else:
-            for _, record in self._walk():
+            for record in self._scan():
                 if hasattr(record, "schema_id"):
                     channels[record.id] = record
                 elif hasattr(record, "channel_id"):
@@ -111,19 +114,33 @@ class McapSource(Source):
         keys = {key for key, name in self._names.items() if name in topics}
         size = get_size(self.path)
         for place, record in self._walk(keys):
-            if getattr(record, "channel_id", None) in keys:
+            share = min(1, place / size)
+            if hasattr(record, "compression"):
+                for key, time, content in _read_chunk(_unpack(record).data):
+                    if key in keys:
+                        yield Message(self._names[key], time, content, share)
+            elif getattr(record, "channel_id", None) in keys:
                 name = self._names[record.channel_id]
-                yield Message(name, record.log_time, record.data, min(1, place / size))
+                yield Message(name, record.log_time, record.data, share)
 
-    def _walk(self, keys: set[int] | None = None) -> Iterator[tuple[int, Any]]:
-        """Place [B] and record of schemas, channels and messages.
+    def _scan(self) -> Iterator[Any]:
+        """All schemas, channels and messages, of a file that does not list them."""
+        stream_reader = import_extra("mcap.stream_reader", "MCAP")
+        for _, record in self._walk(None):
+            if hasattr(record, "compression"):
+                yield from stream_reader.breakup_chunk(_unpack(record))
+            else:
+                yield record
+
+    def _walk(self, keys: set[int] | None) -> Iterator[tuple[int, Any]]:
+        """Place [B] and record of chunks, and of what stands in no chunk.
 
         Chunks of which the index says that they have none of some channels are
         skipped.
         """
         stream_reader = import_extra("mcap.stream_reader", "MCAP")
         records = import_extra("mcap.records", "MCAP")
-        wanted = (records.Schema, records.Channel, records.Message)
+        wanted = (records.Schema, records.Channel, records.Message, records.Chunk)
         with self.path.open("rb") as file:
             for start in self._list_starts(keys):
                 file.seek(start)
@@ -132,14 +149,9 @@ class McapSource(Source):
                     record_size_limit=2 * _MAX_CHUNK,
                 )  # fmt: skip
                 for record in stream.records:
-                    if isinstance(record, records.Chunk):
-                        for inner in stream_reader.breakup_chunk(_unpack(record)):
-                            yield file.tell(), inner
-                    elif isinstance(record, wanted):
+                    if isinstance(record, wanted):
                         yield file.tell(), record
-                    elif isinstance(record, records.DataEnd):
-                        break
-                    if start:
+                    if start or isinstance(record, records.DataEnd):
                         break
 
     def _list_starts(self, keys: set[int] | None) -> list[int]:
@@ -188,6 +200,21 @@ def _unpack(chunk: Any) -> Any:
         raise InputError("the checksum of a chunk is wrong")
     chunk.data, chunk.compression = content, ""
     return chunk
+
+
+def _read_chunk(content: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Channel, time of receipt [ns] and content of the messages in a chunk.
+
+    As https://mcap.dev/spec states; `mcap` takes three times as long.
+    """
+    place = 0
+    while place < len(content):
+        code, length = _RECORD.unpack_from(content, place)
+        place += _RECORD.size
+        if code == _MESSAGE_CODE:
+            channel, _, time, _ = _MESSAGE.unpack_from(content, place)
+            yield channel, time, content[place + _MESSAGE.size : place + length]
+        place += length
 
 
 def unpack_zstd(content: bytes, size: int = _MAX_CHUNK) -> bytes:
