@@ -139,7 +139,10 @@ def convert_cells(cells: Sequence[Any]) -> Values:
         texts = np.empty(len(cells), dtype=object)
         texts[:] = ["" if cell is None else str(cell) for cell in cells]
         return texts
-    return np.array([convert_number(cell) for cell in cells], dtype=float)
+    try:
+        return np.array(cells, dtype=float).reshape(len(cells))
+    except (TypeError, ValueError, OverflowError):
+        return np.array([convert_number(cell) for cell in cells], dtype=float)
 
 
 def convert_number(cell: Any) -> float:

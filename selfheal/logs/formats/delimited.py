@@ -38,11 +38,12 @@ class DelimitedFormat(LogFormat):
         """Whether its name says so, or it is text that holds a table."""
         start = read_start(path)
         suffixes = path.suffixes[-2:] if start.startswith(_GZIP) else path.suffixes[-1:]
-        if not start or any(suffix.lower() in _JSON for suffix in suffixes):
+        is_json = any(suffix.lower() in _JSON for suffix in suffixes)
+        if not start or start.lstrip()[:1] == b"{" or is_json:
             return False
         if any(suffix.lower() in _SUFFIXES for suffix in suffixes):
             return True
-        if start.lstrip()[:1] in (b"{", b"["):
+        if start.lstrip()[:1] == b"[":
             return False
         try:
             found = _sniff(path)

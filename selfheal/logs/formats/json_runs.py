@@ -1,0 +1,320 @@
+"""JSON and JSON lines: takes documents of runs, rows or arrays, gives streams."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..base import Log, LogFormat, Report, Rows, Stream
+from .arrays import ArrayLog, Run, Table, group_arrays, is_usable
+from .common import (
+    MAX_COLUMNS,
+    MAX_ELEMENTS,
+    check_wanted,
+    convert_cells,
+    explain_damage,
+    get_size,
+    make_unique,
+    read_start,
+)
+
+_MAX_SIZE = 256_000_000  # bytes of a document; chosen: read it takes ten times as much
+_MAX_DEPTH = 16  # of objects in objects; chosen
+_MAX_LINE = 16_000_000  # bytes of one of JSON lines; chosen
+_SAMPLE, _PIECE = 1_000, 4_096  # JSON lines that tell the columns; that are a piece
+_LABELS = ("label", "name", "id", "episode", "run", "motion", "type", "trajectory")
+_ROBOTS = ("robot", "robot_name", "robot_type")
+_TIMES = ("t", "time", "timestamp", "stamp", "time_s")
+_PERIODS = ("dt", "timestep", "time_step", "sample_time", "sampling_time")
+_RATES = ("hz", "fps", "sample_rate", "sampling_rate", "sampling_frequency",
+          "sample_frequency", "control_frequency", "action_hz", "control_hz",
+          "sample_hz", "sampling_hz", "rate_hz", "log_hz", "record_hz",
+          "frequency_hz", "loop_hz")  # fmt: skip
+
+
+class JsonFormat(LogFormat):
+    """JSON documents and JSON lines."""
+
+    name = "JSON (runs, rows or arrays; also JSON lines)"
+
+    def recognizes(self, path: Path) -> bool:
+        """Whether it begins as JSON does."""
+        start = read_start(path, 4096).removeprefix(b"\xef\xbb\xbf").lstrip()
+        is_named = path.suffix.lower() in (".json", ".jsonl", ".ndjson")
+        return (
+            start[:1] == b"{"
+            or (start[:1] == b"[" and b"\0" not in start)
+            or (is_named and bool(start))
+        )
+
+    def open(self, path: Path) -> Log:
+        """Open a document."""
+        with explain_damage(path, "JSON log"):
+            if _is_lines(path):
+                return JsonLinesLog(path)
+            if get_size(path) > _MAX_SIZE:
+                raise InputError(
+                    f"{path}: {get_size(path)} bytes of JSON; at most {_MAX_SIZE} are "
+                    "read; would fit: JSON lines, an object for each row"
+                )
+            document = json.loads(path.read_bytes())
+            return ArrayLog(path, find_tables(document), _find_robot(document))
+
+
+def _is_lines(path: Path) -> bool:
+    """Whether the first line of a file is an object, and the second one begins."""
+    with path.open("rb") as file:
+        first, second = file.readline(_MAX_LINE), file.readline(64)
+    if not first.lstrip().startswith(b"{"):
+        return False
+    is_named = path.suffix.lower() in (".jsonl", ".ndjson")
+    return is_named or (first.rstrip().endswith(b"}") and second.startswith(b"{"))
+
+
+def find_tables(document: Any) -> list[Table]:
+    """The tables of a document: runs, rows or arrays, at its top or in its members.
+
+    Args:
+        document: as `json` makes it.
+    """
+    period = _find_period(document)
+    if isinstance(document, list):
+        return [_make_table(document, "", period)] if _is_objects(document) else []
+    if not isinstance(document, dict):
+        return []
+    lists = {name: value for name, value in document.items() if _is_objects(value)}
+    if lists:
+        return [
+            _make_table(value, name if len(lists) > 1 else "", period)
+            for name, value in lists.items()
+        ]
+    runs = _find_named_runs(document)
+    if runs:
+        return [Table(runs, period=period)]
+    return [
+        Table(table.runs, table.name, period=period)
+        for table in group_arrays(_list_arrays(document))
+    ]
+
+
+def _is_objects(value: Any) -> bool:
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(member, dict) for member in value)
+    )
+
+
+def _make_table(objects: Sequence[dict[str, Any]], name: str, period: Any) -> Table:
+    """A table of objects that are runs each, or rows each."""
+    if not _are_runs(objects):
+        arrays = make_columns(objects)
+        # BAM (github.com/Rhoban/bam) writes it in seconds
+        is_bam = {"timestamp", "position", "goal_position"} <= arrays.keys()
+        units, time = ({"timestamp": "s"}, "timestamp") if is_bam else ({}, "")
+        return Table([Run(arrays)], name, units, time, period)
+    runs = [Run(_take_longest(_list_arrays(o)), _find_label(o)) for o in objects]
+    return Table([run for run in runs if run.arrays], name, period=period)
+
+
+def _are_runs(objects: Sequence[dict[str, Any]]) -> bool:
+    """Whether each object holds the arrays of a run, not the vectors of a row."""
+    lengths = [
+        max(
+            (len(v) for v in o.values() if isinstance(v, list) and len(v) > 1),
+            default=0,
+        )
+        for o in objects
+    ]
+    if not min(lengths):
+        return False
+    if any(not isinstance(o.get(name, []), list) for name in _TIMES for o in objects):
+        return False
+    nested = any(_is_objects(v) for o in objects for v in o.values())
+    return nested or len(set(lengths)) > 1 or max(lengths) > len(objects)
+
+
+def _find_named_runs(document: Mapping[str, Any]) -> list[Run]:
+    """Runs of a document whose members are objects with the same arrays."""
+    members = {name: v for name, v in document.items() if isinstance(v, dict)}
+    runs = [Run(_take_longest(_list_arrays(v)), name) for name, v in members.items()]
+    runs = [run for run in runs if run.arrays]
+    alike = {tuple(run.arrays) for run in runs}
+    return runs if len(runs) > 1 and len(alike) == 1 else []
+
+
+def _list_arrays(value: Mapping[str, Any], path: str = "", depth: int = 0) -> Any:
+    """Arrays in an object and the objects in it, by their paths."""
+    found = dict[str, Any]()
+    for name, member in value.items():
+        if isinstance(member, dict) and depth < _MAX_DEPTH:
+            found |= _list_arrays(member, f"{path}{name}.", depth + 1)
+        elif _is_objects(member):
+            found |= {path + k: v for k, v in make_columns(member).items()}
+        elif isinstance(member, list) and member:
+            array = _make_array(member)
+            if array is not None:
+                found[path + name] = array
+    return found
+
+
+def _take_longest(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays of one length: the one that most values have."""
+    tables = group_arrays(arrays)
+    return dict(tables[0].runs[0].arrays) if tables else {}
+
+
+def _make_array(values: list[Any]) -> Any:
+    """A list as an array (T) or (T, d); None where it is none."""
+    if not any(isinstance(value, list | dict) for value in values):
+        return convert_cells(values)
+    if not all(isinstance(value, list) for value in values):
+        return None
+    width = max(len(value) for value in values)
+    flat = [isinstance(v, int | float | None) for value in values for v in value]
+    if not 0 < width <= MAX_ELEMENTS or not all(flat):
+        return None
+    padded = [convert_cells(value + [None] * (width - len(value))) for value in values]
+    return np.array(padded)
+
+
+def make_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Columns (T) of rows that are objects; those of objects in them by their paths.
+
+    Raises:
+        InputError: they are too many.
+    """
+    cells = dict[str, list[Any]]()
+    for number, row in enumerate(rows):
+        for name, cell in flatten(row):
+            column = cells.setdefault(name, [None] * number)
+            column.append(cell)
+        if len(cells) > MAX_COLUMNS:
+            raise InputError(f"more than {MAX_COLUMNS} columns")
+        for column in cells.values():
+            if len(column) <= number:
+                column.append(None)
+    arrays = {name: convert_cells(column) for name, column in cells.items()}
+    return {name: array for name, array in arrays.items() if is_usable(array)}
+
+
+def flatten(value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Paths and values of the numbers and texts in an object.
+
+    Args:
+        value: of JSON.
+        path: of it.
+        depth: of it; what is deeper than any log is left out.
+    """
+    if depth > _MAX_DEPTH:
+        return
+    if isinstance(value, dict):
+        for name, member in value.items():
+            yield from flatten(member, f"{path}.{name}" if path else name, depth + 1)
+    elif isinstance(value, list):
+        for place, member in enumerate(value[:MAX_ELEMENTS]):
+            yield from flatten(member, f"{path}[{place}]", depth + 1)
+    else:
+        yield path, _read_time(value) if isinstance(value, str) else value
+
+
+def _read_time(text: str) -> str | float:
+    """A time of day that ISO 8601 writes, as seconds since 1970; else the text."""
+    if len(text) < 16 or text[4] != "-" or not text[:4].isdigit():
+        return text
+    try:
+        found = datetime.fromisoformat(text)
+    except ValueError:
+        return text
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
+def _find_label(run: Mapping[str, Any]) -> str:
+    """What a run calls itself."""
+    for name in _LABELS:
+        if isinstance(found := run.get(name), str) and found:
+            return found
+    return ""
+
+
+def _find_robot(document: Any) -> str | None:
+    members = document if isinstance(document, dict) else {}
+    found = [members[name] for name in _ROBOTS if isinstance(members.get(name), str)]
+    return found[0] if found else None
+
+
+def _find_period(document: Any) -> float | None:
+    """The time [s] from row to row that a document states, at its top or below."""
+    if not isinstance(document, dict):
+        return None
+    objects = [document, *(v for v in document.values() if isinstance(v, dict))]
+    found = set[float]()
+    for name, value in (item for o in objects for item in o.items()):
+        if isinstance(value, int | float) and 0 < value < 1e9:
+            if name.lower() in _PERIODS:
+                found.add(float(value))
+            elif name.lower() in _RATES:
+                found.add(1 / value)
+    return found.pop() if len(found) == 1 else None
+
+
+class JsonLinesLog(Log):
+    """JSON lines: an object for each row.
+
+    Attributes:
+        path: of the file.
+        streams: one, with the columns of the first rows.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        rows = [row for _, row in islice(self._read_rows(), _SAMPLE)]
+        names = list(make_columns(rows))
+        if not names:
+            raise InputError(f"{path}: its lines hold no numbers")
+        self.streams = [Stream("", dict.fromkeys(make_unique(names), ""))]
+
+    def read(
+        self, wanted: Mapping[str, Sequence[str]], report: Report | None = None
+    ) -> Iterator[tuple[str, Rows]]:
+        """Read columns, some lines at a time."""
+        check_wanted(self, wanted)
+        columns, size = wanted.get("", ()), get_size(self.path)
+        with explain_damage(self.path, "JSON log"):
+            rows = self._read_rows()
+            while columns and (piece := list(islice(rows, _PIECE))):
+                cells = [dict(flatten(row)) for _, row in piece]
+                yield (
+                    "",
+                    {
+                        name: convert_cells([row.get(name) for row in cells])
+                        for name in columns
+                    },
+                )
+                if report:
+                    report(min(1.0, piece[-1][0] / size))
+
+    def _read_rows(self) -> Iterator[tuple[int, Any]]:
+        """Place of the end [B] and object of each line."""
+        with self.path.open("rb") as file:
+            number, place = 0, 0
+            while line := file.readline(_MAX_LINE):
+                number, place = number + 1, place + len(line)
+                if not line.strip():
+                    continue
+                try:
+                    row = json.loads(line)
+                except ValueError as error:
+                    if not line.endswith(b"\n") and number > 1:
+                        return  # the last line of a logger that was killed
+                    raise InputError(
+                        f"{self.path}: line {number} is no JSON ({error})"
+                    ) from error
+                if not isinstance(row, dict):
+                    raise InputError(f"{self.path}: line {number} is no object")
+                yield place, row
