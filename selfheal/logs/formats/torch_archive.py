@@ -9,7 +9,8 @@ import math
 import pickle
 import zipfile
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,10 @@ import numpy as np
 from ...errors import InputError
 from ...files import MAX_VALUES
 from ..base import Log, LogFormat
-from .arrays import ArrayLog, Run, Table, group_arrays
+from .arrays import ArrayLog, Table, group_arrays
 from .common import explain_damage, read_start
 
 _MAX_PICKLE = 10_000_000  # bytes; chosen: a log's has hundreds
-_MAX_DEPTH = 16  # of containers in containers; chosen
 _TYPES = {"Float": "f4", "Double": "f8", "Half": "f2", "Int": "i4", "Long": "i8",
           "Short": "i2", "Char": "i1", "Byte": "u1", "Bool": "?"}  # fmt: skip
 _TIMES = ("time", "t", "timestamp")
@@ -34,7 +34,7 @@ _ALLOWED = (
     "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 APPEND APPENDS SETITEM SETITEMS BINGET "
     "LONG_BINGET BINPUT LONG_BINPUT MEMOIZE GLOBAL STACK_GLOBAL REDUCE BINPERSID"
 ).split()
-_READER: Any = pickle._Unpickler  # type: ignore[attr-defined]  # the one in Python
+_READER: Any = pickle._Unpickler  # the one in Python, whose operations are a table
 
 
 class TorchFormat(LogFormat):
@@ -68,9 +68,8 @@ def _find_pickle(archive: zipfile.ZipFile) -> str | None:
 
 def _add_time(table: Table) -> Table:
     """A table with its time, where it has one of a name that PACE uses, in seconds."""
-    (run,) = table.runs
-    time = next((name for name in _TIMES if name in run.arrays), "")
-    return Table([run], table.name, {time: "s"} if time else {}, time)
+    time = next((name for name in _TIMES if name in table.runs[0].arrays), "")
+    return replace(table, units={time: "s"} if time else {}, time=time)
 
 
 def _read_document(archive: zipfile.ZipFile) -> Any:
@@ -80,11 +79,15 @@ def _read_document(archive: zipfile.ZipFile) -> Any:
         raise InputError("no data.pkl in it")
     if archive.getinfo(name).file_size > _MAX_PICKLE:
         raise InputError(f"a pickle of more than {_MAX_PICKLE} bytes")
-    root = name.removesuffix("data.pkl")
-    order = "<"
+    root, order = name.removesuffix("data.pkl"), b"little"
     if root + "byteorder" in archive.namelist():
-        order = ">" if archive.read(root + "byteorder") == b"big" else "<"
-    return _TensorReader(archive, root, order, archive.read(name)).load()
+        with archive.open(root + "byteorder") as file:
+            order = file.read(8)
+    reader = _TensorReader(archive, root, order.decode(), archive.read(name))
+    try:
+        return reader.load()
+    except KeyError as error:
+        raise InputError(f"it holds more than tensors ({error})") from error
 
 
 class _Storage:
@@ -106,7 +109,8 @@ class _TensorReader(_READER):  # type: ignore[misc]
         self, archive: zipfile.ZipFile, root: str, order: str, content: bytes
     ) -> None:
         super().__init__(BytesIO(content))
-        self._archive, self._root, self._order = archive, root, order
+        self._archive, self._root = archive, root
+        self._order: Any = order
         self._storages = dict[str, _Storage]()
         self._left = MAX_VALUES
 
@@ -126,7 +130,7 @@ class _TensorReader(_READER):  # type: ignore[misc]
     def persistent_load(self, saved: Any) -> _Storage:
         """The numbers of a member of the archive."""
         what, kind, key, _, count = saved
-        if what != "storage" or not isinstance(key, str) or "/" in key:
+        if what != "storage" or kind not in _TYPES.values() or "/" in key:
             raise InputError("what is no storage of a tensor")
         if key not in self._storages:
             type_ = np.dtype(kind).newbyteorder(self._order)
@@ -168,16 +172,21 @@ def _rebuild_parameter(tensor: Any, *_: Any) -> Any:
     return tensor
 
 
-def _list_tensors(value: Any, path: str = "", depth: int = 0) -> Mapping[str, Any]:
+def _list_tensors(document: Any) -> Mapping[str, Any]:
     """Tensors in containers by their paths."""
-    if isinstance(value, np.ndarray):
-        return {path or "0": value}
-    members: Any = ()
-    if isinstance(value, dict):
-        members = [(f"{path}.{k}" if path else str(k), v) for k, v in value.items()]
-    elif isinstance(value, list | tuple):
-        members = [(f"{path}[{k}]", member) for k, member in enumerate(value)]
-    found = dict[str, Any]()
-    for name, member in members if depth < _MAX_DEPTH else ():
-        found |= _list_tensors(member, name, depth + 1)
+    found, seen = dict[str, Any](), set[int]()
+    left = [("", document)]
+    while left:
+        path, value = left.pop()
+        if isinstance(value, np.ndarray):
+            found[path or "0"] = value
+        if id(value) in seen:  # a container that holds itself, or often the same
+            continue
+        seen.add(id(value))
+        members: Any = ()
+        if isinstance(value, dict):
+            members = [(f"{path}.{k}" if path else str(k), v) for k, v in value.items()]
+        elif isinstance(value, list | tuple):
+            members = [(f"{path}[{k}]", member) for k, member in enumerate(value)]
+        left += reversed(members)
     return found
