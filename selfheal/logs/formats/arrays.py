@@ -212,7 +212,8 @@ def is_usable(array: Any) -> bool:
 
 def group_arrays(arrays: Mapping[str, Any]) -> list[Table]:
     """Tables of arrays by their lengths, the one with the most values first."""
-    usable = {name: array for name, array in arrays.items() if is_usable(array)}
+    usable = {n: array for n, array in arrays.items() if is_usable(array)}
+    usable = {n: array for n, array in usable.items() if len(array) > 1}
     numeric = [len(a) for a in usable.values() if a.dtype.kind in "biufM"]
     lengths = Counter[int]()
     for array in usable.values():

@@ -22,6 +22,7 @@ from .common import (
     make_unique,
     read_start,
 )
+from .run_groups import are_runs
 
 _MAX_SIZE = 256_000_000  # bytes of a document; chosen: read it takes ten times as much
 _MAX_DEPTH = 16  # of objects in objects; chosen
@@ -145,7 +146,9 @@ def _find_named_runs(document: Mapping[str, Any]) -> list[Run]:
     runs = [Run(_take_longest(_list_arrays(v)), name) for name, v in members.items()]
     runs = [run for run in runs if run.arrays]
     alike = {tuple(run.arrays) for run in runs}
-    return runs if len(runs) > 1 and len(alike) == 1 else []
+    labels, lengths = [run.label for run in runs], [run.count() for run in runs]
+    are_alike = len(runs) > 1 and len(alike) == 1
+    return runs if are_alike and are_runs(labels, lengths) else []
 
 
 def _list_arrays(value: Mapping[str, Any], path: str = "", depth: int = 0) -> Any:

@@ -82,9 +82,14 @@ def test_rows_and_arrays_are_columns(write, document, columns):
     assert all(len(v) for rows in found.values() for v in rows.values())
 
 
-def test_runs_by_name_are_episodes(write):
-    found = read_one(write({"first": {"t": Q, "q": Q}, "second": {"t": Q, "q": Q}}))
-    assert found["episode"].tolist() == ["first"] * 4 + ["second"] * 4
+def test_runs_by_name_are_episodes_and_parts_of_a_robot_are_not(write):
+    runs = {"walk 1": {"t": Q, "q": Q}, "walk 2": {"t": Q[1:], "q": Q[1:]}}
+    found = read_one(write(runs))
+    assert found["episode"].tolist() == ["walk 1"] * 4 + ["walk 2"] * 3
+    found = read_one(write({"run1": {"t": Q}, "run2": {"t": Q}}, "named.json"))
+    assert found["episode"].tolist() == ["run1"] * 4 + ["run2"] * 4
+    found = read_one(write({"left": {"q": Q}, "right": {"q": Q}}, "parts.json"))
+    assert list(found) == ["left.q", "right.q"]
 
 
 def test_lists_of_rows_of_several_names_are_streams(write):
