@@ -96,9 +96,8 @@ def print_import(report: "ImportReport", path: Path) -> None:
         for stream, rate in episode.rates.items():
             rates.setdefault(stream, []).append(rate)
     for stream, found in rates.items():
-        span = f"{min(found):.4g}" if min(found) == max(found) else (
-            f"{min(found):.4g} to {max(found):.4g}")  # fmt: skip
-        say(f"{stream or 'the log'}: {span} Hz")
+        ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
+        say(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
     for unit, names in report.assumed.items():
         say(f"assumed to be in {unit}, for neither map nor log states a unit: "
             f"{', '.join(names)}")  # fmt: skip

@@ -68,7 +68,8 @@ class NameFacts:
 def read_name(stream: str, column: str) -> NameFacts:
     """Take the name of a column apart."""
     unit, name = "", column
-    if (match := _TRAILING_UNIT.search(column)) and find_unit(match[1]):
+    match = _TRAILING_UNIT.search(column)
+    if match and find_unit(match[1]) and not match[1].isdigit():
         unit, name = match[1], column[: match.start()]
     own = split_words(name)
     if not unit and len(own) > 1:

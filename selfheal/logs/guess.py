@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .base import Log
+from .base import Log, Stream
 from .guess_columns import (
     Column,
     Match,
@@ -75,6 +75,7 @@ class Guess:
 
     Attributes:
         time: clocks and episodes.
+        streams: of the log.
         lines: what is taken.
         unused: columns that nothing was found for.
         missing: actuators that no command was found for.
@@ -82,6 +83,7 @@ class Guess:
     """
 
     time: TimeGuess
+    streams: Sequence[Stream] = ()
     lines: list[GuessedLine] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
@@ -103,7 +105,7 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
         InputError: the log is damaged.
     """
     samples = sample_log(log)
-    found = Guess(guess_times(log.streams, samples))
+    found = Guess(guess_times(log.streams, samples), log.streams)
     columns = list_columns(log.streams, samples, found.time.taken)
     places = list_places(model)
     by_kind = group_places(places)
@@ -112,6 +114,7 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     inside = {id(c) for members in vectors.values() for c in members}
     scalars = [column for column in columns if id(column) not in inside]
     matches = _match_scalars(scalars, places, by_kind)
+    matches, as_commands = _take_torques_as_commands(matches, by_kind)
     found.lines = _make_scalar_lines(matches, several)
     lines, notes = match_vectors(vectors, by_kind, several)
     found.lines += [GuessedLine(*line) for line in lines]
@@ -122,6 +125,11 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     found.missing = [
         p.name for p in by_kind.get(COMMAND, ()) if p.name not in commanded
     ]
+    if as_commands:
+        found.remarks.append(
+            "the log has no commands; the measured efforts are taken for what the "
+            "motors were told: look whether they are torques, or currents"
+        )
     found.remarks += _list_remarks(found, matches, by_kind)
     return found
 
@@ -156,6 +164,33 @@ def _match_scalars(
             taken = {m.place.name for m in got}
             left = [place for place in left if place.name not in taken]
     return found
+
+
+def _take_torques_as_commands(
+    matches: list[Match], by_kind: Mapping[str, Sequence[Place]]
+) -> tuple[list[Match], bool]:
+    """Matches with torques as commands, where a log of torque motors has none.
+
+    Args:
+        matches: all.
+        by_kind: places of the model.
+
+    Returns:
+        The matches, and whether torques became commands.
+    """
+    motors = {p.name: p for p in by_kind.get(COMMAND, ())}
+    torques = {m.place.name for m in matches if m.place.kind == "joint_torque"}
+    given = any(m.place.kind == COMMAND for m in matches)
+    if given or not motors or torques != set(motors):
+        return matches, False
+    if any(place.unit for place in motors.values()):  # servos are told no torques
+        return matches, False
+    return [
+        replace(m, place=motors[m.place.name], sure=0.5 * m.sure,
+                why=f"{m.why}; the log has no commands")
+        if m.place.kind == "joint_torque" else m
+        for m in matches
+    ], True  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,12 @@
 """A proposed map as TOML: a guess in; text with its reasons as comments out."""
 
 import json
+import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from .base import Stream
 from .guess import Guess, GuessedLine
 from .guess_units import UnitGuess
 from .log_map import Clock
@@ -25,7 +28,7 @@ def format_map(guess: Guess, log: str, model: str) -> str:
     lines += _format_time(guess)
     for line in guess.lines:
         for part in _split_by_unit(line):
-            lines += _format_line(part)
+            lines += _format_line(part, guess.streams)
     if guess.unused:
         lines += [f"# not used: {_quote(', '.join(guess.unused))[1:-1]}"]
     lines += [f"# look: {_quote(remark)[1:-1]}" for remark in guess.remarks]
@@ -86,11 +89,16 @@ def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:
         )  # fmt: skip
 
 
-def _format_line(line: GuessedLine) -> list[str]:
+def _format_line(line: GuessedLine, streams: Sequence[Stream]) -> list[str]:
     """One [[signals]] table, its reasons below."""
     lines = ["[[signals]]", f"kind = {_quote(line.kind)}"]
-    lines += _format_list("columns", line.columns)
-    lines += _format_list("targets", line.targets)
+    pattern, stars = _find_pattern(line.columns, line.targets, streams)
+    if pattern:
+        lines.append(f"columns = {_quote(pattern)}")
+    else:
+        lines += _format_list("columns", line.columns)
+    if stars != line.targets:
+        lines += _format_list("targets", line.targets)
     unit = line.units[0]
     if unit.unit:
         lines.append(f"unit = {_quote(unit.unit)}")
@@ -103,6 +111,37 @@ def _format_line(line: GuessedLine) -> list[str]:
     if line.order != "wxyz":
         lines.append(f'order = "{line.order}"')
     return [*lines, *_explain(line), ""]
+
+
+def _find_pattern(
+    columns: Sequence[str], targets: Sequence[str], streams: Sequence[Stream]
+) -> tuple[str, list[str]]:
+    """A name with a star that stands for columns, and what the star stands for.
+
+    Args:
+        columns: with their streams' names where the log holds several.
+        targets: of the columns; a star that stands for them is preferred.
+        streams: of the log.
+
+    Returns:
+        The name, "" if none stands for all of these and no others; the texts.
+    """
+    found: tuple[str, list[str]] = "", []
+    if len(columns) < 3:
+        return found
+    start = os.path.commonprefix(list(columns))
+    end = os.path.commonprefix([name[::-1] for name in columns])[::-1]
+    bare = (re.sub(r"[A-Za-z0-9]*$", "", start), re.sub(r"^.*[A-Za-z0-9]", "", end))
+    every = [f"{s.name}:{c}" if len(streams) > 1 else c
+             for s in streams for c in s.columns]  # fmt: skip
+    for first, last in ((start, end), bare):
+        pattern = re.compile(f"{re.escape(first)}(.+){re.escape(last)}")
+        matches = [match for name in every if (match := pattern.fullmatch(name))]
+        if [match[0] for match in matches] == list(columns):
+            stars = [match[1] for match in matches]
+            if not found[0] or stars == list(targets):
+                found = f"{first}*{last}", stars
+    return found
 
 
 def _explain(line: GuessedLine) -> list[str]:

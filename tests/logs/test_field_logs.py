@@ -1,0 +1,91 @@
+"""Raw logs of public projects are imported by what a guess makes of them."""
+
+import json
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.cli import app
+from selfheal.recording import read
+from tests.support.paths import RECORDINGS
+
+FIELD = RECORDINGS / "field"
+pytestmark = pytest.mark.skipif(not FIELD.is_dir(), reason="no logs of real robots")
+UR10 = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+
+
+def _make_arm(joints, actuator="motor"):
+    bodies = "".join(
+        f'<body pos="0.2 0 0"><joint name="{name}" axis="0 {k % 2} {1 - k % 2}"/>'
+        '<geom type="capsule" size="0.03" fromto="0 0 0 0.2 0 0"/>'
+        for k, name in enumerate(joints)
+    )
+    drives = "".join(f'<{actuator} name="{n}" joint="{n}"/>' for n in joints)
+    return (
+        f"<mujoco><worldbody>{bodies}{'</body>' * len(joints)}</worldbody>"
+        f"<actuator>{drives}</actuator></mujoco>"
+    )
+
+
+def _read_go2():
+    """The project's model without its meshes, which are not here."""
+    text = (FIELD / "go2_air" / "go2_upstream.xml").read_text()
+    return re.sub(r'<geom[^>]*mesh="[^"]*"[^>]*/>|<mesh [^>]*/>', "", text)
+
+
+LOGS = {
+    "go2_air/traj_0.pt": (_read_go2, 1, 12, 23.5),
+    "servo_50hz/dataset.json": (lambda: _make_arm(["servo"], "position"), 100, 1, 3.0),
+    "servo_50hz/drop-response-1.json": (
+        lambda: _make_arm(["servo"], "position"), 1, 1, 7.0,
+    ),
+    "ros2_bags/ur10_exciting_trajectory.db3": (
+        lambda: _make_arm([f"{n}_joint" for n in UR10]), 1, 12, 27.5,
+    ),
+    "ros2_bags/panda_exciting_trajectory.db3": (
+        lambda: _make_arm([f"fer_joint{k}" for k in range(1, 8)]), 1, 14, 24.2,
+    ),
+}  # fmt: skip
+
+
+def _run(*words):
+    ended = CliRunner().invoke(app, ["recording", "import", *map(str, words)])
+    assert ended.exit_code == 0, ended.output
+    return ended.stdout
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_a_guess_imports_it(name, tmp_path):
+    make, episodes, signals, seconds = LOGS[name]
+    model, map_file = tmp_path / "model.xml", tmp_path / "map.toml"
+    model.write_text(make())
+    words = (FIELD / name, "--model", model)
+    told = json.loads(_run(*words, "--guess", "--out", map_file, "--json"))
+    lines = [line for line in map_file.read_text().splitlines()
+             if line and line[0] not in '# "']  # fmt: skip
+    assert len(lines) <= 25
+    assert not told["missing"]
+    _run(*words, "--map", map_file, "--out", tmp_path / "rec.h5")
+    found = read(tmp_path / "rec.h5").episodes
+    assert len(found) == episodes
+    for episode in found.values():
+        assert len(episode.signals) == signals
+    longest = max(episode.time[-1] for episode in found.values())
+    assert longest == pytest.approx(seconds, abs=0.1)
+
+
+def test_what_a_guess_cannot_know_is_said(tmp_path):
+    model = tmp_path / "model.xml"
+    words = ("--model", model, "--guess", "--json", "--out")
+    model.write_text(_read_go2())
+    log = FIELD / "go2_air" / "traj_0.pt"
+    told = json.loads(_run(log, *words, tmp_path / "go2.toml"))
+    assert any("no position servos" in remark for remark in told["remarks"])
+    positions = [c for c in told["columns"] if c["kind"] == "joint_position"]
+    assert {c["why"].split(";")[0] for c in positions} == {"its number"}
+    assert all(c["sure"] < 0.9 for c in positions)  # the order is not in the log
+    model.write_text(LOGS["ros2_bags/ur10_exciting_trajectory.db3"][0]())
+    log = FIELD / "ros2_bags" / "ur10_exciting_trajectory.db3"
+    told = json.loads(_run(log, *words, tmp_path / "ur10.toml"))
+    assert any("currents" in remark for remark in told["remarks"])
