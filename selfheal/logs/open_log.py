@@ -21,6 +21,8 @@ def open_log(path: str | os.PathLike[str]) -> Log:
     path = Path(path)
     try:
         path.stat()
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such file or folder") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: it cannot be read: {clean_text(error)}") from error
     broken = list[str]()

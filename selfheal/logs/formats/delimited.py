@@ -39,7 +39,7 @@ class DelimitedFormat(LogFormat):
         start = read_start(path)
         suffixes = path.suffixes[-2:] if start.startswith(_GZIP) else path.suffixes[-1:]
         is_json = any(suffix.lower() in _JSON for suffix in suffixes)
-        if not start or start.lstrip()[:1] == b"{" or is_json:
+        if not start or start.lstrip()[:1] in (b"{", b"<") or is_json:
             return False
         if any(suffix.lower() in _SUFFIXES for suffix in suffixes):
             return True
