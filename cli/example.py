@@ -5,11 +5,14 @@ from typing import Annotated
 
 import typer
 
-EXAMPLES = ("pendulum",)
-
 
 def example(
-    name: Annotated[str, typer.Argument(metavar="NAME", help=", ".join(EXAMPLES))],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="pendulum, desk_arm, six_axis or hung_quadruped."
+        ),
+    ],
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Folder for its files; made if missing.")
     ],
@@ -18,14 +21,11 @@ def example(
     ] = False,
 ) -> None:
     """Write a model, a log of its robot with something concealed, and what to type."""
-    from selfheal.errors import UnknownNameError
-    from selfheal.example import make_pendulum_example
+    from selfheal.example import make_example
 
     from ._print import print_json
 
-    if name not in EXAMPLES:
-        raise UnknownNameError("example", name, EXAMPLES)
-    made = make_pendulum_example(out)
+    made = make_example(name, out)
     if as_json:
         print_json(
             {

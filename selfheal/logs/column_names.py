@@ -122,10 +122,12 @@ def _score_name(facts: NameFacts, name: str) -> float:
     if _contains(facts.own, wanted):
         return 1.0
     bare = tuple(word for word in wanted if word not in FILLERS)
+    if all(word.isdigit() for word in bare):  # "data[1]" need not be of "joint_1"
+        return 0.0
     if bare and _contains(facts.own, bare):
         return 0.95
     left = {word for word in facts.own if word not in FILLERS}
-    if not bare or not left:
+    if not left:
         return 0.0
     shared = len(left & set(bare)) / len(left | set(bare))
     joined, other = "".join(sorted(bare)), "".join(sorted(left))

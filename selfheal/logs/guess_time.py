@@ -129,10 +129,10 @@ def _guess_episodes(
                 if name in sample.texts or _is_label(values):
                     found.taken.add(f"{stream.name}:{name}")
                     return EpisodeRule(column=name)
-    steps = [np.diff(s.time) for s in samples.values() if s.time.size > 2]
-    wide = [float(step.max()) for step in steps
-            if step.max() > max(_LEAST_GAP, _GAP * np.median(step))]  # fmt: skip
-    if len(samples) == 1 and wide:
+    times = [s.time[np.isfinite(s.time)] for s in samples.values()]
+    steps = np.diff(np.sort(np.concatenate([np.empty(0), *times])))
+    usual = max((float(np.median(np.diff(t))) for t in times if t.size > 1), default=0)
+    if steps.size and steps.max() > max(_LEAST_GAP, _GAP * usual):
         return EpisodeRule(gap=_LEAST_GAP)
     return EpisodeRule()
 

@@ -109,7 +109,9 @@ def _guess_percent(column: Column, place: Place, common: UnitGuess) -> UnitGuess
         return None
     inside = measure_share_inside(values * unit.factor, place.low, place.high)
     least, most = float(values.min()), float(values.max())
-    if inside > 0.5 or least < -105 or most > 105 or most < 5:
+    # a gripper among joints in degrees is in percent, as LeRobot's are
+    is_gripper = common.unit == "deg" and "gripper" in column.facts.own and least > -5
+    if (inside > 0.5 and not is_gripper) or least < -105 or most > 105 or most < 5:
         return None
     low = 0.0 if least > -5 else -100.0
     return UnitGuess(

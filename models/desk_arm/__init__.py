@@ -1,0 +1,1 @@
+"""A small arm on hobby servos, for `selfheal example`."""

@@ -1,0 +1,1 @@
+"""A quadruped that hangs in the air, for `selfheal example`."""

@@ -1,0 +1,1 @@
+"""An industrial arm of six axes, for `selfheal example`."""

@@ -1,0 +1,74 @@
+"""The files of an example fit together, and what it conceals is found."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal import diagnose
+from selfheal.cli import app
+from selfheal.example import EXAMPLES
+from selfheal.recording import read
+
+
+def _run(*words):
+    ended = CliRunner().invoke(app, list(map(str, words)))
+    assert ended.exit_code == 0, ended.output
+    return ended.stdout
+
+
+@pytest.fixture(scope="module", params=EXAMPLES)
+def made(request, tmp_path_factory):
+    """What the command says of the files that it wrote."""
+    folder = tmp_path_factory.mktemp(request.param)
+    return json.loads(_run("example", request.param, "--out", folder, "--json"))
+
+
+def _compare(imported, given):
+    for found, true in zip(
+        imported.episodes.values(), given.episodes.values(), strict=True
+    ):
+        assert found.time == pytest.approx(true.time, abs=1e-6)
+        assert found.ctrl_names == true.ctrl_names
+        assert found.ctrl == pytest.approx(true.ctrl, abs=1e-4)
+        assert found.signals.keys() == true.signals.keys()
+        for name, signal in found.signals.items():
+            assert signal.values == pytest.approx(true.signals[name].values, abs=1e-4)
+
+
+def test_the_recording_is_what_its_map_makes_of_the_log(made, tmp_path):
+    words = ("recording", "import", made["log"], "--model", made["model"])
+    _run(*words, "--map", made["map"], "--out", tmp_path / "rec.h5")
+    _compare(read(tmp_path / "rec.h5"), read(made["recording"]))
+
+
+def test_a_guess_makes_the_same_recording(made, tmp_path):
+    words = ("recording", "import", made["log"], "--model", made["model"])
+    _run(*words, "--guess", "--out", tmp_path / "map.toml")
+    _run(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
+    found, given = read(tmp_path / "rec.h5"), read(made["recording"])
+    assert len(found.episodes) == len(given.episodes)
+    last = [list(r.episodes.values())[-1] for r in (found, given)]
+    assert last[0].ctrl == pytest.approx(last[1].ctrl, abs=1e-4)
+    for name, signal in last[1].signals.items():
+        if np.isfinite(signal.values).all():
+            values = last[0].signals[name].values
+            assert values == pytest.approx(signal.values, abs=1e-4)
+
+
+def test_what_the_pendulum_conceals_is_found(tmp_path):
+    told = json.loads(_run("example", "pendulum", "--out", tmp_path, "--json"))
+    document = diagnose(told["model"], told["recording"]).document
+    (found,) = document["findings"]
+    assert (found["effect"], found["target"]) == ("coulomb_friction", "joint:hinge")
+    (friction,) = found["parameters"]
+    assert friction["low"] <= 0.12 <= friction["high"]
+    assert document["verdict"] == "explained"
+
+
+def test_an_unknown_example_is_refused(tmp_path):
+    ended = CliRunner().invoke(app, ["example", "pendulums", "--out", str(tmp_path)])
+    assert ended.exit_code == 2
+    assert "valid: desk_arm, hung_quadruped, pendulum, six_axis" in ended.stderr
+    assert not list(tmp_path.iterdir())
