@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from selfheal.recording import Episode, Recording
+from selfheal.recording import Episode, Recording, list_controls, order_columns
 
 SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
 
@@ -28,7 +28,7 @@ def _simulate_episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     there = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
-    order = [episode.ctrl_names.index(model.actuator(a).name) for a in range(model.nu)]
+    order = order_columns(episode.ctrl_names, list_controls(model))
     since, done, found = episode.time - episode.time[0], 0, []
     for i, at in enumerate(since):
         steps = int((at + 1e-9) / step) - done

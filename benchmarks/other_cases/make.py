@@ -13,7 +13,7 @@ from benchmarks.other_cases.robot import Robot, Sensor
 from benchmarks.replay_error import compute_score, extract_values, simulate_open_loop
 from benchmarks.sealed.cases import Case
 from benchmarks.sealed.sensors import cut_segments
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Episode, Recording, Signal, list_controls
 
 STATED = 0.06  # share that a stated mass is off at most; a damping twice that
 TEST = 1000  # added to the seed of a recording
@@ -142,7 +142,7 @@ def _make_episode(
     return Episode(
         run.time,
         run.ctrl,
-        tuple(model.actuator(a).name for a in range(model.nu)),
+        tuple(c.actuator for c in list_controls(model)),
         signals,
         run.qpos[0] if state else None,
         run.qvel[0] if state else None,

@@ -54,7 +54,7 @@ def read_places(case: Path) -> Places:
         joints = [f"joint:{model.joint(first + j).name}" for j in range(count)]
         same[name] = frozenset({name, *joints})
         same |= {joint: frozenset({joint, name}) for joint in joints}
-    for a in range(model.nu):
+    for a in range(model.nactuator):
         name, at = f"actuator:{model.actuator(a).name}", model.actuator_trnid[a, 0]
         if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE:
             same[name] = frozenset({name})  # one body may have several

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.sealed.hidden_robot import SensorModel
 from benchmarks.sealed.mjcf import Robot
 from benchmarks.sealed.simulator import MotionPlan, Rollout
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Episode, Recording, Signal, find_output
 
 Rng = np.random.Generator
 
@@ -126,9 +126,10 @@ class Instruments:
         for name in self.robot.joints:
             self._read_joint(signals, model.joint(name), run)
         if self.sensors.torque:
-            for a, (name, joint) in enumerate(self.robot.actuators.items()):
+            for name, joint in self.robot.actuators.items():
                 unit = "N" if _is_slide(model.joint(joint)) else "N m"
-                torque = Signal(run.force[:, a].copy(), "joint_torque", name, unit)
+                force = run.force[:, find_output(model, model.actuator(name).id)]
+                torque = Signal(force.copy(), "joint_torque", name, unit)
                 signals[f"{name}_torque"] = torque
         if body := self.robot.free:
             place, turn = run.qpos[:, :3].copy(), run.qpos[:, 3:7].copy()

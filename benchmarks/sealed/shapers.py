@@ -143,13 +143,13 @@ def integrate_error(actuator: str, joint: str, ki: float, imax: float) -> Maker:
 
     def make(model: Any) -> Force:
         place, dof = _find_addresses(model, joint)
-        index, sum_ = model.actuator(actuator).id, [0.0]
+        control, sum_ = model.actuator_ctrladr[model.actuator(actuator).id], [0.0]
         fine = float(model.opt.timestep)
 
         def push(model: Any, data: Any, time: float) -> None:
             if time < 0:
                 return
-            error = float(data.ctrl[index]) - float(data.qpos[place])
+            error = float(data.ctrl[control]) - float(data.qpos[place])
             sum_[0] = min(max(sum_[0] + ki * error * fine, -imax), imax)
             data.qfrc_applied[dof] += sum_[0]
 

@@ -44,7 +44,7 @@ class Rollout:
         ctrl: (T, nu) commands as sent.
         qpos: (T, nq), qvel: (T, nv) in the given model's coordinates.
         late: by delay in fine steps: qpos as it was that much earlier.
-        force: (T, nu) [N m or N] of the actuators.
+        force: (T, nout) [N m or N] of the actuators.
     """
 
     rows: np.ndarray
@@ -111,8 +111,9 @@ class Simulator:
         marks = [np.maximum(plan.rows - d, 0) for d in (0, *self.delays)]
         stops = np.unique(np.concatenate(marks))
         sample = {int(row): i for i, row in enumerate(plan.rows)}
-        shape = (len(plan.rows), self.given.nu)
-        ctrl, force, states = np.zeros(shape), np.zeros(shape), []
+        rows, given = len(plan.rows), self.given
+        ctrl, force = np.zeros((rows, given.nu)), np.zeros((rows, given.nout))
+        states = []
         for stop, follow in zip(stops, [*stops[1:], stops[-1] + 1], strict=True):
             i = sample.get(int(stop))
             if i is not None:
@@ -188,7 +189,7 @@ class Simulator:
     def _advance(self, steps: int, row: int, force=None, sample=None) -> None:
         """Simulate; the first step's actuator force is that of the sample."""
         model, data = self.model, self.data
-        if force is not None and sample is not None and model.nu:
+        if force is not None and sample is not None and model.nactuator:
             self._step(row)
             force[sample] = data.actuator_force
             steps, row = steps - 1, row + 1

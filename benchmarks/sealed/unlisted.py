@@ -102,13 +102,14 @@ def _apply_breathing_gain(
     names = {j: a for a, j in truth.robot.actuators.items()}
     index = model.actuator(names[joint]).id
     stiff = float(model.actuator_gainprm[index, 0])
+    control = int(model.actuator_ctrladr[index])
 
     def push(model: Any, data: Any, time: float) -> None:
         if time < 0:
             return
         wave = min(v["size"] / truth.robot.load[joint], 0.9)
         wave *= math.sin(2 * math.pi * time / v["period"])
-        error = float(data.ctrl[index]) - float(data.qpos[q])
+        error = float(data.ctrl[control]) - float(data.qpos[q])
         data.qfrc_applied[dof] += wave * stiff * error
 
     return push

@@ -51,7 +51,7 @@ class LeggedRobot:
     @cached_property
     def motors(self) -> tuple[str, ...]:
         """(D) names of the actuators."""
-        return tuple(self.model.actuator(k).name for k in range(self.model.nu))
+        return tuple(self.model.actuator(k).name for k in range(self.model.nactuator))
 
     @cached_property
     def sensors(self) -> tuple[str, ...]:

@@ -127,12 +127,12 @@ def _simulate_chunk(
 
 def _sample_walks(plants, model, states, sensors, points, steps) -> Walks:
     """What was simulated, sampled."""
-    p, every = model.nu, _STEPS_PER_SAMPLE * steps
+    names = plants[0].body.anatomy.joints
+    p, every = len(names), _STEPS_PER_SAMPLE * steps
     last = states[:, -1].copy()
     seen, tips = states[:, every - 1 :: every], sensors[:, every - 1 :: every]
     q, v = seen[..., 1 : 8 + p], seen[..., 8 + p : 14 + 2 * p]
     # the state lists joints along the tree, all else here lists them as the parts
-    names = plants[0].body.anatomy.joints
     at = np.array([model.joint(name).qposadr[0] for name in names])
     failed = ~np.isfinite(seen).all(axis=(1, 2)) | (
         np.nan_to_num(np.abs(v), nan=np.inf).max(axis=(1, 2)) > FASTEST

@@ -1,6 +1,14 @@
 """Recordings (contract section 1): takes HDF5 files, gives checked arrays, and back."""
 
 from .check import validate
+from .controls import (
+    Control,
+    find_controls,
+    find_output,
+    find_single_columns,
+    list_controls,
+    order_columns,
+)
 from .data import KINDS, Episode, Recording, Signal
 from .model import ModelNames, Target, check_against_model
 from .names import list_model_names, load_model, read_names, read_spec
@@ -9,16 +17,22 @@ from .store import open_recording, open_writer, read, write
 
 __all__ = [
     "KINDS",
+    "Control",
     "Episode",
     "ModelNames",
     "Recording",
     "Signal",
     "Target",
     "check_against_model",
+    "find_controls",
+    "find_output",
+    "find_single_columns",
+    "list_controls",
     "load_model",
     "list_model_names",
     "open_recording",
     "open_writer",
+    "order_columns",
     "read",
     "read_names",
     "read_spec",

@@ -73,13 +73,12 @@ def _check_ctrl(episode: Episode, place: Location) -> None:
     if ctrl.ndim != 2 or len(ctrl) != episode.time.size:
         raise place.make_error(
             f"ctrl has shape {ctrl.shape}; would fit: ({episode.time.size}, nu), one "
-            "row a sample of time, one column an actuator"
+            "row a sample of time, one column a control"
         )
-    if len(names) != ctrl.shape[1] or len(set(names)) != len(names) or "" in names:
+    if len(names) != ctrl.shape[1] or "" in names:
         raise place.make_error(
             f"ctrl has {ctrl.shape[1]} columns and the names {format_names(names)}; "
-            f"would "
-            "fit: one different actuator name a column"
+            "would fit: one actuator name a column"
         )
     if not np.isfinite(ctrl).all():
         row, column = np.argwhere(~np.isfinite(ctrl))[0]

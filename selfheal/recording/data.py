@@ -37,8 +37,11 @@ class Episode:
 
     Attributes:
         time: (T) [s] strictly increasing, perhaps irregular.
-        ctrl: (T, nu) command per actuator, held from its sample to the next.
-        ctrl_names: actuator of each column of `ctrl`.
+        ctrl: (T, nu) commands, one column a control, each held from its sample to the
+            next.
+        ctrl_names: actuator of each column of `ctrl`. One with several controls, as
+            MuJoCo's <pid>, has its name on each, in MuJoCo's order; or each is named
+            after what it commands, too (`controls.Control.full_name`, "servo_vel").
         signals: by name.
         qpos0: (nq) or None, position at time[0].
         qvel0: (nv) or None, velocity at time[0].

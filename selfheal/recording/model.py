@@ -1,9 +1,10 @@
 """A recording against a model: takes both, refuses what the model does not have."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from .check import format_names
+from .controls import Control, assign_columns
 from .data import KINDS, Episode, Location, Recording, Signal
 
 
@@ -26,13 +27,15 @@ class ModelNames:
 
     Attributes:
         targets: of each sort (joint, actuator, body, sensor), by name.
-        nu: number of actuators, those without a name too.
+        controls: (nu) one for each column of ctrl.
+        unnamed: number of actuators that have a control and no name.
         nq: length of qpos0.
         nv: length of qvel0.
     """
 
     targets: Mapping[str, Mapping[str, Target]]
-    nu: int
+    controls: Sequence[Control]
+    unnamed: int
     nq: int
     nv: int
 
@@ -67,21 +70,31 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
             "with a name; would fit: a model with them (MuJoCo reads none from a "
             "URDF: save it as MJCF and add them)"
         )
-    if unnamed := names.nu - len(model):
+    if names.unnamed:
         raise place.make_error(
-            f"{unnamed} of the model's actuators have no name, so that no column of "
-            "ctrl can be theirs; would fit: a name for each"
+            f"{names.unnamed} of the model's actuators have no name, so that no column "
+            "of ctrl can be theirs; would fit: a name for each"
         )
-    if unknown := [name for name in given if name not in model]:
+    fits = [c.actuator for c in names.controls]
+    known = {*model, *(c.full_name for c in names.controls)}
+    if unknown := [name for name in given if name not in known]:
         raise place.make_error(
             f"the model has no actuator {format_names(unknown)}; would fit: "
-            f"{format_names(model)}"
+            f"{format_names(fits)}"
         )
-    if missing := [name for name in model if name not in given]:
+    assigned = assign_columns(given, names.controls)
+    have = {names.controls[i].actuator for i in assigned if i >= 0}
+    if missing := [name for name in model if name in fits and name not in have]:
         raise place.make_error(
             f"ctrl has no column for actuator {format_names(missing)} of the model; "
             f"each "
             "actuator needs its command"
+        )
+    if sorted(assigned) != list(range(len(fits))):
+        raise place.make_error(
+            f"ctrl has columns for {format_names(given)}, but the model's controls "
+            f"are {format_names(c.full_name for c in names.controls)}; would fit: "
+            f"{format_names(fits)}"
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
 from ..mujoco_files import compile_file, read_spec_file
+from .controls import list_controls
 from .model import ModelNames, Target
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def list_model_names(model: "mujoco.MjModel") -> ModelNames:
         },
         "actuator": {
             model.actuator(a).name: Target(_find_force_units(model, a))
-            for a in range(model.nu)
+            for a in range(model.nactuator)
         },
         "body": {model.body(b).name: Target({}) for b in range(model.nbody)},
         "sensor": {
@@ -121,7 +122,11 @@ def list_model_names(model: "mujoco.MjModel") -> ModelNames:
     # what has no name cannot be asked about
     for things in targets.values():
         things.pop("", None)
-    return ModelNames(targets, model.nu, model.nq, model.nv)
+    unnamed = sum(
+        not model.actuator(a).name and model.actuator_ctrlnum[a] > 0
+        for a in range(model.nactuator)
+    )
+    return ModelNames(targets, list_controls(model), unnamed, model.nq, model.nv)
 
 
 def _find_joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:

@@ -138,9 +138,8 @@ def _choose_spanned(episodes: Sequence[Episode], count: int) -> set[int]:
 
 def _measure_ranges(episode: Episode) -> dict[tuple[str, int], tuple[float, float]]:
     """Low and high of each column of commands and signals, and of their rates."""
-    columns = {
-        f"ctrl {name}": episode.ctrl[:, i] for i, name in enumerate(episode.ctrl_names)
-    }
+    names = episode.ctrl_names
+    columns = {f"ctrl {n}": episode.ctrl[:, [m == n for m in names]] for n in names}
     columns |= {f"signal {name}": s.values for name, s in episode.signals.items()}
     found = {}
     for name, values in columns.items():

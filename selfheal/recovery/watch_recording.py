@@ -14,8 +14,8 @@ from ..engine.walk import (
     list_channels,
     simulate_walks,
 )
-from ..errors import InputError, RecordingError
-from ..recording import Episode, Recording
+from ..errors import InputError
+from ..recording import Episode, Recording, find_single_columns
 from .monitor import (
     QUARTERS,
     Alarm,
@@ -101,12 +101,9 @@ def _resample_channel(grid: Floats, time: Floats, column: Floats) -> Floats:
 
 
 def _find_servo_columns(episode: Episode, anatomy: Anatomy, where: str) -> list[int]:
-    """(P) columns of the commands; refused where one is missing."""
+    """(P) columns of the commands; errors as `find_single_columns`."""
     servos = [f"{joint}_servo" for joint in anatomy.joints]
-    missing = sorted(set(servos) - set(episode.ctrl_names))
-    if missing:
-        raise RecordingError(f"{where}: ctrl lacks {', '.join(missing)}")
-    return [episode.ctrl_names.index(s) for s in servos]
+    return find_single_columns(episode.ctrl_names, servos, where)
 
 
 def _watch_episode(

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..errors import InputError, RecordingError
-from ..recording import Episode, Recording, read
+from ..recording import Episode, Recording, find_single_columns, read
 from .actions import load_published_body
 
 
@@ -64,10 +64,7 @@ def replay(name: str, recording: Recording, truth: Bodies) -> ReplayRobot:
 
 def _read_target(episode: Episode, servos: list[str], where: str) -> Floats:
     """(P) [rad] where an episode sends the servos."""
-    missing = sorted(set(servos) - set(episode.ctrl_names))
-    if missing:
-        raise RecordingError(f"{where}: ctrl lacks {', '.join(missing)}")
-    return episode.ctrl[-1, [episode.ctrl_names.index(s) for s in servos]]
+    return episode.ctrl[-1, find_single_columns(episode.ctrl_names, servos, where)]
 
 
 def _check_vertical(episode: Episode, where: str) -> None:

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from selfheal.mujoco_files import silence_mujoco
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Episode, Recording, Signal, list_controls
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.data.robot_summary import RobotSummary
@@ -277,7 +277,7 @@ def _episode(robot, model, seconds, rate, rng, torque, noise, states) -> Episode
         if name == "coarse":
             values = 0.05 * np.round(values / 0.05)
         signals[name] = Signal(values, kind, target, unit)
-    names = tuple(model.actuator(a).name for a in range(model.nu))
+    names = tuple(c.actuator for c in list_controls(model))
     state = (begin[0].copy(), begin[1].copy()) if states else (None, None)
     return Episode(time, ctrl, names, signals, *state)
 

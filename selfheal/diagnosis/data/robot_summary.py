@@ -221,15 +221,6 @@ class RobotSummary:
         return next(j for j in self.joints if j.dof == dof)
 
 
-def has_affine_force(model: "mujoco.MjModel", actuator: int) -> bool:
-    """Whether an actuator's force is affine in length and velocity, as MJCF states it.
-
-    That of a muscle, of a DC motor and of a user's own law is not.
-    """
-    types = model.actuator_gaintype[actuator], model.actuator_biastype[actuator]
-    return bool(max(types) <= 1)  # mjtGain: fixed, affine; mjtBias: none, affine
-
-
 def min_stable_inertia(model, joint: int) -> float:
     """Least inertia at which a joint's servos are stable [kg m^2 or kg].
 
@@ -243,7 +234,7 @@ def min_stable_inertia(model, joint: int) -> float:
         & (model.actuator_biastype == 1)  # affine
     )
     stiffness, damping = -model.actuator_biasprm[servos, 1:3].T
-    gear = model.actuator_gear[servos, 0]
+    gear = model.actuator_gear[model.actuator_outadr[servos], 0]
     return float((gear**2 * (stiffness * step + damping) * step).sum())
 
 

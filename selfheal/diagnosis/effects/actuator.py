@@ -4,16 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...mjcf.edit import Rename, Set, format_number
+from ...mjcf.edit import Set, format_number
+from ...recording import find_output
 from ...recording.data import Floats
-from ..data.robot_summary import has_affine_force
+from ..data.actuator_laws import (
+    find_goal,
+    get_servo_gains,
+    has_affine_force,
+    is_pid,
+)
+from .actuator_text import name_or_id, rename_to_general
 from .base import Term
 from .by_target import ActuatorEffect
 from .commands import (
+    change_columns,
     delay_column,
     filter_column,
     limit_rate_of_column,
-    replace_column,
 )
 from .declaration import FindingField, ParameterSpec
 from .terms import extend_places
@@ -51,9 +58,13 @@ class CommandDelay(ActuatorEffect):
     def make_initial_values(self, robot, actuator):
         return ((0.005,), (0.02,), (0.06,))
 
+    def applies_to(self, robot, actuator):
+        return robot.model.actuator_ctrlnum[actuator.id] > 0
+
     def transform_command(self, ctrl, step, place, values):
-        u = ctrl[..., place["actuator"]]
-        return replace_column(ctrl, place, delay_column(u, values / step))
+        return change_columns(
+            ctrl, place["controls"], lambda u: delay_column(u, values / step)
+        )
 
     def edit_model(self, model, place, values):
         if place.get("there"):  # out of a patched model: `transform_command` does it
@@ -69,12 +80,7 @@ class CommandDelay(ActuatorEffect):
             "nsample": str(max(steps, 2) + 1),
             "interp": "linear",
         }
-        return [Set("actuator", _name_or_id(model, place), attributes)]
-
-
-def _name_or_id(model, place):
-    """What the text's edits call an actuator."""
-    return model.actuator(place["actuator"]).name or place["actuator"]
+        return [Set("actuator", name_or_id(model, place), attributes)]
 
 
 class ActuatorLag(ActuatorEffect):
@@ -100,31 +106,10 @@ class ActuatorLag(ActuatorEffect):
 
     def transform_command(self, ctrl, step, place, values):
         keep = np.exp(-step / np.maximum(values[:, 0], 1e-9))
-        column = filter_column(ctrl[..., place["actuator"]], keep)
-        return replace_column(ctrl, place, column)
+        return change_columns(ctrl, place["controls"], lambda u: filter_column(u, keep))
 
     def edit_text(self, model, place, values):
-        return _rename_to_general(model, place, dyntype="filterexact", dynprm=values[0])
-
-
-def _rename_to_general(model, place, **attributes) -> list[Rename]:
-    """The actuator as a <general> one of the same law, with more attributes."""
-    a = place["actuator"]
-    law = {
-        "gainprm": format_number(model.actuator_gainprm[a, :3]),
-        "biasprm": format_number(model.actuator_biasprm[a, :3]),
-        "biastype": "affine" if model.actuator_biastype[a] == 1 else "none",
-        "gaintype": "affine" if model.actuator_gaintype[a] == 1 else "fixed",
-        **{
-            k: v if isinstance(v, str) else format_number(v)
-            for k, v in attributes.items()
-        },
-    }
-    if model.actuator_ctrllimited[a]:  # a <general> inherits no range
-        law["ctrlrange"] = format_number(model.actuator_ctrlrange[a])
-    own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")
-    gone = dict.fromkeys(own)
-    return [Rename("actuator", _name_or_id(model, place), "general", {**gone, **law})]
+        return rename_to_general(model, place, dyntype="filterexact", dynprm=values[0])
 
 
 class RateLimit(ActuatorEffect):
@@ -149,13 +134,14 @@ class RateLimit(ActuatorEffect):
 
     def applies_to(self, robot, actuator):
         """Of what holds a position, in whatever units that is commanded."""
-        model, a = robot.model, actuator.id
-        holds = has_affine_force(model, a) and model.actuator_biasprm[a, 1] < 0
+        holds = find_goal(robot.model, actuator.id) >= 0
         return actuator.dof >= 0 and holds and actuator.max_rate > 0
 
     def transform_command(self, ctrl, step, place, values):
-        column = limit_rate_of_column(ctrl[..., place["actuator"]], values[:, 0] * step)
-        return replace_column(ctrl, place, column)
+        most = values[:, 0] * step
+        return change_columns(
+            ctrl, [place["goal"]], lambda u: limit_rate_of_column(u, most)
+        )
 
 
 class TorqueSaturation(ActuatorEffect):
@@ -183,13 +169,14 @@ class TorqueSaturation(ActuatorEffect):
         )
 
     def applies_to(self, robot, actuator):
+        model, a = robot.model, actuator.id
         # at a site the gear is a direction
-        geared = robot.model.actuator_gear[actuator.id, 0] != 0
-        return geared and has_affine_force(robot.model, actuator.id)
+        geared = model.actuator_gear[find_output(model, a), 0] != 0
+        return geared and (has_affine_force(model, a) or is_pid(model, a))
 
     def edit_model(self, model, place, values):
         a = place["actuator"]
-        most = values[0] / abs(model.actuator_gear[a, 0])
+        most = values[0] / abs(model.actuator_gear[find_output(model, a), 0])
         limited = model.actuator_forcelimited[a]
         given = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
         model.actuator_forcerange[a] = np.clip(given, -most, most)
@@ -274,7 +261,7 @@ class ServoGain(ActuatorEffect):
     overrides = ("kp", "kv", "gain", "gear")
 
     def make_parameters(self, robot, actuator):
-        kp, kv = _servo_gains(robot.model, actuator.id)
+        kp, kv = get_servo_gains(robot.model, actuator.id)
         stiffness = self.make_parameter(
             "kp", actuator, nominal=kp, low=0.05 * kp, high=20 * kp, scale=0.2 * kp
         )
@@ -303,16 +290,11 @@ class ServoGain(ActuatorEffect):
 
     def edit_model(self, model, place, values):
         a = place["actuator"]
-        model.actuator_gainprm[a, 0] = values[0]
+        if not is_pid(model, a):
+            model.actuator_gainprm[a, 0] = values[0]
         if len(values) > 1:  # not of a motor
             model.actuator_biasprm[a, 1] = -values[0]
             model.actuator_biasprm[a, 2] = -values[1]
-
-
-def _servo_gains(model, actuator: int) -> tuple[float, float]:
-    """The model's kp and kv [actuator's units]."""
-    kp = float(model.actuator_gainprm[actuator, 0])
-    return kp, -float(model.actuator_biasprm[actuator, 2])
 
 
 class IntegralAction(ActuatorEffect):
@@ -345,7 +327,7 @@ class IntegralAction(ActuatorEffect):
         return [*found, *map(_begin_settled, found)]
 
     def make_parameters(self, robot, actuator):
-        kp, _ = _servo_gains(robot.model, actuator.id)
+        kp, _ = get_servo_gains(robot.model, actuator.id)
         most = actuator.max_force
         make = self.make_parameter
         return (
@@ -361,7 +343,7 @@ class IntegralAction(ActuatorEffect):
         )
 
     def make_initial_values(self, robot, actuator):
-        kp, _ = _servo_gains(robot.model, actuator.id)
+        kp, _ = get_servo_gains(robot.model, actuator.id)
         most = actuator.max_force
         # the last one is often at its limit: from a limit that is never met no slope
         # of the error leads there
@@ -369,13 +351,15 @@ class IntegralAction(ActuatorEffect):
 
     def applies_to(self, robot, actuator):
         # the sum of the readings is in the joint's unit, as the error without a gear
-        ungeared = robot.model.actuator_gear[actuator.id, 0] == 1
-        return actuator.servo and actuator.measured and ungeared
+        model, a = robot.model, actuator.id
+        ungeared = model.actuator_gear[find_output(model, a), 0] == 1
+        has_own = is_pid(model, a) and model.actuator_gainprm[a, 0] > 0
+        return actuator.servo and actuator.measured and ungeared and not has_own
 
     def apply_forces(self, state, place, values):
         # the sum since the episode began is that of the measured error up to the
         # segment's start, and of the simulated one from there
-        error = state.ctrl[:, place["actuator"]] - state.qpos[:, place["qpos"]]
+        error = state.ctrl[:, place["goal"]] - state.qpos[:, place["qpos"]]
         total = state.integral_errors[place["actuator"]]
         most = self.max_integral(values)
         state.applied_force[:, place["dof"]] += values[:, 0] * total

@@ -1,25 +1,31 @@
 """Commands on their way to an actuator: takes arrays of them, gives changed ones."""
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 
 from ...body.changes import limit_rate
 from ...recording.data import Floats
 
 
-def replace_column(ctrl: Floats, place, column: Floats) -> Floats:
-    """Commands in which one actuator's are replaced.
+def change_columns(
+    ctrl: Floats, controls: Iterable[int], change: Callable[[Floats], Floats]
+) -> Floats:
+    """Commands in which those of some controls are changed.
 
     Args:
-        ctrl: (1 or N, G, nu) of all actuators, on a grid.
-        place: of the actuator.
-        column: (N, G) its new commands.
+        ctrl: (1 or N, G, nu) of all controls, on a grid.
+        controls: whose commands are changed.
+        change: makes new ones (N, G) of those (1 or N, G) of one control.
 
     Returns:
         (N, G, nu)
     """
-    out = np.broadcast_to(ctrl, (len(column), *ctrl.shape[1:])).copy()
-    out[..., place["actuator"]] = column
-    return out
+    for control in controls:
+        column = change(ctrl[..., control])
+        ctrl = np.broadcast_to(ctrl, (len(column), *ctrl.shape[1:])).copy()
+        ctrl[..., control] = column
+    return ctrl
 
 
 def delay_column(u: Floats, steps: Floats) -> Floats:

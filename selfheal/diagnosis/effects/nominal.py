@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from ...recording import find_output
 from ...recording.data import Floats
+from ..data.actuator_laws import has_affine_force, is_pid
 from ..data.robot_summary import (
     Actuator,
     Joint,
     MovingBody,
     RobotSummary,
     find_link_axis,
-    has_affine_force,
     measure_extent,
 )
 from .base import Effect, Term
@@ -163,7 +164,7 @@ def _scale_kp(model, place, factor):
 
 
 def _scale_gear(model, place, factor):
-    model.actuator_gear[place["actuator"]] *= factor
+    model.actuator_gear[find_output(model, place["actuator"])] *= factor
 
 
 def _scale_kv(model, place, factor):
@@ -306,10 +307,28 @@ def _ball_terms(model, joint: int) -> Iterator[Term]:
 
 
 def _actuator_terms(robot: RobotSummary) -> list[Term]:
-    """Gains, gears and time constants of actuators whose force is affine."""
-    model = robot.model
-    affine = [a for a in robot.actuators if has_affine_force(model, a.id)]
-    return [term for a in affine for term in _affine_terms(model, a)]
+    """Gains, gears and time constants of actuators whose law MJCF states by these."""
+    model, found = robot.model, list[Term]()
+    for a in robot.actuators:
+        if has_affine_force(model, a.id):
+            found += _affine_terms(model, a)
+        elif is_pid(model, a.id):
+            found += _pid_terms(model, a)
+    return found
+
+
+def _pid_terms(model, a: Actuator) -> Iterator[Term]:
+    """What the model states of one <pid>: its gains."""
+    place, stiffness = Place(actuator=a.id), f"{a.force}/{a.unit}"
+    _, kp, kv = -model.actuator_biasprm[a.id, :3]
+    for field, scale, value, unit in (
+        ("kp", _scale_bias, kp, stiffness),
+        ("kv", _scale_kv, kv, f"{a.force} s/{a.unit}"),
+        ("ki", _scale_gain, model.actuator_gainprm[a.id, 0], f"{stiffness}/s"),
+    ):
+        if value:
+            target = f"actuator:{a.name}/{field}"
+            yield _make_term(scale, target, OTHER_BOUND, float(value), unit, place)
 
 
 def _affine_terms(model, a: Actuator) -> Iterator[Term]:
@@ -326,7 +345,7 @@ def _affine_terms(model, a: Actuator) -> Iterator[Term]:
             yield _make_term(
                 _scale_bias, f"{name}/bias", OTHER_BOUND, value, unit, place
             )
-    gear = float(model.actuator_gear[a.id, 0])
+    gear = float(model.actuator_gear[find_output(model, a.id), 0])
     is_plain_motor = gain == 1.0 and not bias.any() and a.dof >= 0
     if is_plain_motor and abs(gear) not in (0.0, 1.0):
         yield _make_term(_scale_gear, f"{name}/gear", OTHER_BOUND, gear, "1", place)

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from ...errors import InputError
+from ...recording import find_controls, find_output
 from ...recording.data import Floats
+from ..data.actuator_laws import find_goal
 
 if TYPE_CHECKING:
     import mujoco
@@ -34,6 +36,8 @@ class Place(TypedDict, total=False):
         extra_qpos: index of its position in qpos.
         there: whether the model is a patched one, which has the effect's native part.
         actuator: id of an actuator.
+        controls: indices into ctrl of its controls.
+        goal: index into ctrl of the position that it is commanded to hold.
         gear: its first gear ratio [1, or m at a slide].
         begins: "settled" where an integral begins at what the first moments ask for.
         body: id of a body.
@@ -66,6 +70,8 @@ class Place(TypedDict, total=False):
     extra_qpos: int
     there: bool
     actuator: int
+    controls: tuple[int, ...]
+    goal: int
     gear: float
     begins: str
     body: int
@@ -100,8 +106,11 @@ def actuator_place(model: "mujoco.MjModel", actuator: int) -> Place:
     """The place of an actuator, by its id, with the hinge or slide that it drives."""
     place: Place = {
         "actuator": actuator,
-        "gear": float(model.actuator_gear[actuator, 0]),
+        "controls": find_controls(model, actuator),
+        "gear": float(model.actuator_gear[find_output(model, actuator), 0]),
     }
+    if (goal := find_goal(model, actuator)) >= 0:
+        place["goal"] = goal
     joint = int(model.actuator_trnid[actuator, 0])
     at_joint = model.actuator_trntype[actuator] in AT_JOINT
     if at_joint and model.jnt_type[joint] in (HINGE, SLIDE):

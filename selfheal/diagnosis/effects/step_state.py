@@ -19,8 +19,8 @@ class StepState:
         bias_torque: (N, nv) MuJoCo's qfrc_bias, of the step before [N m or N].
         applied_force: (N, nv) of effects, to be added to [N m or N].
         frictionloss: (N, nv) dry friction of the step, to be changed [N m or N].
-        forcerange: (N, nu, 2) of the actuators, to be changed [actuator's unit]; None
-            where no effect has `writes_forcerange`.
+        forcerange: (N, nactuator, 2) of the actuators, to be changed [actuator's
+            unit]; None where no effect has `writes_forcerange`.
         integral_errors: (N) of each integrating servo by its id, to be added to
             [rad s or m s].
         timestep: of the simulation [s].

@@ -112,7 +112,7 @@ def _compute_motion(simulator: Simulator, robot: RobotSummary, index: int) -> _M
         data.qpos[:], data.qvel[:] = q, v
         data.ctrl[:] = episode.ctrl[at[k]]
         mujoco.mj_forward(model, data)
-        load[k] = np.abs(data.qfrc_bias) if not model.nu else np.abs(data.qfrc_actuator)
+        load[k] = np.abs(data.qfrc_actuator if model.nactuator else data.qfrc_bias)
         contact[k] = data.ncon > 0
     grid = np.minimum(np.arange(len(episode.ctrl)) // every, len(at) - 1)
     dof, place = [j.dof for j in robot.joints], [j.qpos for j in robot.joints]

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...mjcf.edit import Edit, Rename, Set, format_number
+from ...recording import find_controls, find_output
 from .model_source import ModelSource, differs, name_or_id
 
 # attributes of the kinds of actuators that a <general> one does not have
@@ -31,7 +32,7 @@ def edit_actuators(
         before: edits that come first, and may make an actuator a <general> one.
     """
     general = {e.name for e in before if isinstance(e, Rename)}
-    for a in range(new.nu):
+    for a in range(new.nactuator):
         name = name_or_id(old.actuator, a)
         given = source.actuator_tag(old.actuator(a).name, a)
         tag = "general" if name in general else given
@@ -40,9 +41,9 @@ def edit_actuators(
         if to == tag and differs(old.actuator_dynprm[a, 0], new.actuator_dynprm[a, 0]):
             attribute = "dynprm" if tag == "general" else "timeconst"
             attributes[attribute] = format_number(new.actuator_dynprm[a, 0])
-        if differs(old.actuator_gear[a], new.actuator_gear[a]):
-            used = np.flatnonzero(new.actuator_gear[a])
-            attributes["gear"] = format_number(new.actuator_gear[a, : used[-1] + 1])
+        gear = new.actuator_gear[out := find_output(new, a)]
+        if differs(old.actuator_gear[out], gear):
+            attributes["gear"] = format_number(gear[: np.flatnonzero(gear)[-1] + 1])
         limits = [
             (m.actuator_forcelimited[a], *m.actuator_forcerange[a]) for m in (old, new)
         ]
@@ -71,6 +72,10 @@ def _edit_force_law(tag: str, old, new, a: int) -> dict[str, str | None]:
     before = [old.actuator_gainprm[a, :3], old.actuator_biasprm[a, :3]]
     if not differs(before, [gain, bias]):
         return {}
+    if tag == "pid":
+        integral = {"ki": format_number(gain[0])} if gain[0] else {}
+        kp, kv = format_number(-bias[1]), format_number(-bias[2])
+        return {"kp": kp, "kv": kv, "dampratio": None, **integral}
     if tag == "general":
         return {"gainprm": format_number(gain), "biasprm": format_number(bias)}
     is_servo = not differs([gain[0], *bias[:2]], [-bias[1], 0, bias[1]])
@@ -113,5 +118,6 @@ def _keep_inherited_range(source: ModelSource, old, new, a: int, general: bool) 
     if not general and not differs(old.jnt_range[joint], new.jnt_range[joint]):
         return {}
     which = "act" if new.actuator_actlimited[a] else "ctrl"
-    value = format_number(getattr(new, f"actuator_{which}range")[a])
+    row = a if which == "act" else find_controls(new, a)[0]
+    value = format_number(getattr(new, f"actuator_{which}range")[row])
     return {f"{which}range": value, "inheritrange": None if general else "0"}

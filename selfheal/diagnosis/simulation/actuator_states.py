@@ -8,16 +8,21 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ...recording import find_controls
 from ...recording.data import Floats
+from ..data.actuator_laws import find_goal
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
+from ..effects.commands import limit_rate_of_column
+from ..effects.places import actuator_place
 from .batch import Hypotheses
 from .cache import SimulationCache
 from .model_variants import ModelVariant
 from .system import RecordedSystem
 
-DYN_INTEGRATOR, DYN_FILTERS = 1, (2, 3)  # mjtDyn: integrator; filter, filterexact
+# mjtDyn: integrator; filter, filterexact; pid
+DYN_INTEGRATOR, DYN_FILTERS, DYN_PID = 1, (2, 3), 6
 MIN_TIME_CONSTANT = 1e-9  # [s] of a filter; chosen: against division by 0
 # [s] of an episode whose motion tells the load that a servo's integral bears, and how
 # many moments of it are looked at; chosen: a robot that had settled is about at rest
@@ -47,10 +52,13 @@ def compute_activations(
     for i in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == i)
         episode = system.episodes[i]
-        begin = np.zeros(model.nu)
+        begin = np.zeros(model.nactuator)
         if episode.qpos0 is None and integrates:
             begin = _actuator_lengths(system, int(i))
         past = filter_commands(model, episode.ctrl, system.timestep, begin)
+        for a in np.flatnonzero(model.actuator_dyntype == DYN_PID):
+            states = _follow_pid(system, model, episode, int(a))
+            past[:, int(model.actuator_actadr[a]) + np.arange(len(states))] = states.T
         out[rows] = past[np.minimum(segments.first_step[rows], len(past) - 1)]
     return out
 
@@ -75,12 +83,13 @@ def fill_histories(system: RecordedSystem, model, segments: Segments) -> Floats 
     for w in range(len(segments)):
         data = mujoco.MjData(model)
         ctrl = system.episodes[int(segments.episode[w])].ctrl
-        for a in range(model.nu):
+        for a in range(model.nactuator):
             size = int(model.actuator_history[a, 0])
             if size:
                 past = int(segments.first_step[w]) + np.arange(-size, 0)
-                values = ctrl[np.clip(past, 0, len(ctrl) - 1), a]
-                mujoco.mj_initCtrlHistory(model, data, a, None, values[:, None])
+                sent = ctrl[np.clip(past, 0, len(ctrl) - 1)][:, find_controls(model, a)]
+                values = np.ascontiguousarray(sent)
+                mujoco.mj_initCtrlHistory(model, data, a, None, values)
         out[w] = data.history
     return out
 
@@ -214,12 +223,12 @@ def _estimate_motion(
 
 
 def _actuator_lengths(system: RecordedSystem, episode: int) -> Floats:
-    """Lengths (nu) of the actuators where an episode begins [rad or m]."""
+    """Lengths (nactuator) of the actuators where an episode begins [rad or m]."""
     model = system.compiler.nominal
     data = mujoco.MjData(model)
     data.qpos[:] = estimate_initial_state(system, episode, np.zeros(1), {})[0][0]
     mujoco.mj_fwdPosition(model, data)
-    return np.array(data.actuator_length)
+    return np.array(data.actuator_length[model.actuator_outadr])
 
 
 def filter_commands(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
@@ -232,31 +241,62 @@ def filter_commands(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
         model: compiled.
         ctrl: (G, nu) commands of each step.
         step: of the grid [s].
-        begin: (nu) with which integrators begin.
+        begin: (nactuator) with which integrators begin.
 
     Returns:
         (G, na).
     """
     out = np.zeros((len(ctrl), model.na))
-    for a in range(model.nu):
+    for a in range(model.nactuator):
         first = int(model.actuator_actadr[a])
         dynamics = model.actuator_dyntype[a]
-        if first < 0 or dynamics not in (DYN_INTEGRATOR, *DYN_FILTERS):
+        has_one = model.actuator_ctrlnum[a] == 1  # not an integrated orientation
+        if first < 0 or not has_one or dynamics not in (DYN_INTEGRATOR, *DYN_FILTERS):
             continue
+        u = ctrl[:, model.actuator_ctrladr[a]]
         if dynamics == DYN_INTEGRATOR:
             low, high = -np.inf, np.inf
             if model.actuator_actlimited[a]:
                 low, high = model.actuator_actrange[a]
-            added = (ctrl[:-1, a] * step).tolist()
+            added = (u[:-1] * step).tolist()
             out[:, first] = _accumulate_clipped(added, float(begin[a]), low, high)
             continue
         time_constant = max(float(model.actuator_dynprm[a, 0]), MIN_TIME_CONSTANT)
         decay = np.exp(-step / time_constant)
-        activation = ctrl[0, a]
+        activation = u[0]
         for k in range(len(ctrl)):
             out[k, first] = activation
-            activation = ctrl[k, a] + (activation - ctrl[k, a]) * decay
+            activation = u[k] + (activation - u[k]) * decay
     return out
+
+
+def _follow_pid(
+    system: RecordedSystem, model, episode: SampledEpisode, actuator: int
+) -> Floats:
+    """States (n, G) of a <pid>: its goal where that is slow, its error's sum if any.
+
+    The goal begins with the first command. The sum begins at 0, and stays there where
+    the joint is not read.
+
+    Args:
+        system: that is simulated.
+        model: a variant of the given model, compiled.
+        episode: with G steps.
+        actuator: its id.
+    """
+    states, step = [], system.timestep
+    goal = episode.ctrl[:, find_goal(model, actuator)]
+    most, rate = model.actuator_dynprm[actuator, :2]  # imax, slewmax; 0: none
+    if rate > 0:
+        goal = limit_rate_of_column(goal[None], np.array([rate * step]))[0]
+        states.append(np.append(goal[:1], goal[:-1]))
+    if model.actuator_gainprm[actuator, 0]:
+        place = actuator_place(system.compiler.nominal, actuator)
+        read = _read_joint(system, episode, place)
+        added = _add_up(goal - place["gear"] * read, step)[:-1]
+        bound = most if most > 0 else np.inf
+        states.append(_accumulate_clipped(added, 0.0, -bound, bound))
+    return np.array(states)
 
 
 def _accumulate_clipped(
@@ -282,13 +322,24 @@ def _servo_errors(
 
     That is h (command - position), with the position as it was read.
     """
+    read = _read_joint(system, episode, place)
+    return _add_up(episode.ctrl[:, place["goal"]] - read, system.timestep)
+
+
+def _add_up(error: Floats, step: float) -> list[float]:
+    """What an error (G) adds to its integral in each step; nothing where it is NaN."""
+    return (np.where(np.isfinite(error), error, 0.0) * step).tolist()
+
+
+def _read_joint(
+    system: RecordedSystem, episode: SampledEpisode, place: Mapping[str, Any]
+) -> Floats:
+    """Position (G) of an actuator's joint as it was read; NaN where it was not."""
     grid = np.arange(len(episode.ctrl), dtype=float)
     model = system.compiler.nominal
-    joint = next(j for j in range(model.njnt) if model.jnt_qposadr[j] == place["qpos"])
-    name = model.joint(joint).name
-    c = next(
-        c for c in system.channels if (c.kind, c.target) == ("joint_position", name)
-    )
-    value, _ = episode.interpolate(grid, system.timestep)
-    error = episode.ctrl[:, place["actuator"]] - value[:, c.first_column]
-    return (np.where(np.isfinite(error), error, 0.0) * system.timestep).tolist()
+    joint = [j for j in range(model.njnt) if model.jnt_qposadr[j] == place.get("qpos")]
+    read = [("joint_position", model.joint(j).name) for j in joint]
+    for c in system.channels:
+        if (c.kind, c.target) in read:
+            return episode.interpolate(grid, system.timestep)[0][:, c.first_column]
+    return np.full(len(grid), np.nan)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ...recording import find_output
 from ...recording.data import Floats
 from ..effects.base import Term
 from .model_variants import ModelVariant, read_model_field
@@ -77,10 +78,11 @@ def center_damping(model, step: float) -> None:
         step: of the simulation [s].
     """
     motor = np.zeros(model.nv)
-    for a in range(model.nu):
+    for a in range(model.nactuator):
         if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
             dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
-            motor[dof] -= model.actuator_gear[a, 0] ** 2 * model.actuator_biasprm[a, 2]
+            gear = model.actuator_gear[find_output(model, a), 0]
+            motor[dof] -= gear**2 * model.actuator_biasprm[a, 2]
     joint = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
     explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     if model.opt.integrator != int(mujoco.mjtIntegrator.mjINT_EULER):

@@ -7,8 +7,17 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from ...recording import Episode, Recording, strip_window
+from ...recording import (
+    Episode,
+    Recording,
+    find_controls,
+    find_output,
+    list_controls,
+    order_columns,
+    strip_window,
+)
 from ...recording.data import Floats
+from ..data.actuator_laws import find_goal, get_servo_gains, list_control_gains
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import (
     Actuator,
@@ -73,10 +82,11 @@ def build_simulator(
 
 
 def reorder_commands(episode: Episode, model) -> Episode:
-    """Order an episode's commands as the model orders its actuators."""
-    names = [model.actuator(a).name for a in range(model.nu)]
-    order = [episode.ctrl_names.index(name) for name in names]
-    return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=tuple(names))
+    """Order an episode's commands as the model orders its controls."""
+    controls = list_controls(model)
+    order = order_columns(episode.ctrl_names, controls)
+    names = tuple(c.actuator for c in controls)
+    return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=names)
 
 
 def summarize_robot(simulator: Simulator) -> RobotSummary:
@@ -219,7 +229,7 @@ def summarize_actuators(
     """
     model, actuators = simulator.compiler.nominal, []
     by_id = {j.id: j for j in joints}
-    for a in range(model.nu):
+    for a in range(model.nactuator):
         at_joint = model.actuator_trntype[a] in (0, 1)  # mjtTrn: joint, jointinparent
         joint = by_id.get(int(model.actuator_trnid[a, 0])) if at_joint else None
         actuators.append(_summarize_actuator(simulator, states, a, joint))
@@ -229,7 +239,7 @@ def summarize_actuators(
 def _summarize_actuator(
     simulator: Simulator, states: StateReconstruction, a: int, joint: Joint | None
 ) -> Actuator:
-    """Summarize an actuator, by MuJoCo's force = gain ctrl + b0 + b1 l + b2 dl/dt.
+    """Summarize an actuator, by MuJoCo's force = gain . ctrl + b0 + b1 l + b2 dl/dt.
 
     Args:
         simulator: of the recordings.
@@ -238,19 +248,22 @@ def _summarize_actuator(
         joint: that it drives; None: no hinge or slide.
     """
     model = simulator.compiler.nominal
-    gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
+    gains, bias = list_control_gains(model, a), model.actuator_biasprm[a]
+    goal, (kp, _) = find_goal(model, a), get_servo_gains(model, a)
     servo = bool(
-        joint is not None and model.actuator_biastype[a] == 1 and bias[1] < 0
-        and abs(bias[1] + gain[0]) < SERVO_GAIN_TOLERANCE * gain[0]
+        joint is not None and model.actuator_biastype[a] == 1 and goal >= 0
+        and abs(bias[1] + kp) < SERVO_GAIN_TOLERANCE * kp
     )  # fmt: skip
-    gear = abs(float(model.actuator_gear[a, 0]))
+    controls = find_controls(model, a)
+    moving = controls if goal < 0 else (goal,)
+    gear = abs(float(model.actuator_gear[find_output(model, a), 0]))
     max_force, rates = 0.0, []
     for i, episode in enumerate(simulator.episodes):
         last = int(episode.sample_steps[-1])
         at = np.arange(0, last, max(1, last // COMMAND_MOMENTS))
         qpos, qvel = states(i, at)
-        u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1), a]
-        force = gain[0] * u
+        u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)][:, controls]
+        force = (gains * u).sum(axis=1)
         if joint is not None:
             force = (
                 force
@@ -260,8 +273,9 @@ def _summarize_actuator(
         if len(force):
             max_force = max(max_force, float(np.quantile(np.abs(force), PEAK_QUANTILE)))
         if len(u) > 1:
-            changes = np.abs(np.diff(episode.ctrl[:, a])) / simulator.timestep
-            rates.append(float(np.quantile(changes, RATE_QUANTILE)))
+            changes = np.abs(np.diff(episode.ctrl[:, moving], axis=0))
+            rate = np.quantile(changes / simulator.timestep, RATE_QUANTILE, axis=0)
+            rates += rate.tolist()
     speed = joint.speed if joint is not None else 1.0
     return Actuator(
         a, model.actuator(a).name, -1 if joint is None else joint.dof,

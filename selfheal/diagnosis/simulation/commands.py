@@ -107,9 +107,9 @@ def transform_commands(
             for place in term.places:
                 ctrl = term.effect.transform_command(ctrl, step, place, values)
                 if mean and term.effect.holds_previous_command:
-                    a = place["actuator"]
-                    after = np.append(ctrl[:, 1:, a], ctrl[:, -1:, a], axis=1)
-                    middle = (ctrl[:, :, a] + after) / 2
-                    is_held = values[:, :1] > 0
-                    ctrl[:, :, a] = np.where(is_held, middle, ctrl[:, :, a])
+                    u = list(place["controls"])
+                    after = np.append(ctrl[:, 1:, u], ctrl[:, -1:, u], axis=1)
+                    middle = (ctrl[:, :, u] + after) / 2
+                    is_held = values[:, :1, None] > 0
+                    ctrl[:, :, u] = np.where(is_held, middle, ctrl[:, :, u])
     return ctrl

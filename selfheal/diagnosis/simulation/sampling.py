@@ -1,10 +1,12 @@
 """Samples: takes true signals on a grid of steps, gives readings at sample times."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ...recording import find_controls, find_output
 from ...recording.data import Floats
+from ..data.actuator_laws import list_control_gains
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
 from ..effects.base import implements
@@ -113,6 +115,7 @@ def _correct_torques(
     """
     model = hypotheses.models[0]
     a = model.actuator(channel.target).id
+    controls, out = find_controls(model, a), find_output(model, a)
     if model.actuator_dyntype[a] or model.actuator_delay[a]:
         return
     changed = [t for t in hypotheses.terms if implements(t.effect, "transform_command")]
@@ -120,30 +123,31 @@ def _correct_torques(
         reaching = compute_commands(
             system, cache, hypotheses, segments, centered=False, mean=False
         ).reshape(commands.shape)
-        sent = _interpolate(reaching[..., [a]], segments, at)[..., 0]
+        sent = _interpolate(reaching[..., controls], segments, at)
     else:
-        sent = _find_sent_command(system, segments, at, a)
-    change = sent - _interpolate(commands[..., [a]], segments, at)[..., 0]
+        sent = _find_sent_commands(system, segments, at, controls)
+    change = sent - _interpolate(commands[..., controls], segments, at)
     for i, hypothesis in enumerate(hypotheses.models):
-        gear = float(hypothesis.actuator_gear[a, 0])
-        torque[i] += gear * hypothesis.actuator_gainprm[a, 0] * change[i]
+        gear = float(hypothesis.actuator_gear[out, 0])
+        gains = gear * list_control_gains(hypothesis, a)
+        torque[i] += (gains * change[i]).sum(axis=-1)
         if hypothesis.actuator_forcelimited[a]:
             low, high = np.sort(gear * hypothesis.actuator_forcerange[a])
             torque[i] = np.clip(torque[i], low, high)
 
 
-def _find_sent_command(
-    system: RecordedSystem, segments: Segments, at: Floats, actuator: int
+def _find_sent_commands(
+    system: RecordedSystem, segments: Segments, at: Floats, controls: Sequence[int]
 ) -> Floats:
-    """Command (1 or n, M) of an actuator that was sent last before the samples.
+    """Commands (1 or n, M, c) of controls that were sent last before the samples.
 
     Args:
         system: whose episodes say what was sent.
         segments: W of them, with M samples.
         at: (1 or n, M) time of each sample in its segment [steps].
-        actuator: its id.
+        controls: c indices into ctrl.
     """
-    out = np.empty(at.shape)
+    out = np.empty((*at.shape, len(controls)))
     for i, episode in enumerate(system.episodes):
         rows = np.flatnonzero(segments.episode[segments.segment_of_sample] == i)
         times = (
@@ -152,7 +156,7 @@ def _find_sent_command(
             + SAMPLE_TIME_TOLERANCE
         )
         k = np.searchsorted(episode.sample_steps, times, side="right") - 1
-        out[:, rows] = episode.sent_ctrl[np.maximum(k, 0), actuator]
+        out[:, rows] = episode.sent_ctrl[np.maximum(k, 0)][..., controls]
     return out
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ...recording import find_output
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..effects.base import Term
@@ -112,9 +113,9 @@ def _make_reader(
     if c.kind in ("joint_position", "joint_velocity"):
         return set(), _make_joint_reader(model, c, link_joints)
     if c.kind == "joint_torque":
-        a = model.actuator(c.target).id
-        gear = float(model.actuator_gear[a, 0])
-        return {"actuator_force"}, lambda b: gear * b["actuator_force"][:, [a]]
+        out = find_output(model, model.actuator(c.target).id)
+        gear = float(model.actuator_gear[out, 0])
+        return {"actuator_force"}, lambda b: gear * b["actuator_force"][:, [out]]
     if c.kind == "sensor":
         s = model.sensor(c.target)
         rows = slice(int(s.adr[0]), int(s.adr[0]) + int(s.dim[0]))

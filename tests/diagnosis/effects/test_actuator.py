@@ -45,7 +45,10 @@ def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
 def test_a_servo_lets_go_as_soon_as_its_error_turns():
     """The sum is clipped as that of MuJoCo's pid: what exceeds it is forgotten."""
     ki, imax, step = 2.0, 0.5, 0.01
-    place, values = {"actuator": 0, "qpos": 0, "dof": 0}, np.array([[ki, imax]])
+    place, values = (
+        {"actuator": 0, "goal": 0, "qpos": 0, "dof": 0},
+        np.array([[ki, imax]]),
+    )
     sums = {0: np.zeros(1)}
 
     def torque(error, steps):
