@@ -287,8 +287,8 @@ def read_one(model, data, kind: str, target: str) -> float | np.ndarray:
     if kind == "joint_position":
         return float(data.joint(target).qpos[0])
     if kind == "joint_torque":
-        actuator = model.actuator(target)
-        return float(actuator.gear[0] * data.actuator_force[actuator.id])
+        gear, force = model.actuator(target).gear[0], data.actuator(target).force[0]
+        return float(gear * force)
     if kind == "sensor":
         told = np.array(data.sensor(target).data)
         return float(told[0]) if told.size == 1 else told
