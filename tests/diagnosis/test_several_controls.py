@@ -6,10 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.data.robot_summary import min_stable_inertia
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.effects import find_effect, load_catalogue
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.effects.places import locate_target
 from selfheal.diagnosis.output.replay import replay_recording
+from selfheal.diagnosis.simulation.batch import center_damping
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from tests.support.diagnosis_folder import write_empty_diagnosis
 from tests.support.effect_robots import (
@@ -22,16 +25,16 @@ from tests.support.effect_robots import (
 from tests.support.recorded_robots import ROBOTS, Robot, bench, record
 
 SHOULDER = '<position name="shoulder_servo" joint="shoulder" kp="20" kv="0.8"/>'
-ELBOW = '<position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>'
 # whose output is not at its id: that of a ball joint before it has three
-TURNED = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+WRIST_SERVO = '<orientation name="wrist_servo" joint="wrist" kp="3" kv="0.2"/>'
+TURNED = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
   <body name="palm" pos="0 0 1"><joint name="wrist" type="ball" damping="0.02"/>
     <geom type="box" size="0.05 0.02 0.03" pos="0.01 0 -0.1" mass="0.3"/>
     <body name="tip" pos="0 0 -0.2"><joint name="bend" axis="0 1 0" damping="0.01"/>
       <geom type="capsule" fromto="0 0 0 0 0 -0.1" size="0.01" mass="0.1"/>
     </body></body></worldbody>
   <actuator>
-    <orientation name="wrist_servo" joint="wrist" kp="3" kv="0.2"/>
+    {WRIST_SERVO}
     <position name="bend_servo" joint="bend" kp="2" kv="0.05" gear="-2"/>
   </actuator></mujoco>"""
 ANGLES = {n: ROBOTS["arm"].signals[n] for n in ("shoulder", "elbow")}
@@ -48,10 +51,15 @@ def _draw_commands(columns: int):
     return command
 
 
-def _make_arm(shoulder: str, columns: int, elbow: str = ELBOW) -> Robot:
-    """The arm with other servos, that have so many controls together."""
-    xml = ROBOTS["arm"].xml.replace(SHOULDER, shoulder).replace(ELBOW, elbow)
-    return replace(ROBOTS["arm"], xml=xml, command=_draw_commands(columns))
+def _make_arm(shoulder: str, columns: int) -> Robot:
+    """The arm with another servo, after which it has so many controls."""
+    arm = ROBOTS["arm"]
+    return replace(
+        arm,
+        xml=arm.xml.replace(SHOULDER, shoulder),
+        signals={**arm.signals, "torque": ("joint_torque", "shoulder_servo", "N m")},
+        command=_draw_commands(columns),
+    )
 
 
 def _make_pid(states: str = "") -> str:
@@ -136,6 +144,21 @@ def test_all_effects_that_can_be_are_at_a_pid(pid_arm):
 def test_only_a_delay_is_at_a_servo_of_a_ball_joint(wrist):
     found = {t.effect.name for t in _terms_at(wrist, "actuator:wrist_servo")}
     assert found == {"command_delay"}
+
+
+def test_what_is_known_of_an_actuator_is_the_same_behind_another():
+    """Its number is that of neither its control nor its force."""
+    servo, known = "actuator:bend_servo", []
+    for xml in TURNED, TURNED.replace(WRIST_SERVO, ""):
+        model = mujoco.MjModel.from_xml_string(xml)
+        place, joint = locate_target(model, servo), model.joint("bend").id
+        inertia = min_stable_inertia(model, joint)
+        center_damping(model, 0.01)
+        known.append((place["gear"], inertia, model.dof_armature[place["dof"]]))
+        assert place["controls"] == (place["goal"],) == (model.nu - 1,)
+        find_effect("torque_saturation").edit_model(model, place, np.array([3.0]))
+        assert model.actuator_forcerange[place["actuator"]].tolist() == [-1.5, 1.5]
+    assert known[0] == pytest.approx(known[1])
 
 
 def test_an_actuator_without_controls_has_no_commands_to_change(tmp_path):
