@@ -14,6 +14,7 @@ from selfheal.diagnosis.effects.places import locate_target
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation.batch import center_damping
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
+from selfheal.diagnosis.simulation.score import cut_replay_segments
 from tests.support.diagnosis_folder import write_empty_diagnosis
 from tests.support.effect_robots import (
     absent_values,
@@ -126,6 +127,21 @@ def test_a_replay_reads_columns_in_any_order_under_either_name(tmp_path):
         np.testing.assert_allclose(*both, atol=1e-8)
 
 
+def test_a_torque_follows_a_step_of_any_control_at_once(tmp_path):
+    """Though a simulation by leapfrog has the mean command around each step."""
+    size = 0.5  # [rad/s] of the second control, whose gain is kv
+    robot = replace(
+        PID_ARM,
+        command=lambda t, rng: size * np.sign(np.sin(20 * t[:, None])) * [0, 1, 0],
+    )
+    b = bench(robot, tmp_path, episodes=1, seconds=1.0, noise=1e-9)
+    segments = cut_replay_segments(b.simulator)
+    (c,) = (c for c in b.simulator.channels if c.name == "torque")
+    plain = b.simulator.simulate([], np.zeros((1, 0)), segments, centered=True)[0]
+    apart = plain[:, c.columns] - segments.readings[:, c.columns]
+    assert np.abs(apart).max() < 0.25 * 0.8 * size
+
+
 def _terms_at(b, target):
     terms = [t for n in load_catalogue() for t in find_effect(n).propose_terms(b.robot)]
     return [t for t in terms if t.targets == (target,)]
@@ -153,7 +169,7 @@ def test_what_is_known_of_an_actuator_is_the_same_behind_another():
         model = mujoco.MjModel.from_xml_string(xml)
         place, joint = locate_target(model, servo), model.joint("bend").id
         inertia = min_stable_inertia(model, joint)
-        center_damping(model, 0.01)
+        center_damping(model, 1e-4)
         known.append((place["gear"], inertia, model.dof_armature[place["dof"]]))
         assert place["controls"] == (place["goal"],) == (model.nu - 1,)
         find_effect("torque_saturation").edit_model(model, place, np.array([3.0]))
