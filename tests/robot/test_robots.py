@@ -95,6 +95,18 @@ def test_a_recording_without_a_servo_is_refused():
         replay("toy", bad, Toy().truth)
 
 
+def test_a_recording_with_two_columns_for_a_servo_is_refused():
+    recording = _played()
+    episode = recording.episodes["take_4"]
+    more = np.concatenate([episode.ctrl, episode.ctrl[:, :1]], axis=1)
+    twice = replace(
+        episode, ctrl=more, ctrl_names=(*episode.ctrl_names, "joint_0_servo")
+    )
+    bad = replace(recording, episodes={**recording.episodes, "take_4": twice})
+    with pytest.raises(RecordingError, match="'take_4'.*several columns for joint_0_"):
+        replay("toy", bad, Toy().truth)
+
+
 def test_a_recording_without_vertical_is_refused():
     bad = _without(_played(), "vertical")
     with pytest.raises(RecordingError, match="'take_10'.*'vertical'.*has: clearance"):

@@ -39,7 +39,7 @@ class SampledEpisode:
         start: time of its first sample [s].
         sample_steps: (T) sample times since the first one [steps].
         readings: (T, C) of all channels [each channel's unit]; NaN where missing.
-        sent_ctrl: (T, nu) commands [each actuator's control unit], each held to the
+        sent_ctrl: (T, nu) commands [each control's unit], each held to the
             next sample.
         ctrl: (G, nu) mean command of each step.
         ctrl_centered: (G, nu) mean command from half a step before to half a step

@@ -9,7 +9,13 @@ def name_or_id(model, place):
 
 
 def rename_to_general(model, place, **attributes) -> list[Rename]:
-    """The actuator as a <general> one of the same law, with more attributes."""
+    """The actuator as a <general> one of the same law, with more attributes.
+
+    Args:
+        model: compiled, as its text states it.
+        place: of an actuator with one control and an affine force.
+        attributes: of the <general>, beside those of its law.
+    """
     a = place["actuator"]
     law = {
         "gainprm": format_number(model.actuator_gainprm[a, :3]),

@@ -33,7 +33,7 @@ def compute_commands(
         mean: as `transform_commands` has it.
 
     Returns:
-        (n W, K, nu) of K steps [each actuator's control unit].
+        (n W, K, nu) of K steps [each control's unit].
     """
     terms = hypotheses.terms
     if not any(implements(t.effect, "transform_command") for t in terms):
@@ -99,7 +99,7 @@ def transform_commands(
             step, rather than by what it was when the step began.
 
     Returns:
-        (1 or n, G, nu) [each actuator's control unit].
+        (1 or n, G, nu) [each control's unit].
     """
     ctrl = (episode.ctrl_centered if centered else episode.ctrl)[None]
     for term, values in zip(terms, term_values, strict=True):

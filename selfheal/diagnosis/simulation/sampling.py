@@ -62,7 +62,7 @@ def sample_signals(
         predicted: (n, W, K, C) true signals at each step [each channel's unit].
         hypotheses: n of them.
         segments: W of them, with M samples.
-        commands: (n, W, K, nu) that were used [each actuator's control unit].
+        commands: (n, W, K, nu) that were used [each control's unit].
 
     Returns:
         (n, M, C) readings [each channel's unit].
