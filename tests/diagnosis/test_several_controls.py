@@ -13,7 +13,9 @@ from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.effects.places import locate_target
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation.batch import center_damping
+from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.diagnosis.simulation.score import cut_replay_segments
 from tests.support.diagnosis_folder import write_empty_diagnosis
 from tests.support.effect_robots import (
@@ -36,7 +38,7 @@ TURNED = f"""<mujoco><option timestep="0.002" integrator="implicitfast"/><worldb
     </body></body></worldbody>
   <actuator>
     {WRIST_SERVO}
-    <position name="bend_servo" joint="bend" kp="2" kv="0.05" gear="-2"/>
+    <position name="bend_servo" joint="bend" kp="0.5" kv="0.01" gear="-2"/>
   </actuator></mujoco>"""
 ANGLES = {n: ROBOTS["arm"].signals[n] for n in ("shoulder", "elbow")}
 
@@ -70,6 +72,7 @@ def _make_pid(states: str = "") -> str:
 
 PID_ARM = _make_arm(_make_pid(), 3)
 MOTOR = '<dcmotor name="shoulder_servo" joint="shoulder" motorconst="0.5" '
+SERVO = "actuator:shoulder_servo"
 KINDS = {
     "pid": PID_ARM,
     "pid of three": _make_arm(_make_pid('input="pos vel ff" gear="2"'), 4),
@@ -153,7 +156,7 @@ AT_PID = {"command_delay", "rate_limit", "torque_saturation", "speed_torque_limi
 
 def test_all_effects_that_can_be_are_at_a_pid(pid_arm):
     """No lag: the text of a <pid> cannot say it."""
-    found = {t.effect.name for t in _terms_at(pid_arm, "actuator:shoulder_servo")}
+    found = {t.effect.name for t in _terms_at(pid_arm, SERVO)}
     assert found == AT_PID
 
 
@@ -179,14 +182,14 @@ def test_what_is_known_of_an_actuator_is_the_same_behind_another():
 
 def test_an_actuator_without_controls_has_no_commands_to_change(tmp_path):
     b = make_effect_bench(KINDS["idle motor"], tmp_path)
-    found = {t.effect.name for t in _terms_at(b, "actuator:shoulder_servo")}
+    found = {t.effect.name for t in _terms_at(b, SERVO)}
     assert not found & {"command_delay", "actuator_lag", "rate_limit"}
 
 
 @pytest.mark.parametrize("name", sorted(AT_PID))
 def test_an_effect_at_a_pid_is_patched_and_replayed(name, pid_arm, tmp_path):
     """Absent it is not there, present it shows; the gains are re-fitted, too."""
-    for n, term in enumerate(_terms_at(pid_arm, "actuator:shoulder_servo")):
+    for n, term in enumerate(_terms_at(pid_arm, SERVO)):
         if term.effect.name == name:
             assert largest_change(pid_arm, (term,), absent_values(term)) < 1e-7
             assert largest_change(pid_arm, (term,), present_values(term)) > 1e-4
@@ -225,18 +228,30 @@ def test_gains_that_a_pid_states_are_patched(tmp_path):
     check_replay(b, [], tmp_path / "out", 3e-6)
 
 
+LATE = 'delay="0.04" nsample="80" interp="linear"'
+
+
+@pytest.mark.parametrize("late", ["on time", "stated late", "found late"])
 @pytest.mark.parametrize("states", ['ki="30"', 'slewmax="0.8"', 'ki="30" slewmax="2"'])
-def test_the_state_of_a_pid_goes_on_where_a_segment_begins(states, tmp_path):
+def test_the_state_of_a_pid_goes_on_where_a_segment_begins(states, late, tmp_path):
+    own = states if late == "on time" else f"{states} {LATE}"
     robot = replace(
-        _make_arm(_make_pid(states), 3),
+        _make_arm(_make_pid(own), 3),
         signals=ANGLES,
-        command=lambda t, rng: np.sin(6 * t[:, None] + [0, 1, 2]) * [1, 0.2, 0.5],
+        command=lambda t, rng: np.sin(6 * t[:, None] + [0, 0, 2]) * [1, 0.2, 0.5],
         begin=lambda rng: (np.zeros(2), np.zeros(2)),
     )
     how = {"episodes": 1, "seconds": 3.0, "noise": 1e-6, "finer": 1}
-    b = bench(robot, tmp_path, **how)
+    b, terms, values = bench(robot, tmp_path, **how), [], np.zeros((1, 0))
+    if late == "found late":
+        text = robot.xml.replace(LATE, "")
+        (tmp_path / "model.xml").write_text(text)
+        compiler = ModelCompiler(str(tmp_path / "model.xml"))
+        b = replace(b, simulator=build_simulator(compiler, [b.recording]))
+        terms = [t for t in _terms_at(b, SERVO) if t.effect.name == "command_delay"]
+        values = np.array([[0.04]])
     segments = cut_readable_segments(b.simulator, 0.5)
-    predicted = b.simulator.simulate([], np.zeros((1, 0)), segments, centered=False)[0]
+    predicted = b.simulator.simulate(terms, values, segments, centered=False)[0]
     assert np.ptp(segments.readings) > 0.3
     np.testing.assert_allclose(predicted, segments.readings, atol=5e-3)
 

@@ -14,10 +14,11 @@ from ..data.actuator_laws import find_goal
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
-from ..effects.commands import limit_rate_of_column
+from ..effects.commands import delay_column, limit_rate_of_column
 from ..effects.places import actuator_place
 from .batch import Hypotheses
 from .cache import SimulationCache
+from .commands import transform_commands
 from .model_variants import ModelVariant
 from .system import RecordedSystem
 
@@ -30,7 +31,7 @@ SETTLED_SECONDS, SETTLED_MOMENTS = 0.5, 25
 
 
 def compute_activations(
-    system: RecordedSystem, model, segments: Segments
+    system: RecordedSystem, hypotheses: Hypotheses, segments: Segments
 ) -> Floats | None:
     """Activations to which filters and integrators of commands have come.
 
@@ -39,16 +40,18 @@ def compute_activations(
 
     Args:
         system: that is simulated.
-        model: a variant of the given model, compiled.
+        hypotheses: n of them.
         segments: W of them.
 
     Returns:
-        (W, na); None where no actuator has an activation.
+        (N, na), N = n W, all segments of a hypothesis in a row; None where no actuator
+        has an activation.
     """
+    model, n = hypotheses.variant.model, len(hypotheses.models)
     if not model.na:
         return None
     integrates = (model.actuator_dyntype == DYN_INTEGRATOR).any()
-    out = np.zeros((len(segments), model.na))
+    out = np.zeros((n, len(segments), model.na))
     for i in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == i)
         episode = system.episodes[i]
@@ -56,11 +59,12 @@ def compute_activations(
         if episode.qpos0 is None and integrates:
             begin = _actuator_lengths(system, int(i))
         past = filter_commands(model, episode.ctrl, system.timestep, begin)
-        for a in np.flatnonzero(model.actuator_dyntype == DYN_PID):
-            states = _follow_pid(system, model, episode, int(a))
-            past[:, int(model.actuator_actadr[a]) + np.arange(len(states))] = states.T
-        out[rows] = past[np.minimum(segments.first_step[rows], len(past) - 1)]
-    return out
+        at = np.minimum(segments.first_step[rows], len(past) - 1)
+        out[:, rows] = past[at]
+        for first, states in _follow_pids(system, hypotheses, episode).items():
+            columns = first + np.arange(states.shape[-1])
+            out[:, rows[:, None], columns] = states[:, at]
+    return out.reshape(-1, model.na)
 
 
 def fill_histories(system: RecordedSystem, model, segments: Segments) -> Floats | None:
@@ -270,33 +274,44 @@ def filter_commands(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
     return out
 
 
-def _follow_pid(
-    system: RecordedSystem, model, episode: SampledEpisode, actuator: int
-) -> Floats:
-    """States (n, G) of a <pid>: its goal where that is slow, its error's sum if any.
+def _follow_pids(
+    system: RecordedSystem, hypotheses: Hypotheses, episode: SampledEpisode
+) -> dict[int, Floats]:
+    """States of each <pid> with any, by the address of its first one.
 
-    The goal begins with the first command. The sum begins at 0, and stays there where
-    the joint is not read.
+    A state is its goal where that is slow, or its summed error. The goal begins with
+    the first command. The sum begins at 0, and stays there where the joint is not read.
 
     Args:
         system: that is simulated.
-        model: a variant of the given model, compiled.
+        hypotheses: n of them.
         episode: with G steps.
-        actuator: its id.
+
+    Returns:
+        (1 or n, G, states) of each.
     """
-    states, step = [], system.timestep
-    goal = episode.ctrl[:, find_goal(model, actuator)]
-    most, rate = model.actuator_dynprm[actuator, :2]  # imax, slewmax; 0: none
-    if rate > 0:
-        goal = limit_rate_of_column(goal[None], np.array([rate * step]))[0]
-        states.append(np.append(goal[:1], goal[:-1]))
-    if model.actuator_gainprm[actuator, 0]:
-        place = actuator_place(system.compiler.nominal, actuator)
-        read = _read_joint(system, episode, place)
-        added = _add_up(goal - place["gear"] * read, step)[:-1]
-        bound = most if most > 0 else np.inf
-        states.append(_accumulate_clipped(added, 0.0, -bound, bound))
-    return np.array(states)
+    model, step, found = hypotheses.variant.model, system.timestep, {}
+    for a in np.flatnonzero(model.actuator_dyntype == DYN_PID).tolist():
+        states = []
+        ctrl = transform_commands(
+            hypotheses.terms, hypotheses.term_values, episode, step,
+            centered=False, mean=False,
+        )  # fmt: skip
+        late = np.array([[model.actuator_delay[a] / step]])
+        goal = delay_column(ctrl[..., find_goal(model, a)], late)
+        most, rate = model.actuator_dynprm[a, :2]  # imax, slewmax; 0: none
+        if rate > 0:
+            goal = limit_rate_of_column(goal, np.full(len(goal), rate * step))
+            states.append(np.concatenate([goal[:, :1], goal[:, :-1]], axis=1))
+        if model.actuator_gainprm[a, 0]:
+            place = actuator_place(system.compiler.nominal, a)
+            error = goal - place["gear"] * _read_joint(system, episode, place)
+            bound = most if most > 0 else np.inf
+            added = (_add_up(each[:-1], step) for each in error)
+            sums = [_accumulate_clipped(x, 0.0, -bound, bound) for x in added]
+            states.append(np.array(sums))
+        found[int(model.actuator_actadr[a])] = np.stack(states, axis=-1)
+    return found
 
 
 def _accumulate_clipped(

@@ -69,12 +69,11 @@ class InitialStates:
                     self._settle_second_joint(
                         term, variant.map_place(place), values, q, v
                     )
-        activations = compute_activations(system, variant.model, segments)
         histories = fill_histories(system, variant.model, segments)
         return BatchState(
             q.reshape(n * w, -1),
             v.reshape(n * w, -1),
-            None if activations is None else np.tile(activations, (n, 1)),
+            compute_activations(system, hypotheses, segments),
             integrate_servo_errors(system, self.cache, hypotheses, segments),
             None if histories is None else np.tile(histories, (n, 1)),
         )
