@@ -2,7 +2,6 @@
 
 from .check import validate
 from .controls import (
-    Control,
     find_controls,
     find_output,
     find_single_columns,
@@ -17,7 +16,6 @@ from .store import open_recording, open_writer, read, write
 
 __all__ = [
     "KINDS",
-    "Control",
     "Episode",
     "ModelNames",
     "Recording",

@@ -34,20 +34,14 @@ class Control(NamedTuple):
 def list_controls(model: "mujoco.MjModel") -> tuple[Control, ...]:
     """The controls (nu) of a model, in MuJoCo's order."""
     return tuple(
-        Control(model.actuator(a).name, find_input_name(model, a, k))
+        Control(model.actuator(a).name, _find_input_name(model, a, k))
         for a in range(model.nactuator)
         for k in range(model.actuator_ctrlnum[a])
     )
 
 
-def find_input_name(model: "mujoco.MjModel", actuator: int, number: int) -> str:
-    """MuJoCo's name of one of several controls; empty of an only one.
-
-    Args:
-        model: compiled.
-        actuator: its id.
-        number: of the control among the actuator's.
-    """
+def _find_input_name(model: "mujoco.MjModel", actuator: int, number: int) -> str:
+    """MuJoCo's name of one of an actuator's controls, by its number among them."""
     import mujoco
 
     if model.actuator_ctrlnum[actuator] == 1:

@@ -28,7 +28,7 @@ class ModelNames:
     Attributes:
         targets: of each sort (joint, actuator, body, sensor), by name.
         controls: (nu) one for each column of ctrl.
-        unnamed: number of actuators that have a control and no name.
+        unnamed: number of actuators without a name.
         nq: length of qpos0.
         nv: length of qvel0.
     """
@@ -76,8 +76,8 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
             "of ctrl can be theirs; would fit: a name for each"
         )
     fits = [c.actuator for c in names.controls]
-    known = {*model, *(c.full_name for c in names.controls)}
-    if unknown := [name for name in given if name not in known]:
+    full = [c.full_name for c in names.controls]
+    if unknown := [name for name in given if name not in (*model, *full)]:
         raise place.make_error(
             f"the model has no actuator {format_names(unknown)}; would fit: "
             f"{format_names(fits)}"
@@ -92,9 +92,8 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
         )
     if sorted(assigned) != list(range(len(fits))):
         raise place.make_error(
-            f"ctrl has columns for {format_names(given)}, but the model's controls "
-            f"are {format_names(c.full_name for c in names.controls)}; would fit: "
-            f"{format_names(fits)}"
+            f"ctrl has columns for {format_names(given)}; would fit: "
+            f"{format_names(fits)}{f' or {format_names(full)}' * (full != fits)}"
         )
 
 

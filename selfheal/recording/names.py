@@ -122,10 +122,7 @@ def list_model_names(model: "mujoco.MjModel") -> ModelNames:
     # what has no name cannot be asked about
     for things in targets.values():
         things.pop("", None)
-    unnamed = sum(
-        not model.actuator(a).name and model.actuator_ctrlnum[a] > 0
-        for a in range(model.nactuator)
-    )
+    unnamed = model.nactuator - len(targets["actuator"])
     return ModelNames(targets, list_controls(model), unnamed, model.nq, model.nv)
 
 

@@ -32,7 +32,10 @@ def is_pid(model: "mujoco.MjModel", actuator: int) -> bool:
 
 
 def list_control_gains(model: "mujoco.MjModel", actuator: int) -> Floats:
-    """Force per unit of each of an actuator's controls [actuator's units]."""
+    """Force per unit of each of an actuator's controls [actuator's units].
+
+    That is an affine law's gain where the law is no other that is known here.
+    """
     count = int(model.actuator_ctrlnum[actuator])
     if not is_pid(model, actuator):
         return np.full(count, model.actuator_gainprm[actuator, 0])
@@ -54,13 +57,11 @@ def find_goal(model: "mujoco.MjModel", actuator: int) -> int:
     The unit may be any.
     """
     controls = find_controls(model, actuator)
-    if model.actuator_biasprm[actuator, 1] >= 0:
-        return -1
-    if has_affine_force(model, actuator):
-        return controls[0]
-    if is_pid(model, actuator) and "pos" in (names := _list_inputs(model, actuator)):
-        return controls[names.index("pos")]
-    return -1
+    if is_pid(model, actuator):
+        names = _list_inputs(model, actuator)
+        return controls[names.index("pos")] if "pos" in names else -1
+    is_servo = model.actuator_biasprm[actuator, 1] < 0
+    return controls[0] if is_servo and has_affine_force(model, actuator) else -1
 
 
 def _list_inputs(model: "mujoco.MjModel", actuator: int) -> list[str]:

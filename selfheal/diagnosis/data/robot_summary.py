@@ -128,7 +128,7 @@ class Actuator:
         qpos: index of its joint's position in qpos; -1: it drives no joint.
         servo: whether it holds a position that is commanded.
         max_force: largest torque that it was asked for [N m or N].
-        max_rate: largest rate of its command [unit/s].
+        max_rate: largest rate of its goal, or of its commands if it has none [unit/s].
         unit: of the joint's position, "rad" or "m".
         measured: whether the joint's position is recorded.
     """

@@ -308,7 +308,8 @@ def _ball_terms(model, joint: int) -> Iterator[Term]:
 
 def _actuator_terms(robot: RobotSummary) -> list[Term]:
     """Gains, gears and time constants of actuators whose law MJCF states by these."""
-    model, found = robot.model, list[Term]()
+    model = robot.model
+    found: list[Term] = []
     for a in robot.actuators:
         if has_affine_force(model, a.id):
             found += _affine_terms(model, a)

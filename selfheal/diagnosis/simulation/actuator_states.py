@@ -290,7 +290,7 @@ def _follow_pids(
     Returns:
         (1 or n, G, states) of each.
     """
-    model, step, found = hypotheses.variant.model, system.timestep, {}
+    model, step, found = hypotheses.models[0], system.timestep, {}
     for a in np.flatnonzero(model.actuator_dyntype == DYN_PID).tolist():
         states = []
         ctrl = transform_commands(
