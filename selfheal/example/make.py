@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import UnknownNameError
 from ..files import check_writable_folder
-from ..recording import Recording
+from ..recording import Recording, list_controls
 from .simulate import Run, simulate_runs
 from .write_logs import (
     GRIPPER_RANGE,
@@ -254,7 +254,7 @@ def _write_recording(
         has_speeds: whether the log has the joints' speeds.
     """
     joints = [model.joint(j).name for j in range(model.njnt)]
-    actuators = [model.actuator(a).name for a in range(model.nu)]
+    actuators = [control.full_name for control in list_controls(model)]
     episodes = {}
     for number, run in enumerate(runs):
         signals = {"joint_position": dict(zip(joints, run.position.T, strict=True))}

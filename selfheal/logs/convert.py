@@ -122,7 +122,7 @@ def import_logs(
     _note_assumed(resolved[0], made)
     robot = next((log.robot for log in logs if log.robot), None)
     source = ", ".join(log.path.name for log in logs)
-    order = {name: k for k, name in enumerate(names.targets["actuator"])}
+    order = {control.full_name: k for k, control in enumerate(names.controls)}
     with open_writer(path, robot, source) as writer:
         for log, channels in zip(logs, resolved, strict=True):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""

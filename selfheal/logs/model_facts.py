@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..recording import find_controls, list_controls
+
 if TYPE_CHECKING:
     import mujoco
 
@@ -67,20 +69,25 @@ def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
     import mujoco
 
     found = []
-    for a in range(model.nu):
+    controls = list_controls(model)
+    for a in range(model.nactuator):
         name, joint = model.actuator(a).name, _find_joint(model, a)
         if not name:
             continue
         aliases = (model.joint(joint).name,) if joint >= 0 else ()
-        low, high = -np.inf, np.inf
-        if model.actuator_ctrllimited[a]:
-            low, high = model.actuator_ctrlrange[a]
         unit, force = "", ""
         if joint >= 0:
             is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
             force = "N m" if is_hinge else "N"
             unit = _find_command_unit(model, a, "rad" if is_hinge else "m")
-        found.append(Place("command", name, aliases, unit, 1, low, high, joint))
+        for c in find_controls(model, a):
+            low, high = -np.inf, np.inf
+            if model.actuator_ctrllimited[c]:
+                low, high = model.actuator_ctrlrange[c]
+            full, own = controls[c].full_name, unit
+            if full != name:
+                own = ""  # of a position, a speed or a torque: nothing says which
+            found.append(Place("command", full, aliases, own, 1, low, high, joint))
         if force:
             found.append(Place("joint_torque", name, aliases, force, joint=joint))
         found += [

@@ -1,7 +1,7 @@
 """A map put to a log and a model: rules in; the channels to be converted out."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +87,9 @@ def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Cha
     stream, columns, stars = _find_columns(rule.columns, log.streams)
     targets = list(rule.targets) or stars or [""]
     sort = "actuator" if rule.kind == COMMAND else KINDS[rule.kind].target
-    known = names.targets[sort]
+    known: Collection[str] = names.targets[sort]
+    if rule.kind == COMMAND:
+        known = [control.full_name for control in names.controls]
     for target in targets:
         may_lack = rule.kind != COMMAND and KINDS[rule.kind].may_lack_target
         if target not in known and not (may_lack and not target):
@@ -269,7 +271,8 @@ def check_commands(channels: Sequence[Channel], names: ModelNames, file: str) ->
         InputError: names the actuators.
     """
     given = {c.target for c in channels if c.kind == COMMAND}
-    if missing := [name for name in names.targets["actuator"] if name not in given]:
+    every = [control.full_name for control in names.controls]
+    if missing := [name for name in every if name not in given]:
         raise InputError(
             f"{file}: no columns for the command of {', '.join(missing)}; would fit: "
             f'[[signals]] kind = "{COMMAND}", with columns, or with columns = [] and '

@@ -6,6 +6,7 @@ import numpy as np
 
 from selfheal.logs.base import Log, Stream
 from selfheal.logs.log_map import parse_map
+from selfheal.recording.controls import Control
 from selfheal.recording.model import ModelNames, Target
 
 NAMES = ModelNames(
@@ -18,7 +19,8 @@ NAMES = ModelNames(
         "body": {"base": Target({})},
         "sensor": {"gyro": Target({"sensor": "rad/s"}, 3)},
     },
-    nu=2,
+    controls=(Control("hip", ""), Control("knee", "")),
+    unnamed=0,
     nq=2,
     nv=2,
 )
