@@ -88,7 +88,7 @@ def get_size(path: Path) -> int:
 
 
 def make_unique(names: Iterable[str]) -> list[str]:
-    """Names, of which later ones that stood before get a number: `q`, `q_2`."""
+    """Names, of which one that stood before gets a number, as in "q_2"."""
     found, counts = dict[str, None](), Counter[str]()
     for name in names:
         counts[name] += 1

@@ -107,7 +107,7 @@ class Fields:
 
         Args:
             message: of the type.
-            row: (columns) that is filled.
+            row: (C) that is filled, a number for each column.
             names: of elements, stated by a message around it.
         """
         get, targets, times = self._plan

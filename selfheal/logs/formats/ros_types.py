@@ -26,7 +26,7 @@ def make_typestore(name: str, text: str, form: str) -> Any:
         form: "msg" or "idl".
 
     Returns:
-        A `rosbags.typesys.store.Typestore` that knows the type.
+        A Typestore of rosbags that knows the type.
 
     Raises:
         UnknownTypeError: it is not defined, or its definition cannot be used.
