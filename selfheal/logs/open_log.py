@@ -28,9 +28,14 @@ def open_log(path: str | os.PathLike[str]) -> Log:
     broken = list[str]()
     names = list[str]()
     for found in _load_formats(broken):
-        if found.recognizes(path):
-            return found.open(path)
         names.append(found.name)
+        try:
+            is_this = found.recognizes(path)
+        except Exception as error:  # of a third party's, or of a folder that is closed
+            broken.append(f"{found.name} cannot tell: {clean_text(error)}")
+            continue
+        if is_this:
+            return found.open(path)
     message = f"{path}: no log that is read; these are: {', '.join(names)}"
     raise InputError("; ".join([message, *broken]))
 

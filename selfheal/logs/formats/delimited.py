@@ -22,7 +22,7 @@ from .common import (
 from .dialect import COMMENTS, MISSING, Dialect, find_dialect, part_list
 
 _SAMPLE = 262_144  # bytes that tell the dialect; chosen: a thousand rows, or nearly
-_BLOCK = 4_000_000  # bytes that are parsed at once; chosen: a row has fewer
+_BLOCK = 1_000_000  # bytes that are parsed at once; chosen: a row has fewer
 _GZIP = b"\x1f\x8b"
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log")
 _JSON = (".json", ".jsonl", ".ndjson")
@@ -101,9 +101,8 @@ class DelimitedLog(Log):
             shape = (dialect.widths[cell],) if dialect.widths[cell] else ()
             for element, column in enumerate(name_elements(name, shape)):
                 self._places[column] = cell, element
-                units[column] = (
-                    "" if dialect.kinds[cell] == "time" else (dialect.units[cell])
-                )
+                is_time = dialect.kinds[cell] == "time"
+                units[column] = "s" if is_time else dialect.units[cell]
         times = [n for n, k in zip(dialect.names, dialect.kinds, strict=True)
                  if k == "time"]  # fmt: skip
         self.streams = [Stream("", units, time=times[0] if len(times) == 1 else "")]

@@ -14,7 +14,8 @@ MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", 
            "none", "-")  # fmt: skip
 _DELIMITERS = ("\t", ";", ",", "|", " ")  # those first that stand in no number or text
 _MAX_LINES = 1_000  # of a sample; chosen: enough to tell a text from a number
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.I)
+_MAX_NAME = 200  # characters of a name in which a unit is looked for; chosen
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.I)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _TIME = re.compile(  # ISO 8601
     r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)? ?(Z|[+-]\d\d(:?\d\d)?)?"
@@ -197,7 +198,7 @@ def _are_units(row: Sequence[str], below: Sequence[str], decimal: str) -> bool:
 
 def _find_unit(name: str) -> str:
     """The unit in brackets at the end of a name; "" of an index."""
-    found = _UNIT.fullmatch(name)
+    found = _UNIT.fullmatch(name[-_MAX_NAME:])
     return found[1] if found and not found[1].isdigit() else ""
 
 

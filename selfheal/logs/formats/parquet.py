@@ -131,7 +131,10 @@ class ParquetLog(Log):
         reader = f"{__name__}:read_sample"
         if reason := explain_dangerous(files[0], reader, "pyarrow.parquet"):
             raise InputError(f"{path}: {reason}")
+        import pyarrow as pa
+
         columns, places = list[str](), list[tuple[str, int | None]]()
+        times, durations = list[str](), list[str]()
         for name, column in _list_columns(read_sample(files[0])):
             if is_list(column.type):
                 width = find_width(column)
@@ -140,12 +143,16 @@ class ParquetLog(Log):
             elif is_readable(column.type):
                 columns.append(name)
                 places.append((name, None))
+                times += [name] * pa.types.is_timestamp(column.type)
+                durations += [name] * pa.types.is_temporal(column.type)
         if not 0 < len(columns) <= MAX_COLUMNS:
             raise InputError(f"{path}: {len(columns)} columns of numbers")
         columns = make_unique(columns)
         self._places = dict(zip(columns, places, strict=True))
         rows = sum(_open_file(file).metadata.num_rows for file in files)
-        self.streams = [Stream("", dict.fromkeys(columns, ""), rows)]
+        units = dict.fromkeys(columns, "") | dict.fromkeys(durations, "s")
+        time = times[0] if len(times) == 1 else ""
+        self.streams = [Stream("", units, rows, time)]
 
     def read(
         self, wanted: Mapping[str, Sequence[str]], report: Report | None = None

@@ -139,11 +139,11 @@ class RosLog(Log):
                     break
         late = {name for name in spoken if not self._decoders[name].learned}
         for source in self._sources:
-            for message in source.read(late):
+            for message in source.read(late) if late else ():
                 self._decoders[message.topic].learn(message.content)
                 late.discard(message.topic)
                 if not late:
-                    return
+                    break
 
     def read(
         self, wanted: Mapping[str, Sequence[str]], report: Report | None = None

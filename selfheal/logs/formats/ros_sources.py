@@ -287,8 +287,8 @@ def _list_topics(reader: Any, coding: str = "") -> list[Topic]:
     with closing(reader):
         return [
             Topic(
-                name=found.topic,
-                kind=found.msgtype,
+                name=str(found.topic),
+                kind=str(found.msgtype),
                 definition=found.msgdef.data,
                 form="idl" if found.msgdef.format == forms.IDL else "msg",
                 coding=coding or found.ext.serialization_format,

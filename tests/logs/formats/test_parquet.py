@@ -44,6 +44,8 @@ def test_columns_of_any_type_are_numbers_or_texts(tmp_path):
     )
     log = open_log(path)
     check_rows(log)
+    assert log.streams[0].time == "when"
+    assert log.streams[0].columns["when"] == log.streams[0].columns["took"] == "s"
     found = read_all(log)[""]
     assert list(found) == [
         *("t", "n", "on", "when", "took", "label", "leg.q", "leg.v.x")

@@ -1,0 +1,84 @@
+"""Time and memory of reading large logs, beside the libraries of their formats alone.
+
+    python -m benchmarks.logs [--size 2.0]
+
+Writes a CSV and an MCAP of so many gigabytes, each by its own library, reads all their
+columns in a process for each reader, and gives docs/results/logs.md.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.logs.readers import READERS
+from benchmarks.logs.writers import WRITERS
+from benchmarks.writer import Section, make_parser, publish_results
+
+_HEADER = ("log", "read by", "time [s]", "processor time [s]", "peak memory [MB]")
+Row = dict[str, Any]
+
+
+def measure(reader: str, path: Path) -> Row:
+    """Times [s] and peak memory [B] of a process that reads a log.
+
+    Args:
+        reader: a key of `READERS`.
+        path: of the log.
+    """
+    command = [sys.executable, "-m", "benchmarks.logs.readers", reader, str(path)]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(found.stdout)
+
+
+def measure_all(folder: Path, size: float) -> list[Row]:
+    """A row for each log and reader.
+
+    Args:
+        folder: where the logs are written, one at a time.
+        size: of each [B].
+    """
+    rows = list[Row]()
+    for name, write in WRITERS.items():
+        path = folder / f"log.{name}"
+        write(path, size)
+        for reader in READERS:
+            kind, _, by = reader.partition(" ")
+            if kind == name:
+                row = {"log": name, "by": by, "size": path.stat().st_size}
+                rows.append(row | measure(reader, path))
+                print(json.dumps(rows[-1]), flush=True)
+        path.unlink()
+    return rows
+
+
+def main() -> None:
+    """Write, read, publish."""
+    line = make_parser(__doc__)
+    line.add_argument("--size", type=float, default=2.0, help="of each log [GB]")
+    line.add_argument("--folder", type=Path, help="where the logs are written")
+    given = line.parse_args()
+    with tempfile.TemporaryDirectory(dir=given.folder) as folder:
+        rows = measure_all(Path(folder), given.size * 1e9)
+    cells = [
+        (
+            f"{r['log']}, {r['size'] / 1e6:.0f} MB",
+            r["by"],
+            f"{r['seconds']:.1f}",
+            f"{r['processor']:.1f}",
+            f"{r['memory'] / 1e6:.0f}",
+        )
+        for r in rows
+    ]
+    text = (
+        "All columns of a log are read, from a file that the system holds in memory "
+        "already. The MCAP has joint states and IMU messages, packed by zstd."
+    )
+    section = Section("All columns", text, _HEADER, cells)
+    publish_results(given.root, "logs", "Reading logs", [section], {"rows": rows})
+
+
+if __name__ == "__main__":
+    main()
