@@ -1,6 +1,7 @@
 """What readers of formats share: takes names, cells and errors as files have them."""
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -52,12 +53,14 @@ def explain_damage(path: Path, what: str) -> Iterator[None]:
         what: such a file in words, for the message.
 
     Raises:
-        InputError: in place of any other exception.
+        InputError: in place of any other exception; it names the file.
     """
     try:
         yield
-    except InputError:
-        raise
+    except InputError as error:
+        if str(path) in str(error):
+            raise
+        raise InputError(f"{path}: {error}") from error
     except MemoryError as error:
         raise InputError(f"{path}: it states sizes that are too large") from error
     except Exception as error:
@@ -85,6 +88,12 @@ def read_start(path: Path, size: int = 16) -> bytes:
 def get_size(path: Path) -> int:
     """Size of a file [B], at least 1 so that shares of it can be told."""
     return max(1, os.stat(path).st_size)
+
+
+def order_naturally(name: str) -> list[tuple[int, str]]:
+    """A key to sort names by, which puts "demo_2" before "demo_10"."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(p) if p.isdecimal() and len(p) < 20 else -1, p) for p in parts]
 
 
 def make_unique(names: Iterable[str]) -> list[str]:

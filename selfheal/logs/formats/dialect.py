@@ -15,10 +15,13 @@ MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", 
 _DELIMITERS = ("\t", ";", ",", "|", " ")  # those first that stand in no number or text
 _MAX_LINES = 1_000  # of a sample; chosen: enough to tell a text from a number
 _MAX_NAME = 200  # characters of a name in which a unit is looked for; chosen
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?(inf|nan)", re.I)
+_NUMBER = re.compile(
+    r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|[+-]?(inf|nan)", re.ASCII | re.IGNORECASE
+)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _TIME = re.compile(  # ISO 8601
-    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)? ?(Z|[+-]\d\d(:?\d\d)?)?"
+    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)? ?(Z|[+-]\d\d(:?\d\d)?)?",
+    re.ASCII,
 )
 _UNIT = re.compile(r"[^\[\]()]+[\[(]\s*([^\[\]()]{1,20}?)\s*[\])]\s*")
 
@@ -61,8 +64,7 @@ def find_dialect(sample: bytes, whole: bool) -> Dialect | None:
     text = sample.decode(encoding, errors="ignore").lstrip("\ufeff")
     if not encoding.startswith("utf-16") and b"\0" in sample:
         return None
-    lines = text.split("\n")[: None if whole else -1]
-    lines = [line.rstrip("\r") for line in lines]
+    lines = re.split(r"\r\n|\n|\r", text)[: None if whole else -1]
     start, comment = 0, ""
     while start < len(lines) and _is_no_row(lines[start]):
         comment = lines[start].strip() or comment
@@ -79,8 +81,6 @@ def find_dialect(sample: bytes, whole: bool) -> Dialect | None:
         delimiter, rows = ",", [[line.strip()] for line in body[:_MAX_LINES]]
         if len(rows) < 2 or not all(_is_number(row[0], ".") for row in rows[1:]):
             return None
-    if len(rows[0]) > MAX_COLUMNS:
-        return None
     return _make_dialect(rows, lines, comment, delimiter, encoding)
 
 
@@ -118,12 +118,15 @@ def _make_dialect(
     comment: str,
     delimiter: str,
     encoding: str,
-) -> Dialect:
-    """The dialect of rows, the first of which may be a header and one of units."""
+) -> Dialect | None:
+    """The dialect of rows, the first of which may be a header and one of units.
+
+    None where they have too many columns.
+    """
     decimal = _find_decimal(rows, delimiter)
     width, heads = len(rows[0]), 0
     names, units = [str(k) for k in range(width)], [""] * width
-    if not any(_is_data(cell, decimal) for cell in rows[0]):
+    if _is_header(rows, decimal):
         heads = 1
         names = [cell or name for cell, name in zip(rows[0], names, strict=True)]
         if len(rows) > 2 and _are_units(rows[1], rows[2], decimal):
@@ -135,6 +138,12 @@ def _make_dialect(
     units = [unit or _find_unit(name) for unit, name in zip(units, names, strict=True)]
     columns = list(zip(*rows[heads:], strict=True)) or [()] * width
     kinds = [_find_kind(column, decimal) for column in columns]
+    widths = [
+        max(len(part_list(cell)) for cell in column) if kind == "list" else 0
+        for column, kind in zip(columns, kinds, strict=True)
+    ]
+    if width + sum(widths) > MAX_COLUMNS:
+        return None
     return Dialect(
         delimiter=delimiter,
         encoding=encoding,
@@ -142,10 +151,7 @@ def _make_dialect(
         names=make_unique(names),
         units=units,
         kinds=kinds,
-        widths=[
-            max(len(part_list(cell)) for cell in column) if kind == "list" else 0
-            for column, kind in zip(columns, kinds, strict=True)
-        ],
+        widths=widths,
         decimal=decimal,
         has_comments=any(line.strip().startswith(COMMENTS) for line in lines),
     )
@@ -183,6 +189,16 @@ def _is_data(cell: str, decimal: str) -> bool:
         _is_number(cell, decimal)
         or bool(_TIME.fullmatch(cell))
         or bool(part_list(cell))
+    )
+
+
+def _is_header(rows: Sequence[Sequence[str]], decimal: str) -> bool:
+    """Whether the first row is one: it has no data, or words above numbers."""
+    if not any(_is_data(cell, decimal) for cell in rows[0]):
+        return True
+    return any(
+        not _is_data(cell, decimal) and cell not in MISSING and _is_number(low, decimal)
+        for cell, low in zip(rows[0], rows[min(1, len(rows) - 1)], strict=True)
     )
 
 

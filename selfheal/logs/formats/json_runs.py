@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..base import Log, LogFormat, Report, Rows, Stream
-from .arrays import ArrayLog, Run, Table, group_arrays, is_usable
+from .arrays import ArrayLog, Run, Table, group_arrays
 from .common import (
     MAX_COLUMNS,
     MAX_ELEMENTS,
@@ -19,13 +19,13 @@ from .common import (
     convert_cells,
     explain_damage,
     get_size,
-    make_unique,
     read_start,
 )
 from .run_groups import are_runs
 
 _MAX_SIZE = 256_000_000  # bytes of a document; chosen: read it takes ten times as much
 _MAX_DEPTH = 16  # of objects in objects; chosen
+_MAX_CELLS = 1_000_000  # of rows of which most lack most columns; chosen
 _MAX_LINE = 16_000_000  # bytes of one of JSON lines; chosen
 _SAMPLE, _PIECE = 1_000, 4_096  # JSON lines that tell the columns; that are a piece
 _LABELS = ("label", "name", "id", "episode", "run", "motion", "type", "trajectory")
@@ -190,20 +190,20 @@ def make_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Columns (T) of rows that are objects; those of objects in them by their paths.
 
     Raises:
-        InputError: they are too many.
+        InputError: they are too many, or most rows lack most of them.
     """
-    cells = dict[str, list[Any]]()
+    found, count = dict[str, dict[int, Any]](), 0
     for number, row in enumerate(rows):
         for name, cell in flatten(row):
-            column = cells.setdefault(name, [None] * number)
-            column.append(cell)
-        if len(cells) > MAX_COLUMNS:
-            raise InputError(f"more than {MAX_COLUMNS} columns")
-        for column in cells.values():
-            if len(column) <= number:
-                column.append(None)
-    arrays = {name: convert_cells(column) for name, column in cells.items()}
-    return {name: array for name, array in arrays.items() if is_usable(array)}
+            found.setdefault(name, {})[number] = cell
+            count += 1
+        if len(found) > MAX_COLUMNS or len(found) * number > _MAX_CELLS + 20 * count:
+            raise InputError("its objects have too many members, or too few alike")
+    numbers = range(len(rows))
+    return {
+        name: convert_cells([cells.get(number) for number in numbers])
+        for name, cells in found.items()
+    }
 
 
 def flatten(value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
@@ -280,7 +280,7 @@ class JsonLinesLog(Log):
         names = list(make_columns(rows))
         if not names:
             raise InputError(f"{path}: its lines hold no numbers")
-        self.streams = [Stream("", dict.fromkeys(make_unique(names), ""))]
+        self.streams = [Stream("", dict.fromkeys(names, ""))]
 
     def read(
         self, wanted: Mapping[str, Sequence[str]], report: Report | None = None

@@ -1,6 +1,5 @@
 """ROS bags: takes ROS 1 bags, ROS 2 bags in SQLite and MCAP, gives a stream a topic."""
 
-import re
 import shutil
 import tempfile
 import weakref
@@ -14,7 +13,13 @@ import numpy as np
 
 from ...errors import InputError
 from ..base import Log, LogFormat, Report, Rows, Stream
-from .common import check_wanted, explain_damage, import_extra, read_start
+from .common import (
+    check_wanted,
+    explain_damage,
+    import_extra,
+    order_naturally,
+    read_start,
+)
 from .ros_messages import Fields
 from .ros_sources import (
     Bag1Source,
@@ -63,9 +68,7 @@ def _list_files(path: Path) -> list[Path]:
         is_bag = path.name.endswith(_PACKED) or _find_source(path)
         return [path] if is_bag else []
     files = [f for f in path.iterdir() if f.name.endswith((".mcap", ".db3", *_PACKED))]
-    parts = {file: re.split(r"(\d+)", file.name) for file in files}
-    numbers = {f: [int(p) if p.isdigit() else p for p in parts[f]] for f in files}
-    return sorted(files, key=lambda file: numbers[file])
+    return sorted(files, key=lambda file: order_naturally(file.name))
 
 
 def _find_source(path: Path) -> type[Source] | None:

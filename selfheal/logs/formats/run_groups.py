@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from .arrays import Run, Table, group_arrays, is_usable
+from .common import order_naturally
 
 # how people call runs
 _RUN = re.compile(
@@ -33,7 +34,7 @@ def make_tables(
         tables = group_arrays(arrays)
         return [Table(t.runs, t.name, units) for t in tables]
     inner, runs = dict[str, str](), list[Run]()
-    for path in sorted(groups, key=_order_naturally):
+    for path in sorted(groups, key=order_naturally):
         start = len(path) + 1
         members = {name[start:]: arrays[name] for name in groups[path]}
         inner |= {name[start:]: units[name] for name in groups[path] if name in units}
@@ -85,9 +86,3 @@ def _get_label(path: str) -> str:
     """The last step of a path, with the one before it where it is a number alone."""
     *_, parent, label = ["", *path.split("/")]
     return f"{parent}_{label}" if label.isdecimal() else label
-
-
-def _order_naturally(path: str) -> list[tuple[int, str]]:
-    """A key that puts `demo_2` before `demo_10`."""
-    parts = re.split(r"(\d+)", path)
-    return [(int(p) if p.isdecimal() and len(p) < 20 else -1, p) for p in parts]

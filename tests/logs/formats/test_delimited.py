@@ -37,6 +37,7 @@ def test_columns_have_the_names_and_the_units_of_the_header(write):
     [
         "t\tq\n1\t2\n3\t4\n",
         "t,q\r\n1,2\r\n3,4\r\n",
+        "t,q\r1,2\r3,4\r",
         "t, q\n1, 2\n3, 4\n",
         '"t","q"\n"1","2"\n"3","4"\n',
         "t;q\n1,0;2,0\n3,0;4,0\n",
@@ -64,6 +65,10 @@ def test_the_last_row_is_left_out_where_the_logger_was_cut_off(write, rows):
 def test_a_table_without_header_has_numbers_for_names(write):
     path = write("1 2 3\n4 5 6\n", "log.txt")
     assert list(read_one(path)) == ["0", "1", "2"]
+
+
+def test_names_may_be_numbers_beside_a_word(write):
+    assert list(read_one(write("time,1,2\n0.5,7,8\n0.6,7,8\n"))) == ["time", "1", "2"]
 
 
 def test_a_row_of_units_gives_the_units(write):
