@@ -122,7 +122,8 @@ def test_the_last_of_json_lines_may_be_cut_off(write):
 @pytest.mark.parametrize(
     "text",
     ["{", "[]", json.dumps([{str(k): 1} for k in range(3000)]), "{}", "[1, 2",
-     '{"a": 1}', "[" * 100_000, '{"a":' * 100_000, '{"a": 1}\n[1]\n', '{"a": [' + "1" * 5000 + "]}"],
+     '{"a": 1}', "[" * 100_000, '{"a":' * 100_000, '{"a": 1}\n[1]\n',
+     '{"a": [' + "1" * 5000 + "]}"],
 )  # fmt: skip
 def test_what_is_no_log_is_refused(write, text):
     with pytest.raises(InputError):
