@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from selfheal.logs.convert import ImportReport
-    from selfheal.logs.guess import Guess
+    from selfheal.logs.guessing.guess import Guess
+    from selfheal.logs.import_report import ImportReport
     from selfheal.logs.offsets import Offset
 
 
@@ -16,7 +16,7 @@ def print_guess(guess: "Guess") -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from selfheal.logs.map_text import describe_unit
+    from selfheal.logs.guessing.map_text import describe_unit
 
     console = Console()
     table = Table()

@@ -91,8 +91,8 @@ def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
     """Write a map that fits a log, as far as can be told."""
     from selfheal.errors import InputError
     from selfheal.files import atomic_path
-    from selfheal.logs.guess import guess_map
-    from selfheal.logs.map_text import format_map
+    from selfheal.logs.guessing.guess import guess_map
+    from selfheal.logs.guessing.map_text import format_map
     from selfheal.logs.open_log import open_log
     from selfheal.recording import load_model
 

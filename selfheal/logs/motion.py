@@ -36,7 +36,7 @@ class Relation:
     """A straight line through the values of two columns.
 
     Attributes:
-        slope: of the second over the first [unit of the one per unit of the other].
+        slope: of the second over the first [1 if their units are the same].
         correlation: -1 to 1.
         lag: [s] by which the second is later.
     """
@@ -88,8 +88,8 @@ def compare_speed(time: Floats, position: Floats, speed: Floats) -> Relation:
 
     Args:
         time: (n) [s] increasing.
-        position: (n) [any unit].
-        speed: (n) [any unit].
+        position: (n) [rad], or any unit.
+        speed: (n) [rad/s], or any unit.
 
     Returns:
         The line of the change of position over the integral of the speed, in windows.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..recording import KINDS, ModelNames
-from ..recording.build import name_signal
+from ..recording.data import name_signal
 from .base import Log, Stream
 from .log_map import COMMAND, ColumnRule
 from .units import find_unit, get_unit, list_units

@@ -8,11 +8,13 @@ from .controls import (
     list_controls,
     order_columns,
 )
-from .data import KINDS, Episode, Recording, Signal
+from .data import KINDS, Episode, Signal
 from .model import ModelNames, Target, check_against_model
 from .names import list_model_names, load_model, read_names, read_spec
+from .recording import Recording
 from .split import shorten_names, split, strip_file, strip_window
-from .store import open_recording, open_writer, read, write
+from .store import open_recording, read
+from .writing import open_writer, write
 
 __all__ = [
     "KINDS",

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .data import KINDS, Episode, Floats, Kind, Location, Recording, Signal
+from .data import KINDS, Episode, EpisodeTable, Floats, Kind, Location, Signal
 
 NORM_TOLERANCE = 0.01  # of a quaternion; chosen: two printed decimals still pass
 MAX_MAGNITUDE = 1e10  # of any number in SI units; MuJoCo's mjMAXVAL of a state
 
 
-def validate(recording: Recording) -> None:
+def validate(recording: EpisodeTable) -> None:
     """Refuse what breaks the contract and needs no model to see.
 
     Raises:
@@ -21,20 +21,34 @@ def validate(recording: Recording) -> None:
             "it holds no episode; at least one is needed"
         )
     for name, episode in recording.episodes.items():
-        place = Location(recording.file, name)
-        _check_id(name, place)
-        _check_time(episode.time, place)
-        _check_ctrl(episode, place)
-        _check_state(episode, place)
-        for what, values in (
-            ("time", episode.time), ("ctrl", episode.ctrl),
-            ("qpos0", episode.qpos0), ("qvel0", episode.qvel0),
-        ):  # fmt: skip
-            _check_magnitude(what, values, place)
-        for signal_name, signal in episode.signals.items():
-            where = Location(recording.file, name, signal_name)
-            _check_id(signal_name, where)
-            _check_signal(signal, episode.time.size, where)
+        check_episode(name, episode, recording.file)
+
+
+def check_episode(name: str, episode: Episode, file: str) -> None:
+    """Refuse an episode that breaks the contract.
+
+    Args:
+        name: its id.
+        episode: or a part of one.
+        file: that it is in, for the message.
+
+    Raises:
+        RecordingError: the first problem.
+    """
+    place = Location(file, name)
+    _check_id(name, place)
+    _check_time(episode.time, place)
+    _check_ctrl(episode, place)
+    _check_state(episode, place)
+    for what, values in (
+        ("time", episode.time), ("ctrl", episode.ctrl),
+        ("qpos0", episode.qpos0), ("qvel0", episode.qvel0),
+    ):  # fmt: skip
+        _check_magnitude(what, values, place)
+    for signal_name, signal in episode.signals.items():
+        where = Location(file, name, signal_name)
+        _check_id(signal_name, where)
+        _check_signal(signal, episode.time.size, where)
 
 
 def format_names(names: Iterable[str]) -> str:

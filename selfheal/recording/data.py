@@ -1,9 +1,8 @@
 """The nouns of contract section 1: arrays in, frozen records of one robot out."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,90 +56,24 @@ class Episode:
     motion: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """What one robot did and felt.
+class EpisodeTable(Protocol):
+    """What is checked and written: a `Recording`, or a part of one.
 
     Attributes:
         episodes: by id.
         robot: label or None.
         source: where the data come from, or None.
-        file: the file it was read from, for messages and for names of held-out
-            episodes; not stored.
+        file: name for messages.
     """
 
-    episodes: Mapping[str, Episode]
-    robot: str | None = None
-    source: str | None = None
-    file: str = "recording"
-
-    @classmethod
-    def from_arrays(
-        cls,
-        time: Any,
-        ctrl: Mapping[str, Any],
-        signals: Mapping[str, Mapping[str, Any]],
-        *,
-        model: str | os.PathLike[str] | None = None,
-        **more: Any,
-    ) -> "Recording":
-        """Make a recording of one episode of arrays, and check it.
-
-        Args:
-            time: (T) [s] strictly increasing.
-            ctrl: command (T) by name of the actuator, in the actuator's own unit.
-            signals: (T), or (T, d) of a vector, by kind of `KINDS` and by name of
-                the joint, actuator, body or sensor; NaN where a sample is missing.
-            model: MJCF or URDF that the names are checked against; it tells slides
-                (m, m/s, N) from hinges (rad, rad/s, N m), which are assumed without.
-            **more: `episode` (its id), `qpos0` (nq), `qvel0` (nv), `motion`, `robot`,
-                `source`: see `Episode` and `Recording`.
-
-        Raises:
-            RecordingError: it breaks the contract; says where and what would fit.
-            InputError: an array that holds no numbers, or a name that is none.
-        """
-        from .build import build_recording, find_names
-
-        return build_recording(time, ctrl, signals, names=find_names(model), **more)
-
-    @classmethod
-    def from_dataframe(
-        cls,
-        frame: Any,
-        time: str,
-        ctrl: Mapping[str, str],
-        signals: Mapping[str, Mapping[str, Any]],
-        **more: Any,
-    ) -> "Recording":
-        """Make a recording of one episode of a table, and check it.
-
-        Args:
-            frame: pandas or polars data frame.
-            time: name of the column of times [s].
-            ctrl: name of a column by actuator.
-            signals: name of a column, or a list of names for a vector, by kind and
-                target.
-            **more: as `from_arrays` takes it.
-
-        Raises:
-            RecordingError: it breaks the contract.
-            InputError: the table lacks a column, or one holds no numbers.
-        """
-        from .build import read_table
-
-        return cls.from_arrays(*read_table(frame, time, ctrl, signals), **more)
-
-    def write(self, path: str | os.PathLike[str]) -> None:
-        """Check this recording and write it, whole or not at all.
-
-        Raises:
-            RecordingError: it breaks the contract; nothing is written.
-            InputError: nothing can be written there.
-        """
-        from .store import write
-
-        write(self, path)
+    @property
+    def episodes(self) -> Mapping[str, Episode]: ...  # noqa: D102
+    @property
+    def robot(self) -> str | None: ...  # noqa: D102
+    @property
+    def source(self) -> str | None: ...  # noqa: D102
+    @property
+    def file(self) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -190,3 +123,19 @@ class Location:
         if self.signal is not None:
             place += f", signal {self.signal!r}"
         return RecordingError(f"{place}: {problem}")
+
+
+def name_signal(kind: str, target: str, taken: Mapping[str, Any]) -> str:
+    """A name for a signal that no other has: "elbow_position", say.
+
+    Args:
+        kind: of the contract.
+        target: of the model, or "".
+        taken: names that others have.
+    """
+    word = kind.removeprefix("joint_").removeprefix("body_")
+    parts = [target, "" if kind == "sensor" else word]
+    name = "_".join(filter(None, parts)).replace("/", "_").replace("\0", "_")
+    while name in taken or name in ("", ".", ".."):
+        name += "_"
+    return name

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from .check import format_names
 from .controls import Control, assign_columns
-from .data import KINDS, Episode, Location, Recording, Signal
+from .data import KINDS, Episode, EpisodeTable, Location, Signal
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ModelNames:
     nv: int
 
 
-def check_against_model(recording: Recording, names: ModelNames) -> None:
+def check_against_model(recording: EpisodeTable, names: ModelNames) -> None:
     """Refuse a recording that speaks of what the model does not have.
 
     Raises:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
-from .data import Episode, Floats, Location, Recording
+from .data import Episode, Floats, Location
+from .recording import Recording
 
 # of an episode's duration, left out beside each held-out piece; chosen: both sides of
 # a cut share the same motion, and a fit that saw one has nearly seen the other

@@ -12,6 +12,7 @@ from tests.support.paths import ROOT
 ROOMS = [
     *("errors", "limited_reading", "files", "mujoco_files", "schema", "recording"),
     "logs",
+    "example",
     *("mjcf", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),

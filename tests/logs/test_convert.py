@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from selfheal.errors import InputError
-from selfheal.logs import convert
+from selfheal.logs import converter
 from selfheal.logs.convert import import_logs
 from selfheal.recording import read
-from tests.logs.table_log import NAMES, TableLog, make_map
+from tests.support.logs.table_log import NAMES, TableLog, make_map
 
 COMMANDS = """
 [[signals]]
@@ -59,7 +59,7 @@ def test_blocks_of_any_length_make_the_same_recording(tmp_path, monkeypatch):
             'columns = "b:w"\ntargets = ["knee"]\n')  # fmt: skip
     found = []
     for block in (1000, 7, 1):
-        monkeypatch.setattr(convert, "_BLOCK", block)
+        monkeypatch.setattr(converter, "_BLOCK", block)
         recording, _ = _import(TableLog(streams), text, tmp_path)
         found.append(recording.episodes["000"])
     for other in found[1:]:

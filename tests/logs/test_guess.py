@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.logs.column_names import read_name, score_kinds, score_names
 from selfheal.logs.convert import import_logs
-from selfheal.logs.guess import guess_map
+from selfheal.logs.guessing.column_names import read_name, score_kinds, score_names
+from selfheal.logs.guessing.guess import guess_map
+from selfheal.logs.guessing.map_text import format_map
 from selfheal.logs.log_map import COMMAND, parse_map
-from selfheal.logs.map_text import format_map
 from selfheal.recording import list_model_names, read
-from tests.logs.table_log import TableLog
+from tests.support.logs.table_log import TableLog
 
 JOINTS = {"pan": (-2.5, 2.5), "lift": (-0.2, 2.0), "elbow": (-2.6, -0.3)}
 ARM = f"""<mujoco>

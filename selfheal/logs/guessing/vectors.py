@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..model_facts import Place
+from .assignment import Column
 from .column_names import score_names
-from .guess_columns import Column
-from .guess_units import UnitGuess
-from .model_facts import Place
+from .unit_guesses import UnitGuess
 
 # words of a name, the unit of a sensor that measures it, and the kind of a body's
 # signal; ROS's sensor_msgs/Imu, geometry_msgs/Pose and nav_msgs/Odometry

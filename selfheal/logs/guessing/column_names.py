@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from .units import find_unit
+from ..units import find_unit
 
 # words of names of columns, topics and fields, as ROS messages, LeRobot, robomimic,
 # Unitree's SDK, servo and PLC tools write them; a later kind wins over an earlier one

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Stream
+from ..base import Stream
+from ..model_facts import Place
+from ..motion import Sample
 from .column_names import FILLERS, NameFacts, find_stem, score_kinds, score_names
 from .column_names import read_name as read_column_name
-from .model_facts import Place
-from .motion import Sample
 
 Floats = NDArray[np.float64]
 # what speaks for a place, in nats; chosen: a name outweighs all else

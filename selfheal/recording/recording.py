@@ -1,21 +1,105 @@
-"""Recordings of arrays in memory: arrays or a table by name in; a checked one out."""
+"""What one robot did and felt: made of files, of arrays or of tables; checked."""
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from .check import validate
-from .data import KINDS, Episode, Recording, Signal
+from .data import KINDS, Episode, Signal, name_signal
 from .model import ModelNames, check_against_model
+from .names import read_names
+from .writing import write
 
 # targets by kind, what is measured of each
 Table = Mapping[str, Mapping[str, Any]]
 
 
-def build_recording(
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What one robot did and felt.
+
+    Attributes:
+        episodes: by id.
+        robot: label or None.
+        source: where the data come from, or None.
+        file: the file it was read from, for messages and for names of held-out
+            episodes; not stored.
+    """
+
+    episodes: Mapping[str, Episode]
+    robot: str | None = None
+    source: str | None = None
+    file: str = "recording"
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: Any,
+        ctrl: Mapping[str, Any],
+        signals: Mapping[str, Mapping[str, Any]],
+        *,
+        model: str | os.PathLike[str] | None = None,
+        **more: Any,
+    ) -> "Recording":
+        """Make a recording of one episode of arrays, and check it.
+
+        Args:
+            time: (T) [s] strictly increasing.
+            ctrl: command (T) by name of the actuator, in the actuator's own unit.
+            signals: (T), or (T, d) of a vector, by kind of `KINDS` and by name of
+                the joint, actuator, body or sensor; NaN where a sample is missing.
+            model: MJCF or URDF that the names are checked against; it tells slides
+                (m, m/s, N) from hinges (rad, rad/s, N m), which are assumed without.
+            **more: `episode` (its id), `qpos0` (nq), `qvel0` (nv), `motion`, `robot`,
+                `source`: see `Episode` and `Recording`.
+
+        Raises:
+            RecordingError: it breaks the contract; says where and what would fit.
+            InputError: an array that holds no numbers, or a name that is none.
+        """
+        names = None if model is None else read_names(model)
+        return _build_recording(time, ctrl, signals, names=names, **more)
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: Any,
+        time: str,
+        ctrl: Mapping[str, str],
+        signals: Mapping[str, Mapping[str, Any]],
+        **more: Any,
+    ) -> "Recording":
+        """Make a recording of one episode of a table, and check it.
+
+        Args:
+            frame: pandas or polars data frame.
+            time: name of the column of times [s].
+            ctrl: name of a column by actuator.
+            signals: name of a column, or a list of names for a vector, by kind and
+                target.
+            **more: as `from_arrays` takes it.
+
+        Raises:
+            RecordingError: it breaks the contract.
+            InputError: the table lacks a column, or one holds no numbers.
+        """
+        return cls.from_arrays(*_read_table(frame, time, ctrl, signals), **more)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Check this recording and write it, whole or not at all.
+
+        Raises:
+            RecordingError: it breaks the contract; nothing is written.
+            InputError: nothing can be written there.
+        """
+        write(self, path)
+
+
+def _build_recording(
     time: Any,
     ctrl: Mapping[str, Any],
     signals: Table,
@@ -48,12 +132,7 @@ def build_recording(
         InputError: an array that holds no numbers, or rows that do not fit.
     """
     stamps = _to_floats("time", time)
-    columns = [_to_floats(f"ctrl of {name!r}", ctrl[name]) for name in ctrl]
-    for name, column in zip(ctrl, columns, strict=True):
-        if column.shape != stamps.shape:
-            raise InputError(
-                f"ctrl of {name!r} has shape {column.shape}; would fit: {stamps.shape}"
-            )
+    held = _stack_commands(ctrl, stamps.shape)
     made = dict[str, Signal]()
     for kind, table in signals.items():
         if kind not in KINDS:
@@ -64,7 +143,6 @@ def build_recording(
                 kind, target, _find_unit(kind, target, names),
             )  # fmt: skip
             made[name_signal(kind, target, made)] = signal
-    held = np.stack(columns, axis=1) if columns else np.empty((stamps.size, 0))
     part = Episode(
         stamps, held, tuple(ctrl), made,
         None if qpos0 is None else _to_floats("qpos0", qpos0),
@@ -78,7 +156,18 @@ def build_recording(
     return recording
 
 
-def read_table(
+def _stack_commands(ctrl: Mapping[str, Any], shape: tuple[int, ...]) -> np.ndarray:
+    """Commands by actuator as one array (T, nu), each of a shape (T)."""
+    columns = [_to_floats(f"ctrl of {name!r}", ctrl[name]) for name in ctrl]
+    for name, column in zip(ctrl, columns, strict=True):
+        if column.shape != shape:
+            raise InputError(
+                f"ctrl of {name!r} has shape {column.shape}; would fit: {shape}"
+            )
+    return np.stack(columns, axis=1) if columns else np.empty((*shape[:1], 0))
+
+
+def _read_table(
     frame: Any, time: str, ctrl: Mapping[str, str], signals: Table
 ) -> tuple[Any, dict[str, Any], dict[str, dict[str, Any]]]:
     """Arrays of a table's columns, as `build_recording` takes them.
@@ -110,29 +199,6 @@ def read_table(
         {kind: {target: take(name) for target, name in table.items()}
          for kind, table in signals.items()},
     )  # fmt: skip
-
-
-def name_signal(kind: str, target: str, taken: Mapping[str, Any]) -> str:
-    """A name for a signal that no other has: "elbow_position", say.
-
-    Args:
-        kind: of the contract.
-        target: of the model, or "".
-        taken: names that others have.
-    """
-    word = kind.removeprefix("joint_").removeprefix("body_")
-    parts = [target, "" if kind == "sensor" else word]
-    name = "_".join(filter(None, parts)).replace("/", "_").replace("\0", "_")
-    while name in taken or name in ("", ".", ".."):
-        name += "_"
-    return name
-
-
-def find_names(model: str | os.PathLike[str] | None) -> ModelNames | None:
-    """The names of a model at a path; None where there is no path."""
-    from .names import read_names
-
-    return None if model is None else read_names(model)
 
 
 def _find_unit(kind: str, target: str, names: ModelNames | None) -> str:

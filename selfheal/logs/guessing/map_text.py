@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from .base import Stream
+from ..base import Stream
+from ..log_map import Clock
 from .guess import Guess, GuessedLine
-from .guess_units import UnitGuess
-from .log_map import Clock
+from .unit_guesses import UnitGuess
 
 _WIDTH = 88  # characters of a line; chosen: as this program's own
 _SURE = 0.7  # below, a comment asks to look; chosen

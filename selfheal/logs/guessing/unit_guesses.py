@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .guess_columns import Column, Match
-from .model_facts import Place
-from .motion import Relation, measure_share_inside
-from .units import find_unit
+from ..model_facts import Place
+from ..motion import Relation, measure_share_inside
+from ..units import find_unit
+from .assignment import Column, Match
 
 Floats = NDArray[np.float64]
 _CANDIDATES = {"rad": ("rad", "deg", "turn"), "m": ("m", "mm", "cm")}

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .base import Stream
+from ..base import Stream
+from ..log_map import Clock, EpisodeRule
+from ..motion import Sample
+from ..units import find_unit
 from .column_names import read_name
-from .log_map import Clock, EpisodeRule
-from .motion import Sample
-from .units import find_unit
 
 _TIME_WORDS = {"time", "timestamp", "t", "stamp", "sec", "secs", "seconds", "clock",
                "timestamps", "ts", "elapsed", "millis", "micros"}  # fmt: skip

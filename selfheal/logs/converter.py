@@ -1,0 +1,285 @@
+"""A log on its way into a recording: takes columns from the disk, gives episodes."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import MAX_VALUES
+from ..recording import Episode, Signal
+from .base import Log, Stream
+from .import_report import EpisodeReport, ImportReport
+from .log_map import COMMAND, Clock, LogMap
+from .resolve import Channel, name_signals
+from .spool import Spool
+from .timeline import (
+    TIME_RESOLUTION,
+    Span,
+    StreamTime,
+    clip_times,
+    find_rows,
+    merge_times,
+    read_clock,
+    split_episodes,
+)
+from .units import get_unit
+
+Floats = NDArray[np.float64]
+_BLOCK = 200_000  # rows that are converted at once; chosen: some 10 MB of a robot
+Report = Callable[[str, float], None]  # is told a file and the share of it that is read
+
+
+@dataclass
+class Converter:
+    """One log on its way into a recording.
+
+    Attributes:
+        log: that is read.
+        log_map: of it.
+        channels: that are taken; commands in the order of the model's actuators.
+        spool: of its columns.
+        prefix: of the ids of its episodes.
+        used: ids that are taken.
+    """
+
+    log: Log
+    log_map: LogMap
+    channels: Sequence[Channel]
+    spool: Spool
+    prefix: str
+    used: set[str] = field(default_factory=set)
+
+    def read_log(self, report: Report | None) -> None:
+        """Bring all columns that are needed to the disk."""
+        wanted = dict[str, list[str]]()
+        for stream in self._list_streams():
+            columns = [
+                c for ch in self.channels if ch.stream == stream.name
+                for c in ch.columns
+            ]  # fmt: skip
+            more = [self._find_clock(stream)[1], self._find_label(stream)]
+            columns += [name for name in more if name]
+            wanted[stream.name] = list(dict.fromkeys(columns))
+        name = self.log.path.name
+        tell = None if report is None else partial(report, name)
+        for stream_name, rows in self.log.read(wanted, tell):
+            self.spool.append(stream_name, rows)
+
+    def convert(self, made: ImportReport) -> Iterator[tuple[str, Iterator[Episode]]]:
+        """The episodes, each in parts, by id."""
+        streams = {s.name: self._read_time(s) for s in self._list_streams()}
+        spans, mended = split_episodes(streams, self.log_map.episodes)
+        for number, span in enumerate(spans):
+            times = {n: streams[n].time[rows] for n, rows in span.rows.items()}
+            clocks = self._list_channel_times(times)
+            base = clip_times(self.log_map.time, merge_times(clocks))
+            if not base.size:
+                continue
+            start, held = self._find_first_commands(span, clocks, base)
+            mended.before_command += int((base < start).sum())
+            base = base[base >= start]
+            self._check_size(base)
+            name = self._name_episode(number, span)
+            rates = {n: 1 / float(np.median(np.diff(t)))
+                     for n, t in times.items() if t.size > 1}  # fmt: skip
+            seconds = float(base[-1] - base[0])
+            made.episodes.append(
+                EpisodeReport(name, float(base[0]), seconds, base.size, rates)
+            )
+            yield name, self._convert_span(span, clocks, base, held)
+        made.add_mended(mended)
+
+    def _list_streams(self) -> list[Stream]:
+        """Streams of which something is needed, in the order of the log."""
+        used = {channel.stream for channel in self.channels if channel.columns}
+        marks = self.log_map.episodes.stream
+        if marks is not None:
+            used.add(marks)
+        return [stream for stream in self.log.streams if stream.name in used]
+
+    def _find_clock(self, stream: Stream) -> tuple[Clock, str]:
+        """The clock of a stream and the column of its time, "" if it has none."""
+        base = self.log_map.time
+        clock = base.streams.get(stream.name, base)
+        column = clock.column.removeprefix(f"{stream.name}:")
+        if clock.rate is not None:
+            return clock, ""
+        if column and column not in stream.columns:
+            raise InputError(
+                f"{self.log.path}: stream {stream.name!r} has no column {column!r} for "
+                f"the time; would fit: {', '.join(stream.columns)}"
+            )
+        if not column and not stream.time and stream.period is None:
+            raise InputError(
+                f"{self.log.path}: the map states no time, and the log has none; would "
+                'fit: [time] column = "..." or rate = ... in Hz'
+            )
+        return clock, column or stream.time
+
+    def _find_label(self, stream: Stream) -> str:
+        """The column that tells episodes of a stream apart; "" if it has none."""
+        rule = self.log_map.episodes
+        column = rule.column.removeprefix(f"{stream.name}:")
+        if column:
+            return column if column in stream.columns else ""
+        return stream.episode if rule.gap is None and rule.stream is None else ""
+
+    def _read_time(self, stream: Stream) -> StreamTime:
+        """When the rows of a stream were measured."""
+        clock, column = self._find_clock(stream)
+        rows = self.spool.rows.get(stream.name, 0)
+        if clock.rate is not None:
+            factor = 1 / clock.rate
+        elif column:
+            factor = get_unit(clock.unit if clock.column else "s").factor
+        else:
+            factor = stream.period or 0.0
+        values = self.spool.read(stream.name, column) if column else None
+        label = self._find_label(stream)
+        numbers = self.spool.read(stream.name, label) if label else None
+        time = read_clock(clock, values, rows, factor)
+        return StreamTime(time, None if numbers is None else numbers.astype(np.intp))
+
+    def _list_channel_times(self, times: Mapping[str, Floats]) -> list[Floats]:
+        """(n) [s] of each channel: its stream's, by its delay earlier."""
+        return [times.get(c.stream, np.empty(0)) - c.delay for c in self.channels]
+
+    def _find_first_commands(
+        self, span: Span, clocks: Sequence[Floats], base: Floats
+    ) -> tuple[float, Floats]:
+        """Since when every command is known.
+
+        Args:
+            span: rows of the streams.
+            clocks: (n) [s] of each channel.
+            base: (T) [s] time base.
+
+        Returns:
+            [s] that time, not before the base begins, and (nu) the commands then.
+        """
+        start, known = base[0], list[tuple[Floats, Floats]]()
+        for channel, clock in zip(self.channels, clocks, strict=True):
+            if channel.kind != COMMAND:
+                continue
+            if not channel.columns:
+                known.append((np.array([-np.inf]), channel.offset))
+                continue
+            rows = span.rows[channel.stream]
+            values = self.spool.read(channel.stream, channel.columns[0])[rows]
+            valid = np.isfinite(values)
+            if not valid.any():
+                raise InputError(
+                    f"{self.log.path}: an episode has no command of {channel.target}: "
+                    f"no number in column {channel.columns[0]!r}"
+                )
+            known.append((clock[valid], channel.convert(values[valid])))
+            start = max(start, clock[valid][0])
+        held = [values[np.searchsorted(time, start + TIME_RESOLUTION) - 1]
+                for time, values in known]  # fmt: skip
+        return start, np.array(held)
+
+    def _check_size(self, base: Floats) -> None:
+        """Refuse what no recording can hold."""
+        count = base.size * (1 + sum(max(1, len(c.columns)) for c in self.channels))
+        if count > MAX_VALUES:
+            raise InputError(
+                f"{self.log.path}: an episode of {count} values; a recording holds at "
+                f"most {MAX_VALUES}: take fewer columns, or a part by [time] start and "
+                "end"
+            )
+
+    def _name_episode(self, number: int, span: Span) -> str:
+        """An id that no other episode has."""
+        label = ""
+        for stream in self._list_streams():
+            column = self._find_label(stream)
+            texts = self.spool.get_labels(stream.name, column) if column else {}
+            label = texts.get(span.label, label)
+        if not label:
+            label = f"{number if span.label < 0 else span.label:03d}"
+        label = self.prefix + label.replace("/", "_").replace("\0", "_")
+        name, k = label, 1
+        while name in self.used or name in ("", ".", ".."):
+            k += 1
+            name = f"{label}_{k}"
+        self.used.add(name)
+        return name
+
+    def _convert_span(
+        self, span: Span, clocks: Sequence[Floats], base: Floats, held: Floats
+    ) -> Iterator[Episode]:
+        """An episode in parts.
+
+        Args:
+            span: rows of the streams.
+            clocks: (n) [s] of each channel.
+            base: (T) [s] time base.
+            held: (nu) commands when it begins.
+        """
+        names = name_signals(self.channels)
+        commands = [k for k, c in enumerate(self.channels) if c.kind == COMMAND]
+        for start in range(0, base.size, _BLOCK):
+            time = base[start : start + _BLOCK]
+            blocks = [
+                self._read_block(channel, span, clock, time)
+                for channel, clock in zip(self.channels, clocks, strict=True)
+            ]
+            ctrl = np.column_stack([blocks[k][:, 0] for k in commands] or [
+                np.empty((time.size, 0))])  # fmt: skip
+            held = _hold(ctrl, held)
+            signals = {
+                name: Signal(
+                    blocks[k] if _is_vector(self.channels[k]) else blocks[k][:, 0],
+                    self.channels[k].kind,
+                    self.channels[k].target,
+                    self.channels[k].unit,
+                )
+                for k, name in names.items()
+            }
+            targets = tuple(self.channels[k].target for k in commands)
+            yield Episode(time - base[0], ctrl, targets, signals)
+
+    def _read_block(
+        self, channel: Channel, span: Span, clock: Floats, time: Floats
+    ) -> Floats:
+        """Values (T, d) of a channel at some times (T) [s]; NaN where it has none."""
+        values = np.full((time.size, max(1, len(channel.columns))), np.nan)
+        if not channel.columns:
+            values[:] = channel.offset
+            return values
+        low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
+        taken = span.rows[channel.stream][low:high]
+        place, rows = find_rows(time, clock[low:high])
+        if not taken.size:
+            return values
+        first = int(taken.min())
+        end = int(taken.max()) + 1
+        for k, column in enumerate(channel.columns):
+            piece = self.spool.read(channel.stream, column, first, end)
+            values[place, k] = piece[taken - first][rows]
+        values[place] = channel.convert(values[place])
+        return values
+
+
+def _is_vector(channel: Channel) -> bool:
+    return len(channel.columns) > 1
+
+
+def _hold(ctrl: Floats, before: Floats) -> Floats:
+    """Repeat each command (T, nu) until the next one, in place.
+
+    Args:
+        ctrl: NaN where there is no new one.
+        before: (nu) the commands held before the first row.
+
+    Returns:
+        (nu) those of the last row.
+    """
+    rows = np.arange(len(ctrl))[:, None]
+    last = np.maximum.accumulate(np.where(np.isnan(ctrl), -1, rows), axis=0)
+    held = np.take_along_axis(ctrl, np.maximum(last, 0), axis=0)
+    ctrl[:] = np.where(last < 0, before, held)
+    return ctrl[-1].copy() if len(ctrl) else before

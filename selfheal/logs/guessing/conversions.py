@@ -1,0 +1,126 @@
+"""Units and signs of matched columns together: matches in; conversions out."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..log_map import COMMAND
+from ..model_facts import Place
+from ..motion import Relation, compare_command, compare_speed
+from ..units import find_unit
+from .assignment import Column, Match
+from .unit_guesses import (
+    UnitGuess,
+    find_flipped,
+    guess_command_unit,
+    guess_position_units,
+    guess_speed_unit,
+)
+
+
+def guess_conversions(matches: Sequence[Match]) -> list[UnitGuess]:
+    """The unit of each match; those of positions first, for the others hang on them."""
+    found = dict[int, UnitGuess]()
+    for kind, unit in itertools.product(("joint_position", COMMAND), ("rad", "m")):
+        members = [k for k, m in enumerate(matches)
+                   if m.place.kind == kind and m.place.unit == unit]  # fmt: skip
+        if members:
+            guessed = guess_position_units([matches[k] for k in members])
+            found |= dict(zip(members, guessed, strict=True))
+    positions = {m.place.joint: k for k, m in enumerate(matches)
+                 if m.place.kind == "joint_position"}  # fmt: skip
+    relations = {
+        k: _scale(relate(m.column, matches[p].column, m.place), found[p])
+        for k, m in enumerate(matches)
+        if m.place.kind in (COMMAND, "joint_velocity")
+        and (p := positions.get(m.place.joint)) is not None
+    }
+    for k, match in enumerate(matches):
+        place = match.place
+        if place.kind == COMMAND and k in relations:
+            better = guess_command_unit(match.column, place, relations[k])
+            if better is not None:
+                found[k] = better
+                if relations[k].slope < 0:
+                    position = positions[place.joint]
+                    found |= _settle_signs(matches, found, position, k)
+    for k, match in enumerate(matches):
+        if match.place.unit.endswith("/s"):
+            guessed_unit = guess_speed_unit(match.column, match.place, relations.get(k))
+            joint = positions.get(match.place.joint)
+            sign = found[joint].sign if joint is not None else 1
+            found[k] = replace(guessed_unit, sign=sign * guessed_unit.sign)
+        elif k not in found:
+            found[k] = _take_stated_unit(match)
+    return [found[k] for k in range(len(matches))]
+
+
+def _settle_signs(
+    matches: Sequence[Match],
+    found: Mapping[int, UnitGuess],
+    position: int,
+    command: int,
+) -> dict[int, UnitGuess]:
+    """Units of a position and a command that move against each other.
+
+    Args:
+        matches: all.
+        found: units by number of the match.
+        position: number of the position.
+        command: number of the command.
+    """
+    pair = position, command
+    first, second = ((matches[k], found[k]) for k in pair)
+    flipped = find_flipped(first, second)
+    if not flipped:
+        why = "position and command move against each other: one needs sign = -1"
+        return {k: replace(found[k], sure=0.5, why=why) for k in pair}
+    why = "position and command move against each other, and this one leaves its limits"
+    turned = position if flipped == "position" else command
+    return {turned: replace(found[turned], sign=-1, sure=0.8, why=why)}
+
+
+def _take_stated_unit(match: Match) -> UnitGuess:
+    """The unit that a log states, where it fits."""
+    name = match.column.facts.unit
+    unit = find_unit(name) if name else None
+    if unit is not None and match.place.unit in ("", unit.si):
+        return UnitGuess(name, sure=0.95, why="the log states its unit")
+    return UnitGuess("", sure=0.6, why="no unit is stated")
+
+
+def _scale(relation: Relation, unit: UnitGuess) -> Relation:
+    """A relation of a position in its column's unit as one in SI units."""
+    known = find_unit(unit.unit)
+    factor = known.factor if known else 1.0
+    if unit.ranges:
+        (low, high), (bottom, top) = unit.ranges
+        factor = (top - bottom) / (high - low)
+    return Relation(relation.slope * factor, relation.correlation, relation.lag)
+
+
+def relate(column: Column, position: Column, place: Place) -> Relation:
+    """How speeds or commands go with positions.
+
+    Args:
+        column: of speeds, or of commands.
+        position: column of the joint's position.
+        place: to which the first one belongs.
+
+    Returns:
+        The line of the position in its column's unit over the command, or over the
+        integral of the speed.
+    """
+    if not place.unit.endswith("/s"):
+        return compare_command(
+            (column.time, column.values), (position.time, position.values)
+        )
+    if column.stream == position.stream:
+        return compare_speed(position.time, position.values, column.values)
+    valid = np.isfinite(position.values)
+    if valid.sum() < 2 or not column.time.size:
+        return Relation(0.0, 0.0)
+    at = np.interp(column.time, position.time[valid], position.values[valid])
+    return compare_speed(column.time, at, column.values)
