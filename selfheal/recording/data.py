@@ -57,23 +57,23 @@ class Episode:
 
 
 class EpisodeTable(Protocol):
-    """What is checked and written: a `Recording`, or a part of one.
-
-    Attributes:
-        episodes: by id.
-        robot: label or None.
-        source: where the data come from, or None.
-        file: name for messages.
-    """
+    """What is checked and written: a `Recording`, or a part of one."""
 
     @property
-    def episodes(self) -> Mapping[str, Episode]: ...  # noqa: D102
+    def episodes(self) -> Mapping[str, Episode]:
+        """Episodes by id."""
+
     @property
-    def robot(self) -> str | None: ...  # noqa: D102
+    def robot(self) -> str | None:
+        """Label or None."""
+
     @property
-    def source(self) -> str | None: ...  # noqa: D102
+    def source(self) -> str | None:
+        """Where the data come from, or None."""
+
     @property
-    def file(self) -> str: ...  # noqa: D102
+    def file(self) -> str:
+        """Name for messages."""
 
 
 @dataclass(frozen=True)

@@ -23,18 +23,39 @@ def read_channels(
         Time (S) [s] and channels (S, C); a signal that the recording lacks is NaN.
 
     Raises:
-        RecordingError: none of the signals is there.
+        RecordingError: none of the signals is there, or one has too many columns.
     """
     name = episode or next(iter(recording.episodes))
     e, channels = recording.episodes[name], list_channels(anatomy)
+    where = f"{recording.file}, episode {name!r}"
+    for sensor in dict.fromkeys(channels.sensors):
+        _check_shape(e, sensor, where)
     columns = [_read_channel(e, channels, k) for k in range(len(channels.names))]
     values = np.stack(columns, axis=1)
     if np.isnan(values).all():
         raise RecordingError(
-            f"{recording.file}, episode {name!r}: none of the signals "
+            f"{where}: none of the signals "
             f"{', '.join(dict.fromkeys(channels.sensors))} is in it"
         )
     return e.time, values
+
+
+def _check_shape(episode: Episode, sensor: str, where: str) -> None:
+    """Refuse a signal with another number of columns than its sensor has.
+
+    Args:
+        episode: that may have it.
+        sensor: name of the signal.
+        where: the episode is, for the message.
+    """
+    signal = episode.signals.get(sensor)
+    wanted = (3,) if sensor in ("vertical", "torso_position") else ()
+    if signal is not None and signal.values.shape[1:] != wanted:
+        fits = ", ".join(map(str, (episode.time.size, *wanted)))
+        raise RecordingError(
+            f"{where}, signal {sensor!r}: shape {signal.values.shape}; would fit: "
+            f"({fits}{',' * (not wanted)})"
+        )
 
 
 def _read_channel(episode: Episode, channels: Channels, k: int) -> Floats:
