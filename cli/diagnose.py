@@ -47,6 +47,10 @@ def diagnose(
             help="An episode, a piece id[t0,t1], or a file to prove it on; once each.",
         ),
     ] = None,
+    no_check: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A fault of logs to let pass, as `sign`."),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
@@ -70,8 +74,9 @@ def diagnose(
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
         try:
-            found = find(model, recordings, held_out=held_out or (), seed=seed,
-                         memory=memory, progress=_StageProgress(live))  # fmt: skip
+            found = find(model, recordings, held_out=held_out or (),
+                         no_check=no_check or (), seed=seed, memory=memory,
+                         progress=_StageProgress(live))  # fmt: skip
         except KeyboardInterrupt:
             if memory.exists():
                 typer.echo("selfheal: --resume goes on where this was", err=True)

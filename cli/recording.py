@@ -1,6 +1,7 @@
 """`selfheal recording`: takes a recording file, says what it holds or what is wrong."""
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from selfheal.recording import Episode, Recording
+    from selfheal.telemetry import Telemetry
 
 app = typer.Typer(
     help="Look at recordings.", no_args_is_help=True, rich_markup_mode=None
@@ -30,13 +32,26 @@ def check(
         bool, typer.Option("--json", help="One JSON object for scripts.")
     ] = False,
 ) -> None:
-    """Say what a recording holds; refuse one that breaks the contract."""
-    from selfheal.recording import check_against_model, read, read_names
+    """Say what a recording holds; refuse one that breaks the contract.
+
+    With a model, also say where the two contradict each other as no physics does.
+    """
+    from selfheal.recording import (
+        check_against_model,
+        list_model_names,
+        load_model,
+        read,
+    )
 
     recording = read(file)
+    found = None
     if model is not None:
-        check_against_model(recording, read_names(model))
-    summary = _summarize_recording(recording, model)
+        from selfheal.telemetry import examine_telemetry
+
+        compiled = load_model(model)
+        check_against_model(recording, list_model_names(compiled))
+        found = examine_telemetry(recording, compiled)
+    summary = _summarize_recording(recording, model, found)
     if as_json:
         from ._print import print_json
 
@@ -139,9 +154,11 @@ def _import_logs(
         print_import(report, out)
 
 
-def _summarize_recording(recording: "Recording", model: Path | None) -> dict[str, Any]:
+def _summarize_recording(
+    recording: "Recording", model: Path | None, found: "Telemetry | None"
+) -> dict[str, Any]:
     episodes = recording.episodes.items()
-    return {
+    summary = {
         "format": "selfheal-recording-check",
         "version": 1,
         "file": recording.file,
@@ -150,6 +167,12 @@ def _summarize_recording(recording: "Recording", model: Path | None) -> dict[str
         "source": recording.source,
         "episodes": [_summarize_episode(name, episode) for name, episode in episodes],
     }
+    if found is not None:
+        summary["telemetry"] = [
+            {**asdict(fault), "decisive": fault.is_decisive} for fault in found.faults
+        ]
+        summary["unchecked"] = list(found.unchecked)
+    return summary
 
 
 def _summarize_episode(name: str, episode: "Episode") -> dict[str, Any]:
@@ -195,7 +218,28 @@ def _print_tables(summary: dict[str, Any]) -> None:
             # text, not markup: a name in a file may hold square brackets
             table.add_row(*(Text(cell) for cell in row))
         console.print(table)
+    _print_telemetry(console, summary)
     console.print(Text(_format_verdict(summary)), soft_wrap=True)
+
+
+def _print_telemetry(console: Any, summary: dict[str, Any]) -> None:
+    """A row for each fault of the log, and what was not looked at."""
+    from rich.table import Table
+    from rich.text import Text
+
+    faults = summary.get("telemetry", [])
+    if faults:
+        table = Table()
+        for title in ("fault", "episodes", "seen", "p", "mend"):
+            table.add_column(title, overflow="fold")
+        for fault in faults:
+            every = len(fault["episodes"]) == len(summary["episodes"])
+            episodes = "all" if every else ", ".join(fault["episodes"])
+            row = (fault["kind"], episodes, fault["seen"], f"{fault['p_value']:.0e}")
+            table.add_row(*map(Text, (*row, fault["mend"])))
+        console.print(table)
+    for reason in summary.get("unchecked", []):
+        console.print(Text(f"not checked: {reason}"), soft_wrap=True)
 
 
 def _list_episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:

@@ -21,6 +21,7 @@ def diagnose(
     recordings: RecordingLike | Sequence[RecordingLike],
     *,
     held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
+    no_check: Sequence[str] = (),
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
@@ -35,6 +36,8 @@ def diagnose(
             [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
             too. Without any: a third of a recording's episodes, such that the others
             span them, or the last third of a lone one.
+        no_check: kinds of faults of a log that are not asked about, as
+            `selfheal.telemetry.KINDS` has them.
         seed: of everything random.
         memory: folder in which what is worked out is kept. The same diagnosis asked
             again with it goes on where it was killed; remove it in the end.
@@ -48,6 +51,7 @@ def diagnose(
         ModelError: MuJoCo cannot load the model.
         RecordingError: a recording breaks the contract, does not fit the model, or is
             too short or too quiet to decide anything.
+        RecordingError: its columns contradict the model as no physics does.
     """
     from ..diagnosis.diagnose import diagnose as find
     from ..report.diagnose import make_diagnosis_page
@@ -62,11 +66,42 @@ def diagnose(
     read = _open_recordings([*given, *files], spare=len(files))
     names = [name for entry in entries for name in _resolve_held_out(entry, read)]
     say = progress or (lambda what, share: None)
+    noted = _check_logs(model, read, no_check)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say)
+    found = replace(found, remarks=(*noted, *found.remarks))
     say("drawing the report", 0.0)
     return replace(
         found, page=make_diagnosis_page(found, str(model), [r.file for r in read])
     )
+
+
+def _check_logs(
+    model: str | os.PathLike[str], recordings: Sequence[Recording], skip: Sequence[str]
+) -> list[str]:
+    """What is odd about recordings; those from which nothing could be told are refused.
+
+    Args:
+        model: path of the robot's MJCF or URDF.
+        recordings: of the robot.
+        skip: kinds of faults that are not asked about.
+
+    Raises:
+        RecordingError: a recording does not fit the model, or contradicts it.
+        UnknownNameError: a kind of fault that there is not.
+    """
+    from ..recording import check_against_model, list_model_names, load_model
+    from ..telemetry import check_telemetry, list_tolerable, refuse_faulty
+
+    compiled, noted = load_model(model), []
+    for recording in recordings:
+        check_against_model(recording, list_model_names(compiled))
+        faults = check_telemetry(recording, compiled)
+        refuse_faulty(recording.file, faults, skip)
+        noted += [
+            f"{recording.file}, {fault.kind}: {fault.seen}"
+            for fault in list_tolerable(faults, skip)
+        ]
+    return noted
 
 
 def _to_list(given: Any) -> list[Any]:

@@ -11,8 +11,7 @@ from tests.support.paths import ROOT
 
 ROOMS = [
     *("errors", "limited_reading", "files", "mujoco_files", "schema", "recording"),
-    "logs",
-    "example",
+    *("logs", "example", "telemetry"),
     *("mjcf", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),

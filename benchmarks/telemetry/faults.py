@@ -1,0 +1,193 @@
+"""Faults put into clean recordings: takes a recording, gives it with one fault."""
+
+import copy
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import mujoco
+import numpy as np
+
+from selfheal.recording import Episode, Recording, Signal
+from selfheal.telemetry.joints import JointColumns, list_joints
+
+Values = np.ndarray
+LATE_VELOCITY, LATE_COMMAND = 0.25, 0.45  # [s] that a column is late
+RANGE_SHARE = 0.6  # of the readings' span that a narrowed range keeps
+
+
+@dataclass(frozen=True)
+class Injection:
+    """One fault in one recording.
+
+    Attributes:
+        name: of the sort of fault.
+        kinds: of faults that name it rightly.
+        columns: that are at fault; empty where it is the time.
+        recording: with the fault.
+        model: the given one, or with a narrowed range.
+    """
+
+    name: str
+    kinds: tuple[str, ...]
+    columns: frozenset[str]
+    recording: Recording
+    model: mujoco.MjModel
+
+
+def inject_faults(
+    recording: Recording, model: mujoco.MjModel, rng: np.random.Generator
+) -> Iterator[Injection]:
+    """Every sort of fault that a recording can have, one after the other.
+
+    A late column is only made where another one tells it: its velocity, or the command
+    of a servo. Joints that are exchanged move differently.
+
+    Args:
+        recording: a clean one.
+        model: of its robot.
+        rng: chooses joints.
+    """
+    every = list_joints(recording, model)
+    joints = [j for j in every if j.position and _moves(recording, j.position)]
+    if joints:
+        yield from _inject_joint(recording, model, joints, rng)
+    if len(joints) > 1:
+        one, other = (joints[i] for i in rng.permutation(len(joints))[:2])
+        columns = dict(zip(one.columns, other.columns, strict=True))
+        columns |= {b: a for a, b in columns.items()}
+        yield Injection(
+            "exchange", ("exchange",), frozenset(columns),
+            _edit(recording, lambda e: _exchange(e, columns)), model,
+        )  # fmt: skip
+    yield from _inject_bodies(recording, model)
+    yield from _inject_times(recording, model)
+
+
+def _inject_joint(
+    recording: Recording,
+    model: mujoco.MjModel,
+    joints: list[JointColumns],
+    rng: np.random.Generator,
+) -> Iterator[Injection]:
+    """Faults of one joint's columns.
+
+    Args:
+        recording: a clean one.
+        model: of its robot.
+        joints: that move.
+        rng: chooses one.
+    """
+    joint = joints[rng.integers(len(joints))]
+    both, position = frozenset(joint.columns), frozenset([joint.position])
+
+    def scale(factor: float, columns: frozenset[str]) -> Recording:
+        return _edit(recording, lambda e: _change(e, columns, lambda t, x: factor * x))
+
+    yield Injection("sign", ("sign",), both, scale(-1, both), model)
+    yield Injection("degrees", ("unit",), both, scale(180 / np.pi, both), model)
+    if joint.velocity:
+        speed = frozenset([joint.velocity])
+        yield Injection("sign of a velocity", ("sign",), speed, scale(-1, speed), model)
+        yield Injection(
+            "velocity in degrees", ("unit",), speed, scale(180 / np.pi, speed), model
+        )
+    frozen = _edit(recording, lambda e: _change(e, position, lambda t, x: 0 * x + x[0]))
+    yield Injection("frozen", ("frozen",), position, frozen, model)
+    if joint.velocity or joint.position_servo:
+        late = LATE_VELOCITY if joint.velocity else LATE_COMMAND
+        delayed = _edit(
+            recording, lambda e: _change(e, position, lambda t, x: _delay(t, x, late))
+        )
+        yield Injection("late", ("delay",), both, delayed, model)
+    yield Injection(
+        "range", ("joint_range",), position, recording,
+        _narrow(recording, model, joint),
+    )  # fmt: skip
+
+
+def _inject_bodies(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
+    first = next(iter(recording.episodes.values()))
+    for name, signal in first.signals.items():
+        if signal.kind == "body_orientation":
+            column = frozenset([name])
+            other = _edit(recording, partial(_change, columns=column, change=_roll))
+            yield Injection("order", ("quaternion_order",), column, other, model)
+
+
+def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
+    def tear(e: Episode) -> Episode:
+        rows = np.abs(e.time - e.time.mean()) > 0.2
+        return _select(e, rows)
+
+    def repeat(e: Episode) -> Episode:
+        steps = np.diff(e.time, prepend=e.time[0] - 1)
+        time = e.time.copy()
+        time[5::20] = time[4::20][: len(time[5::20])] + 1e-4 * np.median(steps)
+        return replace(e, time=time)
+
+    if min(e.time[-1] - e.time[0] for e in recording.episodes.values()) > 2:
+        for name, kind, change in (
+            ("gap", "gap", tear), ("duplicates", "duplicate", repeat),
+        ):  # fmt: skip
+            yield Injection(name, (kind,), frozenset(), _edit(recording, change), model)
+
+
+def _edit(recording: Recording, change: Callable[[Episode], Episode]) -> Recording:
+    episodes = {name: change(e) for name, e in recording.episodes.items()}
+    return replace(recording, episodes=episodes)
+
+
+def _change(
+    e: Episode, columns: frozenset[str], change: Callable[[Values, Values], Values]
+) -> Episode:
+    """An episode with some signals changed; the state it begins with is left out."""
+    signals = {
+        name: replace(s, values=change(e.time, s.values)) if name in columns else s
+        for name, s in e.signals.items()
+    }
+    return replace(e, signals=signals, qpos0=None, qvel0=None)
+
+
+def _roll(time: Values, quaternion: Values) -> Values:
+    """Quaternions that begin with w as x y z w."""
+    return np.roll(quaternion, -1, axis=1)
+
+
+def _exchange(e: Episode, columns: dict[str, str]) -> Episode:
+    def read(name: str, signal: Signal) -> Signal:
+        other = e.signals[columns[name]] if name in columns else signal
+        return replace(signal, values=other.values)
+
+    signals = {name: read(name, s) for name, s in e.signals.items()}
+    return replace(e, signals=signals, qpos0=None, qvel0=None)
+
+
+def _select(e: Episode, rows: np.ndarray) -> Episode:
+    signals = {n: replace(s, values=s.values[rows]) for n, s in e.signals.items()}
+    return replace(e, time=e.time[rows], ctrl=e.ctrl[rows], signals=signals)
+
+
+def _delay(time: Values, x: Values, seconds: float) -> Values:
+    known = np.isfinite(x)
+    late = np.interp(time - seconds, time[known], x[known])
+    return np.where(known, late, np.nan)
+
+
+def _narrow(
+    recording: Recording, model: mujoco.MjModel, joint: JointColumns
+) -> mujoco.MjModel:
+    """The model with a range that the readings leave."""
+    x = np.concatenate(
+        [e.signals[joint.position].values for e in recording.episodes.values()]
+    )
+    low, high = np.nanquantile(x, [0.01, 0.99])
+    narrowed = copy.copy(model)
+    narrowed.jnt_limited[joint.number] = 1
+    narrowed.jnt_range[joint.number] = low, low + RANGE_SHARE * (high - low)
+    return narrowed
+
+
+def _moves(recording: Recording, name: str) -> bool:
+    x = np.concatenate([e.signals[name].values for e in recording.episodes.values()])
+    return bool(np.nanstd(x) > 0.05)

@@ -1,0 +1,15 @@
+"""Faults of a log: a recording and its model in, what no physics can explain out."""
+
+from .check import Telemetry, check_telemetry, examine_telemetry
+from .fault import KINDS, Fault, list_decisive, list_tolerable, refuse_faulty
+
+__all__ = [
+    "KINDS",
+    "Fault",
+    "Telemetry",
+    "check_telemetry",
+    "examine_telemetry",
+    "list_decisive",
+    "list_tolerable",
+    "refuse_faulty",
+]

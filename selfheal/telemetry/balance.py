@@ -1,0 +1,328 @@
+"""The balance of torques: a mend of the columns in, what it leaves unexplained out.
+
+Inverse dynamics (Featherstone 2008, chapter 5) gives the torque that each joint's
+motion takes; the actuators give it by the model. Between them may stand whatever
+physics a model lacks: each of it is a term with a bounded coefficient. What these
+cannot stand for is a wrong sign, unit or order of the columns.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..recording import Recording
+from ..recording.data import Floats
+from .joints import JointColumns, follows_command, has_plain_commands
+from .series import Series
+from .states import Mend, States, q_of_dofs
+
+if TYPE_CHECKING:
+    import mujoco
+
+ANEW = 0.3  # change of a share's logarithm that is no noise; chosen
+MAX_ROWS = 700  # that are evaluated; chosen: 20 ms for a seven-joint arm
+MIN_BLOCKS = 6  # of which half is held out at a time; chosen: three fit nine terms
+# bounds of what missing physics may do, as shares of what the model states; chosen so
+# that it stays physics: gains, masses and gravity keep their sign, friction dissipates
+GAIN = (-0.7, 1.5)  # of an actuator
+DELAY = (-0.02, 0.12)  # [s] of a command
+GRAVITY = (-1.05, 1.0)  # none at all: a controller may compensate it
+COUPLING = (-0.5, 1.0)  # torques of other joints' motion, and of rates
+INERTIA = (-0.5, 4.0)  # rotor inertia, of the joint's own inertia
+SPRING = (-0.5, 3.0)  # of gravity's torque, per rad
+DRY_RATE = 0.1  # of a joint's usual rate, at which dry friction is whole; chosen
+# [m] at which geoms count as touching, and kernels around a contact that feel it;
+# chosen: an error of a pose, and the width of a kernel
+CONTACT_MARGIN, CONTACT_KERNELS = 0.005, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """What a mend leaves.
+
+    Attributes:
+        unexplained: (D) share of each degree of freedom's torques [1], held out.
+        blocks: (B, D) the same of each block.
+        size: (D) mean square of the torques [(N m)^2 or N^2].
+    """
+
+    unexplained: Floats
+    blocks: Floats
+    size: Floats
+
+    def find_worst(self, other: "Balance") -> float:
+        """The largest share unexplained, of the torques that `other` balances anew."""
+        ratio = np.abs(np.log(self.unexplained / other.unexplained))
+        return float(np.max(self.unexplained, where=ratio > ANEW, initial=0.0))
+
+    def gain_over(self, other: "Balance", dofs: Sequence[int]) -> tuple[float, float]:
+        """Nats a row by which this explains more, and how likely by chance.
+
+        Args:
+            other: the balance of another mend.
+            dofs: numbers of the degrees of freedom that are compared.
+
+        Returns:
+            The gain, and the p-value of a one-sided Wilcoxon signed-rank test over
+            the blocks (Wilcoxon 1945).
+        """
+        from scipy.stats import wilcoxon
+
+        a, b = self.blocks[:, dofs], other.blocks[:, dofs]
+        each = np.nansum(np.log(np.maximum(b, 1e-9) / np.maximum(a, 1e-9)), axis=1) / 2
+        each = each[np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)]
+        whole = np.log(other.unexplained[dofs] / self.unexplained[dofs]) / 2
+        if len(each) < MIN_BLOCKS or not np.any(each):
+            return float(np.sum(whole)), 1.0
+        p = wilcoxon(each, alternative="greater").pvalue
+        return float(np.sum(whole)), float(p)
+
+
+class TorqueBalance:
+    """The balance of one recording: evaluates mends in the same rows.
+
+    Attributes:
+        reason: why it cannot be computed; "" where it can.
+        dofs: (D) degrees of freedom whose torques are all known.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        model: "mujoco.MjModel",
+        joints: Sequence[JointColumns],
+        series: Series,
+    ) -> None:
+        """Choose the rows.
+
+        Args:
+            recording: of the robot.
+            model: of it.
+            joints: with their columns.
+            series: of the recording.
+        """
+        import copy
+
+        import mujoco
+
+        self.series = series
+        self.states = States(recording, model, joints, series)
+        self.model = copy.copy(model)
+        flags = mujoco.mjtDisableBit
+        off = (flags.mjDSBL_CONTACT, flags.mjDSBL_LIMIT, flags.mjDSBL_FRICTIONLOSS)
+        for flag in (*off, flags.mjDSBL_EQUALITY):
+            self.model.opt.disableflags |= int(flag)
+        self.given = model
+        self.reason = self.states.reason or self._explain_unknown()
+        if self.reason:
+            return
+        self.rows = self._choose_rows()
+        blocks = np.unique(series.block[self.rows])
+        if len(blocks) < MIN_BLOCKS:
+            self.reason = (
+                f"all positions are known, away from contacts, in {len(blocks)} blocks "
+                f"of about 1 s; at least {MIN_BLOCKS} are needed"
+            )
+            return
+        self.block = np.searchsorted(blocks, series.block[self.rows])
+        self.dofs = self._list_dofs()
+
+    def _explain_unknown(self) -> str:
+        m = self.given
+        if m.neq and m.eq_active0.any():
+            return "the model has equality constraints, whose forces are not known"
+        if not has_plain_commands(m):
+            return "an actuator of the model has several controls"
+        return ""
+
+    def _choose_rows(self) -> np.ndarray:
+        """Rows in which all positions are known, away from contacts."""
+        known = self.states.find_known()
+        if _may_touch(self.given):
+            known &= ~self._find_contacts(np.flatnonzero(known))
+        rows = np.flatnonzero(known)
+        if len(rows) > MAX_ROWS:
+            rows = rows[np.linspace(0, len(rows) - 1, MAX_ROWS).astype(int)]
+        return rows
+
+    def _find_contacts(self, rows: np.ndarray) -> np.ndarray:
+        """Whether something touches, or did within a kernel's width: (N)."""
+        import copy
+
+        import mujoco
+
+        model = copy.copy(self.given)
+        model.geom_margin[:] = np.maximum(model.geom_margin, CONTACT_MARGIN)
+        data, touches = mujoco.MjData(model), np.zeros(len(self.series.episode))
+        for row, q in zip(rows, self.states.compute(Mend(), rows)[0], strict=True):
+            data.qpos[:] = q
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_collision(model, data)
+            touches[row] = data.ncon > 0
+        wide = round(CONTACT_KERNELS * self.series.kernel / self.series.step)
+        return np.convolve(touches, np.ones(2 * wide + 1), mode="same") > 0
+
+    def _list_dofs(self) -> np.ndarray:
+        """Degrees of freedom whose actuators' forces can be computed."""
+        import mujoco
+
+        m = self.given
+        lost = np.zeros(m.nv, bool)
+        data = mujoco.MjData(m)
+        mujoco.mj_forward(m, data)
+        moment = np.zeros((m.nu, m.nv))
+        if m.nu:
+            mujoco.mju_sparse2dense(
+                moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
+                data.moment_colind,
+            )  # fmt: skip
+        for a in range(m.nu):
+            if not follows_command(m, a):
+                lost |= moment[a] != 0
+        return np.flatnonzero(~lost)
+
+    def evaluate(self, mend: Mend, every: int = 1) -> Balance:
+        """What a mend of the columns leaves unexplained, in each so many rows."""
+        parts = self.compute_torques(mend, self.rows[::every])
+        block = self.block[::every]
+        count = int(self.block.max()) + 1
+        rows = np.bincount(block, minlength=count)
+        left, size = np.empty((2, len(self.dofs)))
+        blocks = np.empty((count, len(self.dofs)))
+        for k, d in enumerate(self.dofs):
+            own = {name: values[:, d] for name, values in parts.items()}
+            rest, size[k] = _explain(own, block, self.given.dof_damping[d])
+            left[k] = np.mean(rest**2)
+            blocks[:, k] = np.bincount(block, rest**2, minlength=count) / np.maximum(
+                rows, 1
+            )
+        for first in (self.given.jnt_dofadr[j] for j in self.states.bases):
+            for three in (range(first, first + 3), range(first + 3, first + 6)):
+                these = np.isin(self.dofs, three)
+                size[these] = size[these].mean() if these.any() else 1.0
+        return Balance(np.maximum(left / size, 1e-12), blocks / size, size)
+
+    def compute_torques(self, mend: Mend, rows: np.ndarray) -> dict[str, Floats]:
+        """Torques (n, nv) that parts of the motion take, or that give it [N m or N].
+
+        Args:
+            mend: of the columns.
+            rows: (n) of the series.
+
+        Returns:
+            "hold": at rest; "rate": with velocities; "all": with accelerations; "own":
+            of the joint's own inertia [N m]. "act": of the actuators; "late": how that
+            changes as commands come later [N m/s]. "q", "v", "a": of each degree of
+            freedom [rad, rad/s, rad/s^2].
+        """
+        import mujoco
+
+        m, data = self.model, mujoco.MjData(self.model)
+        q, v, a = self.states.compute(mend, rows)
+        ctrl, change = np.zeros((len(rows), m.nu)), np.zeros((len(rows), m.nu))
+        for k in range(m.nu):
+            name = m.actuator(k).name
+            source, factor = mend.commands.get(name, (name, 1.0))
+            column = self.series.ctrl[source][rows] * factor
+            ctrl[:, k], change[:, k] = column[:, 0], column[:, 1]
+        shape = (len(rows), m.nv)
+        out = {
+            k: np.zeros(shape) for k in ("hold", "rate", "all", "own", "act", "late")
+        }
+        for i in range(len(rows)):
+            data.qpos[:], data.qvel[:], data.qacc[:] = q[i], 0.0, 0.0
+            mujoco.mj_inverse(m, data)
+            out["hold"][i] = data.qfrc_inverse
+            data.qvel[:] = v[i]
+            mujoco.mj_inverse(m, data)
+            out["rate"][i] = data.qfrc_inverse
+            if m.nu:
+                self._actuate(data, ctrl[i] - change[i] * 0.01)
+                early = data.qfrc_actuator.copy()
+                self._actuate(data, ctrl[i])
+                out["act"][i] = data.qfrc_actuator
+                out["late"][i] = (early - data.qfrc_actuator) / 0.01
+            data.qacc[:] = a[i]
+            mujoco.mj_inverse(m, data)
+            out["all"][i] = data.qfrc_inverse
+            # the diagonal of the inertia matrix, at this position
+            out["own"][i] = _inertia_diagonal(m, data) * a[i]
+        out["q"], out["v"], out["a"] = q_of_dofs(m, q), v, a
+        return out
+
+    def _actuate(self, data: Any, ctrl: Floats) -> None:
+        import mujoco
+
+        data.ctrl[:] = ctrl
+        for k in range(self.model.nu):
+            if (adr := self.model.actuator_actadr[k]) >= 0:
+                data.act[adr] = ctrl[k]
+        mujoco.mj_fwdActuation(self.model, data)
+
+
+def _inertia_diagonal(model: "mujoco.MjModel", data: Any) -> Floats:
+    """Diagonal (nv) of the joint-space inertia matrix [kg m^2]."""
+    import mujoco
+
+    whole = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, whole)
+    return np.diag(whole).copy()
+
+
+def _may_touch(model: "mujoco.MjModel") -> bool:
+    return bool(((model.geom_contype != 0) | (model.geom_conaffinity != 0)).sum() > 1)
+
+
+def _explain(
+    parts: Mapping[str, Floats], block: np.ndarray, damping: float
+) -> tuple[Floats, float]:
+    """What a degree of freedom's torques (n) leave, held out, and their mean square.
+
+    Args:
+        parts: (n) torques of one degree of freedom, as `compute_torques` has them.
+        block: (n) number of the block of each row.
+        damping: of the joint [N m s/rad].
+    """
+    hold, act = parts["hold"], parts["act"]
+    coupling = parts["all"] - hold - parts["own"]
+    missing = act - parts["all"]
+    size = float(np.mean(parts["own"] ** 2 + hold**2 + coupling**2)) + 1e-18
+    usual = float(np.sqrt(np.mean(parts["v"] ** 2))) + 1e-12
+    swing = float(np.sqrt(np.mean(hold**2))) / max(float(np.std(parts["q"])), 1e-6)
+    inf = np.inf
+    terms = [
+        (act, GAIN), (parts["late"], DELAY), (-hold, GRAVITY), (-coupling, COUPLING),
+        (-parts["own"], INERTIA), (-parts["v"], (-1.5 * damping, inf)),
+        (-np.tanh(parts["v"] / (DRY_RATE * usual)), (0.0, inf)),
+        (-parts["q"], (SPRING[0] * swing, SPRING[1] * swing)),
+        (np.ones_like(act), (-inf, inf)),
+    ]  # fmt: skip
+    x = np.stack([t for t, _ in terms], axis=1)
+    bounds = np.array([b for _, b in terms]).T
+    left = np.empty_like(missing)
+    for half in (0, 1):
+        seen = block % 2 == half
+        left[~seen] = missing[~seen] + x[~seen] @ _solve(
+            x[seen], -missing[seen], bounds
+        )
+    return left, size
+
+
+def _solve(x: Floats, y: Floats, bounds: Floats) -> Floats:
+    """Coefficients (k) within bounds (2, k) by which x (n, k) is nearest to y (n)."""
+    from scipy.optimize import lsq_linear
+
+    size = np.sqrt((x**2).mean(axis=0))
+    used = size > 1e-12
+    if not used.any() or len(x) <= used.sum():
+        return np.zeros(x.shape[1])
+    scale = size[used]
+    r: Any = np.linalg.qr(np.column_stack([x[:, used] / scale, y]), mode="r")
+    low, high = bounds[0, used] * scale, bounds[1, used] * scale
+    found = lsq_linear(r[:, :-1], r[:, -1], bounds=(low, high + 1e-15), method="bvls")
+    out = np.zeros(x.shape[1])
+    out[used] = found.x / scale
+    return out

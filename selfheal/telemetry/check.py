@@ -1,0 +1,61 @@
+"""The telemetry check: a recording and its model in, the faults of the log out."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ..recording import Recording
+from .bodies import BodyCheck
+from .columns import find_held
+from .fault import Fault
+from .joint_faults import JointCheck
+from .joints import list_joints
+from .ranges import find_beyond
+from .series import build_series
+from .timing import find_time_faults
+from .torques import find_torque_faults
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """What a check found, and what it could not look at.
+
+    Attributes:
+        faults: of the log, or of the model's ranges.
+        unchecked: sentences that say what was not checked, and why.
+    """
+
+    faults: tuple[Fault, ...]
+    unchecked: tuple[str, ...]
+
+
+def check_telemetry(recording: Recording, model: "mujoco.MjModel") -> list[Fault]:
+    """Faults of a log that no physics explains, and of the ranges of its model."""
+    return list(examine_telemetry(recording, model).faults)
+
+
+def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetry:
+    """Faults of a log, and what could not be looked at."""
+    joints = list_joints(recording, model)
+    commands = {column: j.actuators for j in joints for column in j.columns}
+    faults = [*find_time_faults(recording), *find_held(recording, commands)]
+    held = {c for f in faults if f.kind == "frozen" for c in f.columns}
+    series = build_series(recording)
+    check = JointCheck(recording, model, joints, series)
+    about_joints = [f for f in check.find_faults() if not held & set(f.columns)]
+    faults += about_joints
+    bodies = BodyCheck(recording, model, series, check.balance, check.mend)
+    faults += bodies.find_faults()
+    faults += find_torque_faults(
+        recording, model, joints, series, check.balance, check.mend
+    )
+    odd = {c for f in about_joints for c in f.columns if f.kind != "delay"}
+    faults += [
+        f for f in find_beyond(recording, model, joints) if not odd & set(f.columns)
+    ]
+    unchecked = []
+    if check.balance.reason:
+        unchecked.append(f"the balance of torques: {check.balance.reason}")
+    return Telemetry(tuple(faults), tuple(unchecked))

@@ -1,0 +1,231 @@
+"""Held values: takes raw columns, finds those that are frozen or clipped."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..recording import Recording
+from ..recording.data import Floats
+from .fault import Fault, format_columns, write_mend
+
+# s and samples that a column must hold one value to be frozen; chosen
+MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15
+MAX_P_VALUE = 1e-9  # of readings that are all the same; chosen: quantized ones are, too
+LIVE_SHARE = 0.5  # of a column's steps that change it, to be one that flickers; chosen
+ALONE_REPEATS = 0.4  # of the one column of its kind, while its command moves; chosen
+# share of a column's samples at its extreme value, and of runs there, to be clipped;
+# chosen: an eighth of a percent and three
+CLIPPED_SHARE, CLIPPED_RUNS = 0.02, 2
+CHECKED = ("joint_position", "joint_velocity", "body_position", "body_orientation",
+           "body_linear_velocity", "body_angular_velocity", "sensor")  # fmt: skip
+BASIS = (
+    "the probability that so many readings repeat, where a reading repeats as often "
+    "as elsewhere in this column or in its like"
+)
+
+
+# quantile of a column's steps that a jump after a freeze exceeds by this factor, and
+# quanta by which a clipped value is reached; chosen: a motion does not start like that
+JUMP_QUANTILE, JUMP = 0.98, 3.0
+ENTRY_QUANTA = 4.0
+# episode, time [s] or value [unit], seconds or samples, log of the p-value
+Case = tuple[str, float, float, float]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Samples that hold one value.
+
+    Attributes:
+        start, length: in samples that were read.
+        value: [unit].
+    """
+
+    start: int
+    length: int
+    value: float
+
+
+def list_runs(values: Floats) -> list[Run]:
+    """Every unbroken run of one value in a column (T) without missing samples."""
+    if not values.size:
+        return []
+    ends = np.flatnonzero(np.diff(values) != 0) + 1
+    starts = np.concatenate([[0], ends])
+    lengths = np.diff(np.concatenate([starts, [values.size]]))
+    return [
+        Run(int(s), int(n), float(values[s]))
+        for s, n in zip(starts, lengths, strict=True)
+    ]
+
+
+def find_held(
+    recording: Recording, commands: Mapping[str, Sequence[str]]
+) -> list[Fault]:
+    """Signals that are frozen, or clipped at a value, in any episode.
+
+    Args:
+        recording: of the robot.
+        commands: actuators that move what a signal reads, by signal.
+    """
+    share = _measure_repeats(recording)
+    frozen: dict[tuple[str, bool], list[Case]] = {}
+    clipped: dict[str, list[Case]] = {}
+    for episode, signal, time, values in _list_columns(recording):
+        if _is_idle(recording, episode, commands.get(signal, ())):
+            continue
+        alone = share[signal] is None
+        if alone and (not commands.get(signal) or np.ptp(values) > 0):
+            continue
+        repeats = max(share[signal] or ALONE_REPEATS, 1e-3)
+        if repeats > LIVE_SHARE:
+            continue
+        runs = list_runs(values)
+        longest = max(runs, key=lambda r: r.length)
+        if case := _judge_clipped(episode, values, runs, repeats):
+            clipped.setdefault(signal, []).append(case)
+        elif case := _judge_frozen(episode, time, values, longest, repeats):
+            whole = longest.length == values.size
+            frozen.setdefault((signal, whole), []).append(case)
+    return [*_tell_frozen(recording, frozen), *_tell_clipped(recording, clipped)]
+
+
+def _judge_frozen(
+    episode: str, time: Floats, values: Floats, run: Run, repeats: float
+) -> Case | None:
+    """The longest run of one value, where it is no rest of what is measured.
+
+    Args:
+        episode: id.
+        time: (T) [s].
+        values: (T) of a column.
+        run: the longest.
+        repeats: probability that a reading repeats.
+    """
+    last = run.start + run.length - 1
+    seconds = float(time[last] - time[run.start])
+    log_p = (run.length - 1) * np.log(repeats)
+    if (
+        seconds < MIN_HELD_SECONDS
+        or run.length < MIN_HELD_SAMPLES
+        or log_p > np.log(MAX_P_VALUE)
+    ):
+        return None
+    if run.length < values.size:
+        steps = np.abs(np.diff(values))
+        usual = np.quantile(np.delete(steps, slice(run.start, last)), JUMP_QUANTILE)
+        edges = [steps[k] for k in (run.start - 1, last) if 0 <= k < steps.size]
+        if max(edges) < JUMP * usual:
+            return None
+    return episode, float(time[run.start]), seconds, log_p
+
+
+def _judge_clipped(
+    episode: str, values: Floats, runs: Sequence[Run], repeats: float
+) -> Case | None:
+    """Runs at the highest or lowest value, where it was reached at speed.
+
+    Args:
+        episode: id.
+        values: (T) of a column.
+        runs: of it.
+        repeats: probability that a reading repeats.
+    """
+    steps = np.abs(np.diff(values))
+    quantum = float(np.min(steps[steps > 0], initial=np.inf))
+    for edge in (values.max(), values.min()):
+        there = [r for r in runs if r.value == edge and r.length > 3]
+        count = sum(r.length for r in there)
+        log_p = (count - len(there)) * np.log(repeats)
+        entries = [steps[r.start - 1] for r in there if r.start]
+        if (
+            len(there) >= CLIPPED_RUNS
+            and CLIPPED_SHARE * values.size < count < values.size
+            and log_p < np.log(MAX_P_VALUE)
+            and np.median(entries) > ENTRY_QUANTA * quantum
+        ):
+            return episode, float(edge), float(count), log_p
+    return None
+
+
+def _is_idle(recording: Recording, episode: str, actuators: Sequence[str]) -> bool:
+    """Whether none of an episode's commands to these actuators moves."""
+    e = recording.episodes[episode]
+    moved = [np.ptp(e.ctrl[:, e.ctrl_names.index(a)]) > 0 for a in actuators]
+    return bool(moved) and not any(moved)
+
+
+def _list_columns(
+    recording: Recording,
+) -> Iterator[tuple[str, str, Floats, Floats]]:
+    """Episode, signal, times and readings of each signal's liveliest column."""
+    for episode, e in recording.episodes.items():
+        for name, signal in e.signals.items():
+            values = signal.values.reshape(e.time.size, -1)
+            read = np.isfinite(values).all(axis=1)
+            if signal.kind not in CHECKED or read.sum() < MIN_HELD_SAMPLES:
+                continue
+            changes = (np.diff(values[read], axis=0) != 0).sum(axis=0)
+            column = int(np.argmax(changes))
+            yield episode, name, e.time[read], values[read, column]
+
+
+def _measure_repeats(recording: Recording) -> dict[str, float | None]:
+    """How often a reading of a live column is that of the sample before, by signal.
+
+    Of a column that never changes it is that of the other signals of its kind, and
+    None where there is no other.
+    """
+    counts: dict[str, NDArray[np.float64]] = {}
+    kinds: dict[str, str] = {}
+    for episode, name, _, values in _list_columns(recording):
+        kinds[name] = recording.episodes[episode].signals[name].kind
+        same = np.diff(values) == 0
+        # the longest run is what is asked about, and does not answer for itself
+        runs = list_runs(values)
+        longest = max(r.length for r in runs) - 1
+        add = np.array([max(same.sum() - longest, 0), same.size - longest], float)
+        counts[name] = counts.get(name, np.zeros(2)) + add
+    out: dict[str, float | None] = {}
+    for name, (same_, total) in counts.items():
+        if total >= MIN_HELD_SAMPLES:
+            out[name] = (same_ + 1) / (total + 2)
+            continue
+        like = [c for n, c in counts.items() if kinds[n] == kinds[name] and n != name]
+        both = np.sum(like, axis=0) if like else np.zeros(2)
+        out[name] = (both[0] + 1) / (both[1] + 2) if both[1] else None
+    return out
+
+
+def _tell_frozen(recording: Recording, frozen: dict) -> Iterator[Fault]:
+    for (name, whole), cases in frozen.items():
+        episode, start, seconds, log_p = min(cases, key=lambda c: c[3])
+        signal = recording.episodes[episode].signals[name]
+        others = "while the other columns change"
+        said = (
+            f"all readings of {format_columns([name])} are the same {others}"
+            if whole
+            else f"{format_columns([name])} holds one value for {seconds:.2f} s from "
+            f"{start:.2f} s on in episode {episode!r} {others}"
+        )
+        yield Fault(
+            "frozen", tuple(c[0] for c in cases), (name,), signal.target, said,
+            float(np.exp(max(log_p, -600))), BASIS,
+            write_mend("signals", name, "skip", True),
+        )  # fmt: skip
+
+
+def _tell_clipped(recording: Recording, clipped: dict) -> Iterator[Fault]:
+    for name, cases in clipped.items():
+        episode, value, _, log_p = min(cases, key=lambda c: c[3])
+        signal = recording.episodes[episode].signals[name]
+        yield Fault(
+            "saturated", tuple(c[0] for c in cases), (name,), signal.target,
+            f"{format_columns([name])} is clipped at {value:.4g} {signal.unit} in "
+            f"episode {episode!r}: it reaches that value again and again, and never "
+            "passes it",
+            float(np.exp(max(log_p, -600))), BASIS,
+            write_mend("signals", name, "missing_at", value),
+        )  # fmt: skip

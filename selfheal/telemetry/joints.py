@@ -1,0 +1,156 @@
+"""What measures and what commands each joint: takes a model, gives names of columns."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..recording import Recording
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The position or velocity at which a servo's force vanishes.
+
+    MuJoCo: force = gain ctrl + bias0 + bias1 length + bias2 velocity, and length =
+    gear q.
+
+    Attributes:
+        actuator: whose command it is.
+        scale: [rad or m, or per second, per unit of the command].
+        offset: [rad or m].
+    """
+
+    actuator: str
+    scale: float
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointColumns:
+    """A hinge or slide, and the columns about it.
+
+    Attributes:
+        name: of the joint.
+        number: in the model.
+        position, velocity: names of their signals; "" where there is none.
+        position_servo, velocity_servo: what they are commanded to; None where nothing
+            commands that.
+        actuators: all that act on this joint alone.
+    """
+
+    name: str
+    number: int
+    position: str = ""
+    velocity: str = ""
+    position_servo: Reference | None = None
+    velocity_servo: Reference | None = None
+    actuators: tuple[str, ...] = field(default=())
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The signals that read it."""
+        return tuple(filter(None, (self.position, self.velocity)))
+
+
+def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColumns]:
+    """Every hinge and slide of a model, with the columns of a recording about it."""
+    import mujoco
+
+    read = _find_readings(recording, model)
+    hinges = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    found = []
+    for j in range(model.njnt):
+        if model.jnt_type[j] not in hinges:
+            continue
+        name = model.joint(j).name
+        acting = _list_actuators(model, j)
+        found.append(
+            JointColumns(
+                name,
+                j,
+                read.get(("position", name), ""),
+                read.get(("velocity", name), ""),
+                _find_servo(model, acting, 1),
+                _find_servo(model, acting, 2),
+                tuple(model.actuator(a).name for a in acting),
+            )
+        )
+    return found
+
+
+def _find_readings(
+    recording: Recording, model: "mujoco.MjModel"
+) -> dict[tuple[str, str], str]:
+    """The first signal that reads each joint's position and velocity."""
+    import mujoco
+
+    sensors = {
+        mujoco.mjtSensor.mjSENS_JOINTPOS: "position",
+        mujoco.mjtSensor.mjSENS_JOINTVEL: "velocity",
+    }
+    found: dict[tuple[str, str], str] = {}
+    for episode in recording.episodes.values():
+        for name, signal in episode.signals.items():
+            if not np.isfinite(signal.values).any():
+                continue
+            if signal.kind in ("joint_position", "joint_velocity"):
+                found.setdefault((signal.kind[6:], signal.target), name)
+            elif signal.kind == "sensor":
+                sensor = model.sensor(signal.target)
+                if what := sensors.get(mujoco.mjtSensor(sensor.type[0])):
+                    joint = model.joint(int(sensor.objid[0])).name
+                    found.setdefault((what, joint), name)
+    return found
+
+
+def has_plain_commands(model: "mujoco.MjModel") -> bool:
+    """Whether each actuator has one command, as columns of a recording have."""
+    return bool(len(model.actuator_trntype) == model.nu)
+
+
+def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:
+    """Whether an actuator's activation is its command, but for a lag."""
+    import mujoco
+
+    kinds = mujoco.mjtDyn
+    plain = (kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT)
+    return int(model.actuator_dyntype[actuator]) in map(int, plain)
+
+
+def _list_actuators(model: "mujoco.MjModel", joint: int) -> list[int]:
+    import mujoco
+
+    if not has_plain_commands(model):
+        return []
+    kinds = mujoco.mjtTrn
+    at_joint = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+    return [
+        a
+        for a in range(model.nu)
+        if model.actuator_trntype[a] in at_joint and model.actuator_trnid[a, 0] == joint
+    ]
+
+
+def _find_servo(
+    model: "mujoco.MjModel", actuators: list[int], term: int
+) -> Reference | None:
+    """The reference of the first position (1) or velocity (2) servo among actuators."""
+    import mujoco
+
+    for a in actuators:
+        gain, bias = model.actuator_gainprm[a, 0], model.actuator_biasprm[a]
+        gear = model.actuator_gear[a, 0]
+        affine = model.actuator_biastype[a] == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        fixed = model.actuator_gaintype[a] == int(mujoco.mjtGain.mjGAIN_FIXED)
+        plain = affine and fixed and follows_command(model, a)
+        if not plain or not gain or not gear or bias[term] >= 0:
+            continue
+        if term == 2 and bias[1]:
+            continue
+        scale, offset = -gain / bias[term] / gear, -bias[0] / bias[term] / gear
+        return Reference(model.actuator(a).name, float(scale), float(offset))
+    return None

@@ -1,0 +1,155 @@
+"""Two columns that should tell the same: takes them, says how they are related."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..recording.data import Floats
+
+MIN_ROWS = 40  # of a comparison; chosen: 0.4 s of motion, some periods of its noise
+# squared correlation above which two columns tell the same, and below which they do
+# not; chosen: what is left between is not judged
+SAME, DIFFERENT = 0.8, 0.4
+# share of the unexplained that a mended column may leave; chosen: half the error
+FAR_BETTER = 0.25
+# ratio of two columns beyond which one has another unit; chosen: diagnose grants a
+# gain of 0.3 to 3
+UNIT_RATIO = 3.5
+# names of ratios: what was written over what the contract asks; exact by definition
+UNITS = {
+    "degrees": 180 / np.pi,
+    "revolutions": 1 / (2 * np.pi),
+    "revolutions per minute": 30 / np.pi,
+    "thousandths": 1e3,
+    "hundredths or percent": 1e2,
+    "thousands": 1e-3,
+    "radians where degrees were expected": np.pi / 180,
+    **{f"counts of {n} a turn": n / (2 * np.pi) for n in (1000, 1024, 2048, 4096,
+       8192, 16384, 32768, 65536)},
+}  # fmt: skip
+UNIT_TOLERANCE = 0.2  # of a ratio to one of `UNITS`; chosen: gains are that far off
+
+
+@dataclass(frozen=True)
+class Relation:
+    """How column y follows column x.
+
+    Attributes:
+        rows: that both have.
+        lag: at which y follows x best [rows].
+        r: correlation there [1].
+        here: correlation at no lag [1].
+        opposite: strongest correlation of the other sign, at any lag [1].
+        ratio: standard deviation of y over that of x, with the sign of r [1].
+    """
+
+    rows: int
+    lag: int
+    r: float
+    here: float
+    opposite: float
+    ratio: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there was enough to compare."""
+        return self.rows >= MIN_ROWS and np.isfinite(self.r)
+
+    @property
+    def is_same(self) -> bool:
+        """Whether the columns tell the same, but for sign and unit."""
+        return self.is_known and self.r**2 > SAME
+
+    @property
+    def is_different(self) -> bool:
+        """Whether the columns tell different things."""
+        return self.is_known and self.r**2 < DIFFERENT
+
+    @property
+    def is_flipped(self) -> bool:
+        """Whether y follows the opposite of x, and x itself far worse."""
+        left = (1 - self.r**2) / max(1 - self.opposite**2, 1e-12)
+        return self.is_same and self.r < 0 and left < FAR_BETTER
+
+    @property
+    def has_other_unit(self) -> bool:
+        """Whether y is a large multiple of x, or a small one."""
+        return self.is_same and abs(np.log(abs(self.ratio))) > np.log(UNIT_RATIO)
+
+
+def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Relation:
+    """How y follows x, in the rows that both have.
+
+    Args:
+        x, y: (N), NaN where unknown.
+        episode: (N) number of the episode of each row; means are taken in each.
+        lags: in rows, by which y may come later.
+    """
+    both = np.isfinite(x) & np.isfinite(y)
+    rows = int(both.sum())
+    unknown = Relation(rows, 0, np.nan, np.nan, 0.0, np.nan)
+    if rows < MIN_ROWS:
+        return unknown
+    x, y = _center(x, episode), _center(y, episode)
+    found, nothing = {}, 1e-9
+    for lag in lags:
+        late = y[lag:] if lag >= 0 else y[:lag]
+        early = x[: len(x) - lag] if lag >= 0 else x[-lag:]
+        a, b = np.nan_to_num(early), np.nan_to_num(late)
+        one = np.isfinite(early) & np.isfinite(late)
+        one &= _same_episode(episode, lag)
+        if one.sum() < max(MIN_ROWS, rows // 2):
+            continue
+        a, b = a * one, b * one
+        size = np.sqrt((a @ a) * (b @ b))
+        found[lag] = float(a @ b / size) if size > 0 else 0.0
+    spread = measure_spread(x), measure_spread(y)
+    if not found or min(spread) < nothing:
+        return unknown
+    lag = max(found, key=lambda k: (abs(found[k]), -abs(k)))
+    r = found[lag]
+    opposite = max((abs(v) for v in found.values() if v * r < 0), default=0.0)
+    ratio = measure_spread(y[both]) / measure_spread(x[both]) * float(np.sign(r))
+    return Relation(rows, lag, r, found.get(0, np.nan), opposite, ratio)
+
+
+def measure_spread(x: Floats) -> float:
+    """Standard deviation of what is known of a column (N) [unit]; 0 of nothing."""
+    known = x[np.isfinite(x)]
+    return float(np.std(known)) if known.size else 0.0
+
+
+def _same_episode(episode: NDArray[np.int_], lag: int) -> NDArray[np.bool_]:
+    n = abs(lag)
+    return np.ones(len(episode), bool) if not n else episode[n:] == episode[:-n]
+
+
+def _center(x: Floats, episode: NDArray[np.int_]) -> Floats:
+    """Values (N) without the mean of each episode."""
+    known = np.isfinite(x)
+    count = np.bincount(episode[known], minlength=episode.max(initial=0) + 1)
+    total = np.bincount(episode[known], x[known], minlength=len(count))
+    return x - (total / np.maximum(count, 1))[episode]
+
+
+def name_unit(ratio: float) -> str:
+    """What a column is in, by its ratio to what it should be; "" where unknown."""
+    size = abs(ratio)
+    near = min(UNITS, key=lambda n: abs(np.log(size / UNITS[n])))
+    return near if abs(np.log(size / UNITS[near])) < np.log(1 + UNIT_TOLERANCE) else ""
+
+
+def correlation_p_value(r: float, rows: int, independent: float) -> float:
+    """Probability of a correlation of that size by chance (Fisher's z).
+
+    Args:
+        r: correlation [1].
+        rows: that were compared.
+        independent: rows from one independent reading to the next.
+    """
+    from scipy.stats import norm
+
+    n = rows / independent
+    z = np.arctanh(min(abs(r), 1 - 1e-12)) * np.sqrt(max(n - 3, 0.1))
+    return float(2 * norm.sf(z))

@@ -1,0 +1,122 @@
+"""Reported torques: takes them, finds signs and units, and copies of the command."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..recording import Recording
+from .balance import TorqueBalance
+from .fault import Fault, format_columns, write_mend
+from .joints import JointColumns
+from .pairs import Relation, correlation_p_value, name_unit, relate
+from .series import Series
+from .states import Mend
+
+if TYPE_CHECKING:
+    import mujoco
+
+EXACT = 1e-9  # of the largest torque, by which a copy differs at most: rounding
+AGREE = 2.0  # factor between the ratios to both references, at most; chosen
+BASIS = "correlation with the torque that the motion takes, Fisher's z"
+
+
+def find_torque_faults(
+    recording: Recording,
+    model: "mujoco.MjModel",
+    joints: Sequence[JointColumns],
+    series: Series,
+    balance: TorqueBalance,
+    mend: Mend,
+) -> list[Fault]:
+    """Torques of another sign or unit, and those that repeat the command.
+
+    Args:
+        recording: of the robot.
+        model: of it.
+        joints: with their columns.
+        series: of the recording.
+        balance: of its torques.
+        mend: of the joints' columns.
+    """
+    names: dict[str, str] = {}
+    for e in recording.episodes.values():
+        for name, signal in e.signals.items():
+            if signal.kind == "joint_torque":
+                names.setdefault(name, signal.target)
+    found = [f for n, a in names.items() if (f := _check_copy(recording, n, a))]
+    if balance.reason or not names:
+        return found
+    by_actuator = {a: j for j in joints for a in j.actuators if len(j.actuators) == 1}
+    parts = balance.compute_torques(mend, balance.rows)
+    for name, actuator in names.items():
+        joint = by_actuator.get(actuator)
+        if joint is None:
+            continue
+        dof = int(model.jnt_dofadr[joint.number])
+        got = series.signals[name][balance.rows, 0, 0]
+        episode = series.episode[balance.rows]
+        by_motion = relate(parts["all"][:, dof], got, episode, range(1))
+        by_command = relate(parts["act"][:, dof], got, episode, range(1))
+        if fault := _judge(name, actuator, by_motion, by_command, series):
+            found.append(fault)
+    return found
+
+
+def _judge(
+    name: str, actuator: str, by_motion: Relation, by_command: Relation, series: Series
+) -> Fault | None:
+    """A wrong sign or unit, where motion and command tell the same of it.
+
+    Args:
+        name: of the signal.
+        actuator: whose torque it is.
+        by_motion: to the torque that the motion takes.
+        by_command: to that which the command gives.
+        series: of the recording.
+    """
+    r, p = by_motion.r, correlation_p_value(by_motion.r, by_motion.rows, 1.0)
+    ids, columns = series.ids, (name,)
+    said = f"correlation {r:.2f} with the torque that the motion takes"
+    if by_motion.is_same and r < 0 and by_command.r < 0:
+        return Fault(
+            "sign", ids, columns, actuator,
+            f"{format_columns(columns)} has the other sign ({said})", p, BASIS,
+            write_mend("signals", name, "scale", -1.0),
+        )  # fmt: skip
+    one, other = abs(by_motion.ratio), abs(by_command.ratio)
+    same = max(one / other, other / one) < AGREE
+    if by_motion.has_other_unit and by_command.has_other_unit and same:
+        unit = name_unit(one) or "another unit"
+        return Fault(
+            "unit", ids, columns, actuator,
+            f"{format_columns(columns)} is {one:.4g} times too large: {unit} ({said})",
+            p, BASIS, write_mend("signals", name, "scale", 1 / one),
+        )  # fmt: skip
+    return None
+
+
+def _check_copy(recording: Recording, name: str, actuator: str) -> Fault | None:
+    """Whether a torque is its command times a number, at all samples."""
+    torque, command, ids = [], [], []
+    for episode, e in recording.episodes.items():
+        if name in e.signals and actuator in e.ctrl_names:
+            x = e.signals[name].values.reshape(e.time.size)
+            read = np.isfinite(x)
+            torque.append(x[read])
+            command.append(e.ctrl[read, e.ctrl_names.index(actuator)])
+            ids.append(episode)
+    if not torque:
+        return None
+    x, u = np.concatenate(torque), np.concatenate(command)
+    if x.size < 2 or np.ptp(u) == 0 or np.ptp(x) == 0:
+        return None
+    gain = float(x @ u / (u @ u))
+    if np.abs(x - gain * u).max() > EXACT * np.abs(x).max():
+        return None
+    return Fault(
+        "torque_is_command", tuple(ids), (name,), actuator,
+        f"{format_columns([name])} is {gain:.6g} times the command of "
+        f"{format_columns([actuator])} at all {x.size} samples: it was not measured",
+        0.0, "counted, not estimated", write_mend("signals", name, "skip", True),
+    )  # fmt: skip
