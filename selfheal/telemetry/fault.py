@@ -23,16 +23,13 @@ KINDS: Mapping[str, bool] = {
     "derivative": True,
     "quaternion_order": True,
     "saturated": False,
-    "stale": False,
     "delay": False,
     "jitter": False,
     "gap": False,
     "duplicate": False,
-    "clock_drift": False,
     "joint_range": False,
     "command_range": False,
     "torque_is_command": False,
-    "episode": False,
 }
 
 

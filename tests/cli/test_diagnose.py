@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.recording import read, shorten_names, write
+from selfheal.telemetry import Fault
 from tests.support.made_up_diagnosis import DELAY, FINDING, make_diagnosis
 
 
@@ -105,6 +106,22 @@ def test_json_is_the_document_and_nothing_else(doctor, files, tmp_path):
     assert told == {**doctor.answer.document, "seconds": 41.2, "folder": str(out)}
     assert doctor.asked[0]["files"] == [str(file) for file in files[1:]]
     assert doctor.asked[0]["seed"] == 3 and doctor.asked[0]["held_out"] == []
+
+
+def test_a_log_that_contradicts_the_model_is_refused_unless_let_pass(
+    doctor, files, tmp_path, monkeypatch
+):
+    mend = "signals.q.scale = -1"
+    odd = Fault("sign", ("a",), ("q",), "j", "q is flipped", 1e-9, "a test", mend)
+    wide = replace(odd, kind="joint_range", seen="q is far")
+    monkeypatch.setattr("selfheal.telemetry.check_telemetry", lambda *_: [odd, wide])
+    arguments = ("diagnose", *files, "--out", tmp_path / "out")
+    message = _refused(_run(*arguments))
+    assert "q is flipped" in message and mend in message and "q is far" not in message
+    result = _run(*arguments, "--no-check", "sign")
+    assert result.exit_code == 0 and "q is far" in result.stdout
+    assert "q is far" in (tmp_path / "out" / "report.html").read_text()
+    assert "joint_range" in _refused(_run(*arguments, "--force", "--no-check", "x"))
 
 
 def test_a_diagnosis_leaves_three_files(doctor, files, tmp_path):

@@ -4,13 +4,14 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from selfheal import __version__
 from selfheal.cli import app
 from selfheal.errors import EngineError, InputError
-from selfheal.recording import write
+from selfheal.recording import Episode, Recording, Signal, write
 
 
 @pytest.fixture
@@ -54,6 +55,28 @@ def test_json_is_one_object_and_nothing_else(recording, file):
         shares = {signal["missing"] for signal in episode["signals"]}
         assert shares == {1 / content.time.size}
     assert result.stderr == ""
+
+
+SLIDE = """<mujoco><worldbody><body><joint name="x" type="slide" limited="true"
+  range="-1 1"/><geom size="0.1"/></body></worldbody></mujoco>"""
+
+
+def test_what_contradicts_the_model_is_told(tmp_path):
+    (tmp_path / "slide.xml").write_text(SLIDE)
+    time = np.arange(80) / 50
+    signal = Signal(3 * np.sin(time), "joint_position", "x", "m")
+    e = Episode(time, np.zeros((80, 0)), (), {"[b]x": signal})
+    write(Recording({"a": e}), tmp_path / "a.h5")
+    arguments = (tmp_path / "a.h5", "--model", tmp_path / "slide.xml")
+    result = _check(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    (fault,) = summary["telemetry"]
+    assert (fault["kind"], fault["columns"]) == ("joint_range", ["[b]x"])
+    assert summary["unchecked"]
+    result = _check(*arguments)
+    assert result.exit_code == 0 and "joint_range" in result.stdout
+    assert "not checked" in result.stdout and "[b]x" in result.stdout
 
 
 def test_square_brackets_in_a_name_are_no_markup(recording, tmp_path):

@@ -1,0 +1,172 @@
+"""The telemetry check: each fault is found and located, physics gives no alarm."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.errors import RecordingError, UnknownNameError
+from selfheal.telemetry import (
+    KINDS,
+    check_telemetry,
+    examine_telemetry,
+    list_decisive,
+    list_tolerable,
+    refuse_faulty,
+)
+
+DEGREES = 180 / np.pi
+
+
+def _edit(recording, change, *names):
+    """The recording with `change(time, values)` of some signals."""
+    episodes = {
+        k: replace(e, signals={
+            n: replace(s, values=change(e.time, s.values)) if n in names else s
+            for n, s in e.signals.items()
+        })
+        for k, e in recording.episodes.items()
+    }  # fmt: skip
+    return replace(recording, episodes=episodes)
+
+
+def _exchange(recording, *pairs):
+    episodes = {}
+    for k, e in recording.episodes.items():
+        signals = dict(e.signals)
+        for a, b in pairs:
+            one, other = e.signals[a], e.signals[b]
+            signals[a] = replace(one, values=other.values)
+            signals[b] = replace(other, values=one.values)
+        episodes[k] = replace(e, signals=signals)
+    return replace(recording, episodes=episodes)
+
+
+def _told(recording, model):
+    return {(f.kind, *sorted(f.columns)) for f in check_telemetry(recording, model)}
+
+
+def test_a_right_log_gives_no_alarm(servo_arm, torque_arm):
+    for model, recording in (servo_arm, torque_arm):
+        found = examine_telemetry(recording, model)
+        assert found.faults == () and found.unchecked == ()
+
+
+def test_missing_physics_is_no_fault_of_the_log(missing_physics):
+    model, recording = missing_physics
+    assert check_telemetry(recording, model) == []
+
+
+def _flip(time, x):
+    return -x
+
+
+def _to_degrees(time, x):
+    return x * DEGREES
+
+
+@pytest.mark.parametrize(("change", "kind"), [(_flip, "sign"), (_to_degrees, "unit")])
+def test_a_servo_tells_sign_and_unit_of_its_joint(servo_arm, change, kind):
+    model, recording = servo_arm
+    wrong = _edit(recording, change, "elbow_q", "elbow_v")
+    assert _told(wrong, model) == {(kind, "elbow_q", "elbow_v")}
+
+
+@pytest.mark.parametrize(("change", "kind"), [(_flip, "sign"), (_to_degrees, "unit")])
+def test_a_velocity_alone_is_told_from_its_position(servo_arm, change, kind):
+    model, recording = servo_arm
+    wrong = _edit(recording, change, "elbow_v")
+    assert _told(wrong, model) == {(kind, "elbow_v")}
+
+
+@pytest.mark.parametrize(("change", "kind"), [(_flip, "sign"), (_to_degrees, "unit")])
+def test_torques_tell_what_no_other_column_does(torque_arm, change, kind):
+    model, recording = torque_arm
+    wrong = _edit(recording, change, "elbow_q")
+    found = [f for f in check_telemetry(wrong, model) if "gyro" not in f.columns]
+    assert [f.kind for f in found] == [kind]
+    assert "elbow_q" in {*found[0].columns, *found[0].alternatives}
+
+
+def test_exchanged_columns_are_told(servo_arm):
+    model, recording = servo_arm
+    wrong = _exchange(recording, ("elbow_q", "shoulder_q"), ("elbow_v", "shoulder_v"))
+    (fault,) = check_telemetry(wrong, model)
+    assert fault.kind == "exchange"
+    assert set(fault.columns) == {"elbow_q", "shoulder_q", "elbow_v", "shoulder_v"}
+
+
+def test_a_frozen_column_is_told(servo_arm):
+    model, recording = servo_arm
+    wrong = _edit(recording, lambda t, x: 0 * x + x[0], "elbow_q")
+    assert _told(wrong, model) == {("frozen", "elbow_q")}
+
+
+def test_a_clipped_column_is_told(servo_arm):
+    model, recording = servo_arm
+    wrong = _edit(recording, lambda t, x: np.minimum(x, 0.5), "elbow_q")
+    assert ("saturated", "elbow_q") in _told(wrong, model)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 0.02])
+def test_only_a_delay_that_no_physics_has_is_told(servo_arm, seconds):
+    model, recording = servo_arm
+    wrong = _edit(recording, lambda t, x: np.interp(t - seconds, t, x), "elbow_q")
+    expected = {("delay", "elbow_q")} if seconds > 0.12 else set()
+    assert {t for t in _told(wrong, model) if t[0] == "delay"} == expected
+
+
+def test_a_gyroscope_is_told_from_the_joints(servo_arm):
+    model, recording = servo_arm
+    wrong = _edit(recording, _flip, "gyro")
+    assert _told(wrong, model) == {("sign", "gyro")}
+
+
+def test_readings_beyond_the_range_of_the_model_are_told(servo_arm):
+    model, recording = servo_arm
+    narrow = copy.copy(model)
+    narrow.jnt_range[0] = (-0.3, 0.3)
+    (fault,) = check_telemetry(recording, narrow)
+    assert (fault.kind, fault.target) == ("joint_range", "shoulder")
+    assert not fault.is_decisive
+
+
+def test_a_gap_and_a_duplicate_are_told(servo_arm):
+    model, recording = servo_arm
+    e = recording.episodes["0"]
+    time = e.time.copy()
+    time[100:] += 1.0
+    time[50::20] = time[49::20][: len(time[50::20])] + 1e-6
+    torn = replace(recording, episodes={"0": replace(e, time=time)})
+    assert {f.kind for f in check_telemetry(torn, model)} >= {"gap", "duplicate"}
+
+
+def test_a_torque_that_repeats_the_command_is_told(torque_arm):
+    model, recording = torque_arm
+    e = recording.episodes["0"]
+    copied = type(e.signals["elbow_q"])(e.ctrl[:, 1] * 1.0, "joint_torque", "e", "N m")
+    episodes = {"0": replace(e, signals={**e.signals, "tau": copied})}
+    told = _told(replace(recording, episodes=episodes), model)
+    assert ("torque_is_command", "tau") in told
+
+
+def test_decisive_faults_refuse_unless_they_are_let_pass(servo_arm):
+    model, recording = servo_arm
+    faults = check_telemetry(_edit(recording, _flip, "elbow_v"), model)
+    with pytest.raises(RecordingError, match="elbow_v.scale = -1.*--no-check sign"):
+        refuse_faulty("a.h5", faults)
+    refuse_faulty("a.h5", faults, ["sign"])
+    assert list_decisive(faults) == faults and list_tolerable(faults) == []
+    with pytest.raises(UnknownNameError, match=next(iter(KINDS))):
+        refuse_faulty("a.h5", faults, ["sings"])
+
+
+def test_what_cannot_be_checked_is_said(servo_arm):
+    model, recording = servo_arm
+    episodes = {
+        k: replace(e, signals={"shoulder_q": e.signals["shoulder_q"]})
+        for k, e in recording.episodes.items()
+    }
+    found = examine_telemetry(replace(recording, episodes=episodes), model)
+    assert found.faults == () and "'elbow'" in found.unchecked[0]
