@@ -85,7 +85,7 @@ class BodyCheck:
             given, other, what = errors
             if given > DIFFERS and other < FAR_BETTER * given and other < 1:
                 return Fault(
-                    "quaternion_order", self.series.ids, (name,), body,
+                    "quaternion_order", self.series.episodes, (name,), body,
                     f"{format_columns([name])} is written x y z w, not w x y z: {what} "
                     f"are off by {given:.2g} of their mean square as it is, by "
                     f"{other:.2g} in the other order",
@@ -174,13 +174,13 @@ class BodyCheck:
     def _sink_errors(
         self, body: str, name: str, turns: Floats
     ) -> tuple[float, float, str] | None:
-        """Depths to which a body sinks into what it touches, in both orders."""
+        """Depths to which a lone body sinks into what it touches, in both orders."""
         import mujoco
 
         states, m = self.balance.states, self.model
         bases = [j for j in states.bases if m.body(m.jnt_bodyid[j]).name == body]
         rows = self._choose_rows(np.isfinite(turns[:, 0, 0]))
-        if states.reason or not bases or len(rows) < MIN_ROWS:
+        if states.reason or not bases or states.joints or len(rows) < MIN_ROWS:
             return None
         geoms = m.geom_bodyid == m.jnt_bodyid[bases[0]]
         allowed = SINKS * float(np.max(m.geom_rbound[geoms], initial=1e-3))
@@ -301,7 +301,7 @@ class BodyCheck:
             key, value: of the map file.
         """
         mend = write_mend("signals", name, key, value)
-        return Fault(kind, self.series.ids, (name,), target, seen, P_VALUE, BASIS,
+        return Fault(kind, self.series.episodes, (name,), target, seen, P_VALUE, BASIS,
                      mend.replace('"[', "[").replace(']"', "]"))  # fmt: skip
 
     def _check_predicted(self) -> list[Fault]:

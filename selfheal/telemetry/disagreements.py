@@ -18,16 +18,16 @@ from .series import Series
 MAX_VELOCITY_LAG, MAX_COMMAND_LAG = 0.12, 0.3
 SEARCHED_LAG = 0.6  # [s] of all; chosen: twice that
 # unexplained at no lag over that at the best, beyond which a column is late; chosen
-LATE_RATIO = 3.0
+LATE_RATIO = 2.5
 # a joint that follows its command by less than this may be weak; chosen
 WEAKEST_SERVO = 0.05
 # standard deviations of a column over those of its steps, beyond which it moves;
 # chosen: twenty, where noise that remembers twenty samples has five
 MOVES = 20.0
-# share of a column's spread over the whole log that it has in an episode that counts,
-# of such episodes that show a delay, and squared correlation of one; chosen: what
-# stands still says nothing, and what is late is always late
-LIVELY, MOSTLY, LATE_SAME = 0.3, 0.6, 0.8
+# share of a column's spread over the whole log that it has in an episode that counts;
+# chosen: what stands still says nothing
+LIVELY = 0.3
+LATE_SAME = 0.85  # correlation over the whole log of what is late; chosen
 INDEPENDENT_KERNELS = 4.0  # between independent rows; the width of a Gaussian's overlap
 
 
@@ -97,11 +97,9 @@ class Comparison:
 def find_disagreements(comparison: Comparison, series: Series) -> list[Disagreement]:
     """The joints whose two columns contradict each other, and how."""
     found: dict[tuple[str, str, str], list[int]] = {}
-    known: dict[str, int] = {}
     for rows, numbers in _list_parts(series):
         own = {j: comparison.relate(j, j, series, rows) for j in comparison.first}
         for joint, relation in own.items():
-            known[joint] = known.get(joint, 0) + relation.is_known * len(numbers)
             for kind in _classify(relation, comparison):
                 found.setdefault((kind, joint, ""), []).extend(numbers)
         lost = [j for j, r in own.items() if r.is_different]
@@ -111,28 +109,29 @@ def find_disagreements(comparison: Comparison, series: Series) -> list[Disagreem
         for joint in set(lost) - exchanged:
             if joint in comparison.moves:
                 found.setdefault(("derivative", joint, ""), []).extend(numbers)
-    lost = [j for j in comparison.first if _is_lost(j, comparison, series)]
-    for key in _find_exchanges(
-        lost, comparison, series, np.arange(len(series.episode))
-    ):
-        found.setdefault(key, []).extend(range(len(series.ids)))
+    rows, numbers = np.arange(len(series.episode)), list(range(len(series.ids)))
+    whole = {j: comparison.relate(j, j, series, rows) for j in comparison.first}
+    lost = [joint for joint, relation in whole.items() if relation.is_different]
+    for key in _find_exchanges(lost, comparison, series, rows):
+        found.setdefault(key, []).extend(numbers)
+    for joint, relation in whole.items():
+        if _is_late(relation, comparison):
+            found["delay", joint, ""] = numbers
     # joints of an exchange may look flipped where both move alike
     exchanged = {j for k in found if k[0] == "exchange" for j in k[1:]}
     found = {
         k: n for k, n in found.items() if k[0] == "exchange" or k[1] not in exchanged
     }
-    made = [
-        _make(key, set(n), comparison, series)
-        for key, n in found.items()
-        if key[0] != "delay" or len(n) > MOSTLY * known[key[1]]
-    ]
+    made = [_make(key, set(n), comparison, series) for key, n in found.items()]
     return [d for d in made if d is not None]
 
 
-def _is_lost(joint: str, comparison: Comparison, series: Series) -> bool:
-    """Whether a joint's columns do not fit each other over the whole recording."""
-    every = np.arange(len(series.episode))
-    return comparison.relate(joint, joint, series, every).is_different
+def _is_late(relation: Relation, comparison: Comparison) -> bool:
+    """Whether the second column comes later than physics has it."""
+    if not relation.is_known or relation.r < LATE_SAME:
+        return False
+    late = (1 - relation.here**2) / max(1 - relation.r**2, 1e-9) > LATE_RATIO
+    return abs(relation.lag) > comparison.max_lag and late
 
 
 def _list_parts(series: Series) -> list[tuple[np.ndarray, list[int]]]:
@@ -154,10 +153,6 @@ def _classify(relation: Relation, comparison: Comparison) -> list[str]:
         abs(relation.ratio) > 1 or abs(relation.ratio) < comparison.weakest
     ):
         found.append("unit")
-    late = (1 - relation.here**2) / max(1 - relation.r**2, 1e-9) > LATE_RATIO
-    is_late = abs(relation.lag) > comparison.max_lag and late
-    if relation.is_known and relation.r > np.sqrt(LATE_SAME) and is_late:
-        found.append("delay")
     return found
 
 
@@ -202,7 +197,7 @@ def _make(
 
         z = np.arctanh(np.sqrt(SAME)) - np.arctanh(min(abs(relation.r), 0.999))
         p = float(norm.sf(z * np.sqrt(n)))
-    ids = tuple(series.ids[i] for i in sorted(numbers))
+    ids = tuple(dict.fromkeys(series.ids[i] for i in sorted(numbers)))
     return Disagreement(
         kind, joint, partner, ids, relation, max(p, 1e-300), relation.lag * series.step
     )

@@ -326,7 +326,7 @@ class JointCheck:
                 f"{100 * given:.2g} %, {gain:.1f} nats a row"
             )
             found.append(self._make_fault(
-                best, others, measured, p, BASES["torque"], self.series.ids
+                best, others, measured, p, BASES["torque"], self.series.episodes
             ))  # fmt: skip
             self.mend, base = self.mend.then(best.mend), after
         return found

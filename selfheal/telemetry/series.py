@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from ..recording import Recording
+from ..recording import Episode, Recording
 from ..recording.data import Floats
 
 # [s] standard deviation of the kernel that smooths every column alike, and of a log
@@ -16,6 +17,9 @@ GRID_SECONDS = 0.01  # least step of the common grid; chosen: half a kernel
 EDGE_KERNELS = 2.5  # kept away from ends and gaps; chosen: 1 % of a kernel's weight
 BLOCK_SECONDS = 1.0  # of a block that is held out; chosen: longer than motions remember
 MAX_GAP_STEPS = 4.0  # sampling times without a reading; chosen: readings get lost
+# a gap that parts an episode [s], and in sampling times; chosen: wider than a kernel
+PART_SECONDS, PART_STEPS = 0.5, 10.0
+FINEST = 50.0  # parts of a kernel on the grid of a column; chosen: bursts need no more
 MIN_SAMPLES = 12  # of an episode; chosen: a kernel's width at both ends
 MAX_ROWS = 30_000  # of the common grid; chosen: 5 minutes, some seconds of work
 
@@ -29,7 +33,7 @@ class Series:
         kernel: standard deviation of the kernel [s].
         episode: (N) number of the episode of each row.
         block: (N) number of the block, about `BLOCK_SECONDS` long.
-        ids: of the episodes.
+        ids: of the episodes, by number.
         signals: (N, d, 3) of each signal: smoothed value [unit], slope [unit/s],
             curvature [unit/s^2]; NaN where nothing was read nearby.
         ctrl: (N, 3) of each actuator's command, the same.
@@ -43,67 +47,69 @@ class Series:
     signals: Mapping[str, Floats]
     ctrl: Mapping[str, Floats]
 
-    def shift(self, values: Floats, rows: int) -> Floats:
-        """Values (N, ...) as they were so many rows earlier in the same episode."""
-        out = np.full_like(values, np.nan)
-        n = len(values)
-        if abs(rows) >= n:
-            return out
-        to = slice(rows, n) if rows >= 0 else slice(0, n + rows)
-        of = slice(0, n - rows) if rows >= 0 else slice(-rows, n)
-        same = self.episode[to] == self.episode[of]
-        out[to] = np.where(
-            same.reshape(-1, *[1] * (values.ndim - 1)), values[of], np.nan
-        )
-        return out
+    @property
+    def episodes(self) -> tuple[str, ...]:
+        """Each id once."""
+        return tuple(dict.fromkeys(self.ids))
 
 
 def build_series(recording: Recording) -> Series:
-    """Smooth every column of a recording, and put it on a common grid."""
-    episodes = {
-        name: e for name, e in recording.episodes.items() if e.time.size >= MIN_SAMPLES
-    }
-    gaps = [float(np.median(np.diff(e.time))) for e in episodes.values()]
-    lengths = sum(float(e.time[-1] - e.time[0]) for e in episodes.values())
-    step = max([GRID_SECONDS, lengths / MAX_ROWS, *gaps])
-    sigma = max(KERNEL_SECONDS, KERNEL_SAMPLES * max(gaps, default=0.0))
-    names = sorted({n for e in episodes.values() for n in e.signals})
+    """Smooth every column of a recording, and put it on a common grid.
+
+    An episode is parted at its gaps: its parts count as episodes of one id.
+    """
+    parts = [(n, e, r) for n, e in recording.episodes.items() for r in _list_parts(e)]
+    gaps = [float(np.median(np.diff(e.time[rows]))) for _, e, rows in parts]
+    seconds = sum(float(np.ptp(e.time[rows])) for _, e, rows in parts)
+    step = max([GRID_SECONDS, seconds / MAX_ROWS, *gaps])
+    kernel = max(KERNEL_SECONDS, KERNEL_SAMPLES * max(gaps, default=0.0))
     widths = {
-        n: e.signals[n].values.reshape(e.time.size, -1).shape[1]
-        for e in episodes.values()
-        for n in e.signals
+        n: s.values.reshape(e.time.size, -1).shape[1]
+        for e in recording.episodes.values()
+        for n, s in e.signals.items()
     }
-    signals: dict[str, list[Floats]] = {n: [] for n in names}
-    commands: dict[str, list[Floats]] = {}
-    number, block, first = [], [], 0
-    for i, e in enumerate(episodes.values()):
-        at = np.arange(e.time[0], e.time[-1], step)
-        number.append(np.full(at.size, i))
+    actuators = next(iter(recording.episodes.values())).ctrl_names
+    signals = {n: [np.zeros((0, widths[n], 3))] for n in sorted(widths)}
+    commands = {n: [np.zeros((0, 3))] for n in actuators}
+    number, block, first = [np.zeros(0, int)], [np.zeros(0, int)], 0
+    for i, (_, e, rows) in enumerate(parts):
+        time = e.time[rows]
+        at = np.arange(time[0], time[-1], step)
         count = max(1, round((at[-1] - at[0]) / BLOCK_SECONDS))
+        number.append(np.full(at.size, i))
         block.append(first + np.arange(at.size) * count // at.size)
         first += count
-        for n in names:
-            held = e.signals.get(n)
-            if held is None:
+        for n in signals:
+            if n not in e.signals:
                 signals[n].append(np.full((at.size, widths[n], 3), np.nan))
                 continue
-            values = held.values.reshape(e.time.size, -1)
-            if held.kind == "body_orientation":
+            values = e.signals[n].values.reshape(e.time.size, -1)[rows]
+            if e.signals[n].kind == "body_orientation":
                 values = align_signs(values)
-            signals[n].append(_smooth(e.time, values, at, sigma, held=False))
-        for k, n in enumerate(e.ctrl_names):
-            smooth = _smooth(e.time, e.ctrl[:, [k]], at, sigma, held=True)
-            commands.setdefault(n, []).append(smooth[:, 0])
-    empty = np.zeros(0, int)
+            signals[n].append(_smooth(time, values, at, kernel, held=False))
+        for n in actuators:
+            sent = e.ctrl[rows][:, [e.ctrl_names.index(n)]]
+            commands[n].append(_smooth(time, sent, at, kernel, held=True)[:, 0])
     return Series(
         step,
-        sigma,
-        np.concatenate(number) if number else empty,
-        np.concatenate(block) if block else empty,
-        tuple(episodes),
-        {n: np.concatenate(parts) for n, parts in signals.items()},
-        {n: np.concatenate(parts) for n, parts in commands.items()},
+        kernel,
+        np.concatenate(number),
+        np.concatenate(block),
+        tuple(name for name, _, _ in parts),
+        {n: np.concatenate(pieces) for n, pieces in signals.items()},
+        {n: np.concatenate(pieces) for n, pieces in commands.items()},
     )
+
+
+def _list_parts(episode: Episode) -> list[slice]:
+    """Rows of an episode between its gaps, where they are enough."""
+    if episode.time.size < MIN_SAMPLES:
+        return []
+    steps = np.diff(episode.time)
+    torn = steps > max(PART_SECONDS, PART_STEPS * float(np.median(steps)))
+    ends = [0, *(np.flatnonzero(torn) + 1).tolist(), episode.time.size]
+    every = [slice(a, b) for a, b in pairwise(ends)]
+    return [rows for rows in every if rows.stop - rows.start >= MIN_SAMPLES]
 
 
 def _smooth(
@@ -124,7 +130,7 @@ def _smooth(
     from scipy.ndimage import gaussian_filter1d
 
     gap = float(np.median(np.diff(time)))
-    fine = min(gap, sigma / 4)
+    fine = float(np.clip(gap, sigma / FINEST, sigma / 4))
     grid = np.arange(time[0], time[-1] + fine / 2, fine)
     out = np.full((at.size, values.shape[1], 3), np.nan)
     for c in range(values.shape[1]):

@@ -76,7 +76,7 @@ def _judge(
         series: of the recording.
     """
     r, p = by_motion.r, correlation_p_value(by_motion.r, by_motion.rows, 1.0)
-    ids, columns = series.ids, (name,)
+    ids, columns = series.episodes, (name,)
     said = f"correlation {r:.2f} with the torque that the motion takes"
     if by_motion.is_same and r < 0 and by_command.r < 0:
         return Fault(
