@@ -94,7 +94,7 @@ def _inject_joint(
         )
     frozen = _edit(recording, lambda e: _change(e, position, lambda t, x: 0 * x + x[0]))
     yield Injection("frozen", ("frozen",), position, frozen, model)
-    if joint.velocity or joint.position_servo:
+    if joint.velocity or joint.servo:
         late = LATE_VELOCITY if joint.velocity else LATE_COMMAND
         delayed = _edit(
             recording, lambda e: _change(e, position, lambda t, x: _delay(t, x, late))

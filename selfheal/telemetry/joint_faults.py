@@ -20,7 +20,7 @@ from .disagreements import (
 )
 from .fault import Fault, format_columns, write_mend
 from .joints import JointColumns
-from .pairs import name_unit
+from .pairs import UNITS, name_unit
 from .series import Series
 from .states import Mend
 
@@ -106,11 +106,11 @@ class JointCheck:
 
     def _pair_commands(self) -> Comparison:
         """Positions against what position servos are sent."""
-        led = [j for j in self.joints.values() if j.position and j.position_servo]
+        led = [j for j in self.joints.values() if j.position and j.servo]
         step = self.series.step
         first = {}
         for j in led:
-            servo = j.position_servo
+            servo = j.servo
             assert servo is not None
             first[j.name] = self.series.ctrl[servo.actuator][:, 0] * servo.scale
         return Comparison(
@@ -187,7 +187,7 @@ class JointCheck:
                 self._make(kind, joint, partner, ("command",), 1 / ratio),
             ]
         velocity = self._make(kind, joint, partner, ("velocity",), ratio)
-        if j.position_servo:  # the position agrees with its command
+        if j.servo:  # the position agrees with its command
             return [velocity]
         return [velocity, self._make(kind, joint, partner, ("position",), 1 / ratio)]
 
@@ -226,8 +226,6 @@ class JointCheck:
         pairs = [(joint, partner or joint)] + [(partner, joint)] * bool(partner)
         factor = {"sign": -1.0, "unit": 1 / abs(ratio)}.get(kind, 1.0)
         if kind == "unit" and (unit := name_unit(ratio)):
-            from .pairs import UNITS
-
             factor = 1 / UNITS[unit]
         positions, commands, signals, acting, lines = {}, {}, [], [], []
         for to, source in pairs:
@@ -372,7 +370,7 @@ class JointCheck:
             found.append(self._make("unit", name, "", read, 1 / DEGREE))
             if joint.actuators:
                 both = (*read, "command")
-                servo = joint.position_servo is not None
+                servo = joint.servo is not None
                 found.append(
                     self._make("sign", name, "", both if servo else ("command",), 1)
                 )

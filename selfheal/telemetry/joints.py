@@ -13,20 +13,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Reference:
-    """The position or velocity at which a servo's force vanishes.
+    """The position at which a servo's force vanishes, but for an offset.
 
     MuJoCo: force = gain ctrl + bias0 + bias1 length + bias2 velocity, and length =
     gear q.
 
     Attributes:
         actuator: whose command it is.
-        scale: [rad or m, or per second, per unit of the command].
-        offset: [rad or m].
+        scale: [rad or m per unit of the command].
     """
 
     actuator: str
     scale: float
-    offset: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,7 @@ class JointColumns:
         name: of the joint.
         number: in the model.
         position, velocity: names of their signals; "" where there is none.
-        position_servo, velocity_servo: what they are commanded to; None where nothing
-            commands that.
+        servo: what its position is commanded to; None where nothing commands that.
         actuators: all that act on this joint alone.
     """
 
@@ -46,8 +43,7 @@ class JointColumns:
     number: int
     position: str = ""
     velocity: str = ""
-    position_servo: Reference | None = None
-    velocity_servo: Reference | None = None
+    servo: Reference | None = None
     actuators: tuple[str, ...] = field(default=())
 
     @property
@@ -74,8 +70,7 @@ def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColu
                 j,
                 read.get(("position", name), ""),
                 read.get(("velocity", name), ""),
-                _find_servo(model, acting, 1),
-                _find_servo(model, acting, 2),
+                _find_servo(model, acting),
                 tuple(model.actuator(a).name for a in acting),
             )
         )
@@ -135,10 +130,8 @@ def _list_actuators(model: "mujoco.MjModel", joint: int) -> list[int]:
     ]
 
 
-def _find_servo(
-    model: "mujoco.MjModel", actuators: list[int], term: int
-) -> Reference | None:
-    """The reference of the first position (1) or velocity (2) servo among actuators."""
+def _find_servo(model: "mujoco.MjModel", actuators: list[int]) -> Reference | None:
+    """The reference of the first position servo among some actuators."""
     import mujoco
 
     for a in actuators:
@@ -147,10 +140,6 @@ def _find_servo(
         affine = model.actuator_biastype[a] == int(mujoco.mjtBias.mjBIAS_AFFINE)
         fixed = model.actuator_gaintype[a] == int(mujoco.mjtGain.mjGAIN_FIXED)
         plain = affine and fixed and follows_command(model, a)
-        if not plain or not gain or not gear or bias[term] >= 0:
-            continue
-        if term == 2 and bias[1]:
-            continue
-        scale, offset = -gain / bias[term] / gear, -bias[0] / bias[term] / gear
-        return Reference(model.actuator(a).name, float(scale), float(offset))
+        if plain and gain and gear and bias[1] < 0:
+            return Reference(model.actuator(a).name, float(-gain / bias[1] / gear))
     return None

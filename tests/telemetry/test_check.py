@@ -142,6 +142,21 @@ def test_a_gap_and_a_duplicate_are_told(servo_arm):
     assert {f.kind for f in check_telemetry(torn, model)} >= {"gap", "duplicate"}
 
 
+@pytest.mark.parametrize("stamps_are_wrong", [True, False])
+def test_jitter_is_told_where_readings_were_even(servo_arm, stamps_are_wrong):
+    model, recording = servo_arm
+    e = recording.episodes["0"]
+    rng = np.random.default_rng(0)
+    time = e.time + rng.uniform(-0.0049, 0.0049, e.time.size)
+    real = replace(recording, episodes={"0": e})
+    real = _edit(real, lambda t, x: np.interp(time, t, np.sin(3 * t)), "elbow_q")
+    even = _edit(real, lambda t, x: np.sin(3 * t), "elbow_q")
+    read = (even if stamps_are_wrong else real).episodes["0"].signals["elbow_q"]
+    odd = replace(e, time=time, signals={"elbow_q": read})
+    told = {f.kind for f in check_telemetry(replace(real, episodes={"0": odd}), model)}
+    assert ("jitter" in told) == stamps_are_wrong
+
+
 def test_a_torque_that_repeats_the_command_is_told(torque_arm):
     model, recording = torque_arm
     e = recording.episodes["0"]
