@@ -238,6 +238,8 @@ def _print_telemetry(console: Any, summary: dict[str, Any]) -> None:
             row = (fault["kind"], episodes, fault["seen"], f"{fault['p_value']:.0e}")
             table.add_row(*map(Text, (*row, fault["mend"])))
         console.print(table)
+    elif "telemetry" in summary:
+        console.print("telemetry: no fault of the log was found")
     for reason in summary.get("unchecked", []):
         console.print(Text(f"not checked: {reason}"), soft_wrap=True)
 

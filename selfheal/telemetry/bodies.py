@@ -89,7 +89,7 @@ class BodyCheck:
                     f"{format_columns([name])} is written x y z w, not w x y z: {what} "
                     f"are off by {given:.2g} of their mean square as it is, by "
                     f"{other:.2g} in the other order",
-                    P_VALUE, BASIS, write_mend("signals", name, "order", "x y z w"),
+                    P_VALUE, BASIS, write_mend("signals", name, "order", "xyzw"),
                 )  # fmt: skip
         return None
 
@@ -263,7 +263,7 @@ class BodyCheck:
             found.append(self._make(
                 "sign", name, target,
                 f"columns {flipped} of {format_columns([name])} are the opposite of "
-                f"{what} (correlation {r:.2f})", "scale", f"[{signs}]",
+                f"{what} (correlation {r:.2f})", "sign", f"[{signs}]",
             ))  # fmt: skip
         scaled = [table[i][i] for i in every if table[i][i].has_other_unit]
         if scaled and not flipped:
@@ -301,8 +301,9 @@ class BodyCheck:
             key, value: of the map file.
         """
         mend = write_mend("signals", name, key, value)
-        return Fault(kind, self.series.episodes, (name,), target, seen, P_VALUE, BASIS,
-                     mend.replace('"[', "[").replace(']"', "]"))  # fmt: skip
+        return Fault(
+            kind, self.series.episodes, (name,), target, seen, P_VALUE, BASIS, mend
+        )
 
     def _check_predicted(self) -> list[Fault]:
         """Model sensors and poses against what the joints' positions give."""

@@ -227,5 +227,5 @@ def _tell_clipped(recording: Recording, clipped: dict) -> Iterator[Fault]:
             f"episode {episode!r}: it reaches that value again and again, and never "
             "passes it",
             float(np.exp(max(log_p, -600))), BASIS,
-            write_mend("signals", name, "missing_at", value),
+            write_mend("signals", name, "skip", True),
         )  # fmt: skip

@@ -1,7 +1,6 @@
 """What is wrong with a log: the kinds of faults, what each means, how it is mended."""
 
 import json
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +11,6 @@ from ..errors import RecordingError, UnknownNameError
 DECISIVE_P_VALUE = 1e-3
 # of a message that lists faults; chosen: a screen
 MAX_LISTED = 8
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # of TOML 1.0, section "Keys"
 
 # by kind: whether it makes physics meaningless
 KINDS: Mapping[str, bool] = {
@@ -46,7 +44,7 @@ class Fault:
         p_value: probability to see this in a log without the fault [1]; `basis` says
             by which test.
         basis: of the p-value.
-        mend: lines of a map file (TOML), or the attribute of the MJCF that is wrong.
+        mend: lines for the log's map, or the attribute of the MJCF that is wrong.
         alternatives: columns that may be at fault instead, as far as these data tell.
     """
 
@@ -117,17 +115,24 @@ def refuse_faulty(
 
 
 def write_mend(table: str, name: str, key: str, value: float | str | bool) -> str:
-    """A line of a map file that changes how a column is read.
+    """What in a log's map changes how a column is read (`selfheal.logs.log_map`).
 
     Args:
         table: "signals" or "ctrl".
         name: of the signal or the actuator.
-        key: what is changed.
-        value: to what.
+        key: what is changed: "sign", "scale", "delay", "order", "columns", "targets",
+            or "skip".
+        value: to what; a list is a text.
     """
-    bare = name if _BARE_KEY.fullmatch(name) else json.dumps(name)
+    rule = "[[signals]]" if table == "signals" else '[[signals]] kind = "command",'
+    place = f"{rule} of {json.dumps(name)}"
+    if key == "skip":
+        return f"{place}: leave the column out"
+    is_list = isinstance(value, str) and value.startswith("[")
     text = f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
-    return f"{table}.{bare}.{key} = {text}"
+    if key == "scale" and value == -1:
+        key, text = "sign", "-1"
+    return f"{place}: {key} = {value if is_list else text}"
 
 
 def format_columns(names: Sequence[str]) -> str:

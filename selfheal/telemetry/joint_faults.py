@@ -1,5 +1,6 @@
 """Which column of a joint is at fault: takes disagreements, gives faults with mends."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -257,7 +258,7 @@ class JointCheck:
     @staticmethod
     def _write(kind: str, table: str, name: str, factor: float, to: str) -> str:
         if kind == "exchange":
-            return write_mend(table, name, "target", to)
+            return write_mend(table, name, "targets", json.dumps([to]))
         return write_mend(table, name, "scale", factor)
 
     def _make_fault(

@@ -169,7 +169,7 @@ def test_a_torque_that_repeats_the_command_is_told(torque_arm):
 def test_decisive_faults_refuse_unless_they_are_let_pass(servo_arm):
     model, recording = servo_arm
     faults = check_telemetry(_edit(recording, _flip, "elbow_v"), model)
-    with pytest.raises(RecordingError, match="elbow_v.scale = -1.*--no-check sign"):
+    with pytest.raises(RecordingError, match='"elbow_v": sign = -1.*--no-check sign'):
         refuse_faulty("a.h5", faults)
     refuse_faulty("a.h5", faults, ["sign"])
     assert list_decisive(faults) == faults and list_tolerable(faults) == []
