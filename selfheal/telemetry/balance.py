@@ -162,6 +162,8 @@ class TorqueBalance:
             mujoco.mj_comPos(model, data)
             mujoco.mj_collision(model, data)
             touches[row] = data.ncon > 0
+        if not touches.size:
+            return touches > 0
         wide = round(CONTACT_KERNELS * self.series.kernel / self.series.step)
         return np.convolve(touches, np.ones(2 * wide + 1), mode="same") > 0
 

@@ -1,0 +1,65 @@
+"""Recordings that hold little, or nothing that makes sense, are examined without harm."""
+
+import itertools
+
+import mujoco
+import numpy as np
+import pytest
+
+from selfheal.recording import Episode, Recording, Signal
+from selfheal.telemetry import examine_telemetry
+
+ARM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+<body pos="0 0 1"><joint name="a" axis="0 1 0" range="-1 1" limited="true"/>
+<geom size=".1" pos=".3 0 0"/><body pos=".5 0 0"><joint name="b" type="slide"/>
+<geom size=".1"/><site name="s"/></body></body></worldbody>
+<actuator><position name="a" joint="a" kp="5" ctrlrange="-1 1" ctrllimited="true"/>
+<motor name="b" joint="b"/></actuator><sensor><gyro name="g" site="s"/></sensor>
+</mujoco>"""
+FREE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="b" pos="0 0 1">
+<freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+SIGNALS = {
+    ARM: [("joint_position", "a", "rad", 1), ("joint_velocity", "a", "rad/s", 1),
+          ("joint_position", "b", "m", 1), ("joint_torque", "a", "N m", 1),
+          ("sensor", "g", "rad/s", 3)],
+    FREE: [("body_position", "b", "m", 3), ("body_orientation", "b", "1", 4),
+           ("body_angular_velocity", "b", "rad/s", 3)],
+}  # fmt: skip
+CHANGES = {
+    "noise": lambda values, rng: values,
+    "zeros": lambda values, rng: 0 * values,
+    "missing": lambda values, rng: values * np.nan,
+    "gaps": lambda values, rng: np.where(
+        rng.random(values.shape) < 0.6, np.nan, values
+    ),
+    "huge": lambda values, rng: 1e8 * values,
+}
+
+
+def _make_signal(change, rows, rng, kind, target, unit, width):
+    values = CHANGES[change](rng.normal(size=(rows, width)), rng)
+    if kind == "body_orientation":
+        values = values / np.linalg.norm(values, axis=1, keepdims=True)
+        values = np.tile([1.0, 0, 0, 0], (rows, 1)) if change == "zeros" else values
+    return Signal(values[:, 0] if width == 1 else values, kind, target, unit)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered in divide")  # of zeros
+@pytest.mark.parametrize("model", [ARM, FREE], ids=["arm", "free body"])
+@pytest.mark.parametrize("change", CHANGES)
+def test_odd_recordings_do_no_harm(model, change):
+    compiled, rng = mujoco.MjModel.from_xml_string(model), np.random.default_rng(0)
+    for rows, count in itertools.product((1, 2, 3, 20), (1, 2)):
+        episodes = {}
+        for number in range(count):
+            time = np.cumsum(rng.random(rows) * 0.02 + 1e-4)
+            ctrl = rng.normal(size=(rows, compiled.nu))
+            signals = {
+                f"{kind} {target}": _make_signal(
+                    change, rows, rng, kind, target, unit, width
+                )
+                for kind, target, unit, width in SIGNALS[model]
+            }
+            names = tuple("ab"[: compiled.nu])
+            episodes[str(number)] = Episode(time, ctrl, names, signals)
+        examine_telemetry(Recording(episodes), compiled)
