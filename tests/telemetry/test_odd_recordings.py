@@ -1,4 +1,4 @@
-"""Recordings that hold little, or nothing that makes sense, are examined without harm."""
+"""Recordings that hold little, or nothing of sense, are examined without harm."""
 
 import itertools
 
@@ -16,8 +16,8 @@ ARM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 <actuator><position name="a" joint="a" kp="5" ctrlrange="-1 1" ctrllimited="true"/>
 <motor name="b" joint="b"/></actuator><sensor><gyro name="g" site="s"/></sensor>
 </mujoco>"""
-FREE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="b" pos="0 0 1">
-<freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
+FREE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+<body name="b" pos="0 0 1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
 SIGNALS = {
     ARM: [("joint_position", "a", "rad", 1), ("joint_velocity", "a", "rad/s", 1),
           ("joint_position", "b", "m", 1), ("joint_torque", "a", "N m", 1),
