@@ -8,6 +8,7 @@ from selfheal import __version__
 
 from . import diagnose, example, heal, identify, recording, recover, study
 from ._errors import Group
+from ._print import print_line
 
 # rich_markup_mode: rich's help pages would double the time to the first line
 app = typer.Typer(
@@ -35,7 +36,7 @@ app.add_typer(recording.app, name="recording")
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"selfheal {__version__}")
+        print_line(f"selfheal {__version__}")
         raise typer.Exit
 
 

@@ -11,7 +11,9 @@ from typer.core import TyperGroup
 from selfheal.errors import InputError, SelfhealError
 from selfheal.files import DISK_ERRORS
 
-from ._streams import print_any_text
+from ._print import print_line
+from ._streams import guard_streams
+from ._warnings import say_warnings
 
 
 class Group(TyperGroup):
@@ -23,8 +25,9 @@ class Group(TyperGroup):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line, which prints whatever text is in files and paths."""
-        print_any_text()
-        return super().main(*args, **kwargs)
+        guard_streams()
+        with say_warnings():
+            return super().main(*args, **kwargs)
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         """Run the command that `ctx` names."""
@@ -32,12 +35,12 @@ class Group(TyperGroup):
             result = super().invoke(ctx)
             sys.stdout.flush()
         except SelfhealError as error:
-            typer.echo(f"selfheal: {error}", err=True)
+            print_line(f"selfheal: {error}", is_error=True)
             raise typer.Exit(2 if isinstance(error, InputError) else 1) from error
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            typer.echo(f"selfheal: cannot write: {error.strerror}", err=True)
+            print_line(f"selfheal: cannot write: {error.strerror}", is_error=True)
             _discard_output()
             raise typer.Exit(1) from error
         return result

@@ -1,8 +1,13 @@
 """`selfheal recording import`: what it prints of a guess and of what was done."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from selfheal.printable import join_names
+
+from ._print import print_line, print_table
 
 if TYPE_CHECKING:
     from selfheal.logs.guessing.guess import Guess
@@ -12,20 +17,26 @@ if TYPE_CHECKING:
 
 def print_guess(guess: "Guess") -> None:
     """A table of the columns that were matched, and what to look at."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    print_table(
+        ("column", "kind", "of", "unit", "sure", "because of"), _list_guess_rows(guess)
+    )
+    for stream, (sure, why) in guess.time.notes.items():
+        name = f"time of {stream}" if stream else "time"
+        print_line(f"{name}: {why} ({sure:.0%} sure)")
+    if guess.unused:
+        print_line(f"not used: {join_names(guess.unused)}")
+    for remark in guess.remarks:
+        print_line(f"look: {remark}")
 
+
+def _list_guess_rows(guess: "Guess") -> Iterator[tuple[str, ...]]:
+    """A row for each target."""
     from selfheal.logs.guessing.map_text import describe_unit
 
-    console = Console()
-    table = Table()
-    for title in ("column", "kind", "of", "unit", "sure", "because of"):
-        table.add_column(title, overflow="fold")
     for line in guess.lines:
         width = len(line.columns) // len(line.targets)
         for k, target in enumerate(line.targets):
-            cells = (
+            yield (
                 ", ".join(line.columns[k * width : (k + 1) * width]),
                 line.kind,
                 target,
@@ -33,15 +44,6 @@ def print_guess(guess: "Guess") -> None:
                 f"{line.sure[k]:.0%}",
                 line.why[k],
             )
-            table.add_row(*map(Text, cells))
-    console.print(table)
-    for stream, (sure, why) in guess.time.notes.items():
-        name = f"time of {stream}" if stream else "time"
-        console.print(Text(f"{name}: {why} ({sure:.0%} sure)"), soft_wrap=True)
-    if guess.unused:
-        console.print(Text(f"not used: {', '.join(guess.unused)}"), soft_wrap=True)
-    for remark in guess.remarks:
-        console.print(Text(f"look: {remark}"), soft_wrap=True)
 
 
 def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
@@ -79,43 +81,39 @@ def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
 
 def print_import(report: "ImportReport", path: Path) -> None:
     """What was written, and what of the log was not taken as it is."""
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console()
-
-    def say(line: str) -> None:
-        console.print(Text(line), soft_wrap=True)
-
     seconds = sum(episode.seconds for episode in report.episodes)
     rows = sum(episode.rows for episode in report.episodes)
     count = len(report.episodes)
-    say(f"{path}: {count} episode{'s' * (count > 1)}, {seconds:.1f} s, {rows} rows.")
+    print_line(
+        f"{path}: {count} episode{'s' * (count > 1)}, {seconds:.1f} s, {rows} rows."
+    )
     rates = dict[str, list[float]]()
     for episode in report.episodes:
         for stream, rate in episode.rates.items():
             rates.setdefault(stream, []).append(rate)
     for stream, found in rates.items():
         ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
-        say(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
+        print_line(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
     for unit, names in report.assumed.items():
-        say(f"assumed to be in {unit}, for neither map nor log states a unit: "
+        print_line(f"assumed to be in {unit}, for neither map nor log states a unit: "
             f"{', '.join(names)}")  # fmt: skip
     for offset in report.offsets:
-        say(_describe_offset(offset))
+        print_line(_describe_offset(offset))
     if report.lag:
-        say(
+        print_line(
             f"all positions follow their commands {1000 * report.lag[0]:.0f} to "
             f"{1000 * report.lag[1]:.0f} ms later: the drives' delay and lag, or one "
             "shift between the two clocks, which this log cannot tell apart."
         )
     if report.sorted:
-        say(f"{report.sorted} rows stood behind later ones and were sorted in.")
+        print_line(f"{report.sorted} rows stood behind later ones and were sorted in.")
     if report.dropped:
-        say(f"{report.dropped} rows had no time, or one that another row has; they "
+        print_line(f"{report.dropped} rows had no time, or one that another row has; they "
             "were left out.")  # fmt: skip
     if report.before_command:
-        say(f"{report.before_command} rows before the first command were left out.")
+        print_line(
+            f"{report.before_command} rows before the first command were left out."
+        )
 
 
 def _describe_offset(offset: "Offset") -> str:

@@ -1,10 +1,11 @@
 """Progress of a long command: what is being done in, a bar and lines for a user out."""
 
+import sys
 import time
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.text import Text
+from selfheal.printable import make_printable
+
+from ._streams import guard_streams, unwrap
 
 
 class ProgressBar:
@@ -15,7 +16,7 @@ class ProgressBar:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self._console = Console(stderr=True, quiet=quiet)
+        self._console = Console(file=unwrap(sys.stderr), quiet=quiet)
         self._start = time.perf_counter()
         self._bar = Progress(
             BarColumn(),
@@ -30,6 +31,8 @@ class ProgressBar:
     def __enter__(self) -> "ProgressBar":
         """Draw the bar."""
         self._bar.start()
+        if not self._bar.disable:  # rich's streams print above the bar what they get
+            guard_streams()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -44,8 +47,12 @@ class ProgressBar:
 
     def show(self, what: str, share: float) -> None:
         """Show what is being done and how much of it is done, 0 to 1."""
-        self._bar.update(self._task, description=what, completed=share)
+        said = make_printable(what)
+        self._bar.update(self._task, description=said, completed=share)
 
-    def say(self, line: "str | Text") -> None:
-        """Leave a line above the bar."""
-        self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+    def say(self, line: str, head: str = "") -> None:
+        """Leave a line above the bar, with a bold head before it."""
+        from rich.text import Text
+
+        text = Text.assemble((head, "bold"), make_printable(line))
+        self._console.print(text, soft_wrap=True)

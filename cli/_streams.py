@@ -1,29 +1,54 @@
-"""Standard streams that print any text: names in files and paths may have any."""
+"""Standard streams that print any text, and none that controls a terminal."""
 
 import codecs
 import sys
+from collections.abc import Iterable
 from io import TextIOWrapper
+from typing import Any, TextIO
+
+from selfheal.printable import escape_unprintable
 
 
-def print_any_text() -> None:
+class PrintableStream:
+    """A stream that shows control characters, whoever writes them, but newlines.
+
+    Attributes:
+        raw: the stream that it writes to.
+    """
+
+    def __init__(self, raw: TextIO) -> None:
+        self.raw = raw
+
+    def write(self, text: str) -> int:
+        """Write text with escapes of what is not printable."""
+        self.raw.write(escape_unprintable(text, keep="\n"))
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        """Write several."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.raw, name)
+
+
+def guard_streams() -> None:
     """Let standard output and error take any text, whatever the locale.
 
-    ASCII is what a locale without a language leaves: UTF-8 is written then. Of a path
-    the bytes come out as they are; what an encoding lacks becomes "?".
+    ASCII is what a locale without a language leaves: UTF-8 is written then. What an
+    encoding lacks becomes an escape.
     """
-    codecs.register_error("selfheal", _encode_anyway)
-    for stream in (sys.stdout, sys.stderr):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
         if isinstance(stream, TextIOWrapper):
             is_ascii = codecs.lookup(stream.encoding).name == "ascii"
-            stream.reconfigure(
-                encoding="utf-8" if is_ascii else None, errors="selfheal"
-            )
+            encoding = "utf-8" if is_ascii else None
+            stream.reconfigure(encoding=encoding, errors="backslashreplace")
+        if stream and not isinstance(stream, PrintableStream):
+            setattr(sys, name, PrintableStream(stream))
 
 
-def _encode_anyway(error: UnicodeError) -> tuple[bytes, int]:
-    """Bytes of what an encoding lacks, and where to go on."""
-    assert isinstance(error, UnicodeEncodeError)
-    codes = map(ord, error.object[error.start : error.end])
-    # 0xDC80 to 0xDCFF: a byte of a path that is no text (PEP 383)
-    taken = [code - 0xDC00 if 0xDC80 <= code <= 0xDCFF else ord("?") for code in codes]
-    return bytes(taken), error.end
+def unwrap(stream: Any) -> Any:
+    """What a `PrintableStream` writes to; any other stream itself."""
+    return stream.raw if isinstance(stream, PrintableStream) else stream

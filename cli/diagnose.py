@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar
 
 if TYPE_CHECKING:
@@ -79,12 +80,10 @@ def diagnose(
                          progress=_StageProgress(live))  # fmt: skip
         except KeyboardInterrupt:
             if memory.exists():
-                typer.echo("selfheal: --resume goes on where this was", err=True)
+                live.say("selfheal: --resume goes on where this was")
             raise
         found.save(out, force=force)
     if as_json:
-        from ._print import print_json
-
         extra = {"seconds": round(found.seconds, 1), "folder": str(out)}
         print_json({**found.document, **extra})
     else:
@@ -108,74 +107,49 @@ class _StageProgress:
 
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     """The verdict, the findings, the errors, the files."""
-    from rich.console import Console
-    from rich.text import Text
-
     from selfheal.report.phrases import state_verdict
 
-    console = Console()
-    # text, not markup: a name in a file may hold square brackets
-    console.print(Text(state_verdict(found.document), style="bold"), soft_wrap=True)
-    _print_findings(console, found.document["findings"])
-    _print_fit(console, found.document["fit"])
+    print_text(state_verdict(found.document), "bold", is_wrapped=False)
+    _print_findings(found.document["findings"])
+    _print_fit(found.document["fit"])
     for remark in found.remarks:
-        console.print(Text(f"note: {remark}"), soft_wrap=True)
+        print_line(f"note: {remark}")
     for name in _FILES:
-        console.print(Text(os.fspath(folder / name)), soft_wrap=True)
+        print_line(os.fspath(folder / name))
 
 
-def _print_findings(console: Any, findings: Sequence[Mapping[str, Any]]) -> None:
+def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
     """A row a finding, and how to tell it from its equals."""
     if not findings:
         return
-    from rich.text import Text
-
     from selfheal.report.tables import format_onset, format_quantity
 
     head = ("effect", "where", "value (90 % interval)", "cannot be told from")
     rows = [
         (
             found["effect"],
-            f"{found['target']}\n{format_onset(found)}".rstrip(),
-            "\n".join(f"{p['name']} {format_quantity(p)}" for p in found["parameters"]),
-            "\n".join(found.get("equivalent", ())),
+            [found["target"], *filter(None, [format_onset(found)])],
+            [f"{p['name']} {format_quantity(p)}" for p in found["parameters"]],
+            found.get("equivalent", ()),
         )
         for found in findings
     ]
-    _print_table(console, head, rows)
+    print_table(head, rows)
     for found in findings:
         if found.get("equivalent") and found.get("separate_by"):
-            advice = f"to separate {found['effect']}: {found['separate_by']}"
-            console.print(Text(advice), soft_wrap=True)
+            print_line(f"to separate {found['effect']}: {found['separate_by']}")
 
 
-def _print_fit(console: Any, fit: Mapping[str, Any]) -> None:
+def _print_fit(fit: Mapping[str, Any]) -> None:
     """The error on held-out recordings."""
-    from rich.text import Text
-
     from selfheal.report.tables import format_short
 
     keys = ("given", "refit", "patched", "floor")
     row = ["held-out error", *(format_short(fit.get(key)) for key in keys)]
     removed = fit.get("explainable_removed")
     row.append("\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %")
-    _print_table(console, ("", *keys, "explainable removed"), [row])
-    console.print(Text(_MEANS, style="dim"))
-
-
-def _print_table(
-    console: Any, head: Sequence[str], rows: Sequence[Sequence[str]], whole: int = 0
-) -> None:
-    """A table; cells of the first `whole` columns are never broken."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table()
-    for column, title in enumerate(head):
-        table.add_column(title, overflow="fold", no_wrap=column < whole)
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console.print(table)
+    print_table(("", *keys, "explainable removed"), [row])
+    print_text(_MEANS, "dim")
 
 
 def replay(
@@ -218,11 +192,9 @@ def replay(
         "seconds": round(time.perf_counter() - start, 1),
     }
     if as_json:
-        from ._print import print_json
-
         print_json(told)
     else:
-        typer.echo(
+        print_line(
             f"{told['episodes']} episodes, {told['samples']} samples predicted in "
             f"{told['seconds']} s: {out}"
         )
@@ -280,14 +252,10 @@ def effects(as_json: Annotated[bool, _JSON] = False) -> None:
         for e in load_catalogue().values()
     ]  # fmt: skip
     if as_json:
-        from ._print import print_json
-
         print_json({"format": "selfheal-effects", "version": 1, "effects": found})
         return
-    from rich.console import Console
-
     head = ("name", "where", "what happens", "equation")
     rows = [
         [str(e[key]) for key in ("name", "group", "says", "equation")] for e in found
     ]
-    _print_table(Console(), head, rows, whole=2)
+    print_table(head, rows, whole=2)

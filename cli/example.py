@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from ._print import print_json, print_line
+
 
 def example(
     name: Annotated[
@@ -23,8 +25,6 @@ def example(
     """Write a model, a log of its robot with something concealed, and what to type."""
     from selfheal.example import make_example
 
-    from ._print import print_json
-
     made = make_example(name, out)
     if as_json:
         print_json(
@@ -40,13 +40,14 @@ def example(
             }
         )
         return
-    print(
-        f"{made.model}: what is known of the robot\n"
-        f"{made.log}: what it did, in its own software's units\n"
-        f"{made.map_file}: which columns are which signals\n"
-        f"{made.recording}: the log as selfheal reads it, made by\n"
+    for line in (
+        f"{made.model}: what is known of the robot",
+        f"{made.log}: what it did, in its own software's units",
+        f"{made.map_file}: which columns are which signals",
+        f"{made.recording}: the log as selfheal reads it, made by",
         f"  selfheal recording import {made.log} --model {made.model} "
-        f"--map {made.map_file} --out {made.recording}\n"
-        "The robot has a physics that the model lacks. To find it:\n"
-        f"  selfheal diagnose {made.model} {made.recording} --out {out / 'diagnosis'}"
-    )
+        f"--map {made.map_file} --out {made.recording}",
+        "The robot has a physics that the model lacks. To find it:",
+        f"  selfheal diagnose {made.model} {made.recording} --out {out / 'diagnosis'}",
+    ):
+        print_line(line)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
 
@@ -61,19 +62,19 @@ def gait(
         )
     told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
-        from ._print import print_json
-
         print_json(told)
         return
     p = told["predicted"]
-    typer.echo(
+    print_line(
         f"walked {told['walked']:.2f} m in {told['duration']:.0f} s, predicted "
         f"{p['distance']:.2f} m ({p['low']:.2f} to {p['high']:.2f}); "
-        f"{told['across']:+.2f} m to the left\n"
-        f"speed {100 * told['speed']:.1f} cm/s; by the self-model {p['energy']:.1f} J "
-        f"of work, cost of transport {p['cost_of_transport']:.2f}\n"
-        f"{told['simulations']} simulations, {told['seconds']} s"
+        f"{told['across']:+.2f} m to the left"
     )
+    print_line(
+        f"speed {100 * told['speed']:.1f} cm/s; by the self-model {p['energy']:.1f} J "
+        f"of work, cost of transport {p['cost_of_transport']:.2f}"
+    )
+    print_line(f"{told['simulations']} simulations, {told['seconds']} s")
 
 
 def heal(
@@ -120,8 +121,6 @@ def heal(
                 out=folder, force=force, **told,
             )  # fmt: skip
     if as_json:
-        from ._print import print_json
-
         print_json(done.result)
     else:
         path = resume or folder.path / "heal.h5"
@@ -159,14 +158,12 @@ def watch(
     check_file(body)
     found = watch_recording(load(body), read(recording), learn=learn, cycle=cycle)
     if as_json:
-        from ._print import print_json
-
         print_json({"format": "selfheal-watch", "version": 1, "body": str(body),
                     "recording": str(recording), "false_alarms_per_hour": FALSE_ALARMS,
                     "episodes": found})  # fmt: skip
         return
     for episode in found:
-        typer.echo(_format_watched(episode))
+        print_line(_format_watched(episode))
 
 
 def _format_watched(episode: dict[str, Any]) -> str:
@@ -241,23 +238,18 @@ def _format_hypothesis(believed: dict[str, Any]) -> str:
 
 def _print_result(run: "HealRun", files: list[Path]) -> None:
     """What happened, the distances, the files."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console, result = Console(), run.result
-    table = Table("happened", "sure")
+    result = run.result
+    rows = []
     for k, believed in enumerate(run.phases["verdict"]["believed"]):
         if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
             words = _format_hypothesis(believed).rpartition(" (")
-            table.add_row(words[0], words[2].rstrip(")"))
-    console.print(table)
+            rows.append((words[0], words[2].rstrip(")")))
+    print_table(("happened", "sure"), rows)
     names = {"intact": "whole", "damaged": "broken, old gait", "healed": "broken, new",
              "best_known": "made knowing the damage"}  # fmt: skip
-    table = Table("distance in 10 s", "m")
-    for key, name in names.items():
-        value = result["distance"][key]
-        table.add_row(name, "unknown" if value is None else f"{value:.2f}")
-    console.print(table)
-    console.print(f"{result['actions']} actions, {result['seconds']} s")
+    ways = {name: result["distance"][key] for key, name in names.items()}
+    rows = [(k, "unknown" if v is None else f"{v:.2f}") for k, v in ways.items()]
+    print_table(("distance in 10 s", "m"), rows)
+    print_line(f"{result['actions']} actions, {result['seconds']} s")
     for file in files:
-        console.print(os.fspath(file), highlight=False, soft_wrap=True)
+        print_line(os.fspath(file))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
 
@@ -75,8 +76,6 @@ def identify(
                 progress=show, on_step=show.show_cycle,
             )  # fmt: skip
     if as_json:
-        from ._print import print_json
-
         print_json(run.result)
     else:
         path = resume or Path(run.result["run"])
@@ -111,8 +110,6 @@ class _CycleProgress:
         first, self.run = self.run is None, run
         if first or run.result:
             return
-        from rich.text import Text
-
         from selfheal.robot.actions import describe_action
 
         cycle = run.cycles[-1]
@@ -121,21 +118,17 @@ class _CycleProgress:
             f" {action}: {cycle.why}. Best error {cycle.tilt_error:.2f} deg, "
             f"disagreement {cycle.disagreement:.1f} deg"
         )
-        self.live.say(Text.assemble((f"{len(run.cycles):>2}", "bold"), told))
+        self.live.say(told, head=f"{len(run.cycles):>2}")
 
 
 def _print_result(run: "Run", files: list[Path]) -> None:
     """The table of the inferred body, the errors, the files."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
     names = ("torso", *run.anatomy.parts)
     best, result = run.cycles[-1].genomes, run.result
     truth = run.truth
-    table = Table("part", "hangs on", "side", "length", "sure")
-    if truth is not None:
-        table.add_column("truth")
+    head = ["part", "hangs on", "side", "length", "sure"]
+    head += [] if truth is None else ["truth"]
+    rows = []
     sides = ("left", "front", "right", "back")
     for i, name in enumerate(run.anatomy.parts):
         row = [name, names[best.parent[0, i]], sides[best.side[0, i]],
@@ -144,12 +137,10 @@ def _print_result(run: "Run", files: list[Path]) -> None:
         if truth is not None:
             right = truth.parent[0, i] == best.parent[0, i]
             row.append("right" if right else f"is {names[truth.parent[0, i]]}")
-        table.add_row(*row)
-    console.print(table)
-    for line in _summarize_run(run):
-        console.print(line, highlight=False, soft_wrap=True)
-    for file in files:
-        console.print(os.fspath(file), highlight=False, soft_wrap=True)
+        rows.append(row)
+    print_table(head, rows)
+    for line in (*_summarize_run(run), *map(os.fspath, files)):
+        print_line(line)
 
 
 def _summarize_run(run: "Run") -> Iterator[str]:
@@ -197,8 +188,6 @@ def show(
 
     run = load_run(file)
     if as_json:
-        from ._print import print_json
-
         print_json(run.result or {"format": "selfheal-identify", "version": 1,
                                   "cycles": len(run.cycles)})  # fmt: skip
         return
@@ -211,7 +200,7 @@ def show(
         _print_result(run, [file, page])
     else:
         cycle = run.cycles[-1]
-        typer.echo(
+        print_line(
             f"{len(run.cycles)} of {run.settings.cycles} cycles, error "
             f"{cycle.tilt_error:.2f} deg; go on with: selfheal identify --resume {file}"
         )
@@ -223,10 +212,8 @@ def robots(as_json: Annotated[bool, _JSON] = False) -> None:
 
     found: dict[str, Any] = listed()
     if as_json:
-        from ._print import print_json
-
         print_json({"format": "selfheal-robots", "version": 1, "robots": found})
         return
     width = max(len(name) for name in found)
     for name, text in found.items():
-        typer.echo(f"{name:{width}}  {text}")
+        print_line(f"{name:{width}}  {text}")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._print import print_json, print_line, print_table
+
 if TYPE_CHECKING:
     from selfheal.recording import Episode, Recording
     from selfheal.telemetry import Telemetry
@@ -53,8 +55,6 @@ def check(
         found = examine_telemetry(recording, compiled)
     summary = _summarize_recording(recording, model, found)
     if as_json:
-        from ._print import print_json
-
         print_json(summary)
     else:
         _print_tables(summary)
@@ -112,7 +112,6 @@ def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
     from selfheal.recording import load_model
 
     from ._import import print_guess, summarize_guess
-    from ._print import print_json
 
     if out.exists():
         raise InputError(f"{out} exists; would fit: another name by --out")
@@ -123,8 +122,10 @@ def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
         print_json(summarize_guess(found, out))
         return
     print_guess(found)
-    print(f"wrote {out}; look at it, then: selfheal recording import {log} "
-          f"--model {model} --map {out} --out recording.h5")  # fmt: skip
+    print_line(
+        f"wrote {out}; look at it, then: selfheal recording import {log} "
+        f"--model {model} --map {out} --out recording.h5"
+    )
 
 
 def _import_logs(
@@ -137,7 +138,6 @@ def _import_logs(
     from selfheal.recording import list_model_names, load_model
 
     from ._import import print_import, summarize_import
-    from ._print import print_json
     from ._progress import ProgressBar
 
     compiled, log_map = load_model(model), read_map(map_file)
@@ -199,11 +199,6 @@ def _summarize_episode(name: str, episode: "Episode") -> dict[str, Any]:
 
 
 def _print_tables(summary: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console()
     for header, rows in (
         (("episode", "motion", "samples", "seconds", "missing"), _list_episode_rows),
         (
@@ -211,37 +206,35 @@ def _print_tables(summary: dict[str, Any]) -> None:
             _list_signal_rows,
         ),
     ):
-        table = Table()
-        for title in header:
-            table.add_column(title, overflow="fold")
-        for row in rows(summary["episodes"]):
-            # text, not markup: a name in a file may hold square brackets
-            table.add_row(*(Text(cell) for cell in row))
-        console.print(table)
-    _print_telemetry(console, summary)
-    console.print(Text(_format_verdict(summary)), soft_wrap=True)
+        print_table(header, rows(summary["episodes"]))
+    _print_telemetry(summary)
+    print_line(_format_verdict(summary))
 
 
-def _print_telemetry(console: Any, summary: dict[str, Any]) -> None:
+def _print_telemetry(summary: dict[str, Any]) -> None:
     """A row for each fault of the log, and what was not looked at."""
-    from rich.table import Table
-    from rich.text import Text
-
     faults = summary.get("telemetry", [])
     if faults:
-        table = Table()
-        for title in ("fault", "episodes", "seen", "p", "mend"):
-            table.add_column(title, overflow="fold")
-        for fault in faults:
-            every = len(fault["episodes"]) == len(summary["episodes"])
-            episodes = "all" if every else ", ".join(fault["episodes"])
-            row = (fault["kind"], episodes, fault["seen"], f"{fault['p_value']:.0e}")
-            table.add_row(*map(Text, (*row, fault["mend"])))
-        console.print(table)
+        print_table(
+            ("fault", "episodes", "seen", "p", "mend"),
+            (_list_fault_cells(fault, summary) for fault in faults),
+        )
     elif "telemetry" in summary:
-        console.print("telemetry: no fault of the log was found")
+        print_line("telemetry: no fault of the log was found")
     for reason in summary.get("unchecked", []):
-        console.print(Text(f"not checked: {reason}"), soft_wrap=True)
+        print_line(f"not checked: {reason}")
+
+
+def _list_fault_cells(
+    fault: dict[str, Any], summary: dict[str, Any]
+) -> tuple[Any, ...]:
+    """The cells of a fault; the lines that mend it in one."""
+    every = len(fault["episodes"]) == len(summary["episodes"])
+    episodes = "all" if every else ", ".join(fault["episodes"])
+    return (
+        fault["kind"], episodes, fault["seen"], f"{fault['p_value']:.0e}",
+        fault["mend"].splitlines(),
+    )  # fmt: skip
 
 
 def _list_episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:

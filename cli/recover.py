@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
 
@@ -133,16 +134,14 @@ def _finish_runs(paths: list[Path], as_json: bool) -> None:
                 continue
             done.append((path, run))
     if as_json:
-        from ._print import print_json
-
         results = [{**run.result, "run": os.fspath(path)} for path, run in done]
         batch = {"format": "selfheal-recover-batch", "version": 1, "runs": results}
         print_json(batch if paths[1:] else results[0])
         return
     _print_results([run for _, run in done])
     for path, _ in done:
-        typer.echo(os.fspath(path))
-        typer.echo(os.fspath(path.with_name("report.html")))
+        print_line(os.fspath(path))
+        print_line(os.fspath(path.with_name("report.html")))
 
 
 class _RunProgress:
@@ -189,23 +188,20 @@ def _format_phase(run: "RecoverRun") -> str:
 
 def _print_results(runs: Sequence["RecoverRun"]) -> None:
     """A row a run."""
-    from rich.console import Console
-    from rich.table import Table
-
     from selfheal.recovery.recover_run import is_damage_named
 
     head = ("", "whole [m]", "broken", "recovered", "named", "trials")
     # a batch is of one robot and one method
     said = {f"{run.settings.robot}, {run.settings.method}": None for run in runs}
-    table = Table(*head, title="; ".join(said), title_justify="left")
+    rows = []
     words = {True: "yes", False: "no", None: ""}
     for run in runs:
         d = run.result["distance"]
         ways = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
         spent = str(run.result["actions"])
         name = f"scenario {run.settings.scenario}"
-        table.add_row(name, *ways, words[is_damage_named(run)], spent)
-    Console().print(table)
+        rows.append((name, *ways, words[is_damage_named(run)], spent))
+    print_table(head, rows, title="; ".join(said))
 
 
 def _format_number(value: float | None) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
 
@@ -114,10 +115,10 @@ def _begin_study(
         if _READINGS.is_dir():
             asked = replace(asked, recordings=_READINGS)
         else:
-            typer.echo(
+            print_line(
                 f"no readings of the robot of 2006 at {_READINGS}, and no --recordings "
                 "FOLDER: the hidden simulated robot alone",
-                err=True,
+                is_error=True,
             )
     folders = {k: f.resolve() for k in ("recordings", "cases")
                if (f := getattr(asked, k)) is not None}  # fmt: skip
@@ -155,7 +156,7 @@ def _finish_study(
                     progress.done / progress.total,
                 )
     except KeyboardInterrupt:
-        typer.echo(_describe_left(load_study(path), path), err=True)
+        print_line(_describe_left(load_study(path), path), is_error=True)
         raise typer.Exit(130) from None  # as shells say of a program that was stopped
     _show_study(path, as_json)
 
@@ -201,15 +202,13 @@ def _show_study(path: Path, as_json: bool) -> None:
     for page, make in zip(pages, (make_study_page, format_markdown), strict=True):
         write_page(make(results, tables), page)
     if as_json:
-        from ._print import print_json
-
         print_json(_serialize_study(results, tables, path))
         return
     _print_study(results, tables)
     if results.left:
-        typer.echo(_describe_left(results, path))
+        print_line(_describe_left(results, path))
     for file in (path, *pages):
-        typer.echo(os.fspath(file))
+        print_line(os.fspath(file))
 
 
 def _serialize_study(results: "Results", tables: "Sequence[Table]", path: Path) -> dict:
@@ -233,24 +232,18 @@ def _serialize_study(results: "Results", tables: "Sequence[Table]", path: Path) 
 
 def _print_study(results: "Results", tables: "Sequence[Table]") -> None:
     """Tables for a reader."""
-    from rich.console import Console
-    from rich.table import Table
-
     from selfheal.study.page import describe_progress
 
-    console = Console()
     for table in tables:
-        console.print(f"\n{table.title}", style="bold", markup=False)
-        console.print(table.text, markup=False, highlight=False)
+        print_line("")
+        print_text(table.title, "bold")
+        print_text(table.text)
         if table.rows:
-            drawn = Table(*table.head)
-            for row in table.rows:
-                drawn.add_row(*row)
-            console.print(drawn)
-    console.print(describe_progress(results), markup=False, highlight=False)
+            print_table(table.head, table.rows)
+    print_text(describe_progress(results))
     for task in results.failed:
         last = results.records[task.key]["error"].splitlines()[-1]
-        console.print(f"{task.key}: {last}", markup=False, highlight=False)
+        print_text(f"{task.key}: {last}")
 
 
 def _add_command(name: str, about: str) -> Callable:

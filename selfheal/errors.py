@@ -12,9 +12,18 @@ SelfhealError
 
 from collections.abc import Iterable
 
+from .printable import join_names, make_printable, quote_name
+
 
 class SelfhealError(Exception):
-    """Base of everything this package raises on purpose."""
+    """Base of everything this package raises on purpose.
+
+    Its message is one line that any terminal can print, whatever names are in it.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        """Say `message`, made printable."""
+        super().__init__(make_printable(message))
 
 
 class InputError(SelfhealError):
@@ -26,7 +35,8 @@ class UnknownNameError(InputError):
 
     def __init__(self, what: str, name: str, valid: Iterable[str]) -> None:
         """Say that `name` is no `what`, and list what is."""
-        super().__init__(f"unknown {what} {name!r}; valid: {', '.join(sorted(valid))}")
+        fits = join_names(sorted(valid))
+        super().__init__(f"unknown {what} {quote_name(name)}; valid: {fits}")
 
 
 class RecordingError(InputError):

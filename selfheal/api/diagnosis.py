@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, check_seed
 from ..files import check_file
+from ..printable import join_names
 from ..recording import Recording, open_recording, strip_file
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ def _resolve_held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
     fits = [full for r in exact or recordings if (full := _qualify_episode(entry, r))]
     if len(fits) > 1:
         raise InputError(
-            f"held-out {entry!r} fits several recordings; would fit: {', '.join(fits)}"
+            f"held-out {entry!r} fits several recordings; would fit: {join_names(fits)}"
         )
     return fits or [entry]  # a name that fits none is refused where it is used
 

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from ..errors import InputError, UnknownNameError
+from ..printable import join_names
 from .body import Anatomy
 
 # kind: what its target is, and what its value means
@@ -102,7 +103,7 @@ def explain_misfit(
     if found != sort or (sort == "world") == bool(name):
         return f"target {damage.target!r}; would fit: a {sort}"
     if names is not None and name and name not in names.get(sort, ()):
-        fits = ", ".join(names.get(sort, ())) or "none"
+        fits = join_names(names.get(sort, ())) or "none"
         return f"target {damage.target!r}; would fit: {fits}"
     low = 0.0 if damage.kind in _FACTOR_KINDS else -_LARGEST_VALUE
     value, azimuth = damage.value, damage.azimuth

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ..errors import ModelError, UnknownNameError
+from ..printable import join_names, quote_name
 from ..recording import read_spec
 from .xml_text import (
     Element,
@@ -110,14 +111,14 @@ class MjcfDocument:
     def describe_missing(self, tag: str, name: str) -> str:
         """Say that the text has no element of a name, and which names it has."""
         names = [name_of(e) for e in self.list_elements(tag)]
-        valid = [repr(n) for n in names if n is not None]
+        valid = [quote_name(n) for n in names if n is not None]
         unnamed = f"{names.count(None)} without a name" if None in names else ""
         valid += [unnamed] if unnamed else []
         makers = sorted({e.tag for e in self._walk_bodies() if e.tag in _MAKERS})
         hint = f"; what {', '.join(f'<{m}>' for m in makers)} makes has no text"
         return (
-            f"{self.path}: the text has no {tag} {name!r}; there are: "
-            f"{', '.join(valid) or 'none'}{hint if makers else ''}"
+            f"{self.path}: the text has no {tag} {quote_name(name)}; there are: "
+            f"{join_names(valid) or 'none'}{hint if makers else ''}"
         )
 
     def inline(self, element: Element) -> Element:

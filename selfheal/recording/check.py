@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..printable import join_names, quote_name
 from .data import KINDS, Episode, EpisodeTable, Floats, Kind, Location, Signal
 
 NORM_TOLERANCE = 0.01  # of a quaternion; chosen: two printed decimals still pass
@@ -53,7 +54,7 @@ def check_episode(name: str, episode: Episode, file: str) -> None:
 
 def format_names(names: Iterable[str]) -> str:
     """The names as a message shows them."""
-    return ", ".join(repr(str(name)) for name in names) or "none"
+    return join_names(quote_name(str(name)) for name in names) or "none"
 
 
 def _check_id(name: str, place: Location) -> None:
@@ -97,8 +98,8 @@ def _check_ctrl(episode: Episode, place: Location) -> None:
     if not np.isfinite(ctrl).all():
         row, column = np.argwhere(~np.isfinite(ctrl))[0]
         raise place.make_error(
-            f"ctrl of {names[column]!r} is {ctrl[row, column]} at sample {row}; a "
-            "command is never missing: repeat the one that was held"
+            f"ctrl of {quote_name(names[column])} is {ctrl[row, column]} at sample "
+            f"{row}; a command is never missing: repeat the one that was held"
         )
 
 
@@ -128,12 +129,13 @@ def _check_signal(signal: Signal, samples: int, place: Location) -> None:
     kind = KINDS.get(signal.kind)
     if kind is None:
         raise place.make_error(
-            f"unknown kind {signal.kind!r}; valid: {', '.join(KINDS)}"
+            f"unknown kind {quote_name(signal.kind)}; valid: {', '.join(KINDS)}"
         )
     if not signal.unit or (kind.units and signal.unit not in kind.units):
         fits = format_names(kind.units) if kind.units else "the unit of that sensor"
         raise place.make_error(
-            f"unit {signal.unit!r} does not fit kind {signal.kind!r}; would fit: {fits}"
+            f"unit {quote_name(signal.unit)} does not fit kind {signal.kind!r}; would "
+            f"fit: {fits}"
         )
     if not signal.target and not kind.may_lack_target:
         raise place.make_error(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import RecordingError
+from ..printable import quote_name
 
 Floats = NDArray[np.float64]
 
@@ -119,9 +120,9 @@ class Location:
         """The exception that says `problem` of this place."""
         place = self.file
         if self.episode is not None:
-            place += f", episode {self.episode!r}"
+            place += f", episode {quote_name(self.episode)}"
         if self.signal is not None:
-            place += f", signal {self.signal!r}"
+            place += f", signal {quote_name(self.signal)}"
         return RecordingError(f"{place}: {problem}")
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ..printable import quote_name
 from .check import format_names
 from .controls import Control, assign_columns
 from .data import KINDS, Episode, EpisodeTable, Location, Signal
@@ -104,20 +105,20 @@ def _check_target(signal: Signal, names: ModelNames, place: Location) -> None:
     target = names.targets[kind.target].get(signal.target)
     if target is None:
         raise place.make_error(
-            f"the model has no {kind.target} {signal.target!r} for kind "
+            f"the model has no {kind.target} {quote_name(signal.target)} for kind "
             f"{signal.kind!r}; would fit: {format_names(names.targets[kind.target])}"
         )
     unit = target.units.get(signal.kind, signal.unit)
     if unit != signal.unit:
         raise place.make_error(
-            f"unit {signal.unit!r} does not fit {kind.target} {signal.target!r}; would "
-            f"fit: {unit!r}"
+            f"unit {quote_name(signal.unit)} does not fit {kind.target} "
+            f"{quote_name(signal.target)}; would fit: {unit!r}"
         )
     width = signal.values.shape[1] if signal.values.ndim > 1 else 0
     if target.width not in (None, width):
         raise place.make_error(
             f"shape {signal.values.shape} does not fit {kind.target} "
-            f"{signal.target!r}; would fit: "
+            f"{quote_name(signal.target)}; would fit: "
             f"{_format_shape(len(signal.values), target.width)}"
         )
 

@@ -14,6 +14,7 @@ from ..files import (
     explain_unreadable,
 )
 from ..limited_reading import explain_dangerous
+from ..printable import quote_name
 from .check import format_names, validate
 from .data import KINDS, Episode, Floats, Location, Signal
 from .recording import Recording
@@ -110,7 +111,8 @@ def _open_episode(episodes: h5py.Group, name: str, place: Location) -> _OpenEpis
     for member in members:
         if member not in EPISODE_MEMBERS:
             raise place.make_error(
-                f"unknown member {member!r}; would fit: {', '.join(EPISODE_MEMBERS)}"
+                f"unknown member {quote_name(member)}; would fit: "
+                f"{', '.join(EPISODE_MEMBERS)}"
             )
     names = ["time", "ctrl", *(name for name in ("qpos0", "qvel0") if name in members)]
     signals = _open_group(group, "signals", place)

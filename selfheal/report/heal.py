@@ -10,6 +10,7 @@ from ..engine.plant import apply_damages, build_rated_plant
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import project_on_heading
+from ..printable import make_printable
 from ..recovery.phases import read_damage
 from ..recovery.record import HealRun, read_gait
 from .draw import NEUTRAL, draw_body, look_from_behind, measure_window
@@ -247,7 +248,8 @@ def _draw_beliefs(asked: list[Mapping[str, Any]]) -> Html:
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
         chances: Floats = np.array([_find_probability(a, key) for a in after])
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
-        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=said)
+        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4,
+                label=make_printable(said))  # fmt: skip
     ax.set_xticks(steps)
     ax.set_ylim(-0.03, 1.03)
     ax.set_xlabel("actions")

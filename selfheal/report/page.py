@@ -1,7 +1,8 @@
 """One self-contained HTML page: sections of text, tables and pictures in, text out.
 
-A string is escaped wherever it is put in, unless it is `Html`, which only the functions
-here make. The page asks for nothing from anywhere: its policy forbids it.
+A string is made printable and escaped wherever it is put in, unless it is `Html`, which
+only the functions here make. The page asks for nothing from anywhere: its policy
+forbids it.
 """
 
 import html
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 from ..files import atomic_path
+from ..printable import make_printable
 
 
 class Html(str):
@@ -34,9 +36,8 @@ def escape_text(value: object) -> Html:
     """Any value as markup: escaped, unless it is `Html`."""
     if isinstance(value, Html):
         return value
-    # a file can carry halves of characters, which no encoding can write
-    whole = str(value).encode("utf-8", "replace").decode("utf-8")
-    return Html(html.escape(whole))
+    shown = make_printable(str(value), keep=SPACES, most=_LONGEST_TEXT)
+    return Html(html.escape(shown))
 
 
 def join_markup(*pieces: object) -> Html:
@@ -185,6 +186,8 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
         temporary.write_text(page, encoding="utf-8")
 
 
+SPACES = "\n\t"  # that may stand in markup
+_LONGEST_TEXT = 20_000  # of one piece of text; chosen: a list of some hundred files
 _MOST_LINES, _LONGEST_LINE = 400, 300  # of a diff; chosen
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ..body.body import Floats
-from .page import Html, escape_text
+from ..printable import escape_unprintable, make_printable
+from .page import SPACES, Html, escape_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,8 +75,7 @@ def make_canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
 
 def shorten_label(value: object) -> str:
     """A name from a file as a figure can carry it: one short line."""
-    words = " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())
-    printable = "".join(c if c.isprintable() else "?" for c in words)
+    printable = make_printable(" ".join(str(value).split()))
     if len(printable) > _LONGEST_LABEL:
         printable = printable[: _LONGEST_LABEL - 1] + "\N{HORIZONTAL ELLIPSIS}"
     return printable
@@ -139,7 +139,7 @@ def _encode_svg(fig: "Figure") -> str:
     drawn = re.sub(r'<g id="[^"]*">', "<g>", drawn)
     for color, variable in _VARIABLES.items():
         drawn = drawn.replace(color, variable)
-    return drawn
+    return escape_unprintable(drawn, keep=SPACES)
 
 
 def _encode_png(fig: "Figure") -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..errors import InputError, RecordingError
+from ..printable import join_names
 from ..recording import Episode, Recording, find_single_columns, read
 from .actions import load_published_body
 
@@ -73,7 +74,7 @@ def _check_vertical(episode: Episode, where: str) -> None:
     if vertical is None:
         raise RecordingError(
             f"{where}: no signal 'vertical' (the two tilts); it has: "
-            f"{', '.join(sorted(episode.signals)) or 'none'}"
+            f"{join_names(sorted(episode.signals)) or 'none'}"
         )
     values = vertical.values
     if values.shape[1:] != (3,) or np.isnan(values[-1]).any():

@@ -1,11 +1,13 @@
 """The pages of a study: results in, HTML or Markdown out."""
 
+import html
 from collections.abc import Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..printable import make_printable
 from ..report.page import Section, make_page, make_paragraph, make_table
 from ..report.picture import (
     BLUE,
@@ -73,11 +75,18 @@ def format_markdown(results: Results, tables: Sequence[Table]) -> str:
     study = find_study(results.study)
     parts = [f"# Study: {results.study}", study.about, describe_progress(results)]
     for shown in tables:
-        parts += [f"## {shown.title}", shown.text]
+        parts += [f"## {_escape_markdown(shown.title)}", _escape_markdown(shown.text)]
         if shown.rows:
             lines = [shown.head, ["---"] * len(shown.head), *shown.rows]
-            parts.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
-    return "\n\n".join([*parts, _describe_versions(results)]) + "\n"
+            rows = (" | ".join(map(_escape_markdown, line)) for line in lines)
+            parts.append("\n".join(f"| {row} |" for row in rows))
+    parts.append(_escape_markdown(_describe_versions(results)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _escape_markdown(text: str) -> str:
+    """A text that no file can make a line, a cell or a tag of."""
+    return html.escape(make_printable(text), quote=False).replace("|", "\\|")
 
 
 def _draw_picture(picture: Picture) -> Section:

@@ -5,6 +5,7 @@ import resource
 import signal
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -33,6 +34,7 @@ class PinnedWorker(WorkerPlugin):
     def setup(self, worker: Worker) -> None:
         """Called by Dask in a worker that has just started."""
         os.environ["NPROC"] = "1"
+        warnings.simplefilter("ignore")  # a thousand runs would each say the same
         if self.own:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             core = self.own[int(worker.name) % len(self.own)]

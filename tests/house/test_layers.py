@@ -10,8 +10,8 @@ import pytest
 from tests.support.paths import ROOT
 
 ROOMS = [
-    *("errors", "limited_reading", "files", "mujoco_files", "schema", "recording"),
-    *("logs", "example", "telemetry"),
+    *("printable", "errors", "limited_reading", "files", "mujoco_files", "schema"),
+    *("recording", "logs", "example", "telemetry"),
     *("mjcf", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...errors import RecordingError
+from ...printable import join_names
 from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..data.segments import Segments
@@ -328,7 +329,7 @@ def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
         unmeasured := list_unmeasured_joints(simulator)
     ):
         raise RecordingError(
-            f"no signal tells the position of {', '.join(unmeasured)}, so that an "
+            f"no signal tells the position of {join_names(unmeasured)}, so that an "
             f"episode is one piece, and {len(simulator.episodes)} are too few to "
             f"decide anything; would fit: record it, or at least {MIN_SEGMENTS} "
             "episodes beside what is held out"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...errors import ModelError, RecordingError
+from ...printable import join_names
 from ...recording.data import Floats
 from ..data.robot_summary import POSITION_LIKE
 from ..data.segments import Segments
@@ -56,7 +57,7 @@ def _check_joint_names(dataset: Dataset) -> None:
         if model.jnt_type[j] in (slide, hinge) and not model.joint(j).name
     ]
     if bodies:
-        where = ", ".join(
+        where = join_names(
             f"a joint of body {model.body(b).name or b!r}" for b in bodies
         )
         raise ModelError(
@@ -87,7 +88,7 @@ def _check_motion(dataset: Dataset) -> None:
     readings = np.concatenate([e.readings for e in dataset.training.episodes])
     if not any(np.nanstd(readings[:, c.columns], axis=0).any() for c in scored):
         raise RecordingError(
-            f"no position-like signal moves ({', '.join(c.name for c in scored)}); "
+            f"no position-like signal moves ({join_names(c.name for c in scored)}); "
             "would fit: a recording in which the robot moves"
         )
     columns = [c.columns for c in dataset.held_out.channels if c.is_scored]
@@ -98,8 +99,8 @@ def _check_motion(dataset: Dataset) -> None:
     )
     if not any(known.any() for known in is_read):
         raise RecordingError(
-            f"what is held out ({', '.join(dataset.held_out_names)}) has no reading of "
-            "a position-like signal to be judged on; would fit: other episodes"
+            f"what is held out ({join_names(dataset.held_out_names)}) has no reading "
+            "of a position-like signal to be judged on; would fit: other episodes"
         )
 
 
