@@ -26,7 +26,7 @@ class ProgressBar:
             transient=True,
             disable=quiet or not self._console.is_terminal,
         )
-        self._task = self._bar.add_task(what, total=1.0)
+        self._task = self._bar.add_task(make_printable(what), total=1.0)
 
     def __enter__(self) -> "ProgressBar":
         """Draw the bar."""

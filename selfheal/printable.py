@@ -30,7 +30,7 @@ def make_printable(text: str, keep: str = "", most: int = MAX_TEXT) -> str:
     """
     shown = escape_unprintable(text, keep)
     shown = _LONG_WORD.sub(lambda word: shorten_middle(word[0], MAX_WORD), shown)
-    return shorten_middle(shown, most)
+    return shorten_middle(shown, most, mark=" ... ")  # no word grows by it
 
 
 def escape_unprintable(text: str, keep: str = "") -> str:
@@ -57,12 +57,18 @@ def _decode(found: re.Match[str]) -> str:
     return raw.decode("utf-8", "surrogateescape")
 
 
-def shorten_middle(text: str, most: int) -> str:
-    """A text of at most so many characters; what has to go is missing in its middle."""
+def shorten_middle(text: str, most: int, mark: str = "...") -> str:
+    """A text of at most so many characters.
+
+    Args:
+        text: of any length.
+        most: characters of the result; more than `mark` and one has.
+        mark: in place of what is missing in the middle.
+    """
     if len(text) <= most:
         return text
-    end = (most - 3) // 2
-    return f"{text[: most - 3 - end]}...{text[-end:]}"
+    end = (most - len(mark)) // 2
+    return f"{text[: most - len(mark) - end]}{mark}{text[-end:]}"
 
 
 def quote_name(name: str) -> str:

@@ -21,6 +21,7 @@ from tests.support.browser import (
     list_console_lines,
     measure_pictures,
 )
+from tests.support.hostile.names import find_raw
 from tests.support.made_up_diagnosis import (
     DELAY,
     DIFF,
@@ -35,6 +36,8 @@ from tests.support.made_up_diagnosis import (
     write_page_text,
 )
 
+ODD = "\ud800\x07\u202e\x9b31m\x1b]0;\u2028"  # what cannot be seen
+
 
 def _hostile() -> Diagnosis:
     """A diagnosis in which every text tries to break out of the page."""
@@ -44,7 +47,7 @@ def _hostile() -> Diagnosis:
             return {key: spoil(each) for key, each in value.items()}
         if isinstance(value, list):
             return [spoil(each) for each in value]
-        return f"{value}{HOSTILE}\ud800\x07" if isinstance(value, str) else value
+        return f"{value}{HOSTILE}{ODD}" if isinstance(value, str) else value
 
     given = make_diagnosis(findings=(FINDING, DELAY))
     names = tuple(map(spoil, given.located.signals))
@@ -177,7 +180,7 @@ def test_names_come_out_escaped():
     made = write_page_text(_hostile())
     assert "<script" not in made and "alert(1)" in made
     assert html.escape(HOSTILE) in made
-    made.encode("utf-8")
+    assert not find_raw(made) and r"\u202e" in made
 
 
 def test_the_page_asks_for_nothing_from_anywhere():

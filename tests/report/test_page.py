@@ -2,8 +2,17 @@
 
 import html
 
-from selfheal.report.page import Html, Section, make_page, make_table, write_page
+from selfheal.report.page import (
+    Html,
+    Section,
+    format_diff,
+    make_page,
+    make_table,
+    write_page,
+)
+from selfheal.report.picture import embed_figure, make_canvas, use_page_style
 from tests.support.browser import HOSTILE, list_console_lines
+from tests.support.hostile.names import HALVES, NAMES, find_raw
 
 
 def test_everything_but_markup_is_escaped():
@@ -12,6 +21,23 @@ def test_everything_but_markup_is_escaped():
     assert "<script" not in made
     assert made.count(html.escape(HOSTILE)) == 7  # the title stands twice
     assert "<b>x</b>" in make_page("", [Section("", (Html("<b>x</b>"),))], lead="")
+
+
+def test_nothing_in_a_page_controls_what_shows_it():
+    names = [*NAMES.values(), HALVES]
+    diff = format_diff("\n".join(names))
+    body = (make_table(names, [names], "l" * len(names)), diff, *names)
+    made = make_page(names[0], [Section(names[1], body)], lead=names[2])
+    assert not find_raw(made, keep="\n\t")
+    assert r"\u202egnp.exe" in made and r"caf\udce9" in made
+
+
+def test_text_in_a_figure_controls_nothing():
+    with use_page_style():
+        fig, ax = make_canvas(1, 1)
+        ax.text(0, 0, "a\x85\u202eb\ue000")
+        drawn = embed_figure(fig, NAMES["bidi"])
+    assert not find_raw(drawn) and r"a\x85\u202eb\ue000" in drawn
 
 
 def test_a_page_is_written_whole(tmp_path):

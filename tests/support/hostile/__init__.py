@@ -1,0 +1,1 @@
+"""Text that files and users may bring along, for tests."""
