@@ -26,7 +26,7 @@ def print_json(result: Mapping[str, Any]) -> None:
 
 
 def print_line(line: str, *, is_error: bool = False) -> None:
-    """Print a line, however long, perhaps to standard error."""
+    """Print a line, perhaps to standard error."""
     stream = sys.stderr if is_error else sys.stdout
     print(make_printable(line), file=stream, flush=True)
 

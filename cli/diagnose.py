@@ -80,7 +80,7 @@ def diagnose(
                          progress=_StageProgress(live))  # fmt: skip
         except KeyboardInterrupt:
             if memory.exists():
-                live.say("selfheal: --resume goes on where this was")
+                print_line("selfheal: --resume goes on where this was", is_error=True)
             raise
         found.save(out, force=force)
     if as_json:

@@ -36,7 +36,7 @@ def make_printable(text: str, keep: str = "", most: int = MAX_TEXT) -> str:
 def escape_unprintable(text: str, keep: str = "") -> str:
     r"""A text with Python's escapes, as \x1b and \u202e, of what cannot be seen.
 
-    That are control and format characters, surrogates, what Unicode assigns to nobody
+    Those are control and format characters, surrogates, what Unicode assigns to nobody
     and what ends a line (its categories Cc, Cf, Cs, Co, Cn, Zl and Zp). A backslash
     stays as it is, so that what is escaped twice is escaped once. Bytes of a path that
     are UTF-8 are read as such, where the locale did not.

@@ -86,7 +86,7 @@ def format_markdown(results: Results, tables: Sequence[Table]) -> str:
 
 def _escape_markdown(text: str) -> str:
     """A text that no file can make a line, a cell or a tag of."""
-    return html.escape(make_printable(text), quote=False).replace("|", "\\|")
+    return html.escape(make_printable(text), quote=False).replace("|", "&#124;")
 
 
 def _draw_picture(picture: Picture) -> Section:

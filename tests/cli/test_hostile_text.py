@@ -203,7 +203,7 @@ def test_a_study_of_any_names_is_shown(name, tmp_path):
     assert not find_raw(page, keep="\n\t") and not find_raw(text)
     assert "<b>" not in text
     rows = [line for line in text.splitlines() if line.startswith("|")]
-    assert [len(re.findall(r"(?<!\\)\|", row)) for row in rows] == [7] * 3 + [3] * 3
+    assert [row.count("|") for row in rows] == [7] * 3 + [3] * 3
 
 
 # ---- terminals with colors, progress, warnings, what nobody expected
