@@ -96,7 +96,7 @@ def print_import(report: "ImportReport", path: Path) -> None:
         print_line(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
     for unit, names in report.assumed.items():
         print_line(f"assumed to be in {unit}, for neither map nor log states a unit: "
-            f"{', '.join(names)}")  # fmt: skip
+            f"{join_names(names)}")  # fmt: skip
     for offset in report.offsets:
         print_line(_describe_offset(offset))
     if report.lag:
@@ -108,12 +108,12 @@ def print_import(report: "ImportReport", path: Path) -> None:
     if report.sorted:
         print_line(f"{report.sorted} rows stood behind later ones and were sorted in.")
     if report.dropped:
-        print_line(f"{report.dropped} rows had no time, or one that another row has; they "
-            "were left out.")  # fmt: skip
-    if report.before_command:
         print_line(
-            f"{report.before_command} rows before the first command were left out."
+            f"{report.dropped} rows had no time, or one that another row has; they "
+            "were left out."
         )
+    if report.before_command:
+        print_line(f"{report.before_command} rows before the first command: left out.")
 
 
 def _describe_offset(offset: "Offset") -> str:
