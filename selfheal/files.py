@@ -8,6 +8,7 @@ import math
 import os
 import reprlib
 import stat
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -36,9 +37,8 @@ def check_writable_folder(folder: str | os.PathLike[str]) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # permission bits do not tell: root passes them, read-only mounts ignore them
-        probe = _make_temporary_path(folder / "probe")
-        probe.touch(exist_ok=False)
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=folder):  # it has no name: a kill leaves none
+            pass
     except OSError as error:
         raise make_write_error(f"into {folder}", error) from error
     return folder

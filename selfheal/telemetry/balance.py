@@ -317,6 +317,8 @@ def _solve(x: Floats, y: Floats, bounds: Floats) -> Floats:
     """Coefficients (k) within bounds (2, k) by which x (n, k) is nearest to y (n)."""
     from scipy.optimize import lsq_linear
 
+    if not len(x):
+        return np.zeros(x.shape[1])
     size = np.sqrt((x**2).mean(axis=0))
     used = size > 1e-12
     if not used.any() or len(x) <= used.sum():

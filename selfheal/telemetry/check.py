@@ -1,6 +1,6 @@
 """The telemetry check: a recording and its model in, the faults of the log out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..recording import Recording
@@ -16,6 +16,9 @@ from .torques import find_torque_faults
 
 if TYPE_CHECKING:
     import mujoco
+
+# [s] over which samples are smoothed; chosen: beyond, a joint's speed is not seen
+MAX_KERNEL = 2.0
 
 
 @dataclass(frozen=True)
@@ -38,11 +41,15 @@ def check_telemetry(recording: Recording, model: "mujoco.MjModel") -> list[Fault
 
 def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetry:
     """Faults of a log, and what could not be looked at."""
+    recording, unchecked = _drop_ambiguous(recording)
     joints = list_joints(recording, model)
     commands = {column: j.actuators for j in joints for column in j.columns}
     faults = [*find_time_faults(recording), *find_held(recording, commands)]
     held = {c for f in faults if f.kind == "frozen" for c in f.columns}
     series = build_series(recording)
+    if series.kernel > MAX_KERNEL:
+        reason = f"motion: samples are seen through {series.kernel:.3g} s, too coarsely"
+        return Telemetry(tuple(faults), (*unchecked, reason))
     check = JointCheck(recording, model, joints, series)
     about_joints = [f for f in check.find_faults() if not held & set(f.columns)]
     faults += about_joints
@@ -55,7 +62,27 @@ def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetr
     faults += [
         f for f in find_beyond(recording, model, joints) if not odd & set(f.columns)
     ]
-    unchecked = []
     if check.balance.reason:
         unchecked.append(f"the balance of torques: {check.balance.reason}")
     return Telemetry(tuple(faults), tuple(unchecked))
+
+
+def _drop_ambiguous(recording: Recording) -> tuple[Recording, list[str]]:
+    """The signals that mean the same in every episode, and a reason for each other."""
+    meanings = dict[str, set[tuple[str, str, tuple[int, ...]]]]()
+    for episode in recording.episodes.values():
+        for name, s in episode.signals.items():
+            meaning = s.kind, s.target, s.values.shape[1:]
+            meanings.setdefault(name, set()).add(meaning)
+    dropped = [name for name, found in meanings.items() if len(found) > 1]
+    if not dropped:
+        return recording, []
+    episodes = {
+        key: replace(
+            e, signals={n: s for n, s in e.signals.items() if n not in dropped}
+        )
+        for key, e in recording.episodes.items()
+    }
+    return replace(recording, episodes=episodes), [
+        f"signal {name!r}: it is something else in another episode" for name in dropped
+    ]

@@ -70,6 +70,12 @@ def _signals(change):
     return every
 
 
+def _stand(episode):
+    """A robot that is told nothing, and does not move."""
+    still = replace(episode, ctrl=np.zeros_like(episode.ctrl))
+    return _signals(np.zeros_like)(still)
+
+
 def _only(*kinds):
     return lambda episode: replace(
         episode,
@@ -99,7 +105,8 @@ def test_what_is_usable_is_used(diagnose, usable):
 
 BAD = {
     "a few samples": (_cut(10), None, "0.27 s of readings are too few.* 1.5 s"),
-    "still": (_signals(np.zeros_like), None, "no position-like signal moves.*elbow"),
+    "still": (_stand, None, "no position-like signal moves.*elbow"),
+    "dead": (_signals(np.zeros_like), None, "frozen: all readings of 'shoulder'"),
     "torque alone": (_only("joint_torque"), None, "no signal of kind joint_position"),
     "unread": (_signals(lambda v: v * np.nan), None, "no signal holds a reading"),
     "nothing to judge on": (
