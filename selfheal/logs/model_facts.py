@@ -75,19 +75,18 @@ def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
         if not name:
             continue
         aliases = (model.joint(joint).name,) if joint >= 0 else ()
-        unit, force = "", ""
+        units, force = dict[str, str](), ""
         if joint >= 0:
             is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
-            force = "N m" if is_hinge else "N"
-            unit = _find_command_unit(model, a, "rad" if is_hinge else "m")
+            length, force = ("rad", "N m") if is_hinge else ("m", "N")
+            own = _find_command_unit(model, a, length)
+            units = {"": own, "pos": length, "vel": f"{length}/s"}
         for c in find_controls(model, a):
             low, high = -np.inf, np.inf
             if model.actuator_ctrllimited[c]:
                 low, high = model.actuator_ctrlrange[c]
-            full, own = controls[c].full_name, unit
-            if full != name:
-                own = ""  # of a position, a speed or a torque: nothing says which
-            found.append(Place("command", full, aliases, own, 1, low, high, joint))
+            full, unit = controls[c].full_name, units.get(controls[c].input, "")
+            found.append(Place("command", full, aliases, unit, 1, low, high, joint))
         if force:
             found.append(Place("joint_torque", name, aliases, force, joint=joint))
         found += [

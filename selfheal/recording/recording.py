@@ -49,7 +49,8 @@ class Recording:
 
         Args:
             time: (T) [s] strictly increasing.
-            ctrl: command (T) by name of the actuator, in the actuator's own unit.
+            ctrl: command (T) by name of the actuator, in the actuator's own unit. One
+                with several controls has one for each, by `controls.Control.full_name`.
             signals: (T), or (T, d) of a vector, by kind of `KINDS` and by name of
                 the joint, actuator, body or sensor; NaN where a sample is missing.
             model: MJCF or URDF that the names are checked against; it tells slides
@@ -78,7 +79,7 @@ class Recording:
         Args:
             frame: pandas or polars data frame.
             time: name of the column of times [s].
-            ctrl: name of a column by actuator.
+            ctrl: name of a column by actuator, or control, as `from_arrays` has it.
             signals: name of a column, or a list of names for a vector, by kind and
                 target.
             **more: as `from_arrays` takes it.

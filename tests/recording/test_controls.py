@@ -100,3 +100,12 @@ def test_the_ranges_of_all_columns_with_one_name_count():
     assert found["ctrl servo", 0] != found["ctrl servo", 1]
     renamed = replace(episode, ctrl_names=BY_INPUT)
     assert sorted(_measure_ranges(renamed).values()) == sorted(found.values())
+
+
+def test_arrays_by_the_names_of_controls_are_a_recording(tmp_path):
+    (tmp_path / "legs.xml").write_text(MODEL.format(name='name="servo" '))
+    columns = {name: np.full(3, float(k)) for k, name in enumerate(BY_INPUT)}
+    made = Recording.from_arrays(
+        np.arange(3.0), columns, {}, model=tmp_path / "legs.xml"
+    )
+    assert made.episodes["000"].ctrl_names == BY_INPUT
