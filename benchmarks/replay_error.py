@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from selfheal.recording import Episode, Recording, list_controls, order_columns
+from selfheal.recording import Episode, Recording, reorder_commands
 
 SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
 
@@ -28,7 +28,7 @@ def _simulate_episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     there = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
-    order = order_columns(episode.ctrl_names, list_controls(model))
+    ctrl = reorder_commands(episode, model).ctrl
     since, done, found = episode.time - episode.time[0], 0, []
     for i, at in enumerate(since):
         steps = int((at + 1e-9) / step) - done
@@ -38,7 +38,7 @@ def _simulate_episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
         qpos = data.qpos.copy()
         mujoco.mj_integratePos(model, qpos, data.qvel, at - done * step)
         there.qpos[:], there.qvel[:] = qpos, data.qvel
-        there.ctrl[:] = data.ctrl[:] = episode.ctrl[i, order]
+        there.ctrl[:] = data.ctrl[:] = ctrl[i]
         if model.nsensor:
             mujoco.mj_forward(model, there)
         found.append((qpos, there.sensordata.copy()))

@@ -6,7 +6,7 @@ from .controls import (
     find_output,
     find_single_columns,
     list_controls,
-    order_columns,
+    reorder_commands,
 )
 from .data import KINDS, Episode, Signal
 from .model import ModelNames, Target, check_against_model
@@ -32,10 +32,10 @@ __all__ = [
     "list_model_names",
     "open_recording",
     "open_writer",
-    "order_columns",
     "read",
     "read_names",
     "read_spec",
+    "reorder_commands",
     "shorten_names",
     "split",
     "validate",

@@ -5,9 +5,11 @@ as a <pid> has one for its position and one for its velocity, or none.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import RecordingError
+from .data import Episode
 
 if TYPE_CHECKING:
     import mujoco
@@ -84,6 +86,17 @@ def order_columns(names: Sequence[str], controls: Sequence[Control]) -> list[int
     """Column (nu) of each control; arguments as of `assign_columns`, and they fit."""
     assigned = assign_columns(names, controls)
     return [assigned.index(i) for i in range(len(controls))]
+
+
+def reorder_commands(episode: Episode, model: "mujoco.MjModel") -> Episode:
+    """The episode, which fits the model, with its columns in the order of the controls.
+
+    Each is named by its `full_name`.
+    """
+    controls = list_controls(model)
+    order = order_columns(episode.ctrl_names, controls)
+    names = tuple(c.full_name for c in controls)
+    return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=names)
 
 
 def find_single_columns(

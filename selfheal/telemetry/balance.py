@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..recording import Recording
+from ..recording import Recording, list_controls
 from ..recording.data import Floats
-from .joints import JointColumns, follows_command, has_plain_commands
+from .joints import JointColumns, follows_command
 from .series import Series
 from .states import Mend, States, q_of_dofs
 
@@ -133,8 +133,6 @@ class TorqueBalance:
         m = self.given
         if m.neq and m.eq_active0.any():
             return "the model has equality constraints, whose forces are not known"
-        if not has_plain_commands(m):
-            return "an actuator of the model has several controls"
         return ""
 
     def _choose_rows(self) -> np.ndarray:
@@ -175,15 +173,16 @@ class TorqueBalance:
         lost = np.zeros(m.nv, bool)
         data = mujoco.MjData(m)
         mujoco.mj_forward(m, data)
-        moment = np.zeros((m.nu, m.nv))
-        if m.nu:
+        moment = np.zeros((m.nout, m.nv))
+        if m.nout:
             mujoco.mju_sparse2dense(
                 moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
                 data.moment_colind,
             )  # fmt: skip
-        for a in range(m.nu):
+        for a in range(m.nactuator):
             if not follows_command(m, a):
-                lost |= moment[a] != 0
+                outputs = m.actuator_outadr[a] + np.arange(m.actuator_outnum[a])
+                lost |= (moment[outputs] != 0).any(axis=0)
         return np.flatnonzero(~lost)
 
     def evaluate(self, mend: Mend, every: int = 1) -> Balance:
@@ -225,8 +224,8 @@ class TorqueBalance:
         m, data = self.model, mujoco.MjData(self.model)
         q, v, a = self.states.compute(mend, rows)
         ctrl, change = np.zeros((len(rows), m.nu)), np.zeros((len(rows), m.nu))
-        for k in range(m.nu):
-            name = m.actuator(k).name
+        for k, control in enumerate(list_controls(m)):
+            name = control.full_name
             source, factor = mend.commands.get(name, (name, 1.0))
             column = self.series.ctrl[source][rows] * factor
             ctrl[:, k], change[:, k] = column[:, 0], column[:, 1]
@@ -241,7 +240,7 @@ class TorqueBalance:
             data.qvel[:] = v[i]
             mujoco.mj_inverse(m, data)
             out["rate"][i] = data.qfrc_inverse
-            if m.nu:
+            if m.nactuator:
                 self._actuate(data, ctrl[i] - change[i] * 0.01)
                 early = data.qfrc_actuator.copy()
                 self._actuate(data, ctrl[i])
@@ -259,10 +258,10 @@ class TorqueBalance:
         import mujoco
 
         data.ctrl[:] = ctrl
-        for k in range(self.model.nu):
-            if (adr := self.model.actuator_actadr[k]) >= 0:
-                data.act[adr] = ctrl[k]
-        mujoco.mj_fwdActuation(self.model, data)
+        m = self.model
+        for a in np.flatnonzero((m.actuator_actadr >= 0) & (m.actuator_ctrlnum == 1)):
+            data.act[m.actuator_actadr[a]] = ctrl[m.actuator_ctrladr[a]]
+        mujoco.mj_fwdActuation(m, data)
 
 
 def _inertia_diagonal(model: "mujoco.MjModel", data: Any) -> Floats:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..recording import Recording
+from ..recording import Recording, reorder_commands
 from .bodies import BodyCheck
 from .columns import find_held
 from .fault import Fault
@@ -42,8 +42,10 @@ def check_telemetry(recording: Recording, model: "mujoco.MjModel") -> list[Fault
 def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetry:
     """Faults of a log, and what could not be looked at."""
     recording, unchecked = _drop_ambiguous(recording)
+    episodes = {k: reorder_commands(e, model) for k, e in recording.episodes.items()}
+    recording = replace(recording, episodes=episodes)
     joints = list_joints(recording, model)
-    commands = {column: j.actuators for j in joints for column in j.columns}
+    commands = {column: j.commands for j in joints for column in j.columns}
     faults = [*find_time_faults(recording), *find_held(recording, commands)]
     held = {c for f in faults if f.kind == "frozen" for c in f.columns}
     series = build_series(recording)

@@ -68,7 +68,7 @@ def find_held(
 
     Args:
         recording: of the robot.
-        commands: actuators that move what a signal reads, by signal.
+        commands: that move what a signal reads, by signal.
     """
     share = _measure_repeats(recording)
     frozen: dict[tuple[str, bool], list[Case]] = {}
@@ -150,10 +150,10 @@ def _judge_clipped(
     return None
 
 
-def _is_idle(recording: Recording, episode: str, actuators: Sequence[str]) -> bool:
-    """Whether none of an episode's commands to these actuators moves."""
+def _is_idle(recording: Recording, episode: str, commands: Sequence[str]) -> bool:
+    """Whether none of these commands moves in an episode."""
     e = recording.episodes[episode]
-    moved = [np.ptp(e.ctrl[:, e.ctrl_names.index(a)]) > 0 for a in actuators]
+    moved = [np.ptp(e.ctrl[:, e.ctrl_names.index(c)]) > 0 for c in commands]
     return bool(moved) and not any(moved)
 
 

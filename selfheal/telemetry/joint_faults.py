@@ -113,7 +113,7 @@ class JointCheck:
         for j in led:
             servo = j.servo
             assert servo is not None
-            first[j.name] = self.series.ctrl[servo.actuator][:, 0] * servo.scale
+            first[j.name] = self.series.ctrl[servo.command][:, 0] * servo.scale
         return Comparison(
             first,
             {j.name: self.series.signals[j.position][:, 0, 0] for j in led},
@@ -239,7 +239,7 @@ class JointCheck:
                     signals.append(name)
                     lines.append(self._write(kind, "signals", name, factor, to))
             if "command" in parts:
-                for a, b in zip(one.actuators, other.actuators, strict=False):
+                for a, b in zip(one.commands, other.commands, strict=False):
                     commands[a] = (b, factor)
                     acting.append(b)
                     lines.append(self._write(kind, "ctrl", b, factor, a))
@@ -369,7 +369,7 @@ class JointCheck:
             read = ("position", "velocity") if joint.velocity else ("position",)
             found.append(self._make("sign", name, "", read, 1.0))
             found.append(self._make("unit", name, "", read, 1 / DEGREE))
-            if joint.actuators:
+            if joint.commands:
                 both = (*read, "command")
                 servo = joint.servo is not None
                 found.append(
@@ -382,7 +382,7 @@ class JointCheck:
                 joint = self.joints[one]
                 read = ("position", "velocity") if joint.velocity else ("position",)
                 found.append(self._make("exchange", one, other, read, 1.0))
-                if joint.actuators and self.joints[other].actuators:
+                if joint.commands and self.joints[other].commands:
                     found.append(self._make("exchange", one, other, ("command",), 1.0))
         return found
 

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording import Recording
+from ..recording import Recording, find_controls, find_output, list_controls
+from ..recording.actuator_laws import find_goal, get_servo_gains, is_pid
 
 if TYPE_CHECKING:
     import mujoco
@@ -19,11 +20,11 @@ class Reference:
     gear q.
 
     Attributes:
-        actuator: whose command it is.
+        command: name of its column.
         scale: [rad or m per unit of the command].
     """
 
-    actuator: str
+    command: str
     scale: float
 
 
@@ -37,6 +38,7 @@ class JointColumns:
         position, velocity: names of their signals; "" where there is none.
         servo: what its position is commanded to; None where nothing commands that.
         actuators: all that act on this joint alone.
+        commands: names of these actuators' columns.
     """
 
     name: str
@@ -45,6 +47,7 @@ class JointColumns:
     velocity: str = ""
     servo: Reference | None = None
     actuators: tuple[str, ...] = field(default=())
+    commands: tuple[str, ...] = field(default=())
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -53,9 +56,13 @@ class JointColumns:
 
 
 def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColumns]:
-    """Every hinge and slide of a model, with the columns of a recording about it."""
+    """Every hinge and slide of a model, with the columns of a recording about it.
+
+    Commands have the names that `reorder_commands` gives them.
+    """
     import mujoco
 
+    names = [control.full_name for control in list_controls(model)]
     read = _find_readings(recording, model)
     hinges = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     found = []
@@ -70,8 +77,9 @@ def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColu
                 j,
                 read.get(("position", name), ""),
                 read.get(("velocity", name), ""),
-                _find_servo(model, acting),
+                _find_servo(model, acting, names),
                 tuple(model.actuator(a).name for a in acting),
+                tuple(names[c] for a in acting for c in find_controls(model, a)),
             )
         )
     return found
@@ -102,13 +110,8 @@ def _find_readings(
     return found
 
 
-def has_plain_commands(model: "mujoco.MjModel") -> bool:
-    """Whether each actuator has one command, as columns of a recording have."""
-    return bool(len(model.actuator_trntype) == model.nu)
-
-
 def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:
-    """Whether an actuator's activation is its command, but for a lag."""
+    """Whether an actuator's activation, if any, is its command, but for a lag."""
     import mujoco
 
     kinds = mujoco.mjtDyn
@@ -119,27 +122,33 @@ def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:
 def _list_actuators(model: "mujoco.MjModel", joint: int) -> list[int]:
     import mujoco
 
-    if not has_plain_commands(model):
-        return []
     kinds = mujoco.mjtTrn
     at_joint = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
     return [
         a
-        for a in range(model.nu)
+        for a in range(model.nactuator)
         if model.actuator_trntype[a] in at_joint and model.actuator_trnid[a, 0] == joint
     ]
 
 
-def _find_servo(model: "mujoco.MjModel", actuators: list[int]) -> Reference | None:
-    """The reference of the first position servo among some actuators."""
+def _find_servo(
+    model: "mujoco.MjModel", actuators: list[int], names: list[str]
+) -> Reference | None:
+    """The reference of the first position servo among some actuators.
+
+    Args:
+        model: of the robot.
+        actuators: their ids.
+        names: of the columns of ctrl.
+    """
     import mujoco
 
     for a in actuators:
-        gain, bias = model.actuator_gainprm[a, 0], model.actuator_biasprm[a]
-        gear = model.actuator_gear[a, 0]
+        (gain, _), bias = get_servo_gains(model, a), model.actuator_biasprm[a]
+        gear, goal = model.actuator_gear[find_output(model, a), 0], find_goal(model, a)
         affine = model.actuator_biastype[a] == int(mujoco.mjtBias.mjBIAS_AFFINE)
         fixed = model.actuator_gaintype[a] == int(mujoco.mjtGain.mjGAIN_FIXED)
-        plain = affine and fixed and follows_command(model, a)
-        if plain and gain and gear and bias[1] < 0:
-            return Reference(model.actuator(a).name, float(-gain / bias[1] / gear))
+        plain = affine and (fixed or is_pid(model, a)) and follows_command(model, a)
+        if plain and goal >= 0 and gain and gear:
+            return Reference(names[goal], float(-gain / bias[1] / gear))
     return None

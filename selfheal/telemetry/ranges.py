@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording import Recording
+from ..recording import Recording, list_controls
 from .fault import Fault, format_columns
-from .joints import JointColumns, has_plain_commands
+from .joints import JointColumns
 
 if TYPE_CHECKING:
     import mujoco
@@ -33,8 +33,8 @@ def find_beyond(
         joints: with their columns.
     """
     found = [_check_joint(recording, model, j) for j in joints if j.position]
-    if has_plain_commands(model):
-        found += [_check_command(recording, model, a) for a in range(model.nu)]
+    names = [control.full_name for control in list_controls(model)]
+    found += [_check_command(recording, model, c, n) for c, n in enumerate(names)]
     return [fault for fault in found if fault is not None]
 
 
@@ -99,12 +99,11 @@ def _check_joint(
 
 
 def _check_command(
-    recording: Recording, model: "mujoco.MjModel", actuator: int
+    recording: Recording, model: "mujoco.MjModel", control: int, name: str
 ) -> Fault | None:
-    if not model.actuator_ctrllimited[actuator]:
+    if not model.actuator_ctrllimited[control]:
         return None
-    name = model.actuator(actuator).name
-    low, high = model.actuator_ctrlrange[actuator]
+    low, high = model.actuator_ctrlrange[control]
     slack = COMMAND_TOLERANCE * (high - low)
     ids, lowest, highest, seconds = [], np.inf, -np.inf, 0.0
     for episode, e in recording.episodes.items():

@@ -36,7 +36,7 @@ class Series:
         ids: of the episodes, by number.
         signals: (N, d, 3) of each signal: smoothed value [unit], slope [unit/s],
             curvature [unit/s^2]; NaN where nothing was read nearby.
-        ctrl: (N, 3) of each actuator's command, the same.
+        ctrl: (N, 3) of each command, the same.
     """
 
     step: float

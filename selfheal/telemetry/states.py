@@ -24,7 +24,7 @@ class Mend:
 
     Attributes:
         positions: by joint: the joint whose column is its own, and a factor [1].
-        commands: by actuator: the same of its command [1].
+        commands: by name of a command's column: the same of it [1].
         order: by body: places of w, x, y, z in its quaternion.
     """
 

@@ -13,9 +13,9 @@ from selfheal.recording import (
     check_against_model,
     list_controls,
     list_model_names,
-    order_columns,
     validate,
 )
+from selfheal.recording.controls import order_columns
 from selfheal.recording.split import _measure_ranges
 
 MODEL = """<mujoco><worldbody>

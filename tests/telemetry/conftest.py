@@ -1,5 +1,7 @@
 """An arm on servos that was recorded, as it is and with missing physics."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -76,6 +78,21 @@ def servo_arm():
     """The servo arm: model and recording."""
     xml = ARM.replace("ACTUATORS", SERVOS)
     return mujoco.MjModel.from_xml_string(xml), record(xml)
+
+
+@pytest.fixture(scope="session")
+def pid_arm(servo_arm):
+    """The servo arm with a <pid>, whose goal of velocity stays 0: the same law."""
+    _, recording = servo_arm
+    xml = ARM.replace("ACTUATORS", SERVOS)
+    xml = xml.replace('<position name="s"', '<pid name="s" posrange="-1.5 1.5"')
+    episodes = {
+        k: replace(
+            e, ctrl=np.insert(e.ctrl, 1, 0.0, axis=1), ctrl_names=("s", "s", "e")
+        )
+        for k, e in recording.episodes.items()
+    }
+    return mujoco.MjModel.from_xml_string(xml), replace(recording, episodes=episodes)
 
 
 @pytest.fixture(scope="session")

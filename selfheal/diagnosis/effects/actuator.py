@@ -6,13 +6,13 @@ import numpy as np
 
 from ...mjcf.edit import Set, format_number
 from ...recording import find_output
-from ...recording.data import Floats
-from ..data.actuator_laws import (
+from ...recording.actuator_laws import (
     find_goal,
     get_servo_gains,
     has_affine_force,
     is_pid,
 )
+from ...recording.data import Floats
 from .actuator_text import name_or_id, rename_to_general
 from .base import Term
 from .by_target import ActuatorEffect

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ...recording import find_output
+from ...recording.actuator_laws import has_affine_force, is_pid
 from ...recording.data import Floats
-from ..data.actuator_laws import has_affine_force, is_pid
 from ..data.robot_summary import (
     Actuator,
     Joint,

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from ...errors import InputError
 from ...recording import find_controls, find_output
+from ...recording.actuator_laws import find_goal
 from ...recording.data import Floats
-from ..data.actuator_laws import find_goal
 
 if TYPE_CHECKING:
     import mujoco

@@ -19,6 +19,7 @@ from ...recording import (
     Recording,
     check_against_model,
     list_model_names,
+    reorder_commands,
 )
 from ...recording.data import Floats
 from ..data.episodes import build_channels, sample_episode
@@ -32,7 +33,6 @@ from ..effects.places import Place
 from ..effects.second_joint import LINK
 from ..simulation.build import (
     StateReconstruction,
-    reorder_commands,
     summarize_actuators,
 )
 from ..simulation.checks import find_divergence

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from ...recording import find_controls
+from ...recording.actuator_laws import find_goal
 from ...recording.data import Floats
-from ..data.actuator_laws import find_goal
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state

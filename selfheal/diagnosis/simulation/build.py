@@ -8,16 +8,14 @@ import numpy as np
 from mujoco import rollout
 
 from ...recording import (
-    Episode,
     Recording,
     find_controls,
     find_output,
-    list_controls,
-    order_columns,
+    reorder_commands,
     strip_window,
 )
+from ...recording.actuator_laws import find_goal, get_servo_gains, list_control_gains
 from ...recording.data import Floats
-from ..data.actuator_laws import find_goal, get_servo_gains, list_control_gains
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import (
     Actuator,
@@ -79,14 +77,6 @@ def build_simulator(
             number = names.index(part if part in names else of_whole)
             episodes.append(replace(sampled, number=number))
     return Simulator(compiler, channels, tuple(episodes), step)
-
-
-def reorder_commands(episode: Episode, model) -> Episode:
-    """Order an episode's commands as the model orders its controls."""
-    controls = list_controls(model)
-    order = order_columns(episode.ctrl_names, controls)
-    names = tuple(c.actuator for c in controls)
-    return replace(episode, ctrl=episode.ctrl[:, order], ctrl_names=names)
 
 
 def summarize_robot(simulator: Simulator) -> RobotSummary:

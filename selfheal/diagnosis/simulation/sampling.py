@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...recording import find_controls, find_output
+from ...recording.actuator_laws import list_control_gains
 from ...recording.data import Floats
-from ..data.actuator_laws import list_control_gains
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
 from ..effects.base import implements

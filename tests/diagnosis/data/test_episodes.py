@@ -12,7 +12,7 @@ from selfheal.diagnosis.data.episodes import (
     _remove_sign_jumps,
     build_channels,
 )
-from selfheal.diagnosis.simulation.build import reorder_commands
+from selfheal.recording import reorder_commands
 from tests.support.hinge_recordings import STEP, draw_times, make_hinge_recording
 from tests.support.recorded_robots import ROBOTS, record
 

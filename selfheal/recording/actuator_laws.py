@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...recording import find_controls
-from ...recording.data import Floats
+from .controls import find_controls
+from .data import Floats
 
 if TYPE_CHECKING:
     import mujoco
@@ -32,7 +32,7 @@ def is_pid(model: "mujoco.MjModel", actuator: int) -> bool:
 
 
 def list_control_gains(model: "mujoco.MjModel", actuator: int) -> Floats:
-    """Force per unit of each of an actuator's controls [actuator's units].
+    """Force per unit (c) of each of an actuator's c controls [actuator's units].
 
     That is an affine law's gain where the law is no other that is known here.
     """
