@@ -1,6 +1,8 @@
 """The files of an example fit together, and what it conceals is found."""
 
 import json
+import re
+import shlex
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from selfheal import diagnose
 from selfheal.cli import app
 from selfheal.example import EXAMPLES
 from selfheal.recording import read
+from tests.support.paths import ROOT
 
 
 def _run(*words):
@@ -55,6 +58,16 @@ def test_a_guess_makes_the_same_recording(made, tmp_path):
         if np.isfinite(signal.values).all():
             values = last[0].signals[name].values
             assert values == pytest.approx(signal.values, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_commands_of_the_page_of_four_logs_work(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "four-logs.md").read_text()
+    (section,) = (s for s in page.split("\n## ") if f"example {name} " in s)
+    lines = re.findall(r"^    selfheal (.*)$", section, re.M)
+    done = [_run(*shlex.split(line)) for line in lines if "diagnose" not in line]
+    assert len(done) == 4 and "no fault of the log" in done[-1]
 
 
 def test_what_the_pendulum_conceals_is_found(tmp_path):
