@@ -13,7 +13,7 @@ from ..recording import Recording
 from ..recording.data import Floats
 from .balance import TorqueBalance
 from .fault import Fault, format_columns, write_mend
-from .pairs import MIN_ROWS, Relation, name_unit, relate
+from .pairs import MIN_ROWS, Relation, correlation_p_value, name_unit, relate
 from .series import Series
 from .states import IDENTITY, X_Y_Z_W, Mend, spin
 
@@ -25,14 +25,20 @@ MAX_ROWS = 600  # that are evaluated; chosen: some tens of milliseconds
 # and below which they agree, and ratio of the two; chosen
 DIFFERS, AGREES, FAR_BETTER = 0.3, 0.15, 0.25
 SINKS = 0.05  # of a body's size, to which one that is read rightly sinks; chosen
-P_VALUE = 1e-6  # stated for such a ratio over `MIN_ROWS` rows or more; chosen: an upper
-# bound of the F test with a tenth of these rows independent
-BASIS = "F test of the squared errors of both readings, at a tenth of the rows"
+DEPENDENT_ROWS = 10.0  # from one independent row to the next; chosen: a tenth of a s
+BASES = {
+    "order": "F test of the squared errors in both orders, a tenth of the rows counted",
+    "columns": "correlation, Fisher's z, a tenth of the rows counted",
+}
 # MuJoCo's sensors that follow from positions, rates and accelerations
 KINEMATIC = (
     *("ACCELEROMETER", "GYRO", "VELOCIMETER", "FRAMEPOS", "FRAMEXAXIS", "FRAMEYAXIS"),
     *("FRAMEZAXIS", "FRAMELINVEL", "FRAMEANGVEL", "SUBTREECOM"),
 )
+
+
+# mean squared errors as it is and in the other order, rows, what was compared
+Errors = tuple[float, float, int, str]
 
 
 class BodyCheck:
@@ -76,26 +82,28 @@ class BodyCheck:
 
     def _check_order(self, body: str, name: str) -> Fault | None:
         """Whether a quaternion is read in another order than it was written."""
+        from scipy.stats import f
+
         turns = self.series.signals[name]
         for measure in (self._spin_errors, self._frame_errors, self._slip_errors,
                         self._sink_errors, self._torque_errors):  # fmt: skip
             errors = measure(body, name, turns)
             if errors is None:
                 continue
-            given, other, what = errors
+            given, other, rows, what = errors
             if given > DIFFERS and other < FAR_BETTER * given and other < 1:
+                count = rows / DEPENDENT_ROWS
+                p = float(f.sf(given / max(other, 1e-12), count, count))
                 return Fault(
                     "quaternion_order", self.series.episodes, (name,), body,
                     f"{format_columns([name])} is written x y z w, not w x y z: {what} "
                     f"are off by {given:.2g} of their mean square as it is, by "
                     f"{other:.2g} in the other order",
-                    P_VALUE, BASIS, write_mend("signals", name, "order", "xyzw"),
+                    p, BASES["order"], write_mend("signals", name, "order", "xyzw"),
                 )  # fmt: skip
         return None
 
-    def _spin_errors(
-        self, body: str, name: str, turns: Floats
-    ) -> tuple[float, float, str] | None:
+    def _spin_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
         """Errors of angular velocities in both orders, by a gyroscope of the body."""
         rate = self.signals.get(("body_angular_velocity", body))
         measured = None if rate is None else self.series.signals[rate][:, :, 0]
@@ -109,11 +117,9 @@ class BodyCheck:
         for order in (IDENTITY, X_Y_Z_W):
             miss = spin(turns[:, list(order)])[1] - measured
             errors.append(float(np.mean(miss**2) / (np.mean(measured**2) + 1e-12)))
-        return errors[0], errors[1], "angular velocities"
+        return errors[0], errors[1], len(turns), "angular velocities"
 
-    def _frame_errors(
-        self, body: str, name: str, turns: Floats
-    ) -> tuple[float, float, str] | None:
+    def _frame_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
         """Errors of a body's orientation in both orders, by the joints' positions."""
         states = self.balance.states
         base = {self.model.body(self.model.jnt_bodyid[j]).name for j in states.bases}
@@ -128,11 +134,9 @@ class BodyCheck:
             unit = spin(turns[rows][:, list(order)])[0]
             # 4 sin^2 of half the angle between the two: at most 4
             errors.append(float(np.mean(4 * (1 - (unit * frames).sum(axis=1) ** 2))))
-        return errors[0], errors[1], "orientations that the joints give"
+        return errors[0], errors[1], len(rows), "orientations that the joints give"
 
-    def _slip_errors(
-        self, body: str, name: str, turns: Floats
-    ) -> tuple[float, float, str] | None:
+    def _slip_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
         """Speeds of the lowest geoms in both orders, of a robot on the ground."""
         states, m = self.balance.states, self.model
         bases = [j for j in states.bases if m.body(m.jnt_bodyid[j]).name == body]
@@ -148,7 +152,7 @@ class BodyCheck:
             self._measure_slip(rows, touching, Mend(order={body: order}))
             for order in (IDENTITY, X_Y_Z_W)
         ]
-        return errors[0], errors[1], "speeds of the feet on the ground"
+        return errors[0], errors[1], len(rows), "speeds of the feet on the ground"
 
     def _measure_slip(self, rows: np.ndarray, geoms: np.ndarray, mend: Mend) -> float:
         """Mean square speed of the lowest geoms over that of the base."""
@@ -171,9 +175,7 @@ class BodyCheck:
             speed += float(v[i, :3] @ v[i, :3])
         return slip / speed
 
-    def _sink_errors(
-        self, body: str, name: str, turns: Floats
-    ) -> tuple[float, float, str] | None:
+    def _sink_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
         """Depths to which a lone body sinks into what it touches, in both orders."""
         import mujoco
 
@@ -194,11 +196,9 @@ class BodyCheck:
                 mujoco.mj_collision(m, data)
                 total += np.min(data.contact.dist, initial=0.0) ** 2
             errors.append(float(total) / len(rows) / allowed**2)
-        return errors[0], errors[1], "depths to which it sinks into others"
+        return errors[0], errors[1], len(rows), "depths to which it sinks into others"
 
-    def _torque_errors(
-        self, body: str, name: str, turns: Floats
-    ) -> tuple[float, float, str] | None:
+    def _torque_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
         """What the balance of torques leaves in both orders, of a body that flies."""
         states, m = self.balance.states, self.model
         bases = [j for j in states.bases if m.body(m.jnt_bodyid[j]).name == body]
@@ -216,6 +216,7 @@ class BodyCheck:
         return (
             3 * float(given.unexplained[dofs].mean()),
             3 * float(share.mean()),
+            len(self.balance.rows),
             "torques of its flight",
         )
 
@@ -259,11 +260,11 @@ class BodyCheck:
         flipped = [i for i in every if _is_reversed(table[i][i])]
         if flipped:
             signs = ", ".join("-1" if i in flipped else "1" for i in every)
-            r = table[flipped[0]][flipped[0]].r
+            first = table[flipped[0]][flipped[0]]
             found.append(self._make(
                 "sign", name, target,
                 f"columns {flipped} of {format_columns([name])} are the opposite of "
-                f"{what} (correlation {r:.2f})", "sign", f"[{signs}]",
+                f"{what} (correlation {first.r:.2f})", "sign", f"[{signs}]", first,
             ))  # fmt: skip
         scaled = [table[i][i] for i in every if table[i][i].has_other_unit]
         if scaled and not flipped:
@@ -271,7 +272,7 @@ class BodyCheck:
             unit = name_unit(ratio) or "another unit"
             found.append(self._make(
                 "unit", name, target, f"{format_columns([name])} is {ratio:.4g} times "
-                f"{what}: {unit}", "scale", 1 / ratio,
+                f"{what}: {unit}", "scale", 1 / ratio, scaled[0],
             ))  # fmt: skip
         for i in every:
             for k in range(i + 1, got.shape[1]):
@@ -284,12 +285,13 @@ class BodyCheck:
                         f"columns {i} and {k} of {format_columns([name])} "
                         "are exchanged: each follows what the "
                         f"other should be, {what} (correlation {table[i][k].r:.2f})",
-                        "columns", f"{_swap(list(every), i, k)}",
+                        "columns", f"{_swap(list(every), i, k)}", table[i][k],
                     ))  # fmt: skip
         return found
 
     def _make(
-        self, kind: str, name: str, target: str, seen: str, key: str, value: Any
+        self, kind: str, name: str, target: str, seen: str, key: str, value: Any,
+        relation: Relation,
     ) -> Fault:  # fmt: skip
         """A fault of one signal.
 
@@ -299,11 +301,12 @@ class BodyCheck:
             target: body or sensor.
             seen: what was.
             key, value: of the map file.
+            relation: that tells it.
         """
         mend = write_mend("signals", name, key, value)
-        return Fault(
-            kind, self.series.episodes, (name,), target, seen, P_VALUE, BASIS, mend
-        )
+        p = correlation_p_value(relation.r, relation.rows, DEPENDENT_ROWS)
+        every = self.series.episodes
+        return Fault(kind, every, (name,), target, seen, p, BASES["columns"], mend)
 
     def _check_predicted(self) -> list[Fault]:
         """Model sensors and poses against what the joints' positions give."""

@@ -247,8 +247,8 @@ class JointCheck:
         columns = format_columns([*signals, *acting])
         unit = name_unit(ratio) if kind == "unit" else ""
         text = {
-            "sign": f"{columns} counts the other way",
-            "unit": f"{columns} is in {unit or 'another unit'}",
+            "sign": f"{columns}: the sign is the other one",
+            "unit": f"{columns}: the unit is {unit or 'another one'}",
             "exchange": f"{columns} are exchanged",
         }[kind]
         return Candidate(
