@@ -170,7 +170,8 @@ def make_sections(data: dict[str, Any]) -> list[Section]:
             "Faults put into clean recordings",
             "One fault each. Located: the columns that are told, or those told to be "
             "as likely, have the fault. Known: the check and its constants were made "
-            "with these recordings. New: no threshold was changed after they were seen.",
+            "with these recordings. New: no threshold was changed after they were "
+            "seen.",
             (
                 "fault",
                 *(
