@@ -14,15 +14,15 @@ from ._print import print_line
 def say_warnings() -> Iterator[None]:
     """Say each warning once, without the place in the code that it comes from.
 
-    Python's warnings (MuJoCo's of a model among them), and what libraries log where
-    nobody listens (matplotlib's of a home that cannot be written).
+    Python's warnings (MuJoCo's of a model among them) are said at the end of a command
+    that did its work: one that refused its input has said why. Those of arithmetic
+    are not said: what is not finite is looked for where it matters. What libraries log
+    where nobody listens (matplotlib's of a home that cannot be written) is said at once.
     """
-    said = set()
+    heard = dict[str, None]()
 
-    def say(message: Warning | str, *_: object) -> None:
-        if (text := str(message)) not in said:
-            said.add(text)
-            print_line(f"selfheal: warning: {text}", is_error=True)
+    def hear(message: Warning | str, *_: object) -> None:
+        heard[str(message)] = None
 
     log = logging.lastResort
     assert log  # nobody here takes it away
@@ -30,8 +30,18 @@ def say_warnings() -> Iterator[None]:
     log.setFormatter(_LineFormatter())
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = say  # type: ignore[assignment]
-            yield
+            warnings.showwarning = hear  # type: ignore[assignment]
+            # behind whatever filters there are: tests make errors of warnings
+            warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
+            try:
+                yield
+            except SystemExit as ended:
+                if ended.code:
+                    heard.clear()
+                raise
+            finally:
+                for text in heard:
+                    print_line(f"selfheal: warning: {text}", is_error=True)
     finally:
         log.setFormatter(formatter)
 

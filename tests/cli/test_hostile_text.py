@@ -276,10 +276,27 @@ def test_a_warning_is_said_once_and_a_log_that_nobody_reads_in_a_line(capsys):
                                         "levelname": "WARNING"})  # fmt: skip
         logging.lastResort.emit(record)
     assert capsys.readouterr().err.splitlines() == [
-        r"selfheal: warning: \x1b[31m\nfirst", "selfheal: warning: second",
         r"selfheal: warning: no \x1b",
+        r"selfheal: warning: \x1b[31m\nfirst", "selfheal: warning: second",
     ]  # fmt: skip
     assert warnings.showwarning is kept and logging.lastResort.formatter is None
+
+
+@pytest.mark.parametrize("code, said", [(0, 1), (2, 0)])
+def test_a_command_that_refuses_says_no_warning(capsys, code, said):
+    with pytest.raises(SystemExit), say_warnings():
+        warnings.simplefilter("default")
+        warnings.warn("odd", stacklevel=1)
+        sys.exit(code)
+    assert capsys.readouterr().err.count("selfheal: warning: odd") == said
+
+
+def test_arithmetic_warns_nobody(capsys):
+    with warnings.catch_warnings():
+        warnings.resetwarnings()
+        with say_warnings():
+            np.float64(1e308) * 10
+    assert capsys.readouterr().err == ""
 
 
 def test_a_worker_of_a_study_is_silent(monkeypatch):
