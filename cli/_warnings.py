@@ -16,8 +16,8 @@ def say_warnings() -> Iterator[None]:
 
     Python's warnings (MuJoCo's of a model among them) are said at the end of a command
     that did its work: one that refused its input has said why. Those of arithmetic
-    are not said: what is not finite is looked for where it matters. What libraries log
-    where nobody listens (matplotlib's of a home that cannot be written) is said at once.
+    are not said: what is not finite is looked for where it matters. What libraries
+    log where nobody listens is said at once (matplotlib's of a home without room).
     """
     heard = dict[str, None]()
 
