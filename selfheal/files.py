@@ -18,9 +18,9 @@ from uuid import uuid4
 from .errors import InputError, RunFileError, RunLockError, SelfhealError
 from .limited_reading import explain_dangerous
 
-# values that an HDF5 file may state; chosen: 0.8 GB as float64, which is a day at 1 kHz
-# of one signal, or an hour of 27
-MAX_VALUES = 100_000_000
+# values that an HDF5 file may state; chosen: 1.6 GB as float64, which is two days at
+# 1 kHz of one signal, or an hour of 55
+MAX_VALUES = 200_000_000
 # what h5py raises, beside OSError, of a file that is damaged
 HDF5_ERRORS = (KeyError, ValueError, TypeError, RuntimeError, SystemError)
 # errors of writing that are the machine's, whatever path was given

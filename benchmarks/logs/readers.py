@@ -20,6 +20,47 @@ def read_by_selfheal(path: str) -> None:
         pass
 
 
+def import_by_selfheal(path: str) -> None:
+    """All columns into a recording: the time, and angles of as many joints."""
+    import tempfile
+
+    import mujoco
+
+    from selfheal.logs.convert import import_logs
+    from selfheal.logs.log_map import parse_map
+    from selfheal.logs.open_log import open_log
+    from selfheal.recording import list_model_names
+
+    log = open_log(path)
+    chosen = [
+        (stream.name, [c for c in stream.columns if c[:1] in ("q", "p")])
+        for stream in log.streams
+    ]
+    joints = {f"{s}:{c}": f"j{k}" for k, (s, c) in enumerate(
+        (s, c) for s, columns in chosen for c in columns)}  # fmt: skip
+    bodies = "".join(
+        f'<body><joint name="{name}"/><geom size="1"/></body>'
+        for name in joints.values()
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{bodies}</worldbody></mujoco>"
+    )
+    several = len(log.streams) > 1
+    signals = [
+        {
+            "kind": "joint_position",
+            "columns": [f"{stream}:{c}" if several else c for c in columns],
+            "targets": [joints[f"{stream}:{c}"] for c in columns],
+        }
+        for stream, columns in chosen
+        if columns
+    ]
+    time = {} if several else {"column": "time"}
+    log_map = parse_map({"signals": signals, "time": time}, "map")
+    with tempfile.TemporaryDirectory(dir=Path(path).parent) as folder:
+        import_logs([log], log_map, list_model_names(model), Path(folder) / "r.h5")
+
+
 def read_by_pandas(path: str) -> None:
     """All columns at once."""
     import pandas
@@ -62,9 +103,11 @@ def measure_peak() -> int:
 
 READERS: Mapping[str, Callable[[str], None]] = {
     "csv selfheal": read_by_selfheal,
+    "csv selfheal recording import": import_by_selfheal,
     "csv pandas": read_by_pandas,
     "csv pyarrow": read_by_pyarrow,
     "mcap selfheal": read_by_selfheal,
+    "mcap selfheal recording import": import_by_selfheal,
     "mcap rosbags": read_by_rosbags,
     "mcap mcap, nothing decoded": read_by_mcap,
 }

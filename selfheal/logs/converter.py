@@ -1,6 +1,6 @@
 """A log on its way into a recording: takes columns from the disk, gives episodes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -17,6 +17,7 @@ from .resolve import Channel, name_signals
 from .spool import Spool
 from .timeline import (
     TIME_RESOLUTION,
+    Indices,
     Span,
     StreamTime,
     clip_times,
@@ -24,11 +25,13 @@ from .timeline import (
     merge_times,
     read_clock,
     split_episodes,
+    take_rows,
 )
 from .units import get_unit
 
 Floats = NDArray[np.float64]
 _BLOCK = 200_000  # rows that are converted at once; chosen: some 10 MB of a robot
+Clocks = Mapping[tuple[str, float], Floats]  # by stream and delay [s]
 Report = Callable[[str, float], None]  # is told a file and the share of it that is read
 
 
@@ -73,9 +76,9 @@ class Converter:
         streams = {s.name: self._read_time(s) for s in self._list_streams()}
         spans, mended = split_episodes(streams, self.log_map.episodes)
         for number, span in enumerate(spans):
-            times = {n: streams[n].time[rows] for n, rows in span.rows.items()}
-            clocks = self._list_channel_times(times)
-            base = clip_times(self.log_map.time, merge_times(clocks))
+            times = {n: take_rows(streams[n].time, r) for n, r in span.rows.items()}
+            clocks = self._make_clocks(times)
+            base = clip_times(self.log_map.time, merge_times(list(clocks.values())))
             if not base.size:
                 continue
             start, held = self._find_first_commands(span, clocks, base)
@@ -143,43 +146,86 @@ class Converter:
         time = read_clock(clock, values, rows, factor)
         return StreamTime(time, None if numbers is None else numbers.astype(np.intp))
 
-    def _list_channel_times(self, times: Mapping[str, Floats]) -> list[Floats]:
-        """(n) [s] of each channel: its stream's, by its delay earlier."""
-        return [times.get(c.stream, np.empty(0)) - c.delay for c in self.channels]
+    def _make_clocks(self, times: Mapping[str, Floats]) -> Clocks:
+        """(n) [s] of streams, by each delay of their channels earlier."""
+        keys = {(c.stream, c.delay) for c in self.channels if c.columns}
+        return {
+            (stream, delay): times[stream] - delay if delay else times[stream]
+            for stream, delay in keys
+        }
 
     def _find_first_commands(
-        self, span: Span, clocks: Sequence[Floats], base: Floats
+        self, span: Span, clocks: Clocks, base: Floats
     ) -> tuple[float, Floats]:
         """Since when every command is known.
 
         Args:
             span: rows of the streams.
-            clocks: (n) [s] of each channel.
+            clocks: (n) [s] by stream and delay.
             base: (T) [s] time base.
 
         Returns:
             [s] that time, not before the base begins, and (nu) the commands then.
         """
-        start, known = base[0], list[tuple[Floats, Floats]]()
-        for channel, clock in zip(self.channels, clocks, strict=True):
-            if channel.kind != COMMAND:
-                continue
-            if not channel.columns:
-                known.append((np.array([-np.inf]), channel.offset))
-                continue
-            rows = span.rows[channel.stream]
-            values = self.spool.read(channel.stream, channel.columns[0])[rows]
-            valid = np.isfinite(values)
-            if not valid.any():
+        commands = [c for c in self.channels if c.kind == COMMAND]
+        start = float(base[0])
+        for channel in filter(lambda c: c.columns, commands):
+            clock = clocks[channel.stream, channel.delay]
+            first = self._find_command(channel, span, range(0, clock.size, _BLOCK))
+            if first is None:
                 raise InputError(
                     f"{self.log.path}: an episode has no command of {channel.target}: "
                     f"no number in column {channel.columns[0]!r}"
                 )
-            known.append((clock[valid], channel.convert(values[valid])))
-            start = max(start, clock[valid][0])
-        held = [values[np.searchsorted(time, start + TIME_RESOLUTION) - 1]
-                for time, values in known]  # fmt: skip
-        return start, np.array(held)
+            start = max(start, float(clock[first[0]]))
+        held = np.array([c.offset[0] for c in commands])
+        for k, channel in enumerate(commands):
+            if not channel.columns:
+                continue
+            clock = clocks[channel.stream, channel.delay]
+            end = int(np.searchsorted(clock, start + TIME_RESOLUTION))
+            blocks = range(max(end - _BLOCK, 0), -1, -_BLOCK)
+            last = self._find_command(channel, span, [*blocks, 0], end)
+            assert last is not None  # there is one at or before `start`
+            held[k] = channel.convert(np.array([last[1]]))[0]
+        return start, held
+
+    def _find_command(
+        self,
+        channel: Channel,
+        span: Span,
+        blocks: Iterable[int],
+        end: int | None = None,
+    ) -> tuple[int, float] | None:
+        """The first number of a command's column, or the last before a row.
+
+        Args:
+            channel: of the command.
+            span: rows of the streams.
+            blocks: first rows of the blocks to look into, in this order.
+            end: row of the episode before which the last one is sought; None: the
+                first one is.
+
+        Returns:
+            Its row in the episode and the number; None where there is none.
+        """
+        for low in blocks:
+            high = low + _BLOCK if end is None else min(low + _BLOCK, end)
+            rows = span.rows[channel.stream][low:high]
+            if not rows.size:
+                continue
+            values = self._read_rows(channel.stream, channel.columns[0], rows)
+            valid = np.flatnonzero(np.isfinite(values))
+            if valid.size:
+                row = int(valid[0 if end is None else -1])
+                return low + row, float(values[row])
+        return None
+
+    def _read_rows(self, stream: str, column: str, rows: Indices) -> Floats:
+        """Rows (n) of a column, which lie near each other."""
+        first = int(rows.min())
+        piece = self.spool.read(stream, column, first, int(rows.max()) + 1)
+        return take_rows(piece, rows - first)
 
     def _check_size(self, base: Floats) -> None:
         """Refuse what no recording can hold."""
@@ -209,13 +255,13 @@ class Converter:
         return name
 
     def _convert_span(
-        self, span: Span, clocks: Sequence[Floats], base: Floats, held: Floats
+        self, span: Span, clocks: Clocks, base: Floats, held: Floats
     ) -> Iterator[Episode]:
         """An episode in parts.
 
         Args:
             span: rows of the streams.
-            clocks: (n) [s] of each channel.
+            clocks: (n) [s] by stream and delay.
             base: (T) [s] time base.
             held: (nu) commands when it begins.
         """
@@ -223,10 +269,7 @@ class Converter:
         commands = [k for k, c in enumerate(self.channels) if c.kind == COMMAND]
         for start in range(0, base.size, _BLOCK):
             time = base[start : start + _BLOCK]
-            blocks = [
-                self._read_block(channel, span, clock, time)
-                for channel, clock in zip(self.channels, clocks, strict=True)
-            ]
+            blocks = [self._read_block(c, span, clocks, time) for c in self.channels]
             ctrl = np.column_stack([blocks[k][:, 0] for k in commands] or [
                 np.empty((time.size, 0))])  # fmt: skip
             held = _hold(ctrl, held)
@@ -243,23 +286,21 @@ class Converter:
             yield Episode(time - base[0], ctrl, targets, signals)
 
     def _read_block(
-        self, channel: Channel, span: Span, clock: Floats, time: Floats
+        self, channel: Channel, span: Span, clocks: Clocks, time: Floats
     ) -> Floats:
         """Values (T, d) of a channel at some times (T) [s]; NaN where it has none."""
         values = np.full((time.size, max(1, len(channel.columns))), np.nan)
         if not channel.columns:
             values[:] = channel.offset
             return values
+        clock = clocks[channel.stream, channel.delay]
         low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
         taken = span.rows[channel.stream][low:high]
-        place, rows = find_rows(time, clock[low:high])
         if not taken.size:
             return values
-        first = int(taken.min())
-        end = int(taken.max()) + 1
+        place, rows = find_rows(time, clock[low:high])
         for k, column in enumerate(channel.columns):
-            piece = self.spool.read(channel.stream, column, first, end)
-            values[place, k] = piece[taken - first][rows]
+            values[place, k] = self._read_rows(channel.stream, column, taken)[rows]
         values[place] = channel.convert(values[place])
         return values
 

@@ -10,7 +10,7 @@ from ..errors import InputError
 from .log_map import Clock, EpisodeRule, TimeBase
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+Indices = NDArray[np.integer]
 # [s]; times that differ by less are one: what float64 resolves of seconds since 1970
 TIME_RESOLUTION = 5e-7
 _MOST_LATE = 8  # rows that a network may bring too late one after another; chosen
@@ -117,14 +117,14 @@ def _split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
         new[1:] = np.diff(stream.label) != 0
     else:
         # some rows on it is still before the last one: a new run, no row that was late
-        ahead = np.minimum(np.arange(1, count) + _MOST_LATE, count - 1)
-        last = stream.time[:-1]
-        new[1:] = (stream.time[1:] < last) & (stream.time[ahead] < last)
+        for row in np.flatnonzero(stream.time[1:] < stream.time[:-1]) + 1:
+            ahead = stream.time[min(int(row) + _MOST_LATE, count - 1)]
+            new[row] = ahead < stream.time[row - 1]
     cuts = [0, *np.flatnonzero(new), count]
     for start, end in zip(cuts, cuts[1:], strict=False):
         if start < end:
             label = -1 if stream.label is None else int(stream.label[start])
-            yield label, np.arange(start, end)
+            yield label, _count_rows(start, end)
 
 
 def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Span]:
@@ -135,7 +135,7 @@ def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Sp
                 f"the time of {name} begins again, and the log holds several streams; "
                 "would fit: [time] with a column that does not, or a file a run"
             )
-    every = {n: _sort_rows(s.time, np.arange(s.time.size), mended)
+    every = {n: _sort_rows(s.time, _count_rows(0, s.time.size), mended)
              for n, s in streams.items()}  # fmt: skip
     labeled = next((n for n, s in streams.items() if s.label is not None), None)
     if labeled is None:
@@ -156,9 +156,24 @@ def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Sp
     ]
 
 
+def _count_rows(start: int, end: int) -> Indices:
+    """Numbers of rows, (n), in as few bytes as hold them."""
+    return np.arange(start, end, dtype=np.int32 if end < 2**31 else np.int64)
+
+
+def take_rows(values: Floats, rows: Indices) -> Floats:
+    """Rows (n) of values (N); where they are all of a range, no copy of it."""
+    if rows.size and rows[-1] - rows[0] == rows.size - 1 and (np.diff(rows) == 1).all():
+        return values[rows[0] : rows[-1] + 1]
+    return values[rows]
+
+
 def _sort_rows(time: Floats, rows: Indices, mended: Mended) -> Indices:
     """Rows by time, each time once, those without a time left out."""
-    valid = rows[np.isfinite(time[rows])]
+    values = take_rows(time, rows)
+    if (np.diff(values) > TIME_RESOLUTION).all() and np.isfinite(values[-1:]).all():
+        return rows  # as nearly always
+    valid = rows[np.isfinite(values)]
     values = time[valid]
     if (np.diff(values) < 0).any():
         late = values < np.maximum.accumulate(values)
@@ -193,7 +208,9 @@ def _cut_span(
 
 def merge_times(times: Sequence[Floats]) -> Floats:
     """The time base of an episode: every time of any stream once, (T) [s]."""
-    every = np.unique(np.concatenate(times))
+    if len(times) == 1:  # a stream's own rows are apart already
+        return times[0]
+    every = np.unique(np.concatenate([np.empty(0), *times]))
     new = np.ones(every.size, dtype=bool)
     new[1:] = np.diff(every) > TIME_RESOLUTION
     return every[new]
