@@ -119,7 +119,7 @@ def test_a_size_is_refused_before_any_of_it_is_read(identified, tmp_path):
     with h5py.File(path, "r+") as file:
         del file["cycles/000/tables"]
         file.create_dataset("cycles/000/tables", (2**36, 6, 3), "f8")
-    with pytest.raises(RunFileError, match="at most 100,000,000 values in the file"):
+    with pytest.raises(RunFileError, match="at most 200,000,000 values in the file"):
         load_run(path)
 
 

@@ -18,6 +18,10 @@ from .spool import Spool
 if TYPE_CHECKING:
     import mujoco
 
+# bytes of logs from which a recording is not compressed; chosen: above, that would take
+# longer than all else
+_LARGE = 200_000_000
+
 
 def import_logs(
     logs: Sequence[Log],
@@ -55,7 +59,9 @@ def import_logs(
     robot = next((log.robot for log in logs if log.robot), None)
     source = ", ".join(log.path.name for log in logs)
     order = {control.full_name: k for k, control in enumerate(names.controls)}
-    with open_writer(path, robot, source) as writer:
+    size = sum(_measure_size(log.path) for log in logs)
+    compression = "gzip" if size < _LARGE else None
+    with open_writer(path, robot, source, compression=compression) as writer:
         for log, channels in zip(logs, resolved, strict=True):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
             channels = sorted(
@@ -74,6 +80,12 @@ def import_logs(
                 f"{', '.join(str(log.path) for log in logs)}: no row is left to import"
             )
     return made
+
+
+def _measure_size(path: Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def _compare_clocks(

@@ -137,7 +137,7 @@ def _huge_chunk(root):
         (_slash, "'imu': imu must be .* a slash .*; would fit: 'imu_up' for 'imu/up'"),
         (_unstored, "time states 10000000 values and stores hardly any"),
         (_huge, "it holds 10.* values; at most 2"),
-        (_huge_chunk, "it holds 1.* values; at most 2"),
+        (_huge_chunk, "it holds 2.* values; at most 2"),
     ],
 )
 def test_a_bad_file_is_refused(file, damage, said):
