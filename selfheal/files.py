@@ -299,21 +299,30 @@ def open_run(
 
 
 def read_members(path: str | os.PathLike[str]) -> None:
-    """Read all of an HDF5 file, whatever that does to the process.
+    """Read all of an HDF5 file that can be, whatever that does to the process.
+
+    What is damaged is passed by: who reads the file next may not begin with it.
 
     Raises:
         OSError, RuntimeError, KeyError, ValueError, TypeError: h5py's, of a file that
-            is damaged.
+            cannot be opened or listed.
     """
     import h5py
 
+    damaged = suppress(OSError, *HDF5_ERRORS)
     with h5py.File(path, "r") as file:
-        dict(file.attrs)
+        for name in ("format", "version"):
+            with damaged:
+                file.attrs.get(name)
+        with damaged:
+            dict(file.attrs)
         for _, member in walk_hdf5(file):
             if isinstance(member, h5py.Group | h5py.Dataset):
-                dict(member.attrs)
+                with damaged:
+                    dict(member.attrs)
             if isinstance(member, h5py.Dataset):
-                member[()]
+                with damaged:
+                    member[()]
 
 
 def walk_hdf5(group: Any) -> Iterator[tuple[str, Any]]:

@@ -46,9 +46,8 @@ def relocate_paths(tree: MjcfDocument, folder: str) -> None:
         if not (name := element.get_path("file")):
             continue  # MuJoCo will say so
         target = find_file(name, element.home, tree.home)
-        if not element.list_includes() or target != find_file(
-            name, element.home, folder
-        ):
+        # MuJoCo seeks what an included file attaches from the model's own folder
+        if not element.list_includes() or folder != tree.home:
             _redirect(tree.inline(element), target, folder)
     _relocate_assets(tree, folder)
     for element in [e for e in tree.root.walk() if e.list_includes() == [e]]:

@@ -206,6 +206,23 @@ def test_an_attached_model_is_found_and_its_insides_have_no_text(tmp_path):
         apply_edits(path, [Set("joint", "p_j", {"damping": "1"})], tmp_path)
 
 
+def test_what_an_included_file_attaches_is_found_from_another_folder(tmp_path):
+    child = "<mujoco><worldbody><body name='b'><geom size='1'/></body></worldbody>"
+    write_file(tmp_path / "model.xml", f"{child}</mujoco>")
+    write_file(
+        tmp_path / "part.xml",
+        "<mujoco><asset><model name='k' file='model.xml'/></asset></mujoco>",
+    )
+    path = write_file(
+        tmp_path / "m.xml",
+        "<mujoco><include file='part.xml'/><worldbody><attach model='k' body='b' "
+        "prefix='p_'/></worldbody></mujoco>",
+    )
+    assert (
+        list_changed_fields(load_model(path), compile_edited(path, [], "out")) == set()
+    )
+
+
 def test_missing_and_repeated_files_are_named(scene, tmp_path):
     with pytest.raises(ModelError, match=r"cannot read .*nowhere\.xml"):
         apply_edits(tmp_path / "nowhere.xml", [], tmp_path)

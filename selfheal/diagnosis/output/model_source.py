@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -93,7 +94,8 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
         ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.
     """
     with tempfile.TemporaryDirectory() as folder:
-        new = Path(folder) / "model.xml"
+        # a name that no file has which the text attaches: it would attach itself
+        new = Path(folder) / f"{uuid4().hex}.xml"
         text = apply_edits(path, changes, folder)  # of a URDF its MJCF
         new.write_bytes(encode_text(text))
         try:
