@@ -71,7 +71,8 @@ def _make_fuzz_section(records: Mapping[str, Record]) -> Section:
         "Faults: a traceback, a hang above 20 s, a crash, more than 1 GB, an exit code "
         "other than 0 and 2, other than one message, a warning, a file left over. A "
         "mutant is repeated by `python -m benchmarks.hardening fuzz --kind KIND --seed "
-        "SEED`."
+        "SEED`. What an earlier version of the program accepted or refused well is not "
+        "read again, unless benchmarks/results/hardening-fuzz.jsonl is removed."
     )
     head = ("kind", "mutants", "accepted", "refused", "faults", "longest [s]",
             "most [MB]")  # fmt: skip

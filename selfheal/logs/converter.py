@@ -31,6 +31,7 @@ from .units import get_unit
 
 Floats = NDArray[np.float64]
 _BLOCK = 200_000  # rows that are converted at once; chosen: some 10 MB of a robot
+_RATE_ROWS = 100_000  # of which a stream's rate is the median; chosen: the first ones
 Clocks = Mapping[tuple[str, float], Floats]  # by stream and delay [s]
 Report = Callable[[str, float], None]  # is told a file and the share of it that is read
 
@@ -82,11 +83,12 @@ class Converter:
             if not base.size:
                 continue
             start, held = self._find_first_commands(span, clocks, base)
-            mended.before_command += int((base < start).sum())
-            base = base[base >= start]
+            first = int(np.searchsorted(base, start))
+            mended.before_command += first
+            base = base[first:]
             self._check_size(base)
             name = self._name_episode(number, span)
-            rates = {n: 1 / float(np.median(np.diff(t)))
+            rates = {n: 1 / float(np.median(np.diff(t[:_RATE_ROWS])))
                      for n, t in times.items() if t.size > 1}  # fmt: skip
             seconds = float(base[-1] - base[0])
             made.episodes.append(
@@ -269,7 +271,11 @@ class Converter:
         commands = [k for k, c in enumerate(self.channels) if c.kind == COMMAND]
         for start in range(0, base.size, _BLOCK):
             time = base[start : start + _BLOCK]
-            blocks = [self._read_block(c, span, clocks, time) for c in self.channels]
+            found = {
+                key: _find_in_block(span.rows[key[0]], clock, time)
+                for key, clock in clocks.items()
+            }
+            blocks = [self._read_block(c, found, time.size) for c in self.channels]
             ctrl = np.column_stack([blocks[k][:, 0] for k in commands] or [
                 np.empty((time.size, 0))])  # fmt: skip
             held = _hold(ctrl, held)
@@ -286,23 +292,46 @@ class Converter:
             yield Episode(time - base[0], ctrl, targets, signals)
 
     def _read_block(
-        self, channel: Channel, span: Span, clocks: Clocks, time: Floats
+        self,
+        channel: Channel,
+        found: Mapping[tuple[str, float], tuple[Indices, Indices, Indices]],
+        size: int,
     ) -> Floats:
-        """Values (T, d) of a channel at some times (T) [s]; NaN where it has none."""
-        values = np.full((time.size, max(1, len(channel.columns))), np.nan)
+        """Values (T, d) of a channel in a block; NaN where it has none.
+
+        Args:
+            channel: that is read.
+            found: rows by stream and delay, as `_find_in_block` gives them.
+            size: T.
+        """
+        values = np.full((size, max(1, len(channel.columns))), np.nan)
         if not channel.columns:
             values[:] = channel.offset
             return values
-        clock = clocks[channel.stream, channel.delay]
-        low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
-        taken = span.rows[channel.stream][low:high]
+        taken, place, rows = found[channel.stream, channel.delay]
         if not taken.size:
             return values
-        place, rows = find_rows(time, clock[low:high])
         for k, column in enumerate(channel.columns):
             values[place, k] = self._read_rows(channel.stream, column, taken)[rows]
         values[place] = channel.convert(values[place])
         return values
+
+
+def _find_in_block(
+    rows: Indices, clock: Floats, time: Floats
+) -> tuple[Indices, Indices, Indices]:
+    """Rows of a stream that a block of a time base holds.
+
+    Args:
+        rows: (n) of an episode.
+        clock: (n) [s] their times.
+        time: (T) [s] of the block.
+
+    Returns:
+        Rows around the block; and what `find_rows` makes of their times.
+    """
+    low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
+    return rows[low:high], *find_rows(time, clock[low:high])
 
 
 def _is_vector(channel: Channel) -> bool:

@@ -190,6 +190,9 @@ def _cut_span(
     span: Span, streams: Mapping[str, StreamTime], gap: float, marks: Floats
 ) -> Iterator[Span]:
     """Parts of an episode between gaps and marks."""
+    if gap == np.inf and not marks.size:
+        yield span
+        return
     times = {name: streams[name].time[rows] for name, rows in span.rows.items()}
     every = np.sort(np.concatenate(list(times.values())))
     cuts = every[1:][np.diff(every) > gap]
@@ -218,7 +221,7 @@ def merge_times(times: Sequence[Floats]) -> Floats:
 
 def clip_times(base: TimeBase, time: Floats) -> Floats:
     """The part of a time base (T) [s] that a map takes."""
-    if not time.size:
+    if not time.size or (base.start is None and base.end is None):
         return time
     start = -np.inf if base.start is None else time[0] + base.start
     end = np.inf if base.end is None else time[0] + base.end
