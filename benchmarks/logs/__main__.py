@@ -74,7 +74,9 @@ def main() -> None:
     ]
     text = (
         "All columns of a log are read, from a file that the system holds in memory "
-        "already. The MCAP has joint states and IMU messages, packed by zstd."
+        "already. `recording import` writes the angles into a recording, too: twelve "
+        "of the CSV, seven of the MCAP, whose other fields it does not decode. The "
+        "MCAP has joint states and IMU messages, packed by zstd."
     )
     section = Section("All columns", text, _HEADER, cells)
     publish_results(given.root, "logs", "Reading logs", [section], {"rows": rows})
