@@ -35,9 +35,23 @@ def open_log(path: str | os.PathLike[str]) -> Log:
             broken.append(f"{found.name} cannot tell: {clean_text(error)}")
             continue
         if is_this:
-            return found.open(path)
+            return _check_names(found.open(path))
     message = f"{path}: no log that is read; these are: {', '.join(names)}"
     raise InputError("; ".join([message, *broken]))
+
+
+def _check_names(log: Log) -> Log:
+    """Refuse a log with a name that no map can hold: one that no UTF-8 stands for."""
+    for stream in log.streams:
+        for name in (stream.name, *stream.columns):
+            try:
+                name.encode()
+            except UnicodeEncodeError as error:
+                raise InputError(
+                    f"{log.path}: the name {name!r} has half a character in it; would "
+                    "fit: whole ones"
+                ) from error
+    return log
 
 
 def _load_formats(broken: list[str]) -> Iterator[LogFormat]:

@@ -93,3 +93,10 @@ def test_a_missing_library_is_named_with_the_way_to_install_it(
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"pip install 'selfheal\[logs\]'"):
         list(open_log(path).read({"": ["t"]}))
+
+
+def test_a_name_with_half_a_character_is_refused(tmp_path):
+    path = tmp_path / "log.json"
+    path.write_text('{"t": [0, 1, 2], "goal\\udc80": [1, 2, 3]}')
+    with pytest.raises(InputError, match=r"log.json: the name .* half a character"):
+        open_log(path)
