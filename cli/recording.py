@@ -105,7 +105,7 @@ def import_log(
 def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
     """Write a map that fits a log, as far as can be told."""
     from selfheal.errors import InputError
-    from selfheal.files import atomic_path
+    from selfheal.files import write_text
     from selfheal.logs.guessing.guess import guess_map
     from selfheal.logs.guessing.map_text import format_map
     from selfheal.logs.open_log import open_log
@@ -116,8 +116,7 @@ def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
     if out.exists():
         raise InputError(f"{out} exists; would fit: another name by --out")
     found = guess_map(open_log(log), load_model(model))
-    with atomic_path(out) as temporary:
-        temporary.write_text(format_map(found, log.name, model.name))
+    write_text(out, format_map(found, log.name, model.name))
     if as_json:
         print_json(summarize_guess(found, out))
         return

@@ -127,6 +127,12 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text as UTF-8, whatever the locale; errors as of `atomic_path`."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def _remove_abandoned(target: Path) -> None:
     """Remove temporary files of a target that no process writes any more."""
     for path in target.parent.glob(f".{glob.escape(target.name)}.????????.tmp"):

@@ -94,8 +94,9 @@ def _check_logs(
     from ..telemetry import check_telemetry, list_tolerable, refuse_faulty
 
     compiled, noted = load_model(model), []
+    names = list_model_names(compiled)
     for recording in recordings:
-        check_against_model(recording, list_model_names(compiled))
+        check_against_model(recording, names)
         faults = check_telemetry(recording, compiled)
         refuse_faulty(recording.file, faults, skip)
         noted += [

@@ -171,12 +171,11 @@ def write_best_model(run: "Run", path: Path) -> Path:
     """
     from ..body.genome import build_bodies
     from ..body.mjcf import format_mjcf
-    from ..files import atomic_path
+    from ..files import write_text
 
     model = path.with_name(_MODEL)
     text = format_mjcf(build_bodies(run.anatomy, run.cycles[-1].genomes[:1]))
-    with atomic_path(model) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(model, text)
     return model
 
 

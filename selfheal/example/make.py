@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import UnknownNameError
-from ..files import check_writable_folder
-from ..recording import Recording, list_controls
+from ..files import check_writable_folder, write_text
+from ..recording import Recording, list_model_names
 from .simulate import Run, simulate_runs
 from .write_logs import (
     GRIPPER_RANGE,
@@ -19,7 +19,6 @@ from .write_logs import (
     write_lerobot,
     write_npz,
     write_ros2_bag,
-    write_text,
 )
 
 if TYPE_CHECKING:
@@ -254,7 +253,7 @@ def _write_recording(
         has_speeds: whether the log has the joints' speeds.
     """
     joints = [model.joint(j).name for j in range(model.njnt)]
-    actuators = [control.full_name for control in list_controls(model)]
+    actuators = list_model_names(model).commands
     episodes = {}
     for number, run in enumerate(runs):
         signals = {"joint_position": dict(zip(joints, run.position.T, strict=True))}

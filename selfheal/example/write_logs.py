@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files import atomic_path
+from ..files import atomic_path, write_text
 from .simulate import Run
 
 
@@ -167,12 +167,6 @@ def _make_array(store: Any, values: np.ndarray) -> Any:
     types = store.types
     layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)
     return types["std_msgs/msg/Float64MultiArray"](layout, values)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text, whole or not at all."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(text)
 
 
 def _import(name: str) -> Any:

@@ -58,7 +58,7 @@ def import_logs(
     _note_assumed(resolved[0], made)
     robot = next((log.robot for log in logs if log.robot), None)
     source = ", ".join(log.path.name for log in logs)
-    order = {control.full_name: k for k, control in enumerate(names.controls)}
+    order = {name: k for k, name in enumerate(names.commands)}
     size = sum(_measure_size(log.path) for log in logs)
     compression = "gzip" if size < _LARGE else None
     with open_writer(path, robot, source, compression=compression) as writer:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..recording import Episode
+from .log_map import COMMAND
 from .model_facts import list_places
 from .motion import compare_command
 
@@ -128,10 +129,10 @@ def find_common_lag(
     """
     positions = {s.target: name for name, s in episode.signals.items()
                  if s.kind == "joint_position"}  # fmt: skip
+    places = {p.name: p for p in list_places(model) if p.kind == COMMAND}
     lags = []
     for column, actuator in enumerate(episode.ctrl_names):
-        place = next((p for p in list_places(model)
-                      if p.kind == "command" and p.name == actuator), None)  # fmt: skip
+        place = places.get(actuator)
         name = positions.get(place.aliases[0]) if place and place.aliases else None
         if name is None or sources.get(actuator) in (None, streams[name]):
             continue

@@ -89,7 +89,7 @@ def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Cha
     sort = "actuator" if rule.kind == COMMAND else KINDS[rule.kind].target
     known: Collection[str] = names.targets[sort]
     if rule.kind == COMMAND:
-        known = [control.full_name for control in names.controls]
+        known = names.commands
     for target in targets:
         may_lack = rule.kind != COMMAND and KINDS[rule.kind].may_lack_target
         if target not in known and not (may_lack and not target):
@@ -271,8 +271,7 @@ def check_commands(channels: Sequence[Channel], names: ModelNames, file: str) ->
         InputError: names the actuators.
     """
     given = {c.target for c in channels if c.kind == COMMAND}
-    every = [control.full_name for control in names.controls]
-    if missing := [name for name in every if name not in given]:
+    if missing := [name for name in names.commands if name not in given]:
         raise InputError(
             f"{file}: no columns for the command of {', '.join(missing)}; would fit: "
             f'[[signals]] kind = "{COMMAND}", with columns, or with columns = [] and '

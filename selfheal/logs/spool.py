@@ -39,7 +39,7 @@ class Spool:
         self._labels: dict[tuple[str, str], dict[str, int]] = {}
         self._folder = folder
         try:
-            self._file: Any = tempfile.TemporaryFile(dir=folder, buffering=0)
+            self._file: Any = tempfile.TemporaryFile(dir=folder)
         except OSError as error:
             raise make_write_error(f"into {folder}", error) from error
 
@@ -67,9 +67,8 @@ class Spool:
             numbers = np.ascontiguousarray(self._encode(key, values))
             try:
                 start = self._file.seek(0, 2)
-                view, done = numbers.view(np.uint8).data, 0
-                while done < len(view):
-                    done += self._file.write(view[done:])
+                self._file.write(numbers.data)
+                self._file.flush()
             except OSError as error:
                 raise make_write_error(f"into {self._folder}", error) from error
             self._pieces.setdefault(key, []).append((start, count))

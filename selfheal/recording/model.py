@@ -40,6 +40,11 @@ class ModelNames:
     nq: int
     nv: int
 
+    @property
+    def commands(self) -> list[str]:
+        """A name for each column of ctrl (nu) that no other column has."""
+        return [control.full_name for control in self.controls]
+
 
 def check_against_model(recording: EpisodeTable, names: ModelNames) -> None:
     """Refuse a recording that speaks of what the model does not have.
@@ -77,7 +82,7 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
             "of ctrl can be theirs; would fit: a name for each"
         )
     fits = [c.actuator for c in names.controls]
-    full = [c.full_name for c in names.controls]
+    full = names.commands
     if unknown := [name for name in given if name not in (*model, *full)]:
         raise place.make_error(
             f"the model has no actuator {format_names(unknown)}; would fit: "

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from ..files import atomic_path
+from ..files import write_text
 from ..printable import make_printable
 
 
@@ -182,8 +182,7 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
     Raises:
         InputError: nothing can be written there.
     """
-    with atomic_path(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(path, page)
 
 
 SPACES = "\n\t"  # that may stand in markup
