@@ -31,7 +31,7 @@ from selfheal.diagnosis.estimation.marginalization import marginalize_initial_st
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.simulation import score
 from selfheal.diagnosis.simulation.dataset import (
-    LONG_SEGMENT,
+    LONG_SEGMENTS,
     SHORT_SEGMENT,
     Dataset,
     cut_readable_segments,
@@ -248,7 +248,7 @@ def score_values(robot: HiddenArm, values: np.ndarray) -> float:
 THEIRS = "mujoco.sysid, defaults"
 METHODS: dict[str, Callable[[HiddenArm], np.ndarray]] = {
     "selfheal, whole episodes": partial(fit_with_selfheal, seconds=None),
-    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG_SEGMENT),
+    "selfheal, pieces of 2 s": partial(fit_with_selfheal, seconds=LONG_SEGMENTS[0]),
     "selfheal, pieces of 0.5 s": partial(fit_with_selfheal, seconds=SHORT_SEGMENT),
     THEIRS: fit_with_sysid,
 }

@@ -11,7 +11,12 @@ from ..recording import Recording
 from .effects import load_catalogue
 from .effects.base import Onset
 from .effects.nominal import build_nominal_terms
-from .estimation.problem import Problem, build_problem, check_enough_segments
+from .estimation.problem import (
+    Problem,
+    build_longer_problems,
+    build_problem,
+    check_enough_segments,
+)
 from .output.build_result import build_diagnosis, explain_unpatchable
 from .output.result import Diagnosis
 from .selection.change_point import (
@@ -23,23 +28,22 @@ from .selection.holdout import choose_hypothesis, drop_refuted, keep_competitive
 from .selection.hypotheses import Hypothesis, name_effects, start_search
 from .selection.quantization import name_quantization
 from .selection.refine import prefer_simpler_names, refine_hypothesis
+from .selection.replay_scores import HeldOutScores
 from .selection.search_state import SearchState
 from .selection.verdict import (
-    HeldOutScores,
     RemainingStructure,
     analyze_remaining,
     decide_verdict,
     drop_names,
     is_replay_off,
+    limit_verdict,
     makes_replay_worse,
     removes_too_little,
 )
 from .simulation.checks import check_dataset
 from .simulation.dataset import (
-    LONG_SEGMENT,
     SHORT_SEGMENT,
     Dataset,
-    cut_readable_segments,
     prepare_dataset,
 )
 
@@ -165,8 +169,7 @@ def _choose_effects(
     Returns:
         The dataset, which knows the noise that the fits tell, and the hypotheses.
     """
-    segments = cut_readable_segments(dataset.training, LONG_SEGMENT)
-    longer = Problem(dataset.training, segments, problem.sigma)
+    longer = build_longer_problems(dataset, problem)
     hypotheses = name_effects(state, problem, longer, rng=rng, progress=say)
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
     say("fitting everything once more", 0.0)
@@ -228,7 +231,8 @@ def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> 
         lowered = {"explained": "partly", "nothing": "unlisted"}
         verdict = lowered.get(tested.verdict, tested.verdict)
         tested = replace(tested, verdict=verdict)
-    return tested
+    verdict = limit_verdict(tested.verdict, tested.scores)
+    return replace(tested, verdict=verdict)
 
 
 def _add_quantization(dataset: Dataset, tested: _Tested) -> _Tested:

@@ -126,10 +126,15 @@ class LinearizedFit:
         low, high, scale = stack_bounds(self.fit.terms)
         values = self.fit.values
         gradient = self.gradient_at(residuals)
-        low, high = low - values, high - values
-        if hold is not None:
-            low[hold] = high[hold] = 0.0
-        step = solve_bounded_step(self.curvature, gradient, low, high, scale)
+        free = np.setdiff1d(np.arange(len(values)), () if hold is None else hold)
+        step = np.zeros(len(values))
+        step[free] = solve_bounded_step(
+            self.curvature[np.ix_(free, free)],
+            gradient[free],
+            (low - values)[free],
+            (high - values)[free],
+            scale[free],
+        )
         cost = (
             residuals @ residuals + 2 * gradient @ step + step @ self.curvature @ step
         )

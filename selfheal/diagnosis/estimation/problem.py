@@ -22,6 +22,7 @@ from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term
 from ..effects.terms import remove_rounding
 from ..simulation.dataset import (
+    LONG_SEGMENTS,
     MIN_SEGMENTS,
     MIN_SNR,
     SHORT_SEGMENT,
@@ -317,6 +318,22 @@ def build_problem(dataset: Dataset, seconds: float) -> Problem:
     least = FIT.min_residual_std_share * spread
     sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), least, spread)
     return Problem(simulator, segments, sigma)
+
+
+def build_longer_problems(dataset: Dataset, problem: Problem) -> list[Problem]:
+    """The training data in longer and longer segments, as long as these are several.
+
+    Args:
+        dataset: training data.
+        problem: in short segments, whose weights are used.
+    """
+    longer = []
+    for seconds in LONG_SEGMENTS:
+        segments = cut_readable_segments(dataset.training, seconds)
+        if len(segments) < min(FIT.min_long_segments, len(problem.segments)):
+            break
+        longer.append(Problem(dataset.training, segments, problem.sigma))
+    return longer
 
 
 def check_enough_segments(simulator: Simulator, problem: Problem) -> None:

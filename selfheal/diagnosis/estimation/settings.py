@@ -130,6 +130,10 @@ class FitSettings:
     """Least standard deviation of an initial state. Chosen: without noise no initial
     state moves, and quotients stay finite."""
 
+    min_long_segments: int = 5
+    """Segments that a longer horizon leaves, at least. Chosen: as few as tell a mean
+    from its scatter."""
+
     max_state_response: float = 0.1
     """[standard deviations of a signal] that errors of the initial states may cause in
     a horizon that still informs. Chosen: a tenth of what the signal tells."""

@@ -17,7 +17,8 @@ from ..effects.nominal import is_unidentified
 from ..estimation.covariance import standard_errors
 from ..estimation.least_squares import Fit, refine_jacobian
 from ..selection.hypotheses import Hypothesis
-from ..selection.verdict import HeldOutScores, RemainingStructure, explainable_removed
+from ..selection.replay_scores import HeldOutScores, explainable_removed
+from ..selection.verdict import RemainingStructure
 from ..simulation import score
 from ..simulation.checks import find_divergence
 from ..simulation.dataset import Dataset
@@ -74,7 +75,12 @@ def build_diagnosis(
         "findings": doc.build_findings(hypothesis, errors, where),
         "refit": refit,
         "fit": {"held_out": list(dataset.held_out_names), **numbers,
-                "explainable_removed": explainable_removed(numbers)},
+                "explainable_removed": explainable_removed(numbers),
+                "horizons": [
+                    {"seconds": h.seconds, **h.numbers,
+                     "explainable_removed": explainable_removed(h.numbers)}
+                    for h in proof.horizons
+                ]},
     }  # fmt: skip
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it

@@ -4,7 +4,7 @@ Backward elimination and exchange, the steps that follow each forward step of a 
 regression (Efroymson 1960).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import Problem
+from ..estimation.quadratic_model import stack_bounds
 from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
 from .evidence import is_as_good
 from .settings import SELECTION
 
 
-def compute_removal_costs(base: LinearizedFit, nominal_count: int) -> dict[Term, float]:
+def compute_removal_costs(
+    base: LinearizedFit, nominal_count: int, removed: Collection[Term] = ()
+) -> dict[Term, float]:
     """Cost without each effect, as a share of the cost with all, to first order.
 
     The effect's values x_i move to their nominal ones while all others are re-fitted:
@@ -32,25 +35,34 @@ def compute_removal_costs(base: LinearizedFit, nominal_count: int) -> dict[Term,
     Args:
         base: the fit with all effects.
         nominal_count: number of nominal terms, which stand first.
+        removed: effects that are without in any case.
 
     Returns:
-        [1] of each effect.
+        [1] of each other effect.
     """
     fit = base.fit
     ends = np.cumsum([0, *(len(t.parameters) for t in fit.terms)])
+    low, high, _ = stack_bounds(fit.terms)
+    absent = np.concatenate([[p.nominal for p in t.parameters] for t in fit.terms])
+    change = np.clip(absent, low, high) - fit.values
+    columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(fit.terms)}
+    without = [c for t in removed for c in columns[t]]
     costs = {}
-    for i, term in enumerate(fit.terms[nominal_count:], nominal_count):
-        columns = np.arange(ends[i], ends[i + 1])
-        absent = np.array([p.nominal for p in term.parameters])
-        absent = np.clip(absent, term.low, term.high)
-        change = fit.jacobian[:, columns] @ (absent - fit.values[columns])
-        cost, _ = base.minimize(fit.residuals + change, hold=columns)
+    for term in fit.terms[nominal_count:]:
+        if term in removed:
+            continue
+        held = np.array([*without, *columns[term]], int)
+        moved = fit.residuals + fit.jacobian[:, held] @ change[held]
+        cost, _ = base.minimize(moved, hold=held)
         costs[term] = cost / fit.cost
     return costs
 
 
 def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
     """Remove effects that cost next to nothing to remove, up to half of them at a time.
+
+    One after the other in the linearized fit, for of two that do the same one has to
+    stay; then all others are fitted again.
 
     Args:
         problem: that was fitted.
@@ -59,9 +71,16 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
     """
     while len(fit.terms) > nominal_count:
         base = LinearizedFit.from_fit(problem, fit)
-        costs = compute_removal_costs(base, nominal_count)
-        cheapest = sorted(costs, key=lambda t: costs[t])[: max(1, len(costs) // 2)]
-        removed = [t for t in cheapest if costs[t] < 1 + SELECTION.removal_tolerance]
+        most = max(1, (len(fit.terms) - nominal_count) // 2)
+        removed: list[Term] = []
+        share = 1.0
+        while len(removed) < most:
+            costs = compute_removal_costs(base, nominal_count, removed)
+            cheapest = min(costs, key=lambda t: costs[t])
+            if costs[cheapest] > (1 + SELECTION.removal_tolerance) * share:
+                break
+            removed.append(cheapest)
+            share = max(share, costs[cheapest])
         if not removed:
             break
         fit = fit_parameters(

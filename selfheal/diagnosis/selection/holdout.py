@@ -14,10 +14,20 @@ from ...recording.data import Floats
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
-from ..estimation.marginalization import marginalize_initial_states
+from ..estimation.marginalization import (
+    is_horizon_informative,
+    marginalize_initial_states,
+)
+from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
-from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
+from ..estimation.settings import FIT
+from ..simulation.dataset import (
+    LONG_SEGMENTS,
+    SHORT_SEGMENT,
+    Dataset,
+    cut_readable_segments,
+)
 from ..simulation.model_variants import split_values
 from .backward import fit_without
 from .criteria import significant_prior_penalty
@@ -59,15 +69,38 @@ def keep_competitive(
 
 
 def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list[float]:
-    """Held-out squared error [1] of each, with the weights of the first one."""
-    sigma = downweight_unscored(hypotheses[0].problem, hypotheses[0].final.fit)
-    held_out = _build_held_out(dataset, sigma)
-    return [squared_error(held_out, hypothesis.final.fit) for hypothesis in hypotheses]
+    """Held-out squared error [1] of each, with the weights of the first one.
+
+    The geometric mean over segments of several lengths, as long as these inform: the
+    longer ones show what builds up slowly.
+    """
+    first = hypotheses[0]
+    sigma, fit = downweight_unscored(first.problem, first.final.fit), first.final.fit
+    problems: list[Problem] = []
+    for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS):
+        held_out = _build_held_out(dataset, sigma, seconds)
+        if problems and not is_horizon_informative(
+            held_out, problems[-1], fit.terms, fit.values
+        ):
+            break
+        problems.append(held_out)
+    problems = [marginalize_initial_states(p, fit.terms, fit.values) for p in problems]
+    logs = [
+        [np.log(max(squared_error(p, h.final.fit), FIT.tiny)) for p in problems]
+        for h in hypotheses
+    ]
+    return [float(np.exp(np.mean(x))) for x in logs]
 
 
-def _build_held_out(dataset: Dataset, sigma: Floats) -> Problem:
-    """Held-out segments with residuals in units of sigma (C) [unit of each column]."""
-    segments = cut_readable_segments(dataset.held_out, SHORT_SEGMENT)
+def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
+    """Held-out segments with residuals in standard deviations.
+
+    Args:
+        dataset: with the held-out episodes.
+        sigma: (C) standard deviations [unit of each column].
+        seconds: length of a segment [s].
+    """
+    segments = cut_readable_segments(dataset.held_out, seconds)
     return Problem(dataset.held_out, segments, sigma)
 
 
@@ -78,7 +111,9 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     name that goes takes its place, if it helps.
     """
     refuted: list[str] = []
-    as_read = _build_held_out(dataset, hypothesis.problem.sigma)
+    problem = hypothesis.problem
+    seconds = float(problem.segments.lengths.mean()) * problem.simulator.timestep
+    as_read = _build_held_out(dataset, problem.sigma, seconds)
     while hypothesis.named:
         fit = hypothesis.final.fit
         held_out = marginalize_initial_states(as_read, fit.terms, fit.values)
@@ -103,7 +138,8 @@ def _find_weakest(
 ) -> tuple[NamedEffect, Fit] | None:
     """The name that helps least in held-out episodes, if it does not help enough.
 
-    A name that brings nominal values back to the prior need not help. Nor is a name
+    Where more than noise is left, it must not be a trifle beside all names together. A
+    name that brings nominal values back to the prior need not help. Nor is a name
     refuted whose absence changes held-out predictions far less than fitted ones, as a
     rotor's inertia where nothing moves fast.
 
@@ -118,11 +154,10 @@ def _find_weakest(
     fit = hypothesis.final.fit
     predicted = held_out.residuals_at(fit.terms, fit.values)
     error = float(predicted @ predicted)
-    before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
-    least = max(
-        SELECTION.min_held_out_gain * error,
-        SELECTION.min_held_out_share * (before - error),
-    )
+    least = SELECTION.min_held_out_gain * error
+    if noise_ratio(held_out, predicted) > FIT.unexplained_ratio:
+        before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
+        least = max(least, SELECTION.min_held_out_share * (before - error))
     values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
     weakest, smallest = None, least
     for name in hypothesis.named:

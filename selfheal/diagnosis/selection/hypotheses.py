@@ -4,7 +4,7 @@ Two stepwise searches (`stepwise`): one from nothing, one from all usual effects
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +22,12 @@ from .screening import (
 )
 from .search_state import SearchState, start_state
 from .settings import SELECTION
-from .stepwise import predicts_better, search_forward, search_from_usual
+from .stepwise import (
+    lengthen_segments,
+    predicts_better,
+    search_backward,
+    search_forward,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,51 +110,77 @@ def _count_search_steps(nominal_count: int) -> int:
 def name_effects(
     start: SearchState,
     problem: Problem,
-    longer: Problem,
+    longer: Sequence[Problem],
     *,
     rng: np.random.Generator,
     progress: Progress = lambda what, share: None,
 ) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
-    First a stepwise search from nothing. Where that leaves something, another one
-    begins from all usual effects at once: the first one named alone may stand for
-    several.
+    Two stepwise searches: one removes effects from all usual ones at once, the other
+    adds effects to none. What the first one leaves is searched forward, too.
 
     Args:
         start: state in which nothing has a name yet.
         problem: all segments that may be used.
-        longer: longer segments, in which slow effects show.
+        longer: longer and longer segments, in which slow effects show.
         rng: draws segments and resamples.
         progress: called with a message and a share (0 to 1).
 
     Returns:
         One hypothesis, or what both searches found, the likelier first.
     """
-    state = search_forward(start, rng, progress)
-    # poses do not show what most robots have
-    if state.is_explained or problem.regime.has_single_readings:
-        return [_finish_search(state, problem)]
-    # what the first search set aside for a name, the second one tries in its place
-    likely = [
-        t for t in start.candidates if t in state.candidates or t.effect.is_usual(t)
-    ]
-    longer = replace(
-        subsample_problem(longer, _count_search_steps(state.nominal_count), rng),
-        sigma=state.problem.sigma,
-        simulator=state.problem.simulator,
+    if problem.regime.has_single_readings:  # poses do not show what most robots have
+        return [_finish_search(search_forward(start, rng, progress), problem)]
+    steps = _count_search_steps(start.nominal_count)
+    if any(t.onset for t in start.candidates):  # it is where a segment begins
+        longer = longer[:1]
+    longer = [subsample_problem(p, steps, rng) for p in longer]
+    start = lengthen_segments(start, longer)
+    if start.is_complete:
+        return [_finish_search(start, problem)]
+    # impacts make the cost rough: there many values at once are the last resort
+    backward = None
+    if not problem.regime.has_rough_cost:
+        backward = search_backward(start, longer, rng, progress)
+    forward = search_forward(start, rng, progress, _count_additions(backward))
+    for _ in longer:
+        longest = lengthen_segments(forward, longer)
+        if longest is forward or longest.is_explained:
+            break
+        forward = search_forward(longest, rng, progress)
+    if forward.is_explained and (backward is None or not backward.named):
+        return [_finish_search(forward, problem)]
+    if problem.regime.has_rough_cost:
+        # what the first search set aside for a name, this one tries in its place
+        likely = [
+            t
+            for t in start.candidates
+            if t in forward.candidates or t.effect.is_usual(t)
+        ]
+        backward = search_backward(start.with_candidates(likely), longer, rng, progress)
+    if backward is None:
+        return [_finish_search(forward, problem)]
+    backward = backward.with_history_of(forward)
+    if not backward.is_explained and not forward.is_explained:
+        backward = search_forward(backward, rng, progress)
+    both = (
+        (backward, forward)
+        if predicts_better(backward, forward)
+        else (forward, backward)
     )
-    other = search_from_usual(
-        start.with_candidates(likely).with_history_of(state),
-        longer,
-        {t.key for t in state.named},
-        rng,
-        progress,
-    )
-    if other is None:
-        return [_finish_search(state, problem)]
-    both = (other, state) if predicts_better(other, state) else (state, other)
     return [_finish_search(s, problem) for s in both]
+
+
+def _count_additions(backward: SearchState | None) -> int:
+    """How many effects a forward search may add beside what a backward one found.
+
+    Where usual effects explain all, only fewer ones could be likelier.
+    """
+    if backward is None or not backward.named or not backward.is_explained:
+        return SELECTION.max_effects
+    count = len(backward.named)
+    return count if count <= SELECTION.max_rivals else 1
 
 
 def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:

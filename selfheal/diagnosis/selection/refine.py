@@ -18,7 +18,7 @@ from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
 from ..estimation.settings import FIT
 from ..simulation.dataset import (
-    LONG_SEGMENT,
+    LONG_SEGMENTS,
     SHORT_SEGMENT,
     Dataset,
     cut_readable_segments,
@@ -39,20 +39,19 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
     least, most = SELECTION.screening_steps[-1], SELECTION.refit_steps
     steps = int(np.clip(wanted, least, most))
-    short, long = (
-        subsample_problem(
-            Problem(
-                dataset.training,
-                cut_readable_segments(dataset.training, seconds),
-                sigma,
-            ),
-            steps,
-            rng,
-        )
-        for seconds in (SHORT_SEGMENT, LONG_SEGMENT)
-    )
-    is_long = is_horizon_informative(long, short, fit.terms, fit.values)
-    problem = long if is_long else short
+    problem = None
+    # an effect that sets in does so where a segment begins
+    has_onset = any(n.term.onset for n in hypothesis.named)
+    for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if has_onset else None]):
+        segments = cut_readable_segments(dataset.training, seconds)
+        whole = Problem(dataset.training, segments, sigma)
+        other = subsample_problem(whole, steps, rng)
+        if problem and not is_horizon_informative(
+            other, problem, fit.terms, fit.values
+        ):
+            break
+        problem = other
+    assert problem is not None  # the first one always is
     return _refit(
         marginalize_initial_states(problem, fit.terms, fit.values), hypothesis
     )

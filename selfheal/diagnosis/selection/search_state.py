@@ -64,7 +64,8 @@ class SearchState:
 
     def with_history_of(self, other: "SearchState") -> "SearchState":
         """The state that knows the claims and the first round of another search."""
-        return replace(self, claims=other.claims, first_round=other.first_round)
+        claims = {**self.claims, **other.claims}
+        return replace(self, claims=claims, first_round=other.first_round)
 
     @property
     def named(self) -> tuple[Term, ...]:

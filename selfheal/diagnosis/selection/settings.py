@@ -243,7 +243,7 @@ class SelectionSettings:
 
     min_held_out_share: float = 0.003
     """Share of what all names together remove in held-out episodes that one of them
-    must remove. Chosen: less is a trifle beside the others."""
+    must remove where more than noise is left. Chosen: less is a trifle beside them."""
 
     min_held_out_effect: float = 0.1
     """Change of held-out predictions, of the change where fitted, below which held-out
@@ -267,6 +267,10 @@ class SelectionSettings:
     fully_explained_error: float = 0.9
     """Share of the explainable error from which on a mismatch counts as explained.
     Chosen: what is left then is small beside what was found."""
+
+    max_floor_ratio_of_nothing: float = 1.3
+    """Held-out replay error over the floor, at any horizon, above which something is
+    missing. Chosen: as `Regime.explained_ratio`."""
 
     min_removed_error: float = 0.1
     """Share of the explainable held-out error that names must remove. Chosen after null

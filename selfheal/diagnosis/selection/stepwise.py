@@ -4,7 +4,7 @@ Forward selection, with backward elimination and exchanges after each step (Efro
 1960). An effect enters by a likelihood-ratio test of held-out residuals (`criteria`).
 """
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from ..effects.base import Term
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit
-from ..estimation.least_squares import fit_parameters
+from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
@@ -40,7 +40,10 @@ from .settings import SELECTION
 
 
 def search_forward(
-    state: SearchState, rng: np.random.Generator, progress: Progress
+    state: SearchState,
+    rng: np.random.Generator,
+    progress: Progress,
+    most: int = SELECTION.max_effects,
 ) -> SearchState:
     """Add effects that earn a name until none does, or nothing is left.
 
@@ -50,16 +53,17 @@ def search_forward(
         state: to begin with.
         rng: draws the segments on which candidates are tried first.
         progress: called with a message and a share (0 to 1).
+        most: effects that may be added.
     """
     tabu: set[tuple] = set()
-    for _ in range(SELECTION.max_effects):
+    for _ in range(most):
         if state.is_complete:
             break
         state, winner = _select_next(state, tabu, rng, progress)
         if winner is None and tabu:
             tabu = set()
             continue
-        if winner is None or len(state.named) > SELECTION.max_effects:
+        if winner is None:
             break
         best, claim = winner
         progress(f"fitting {best.candidate.label}", 0.0)
@@ -176,28 +180,26 @@ def _remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
     return state.with_fit(problem, best), removed
 
 
-def search_from_usual(
+def search_backward(
     state: SearchState,
-    longer: Problem,
-    first: Set[tuple],
+    longer: Sequence[Problem],
     rng: np.random.Generator,
     progress: Progress,
 ) -> SearchState | None:
-    """Search backward from all usual effects at once, then forward.
+    """Fit all usual effects at once, and remove those that the data do not ask for.
 
-    In longer segments, if their initial states are known well enough: slow effects
-    show there. What is named first alone may stand for several usual effects.
+    A real drive lacks several of them at every joint. What is named first alone stands
+    for several. Slow effects show in longer segments, which are used as far as their
+    initial states are known well enough.
 
     Args:
         state: in which nothing has a name.
-        longer: longer segments.
-        first: keys of the names that another search found.
-        rng: draws segments and resamples.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
         progress: called with a message and a share (0 to 1).
 
     Returns:
-        The state at the end. None where this is no other search than one from nothing,
-        or than the one that found the names `first`.
+        The state at the end; None where no effect is usual.
     """
     usual = [t for t in state.candidates if t.effect.is_usual(t)]
     if not usual:
@@ -207,17 +209,53 @@ def search_from_usual(
     start = [np.array(t.initial_values[0]) for t in usual]
     values = np.concatenate([state.best.fit.values, *start])
     fit = fit_parameters(problem, terms, values, iterations=8)
-    is_longer = is_horizon_informative(longer, problem, terms, fit.values)
-    if is_longer:
-        problem = marginalize_initial_states(longer, terms, fit.values)
-        fit = fit_parameters(problem, terms, fit.values, iterations=8)
+    problem, fit = fit_longer(problem, fit, longer)
     fit = eliminate_backward(problem, fit, state.nominal_count)
     state = state.with_fit(*reweight_and_fit(problem, fit, 4))
     state, _ = _remove_and_exchange(state)
-    state = _keep_significant(state, len(usual), rng)
-    if not is_longer and {t.key for t in state.named} in (set(), first):
-        return None
-    return search_forward(state, rng, progress)
+    return _keep_significant(state, len(usual), rng)
+
+
+def fit_longer(
+    problem: Problem, fit: Fit, longer: Sequence[Problem]
+) -> tuple[Problem, Fit]:
+    """The fit repeated in longer and longer segments, as far as these inform.
+
+    Args:
+        problem: that was fitted.
+        fit: its fit.
+        longer: the problem in longer and longer segments.
+    """
+    for other in longer:
+        other = replace(other, sigma=problem.sigma, simulator=problem.simulator)
+        if not is_horizon_informative(other, problem, fit.terms, fit.values):
+            break
+        problem = marginalize_initial_states(other, fit.terms, fit.values)
+        fit = fit_parameters(problem, fit.terms, fit.values, iterations=8)
+    return problem, fit
+
+
+def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchState:
+    """The state fitted in longer segments, while these inform and nothing is left.
+
+    What builds up slowly is not seen in short segments, as the loss of energy of a
+    free pendulum.
+
+    Args:
+        state: in which short segments are explained, or not.
+        longer: the problem in longer and longer segments.
+    """
+    steps = state.problem.segments.lengths.mean()
+    for other in longer:
+        if not state.is_explained:
+            break
+        if other.segments.lengths.mean() <= steps:
+            continue
+        problem, fit = fit_longer(state.problem, state.best.fit, [other])
+        if problem is state.problem:
+            break
+        state = state.with_fit(*reweight_and_fit(problem, fit, 4))
+    return state
 
 
 def _keep_significant(
@@ -253,7 +291,7 @@ def _keep_significant(
 
 
 def predicts_better(state: SearchState, other: SearchState) -> bool:
-    """Whether one search predicts better, or as well by less rare effects.
+    """Whether one search predicts better, or as well by effects that are more usual.
 
     Both fits are repeated and compared in the segments of the first one.
     """
@@ -268,5 +306,12 @@ def predicts_better(state: SearchState, other: SearchState) -> bool:
     )
     if first.error < SELECTION.exchange_error_ratio * second.error:
         return True
-    rarity = [sum(t.effect.rarity for t in s.named) for s in (state, other)]
-    return rarity[0] < rarity[1] and is_as_good(problem, first, second)
+    is_simpler = _rank_rarity(state) < _rank_rarity(other)
+    return is_simpler and is_as_good(problem, first, second)
+
+
+def _rank_rarity(state: SearchState) -> tuple[int, int, int]:
+    """Sort key of searches that the data do not rank, the most usual names first."""
+    rarity = sum(t.effect.rarity for t in state.named)
+    unusual = sum(not t.effect.is_usual(t) for t in state.named)
+    return rarity, unusual, len(state.named)

@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...recording.data import Floats
-from ..data.segments import Segments
 from ..effects.free_form import FreeFormTorque
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import (
     expected_cost,
@@ -20,7 +19,7 @@ from ..estimation.noise import (
     robust_noise,
     worst_channel_ratio,
 )
-from ..estimation.problem import Problem, build_initial_state_offsets
+from ..estimation.problem import Problem
 from ..estimation.settings import FIT
 from ..simulation import score
 from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
@@ -29,8 +28,8 @@ from .cross_validation import ScoredFit
 from .evidence import improvement_p_value
 from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
-from .refine import refit_native_timestep
-from .screening import draw_segments, subsample_problem
+from .replay_scores import HeldOutScores, explainable_removed
+from .screening import subsample_problem
 from .settings import SELECTION
 
 
@@ -132,63 +131,6 @@ def drop_names(hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, named=(), final=hypothesis.nominal)
 
 
-@dataclass(frozen=True, eq=False)
-class HeldOutScores:
-    """Errors of a replay of the held-out episodes.
-
-    Attributes:
-        nominal: the re-fitted nominal model, as MuJoCo steps it.
-        patched: the same with the named effects.
-        segments: that were replayed.
-        count: (E, S) readings of each episode and signal.
-        squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
-        numbers: score [1] of each model, by its name, and of the noise floor.
-    """
-
-    nominal: Fit
-    patched: Fit
-    segments: Segments
-    count: Floats
-    squares: dict[str, Floats]
-    numbers: dict[str, float]
-
-    @classmethod
-    def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
-        """Replay the model as given, re-fitted, and with the named effects."""
-        simulator = dataset.held_out
-        rng = np.random.default_rng(3)
-        some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
-        fits = [
-            hypothesis.nominal.fit,
-            *([hypothesis.final.fit] if hypothesis.named else ()),
-        ]
-        refits = [
-            refit_native_timestep(
-                LinearizedFit.from_fit(hypothesis.problem, fit).select(some)
-            )
-            for fit in fits
-        ]
-        nominal, patched = refits[0], refits[-1]
-        segments = score.cut_replay_segments(simulator)
-        count = score.count_readings(simulator, segments)
-        models = {
-            "given": ((), np.zeros(0)),
-            "refit": (nominal.terms, nominal.values),
-            "patched": (patched.terms, patched.values),
-        }
-        squares = {
-            k: score.sum_squared_errors(simulator, segments, terms, values)
-            for k, (terms, values) in models.items()
-        }
-        numbers = {
-            k: score.compute_score(simulator, s, count) for k, s in squares.items()
-        }
-        numbers["floor"] = min(
-            _noise_floor(dataset, segments, patched), numbers["patched"]
-        )
-        return cls(nominal, patched, segments, count, squares, numbers)
-
-
 def decide_verdict(
     hypothesis: Hypothesis, structure: RemainingStructure
 ) -> tuple[Hypothesis, str]:
@@ -208,49 +150,27 @@ def decide_verdict(
     return hypothesis, "unlisted" if structure.is_significant else "nothing"
 
 
-def _noise_floor(dataset: Dataset, segments: Segments, fit: Fit) -> float:
-    """Score [1] that the readings' noise alone would leave, as far as it is known.
+def limit_verdict(verdict: str, scores: HeldOutScores) -> str:
+    """The verdict as far as the scores over all horizons bear it out.
 
-    Noise is in what a prediction is compared with and, where the initial state was
-    read, in what it starts from. The latter is propagated to first order: each state
-    moves by its standard deviation, and the squared changes are summed.
+    Nothing is missing only where the replay is about as good as noise allows, and all
+    is explained only where the names remove nearly all of what can be explained.
 
     Args:
-        dataset: with the held-out episodes.
-        segments: that were replayed.
-        fit: that was replayed.
+        verdict: by the residuals.
+        scores: of the hypothesis.
     """
-    simulator = dataset.held_out
-    offsets = build_initial_state_offsets(simulator, segments)
-    predicted = simulator.simulate(
-        fit.terms,
-        np.tile(fit.values, (len(offsets), 1)),
-        segments,
-        initial_state_offset=offsets,
-    )
-    variance = np.nansum((predicted[1:] - predicted[0]) ** 2, axis=0)
-    squares = []
-    for c in simulator.channels:
-        noise = np.nansum(np.nan_to_num(c.noise) ** 2)
-        is_read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
-        of_start = variance[is_read][:, c.columns].sum(axis=1)
-        squares.append(
-            (noise + (of_start.mean() if is_read.any() else 0)) / c.spread**2
-        )
-    scored = np.array([c.is_scored for c in simulator.channels])
-    return float(np.sqrt(np.mean(np.array(squares)[scored]))) if scored.any() else 0.0
-
-
-def explainable_removed(numbers: dict[str, float]) -> float | None:
-    """Share [1] of the explainable held-out error that names remove.
-
-    (refit - patched) / (refit - floor) of the scores of `HeldOutScores` (contract,
-    section 2); None where too little could be explained.
-    """
-    explainable = numbers["refit"] - numbers["floor"]
-    if not explainable >= SELECTION.min_explainable_error * numbers["refit"]:
-        return None
-    return (numbers["refit"] - numbers["patched"]) / explainable
+    if verdict == "nothing" and any(
+        h.floor_ratio > SELECTION.max_floor_ratio_of_nothing for h in scores.horizons
+    ):
+        return "unlisted"
+    removed = [explainable_removed(h.numbers) for h in scores.horizons]
+    if verdict == "explained" and any(
+        share is not None and share < SELECTION.fully_explained_error
+        for share in removed
+    ):
+        return "partly"
+    return verdict
 
 
 def makes_replay_worse(

@@ -31,7 +31,8 @@ from .model_variants import ModelCompiler
 from .simulator import Simulator
 
 SHORT_SEGMENT = 0.5  # [s] of a segment; chosen: as long as the contract scores
-LONG_SEGMENT = 2.0  # [s] of a long segment; chosen: slow effects show there
+# [s] of longer segments, in which slow effects show; chosen: each is four times as long
+LONG_SEGMENTS = (2.0, 8.0)
 # below these a diagnosis is refused; chosen: what is left tells nothing from noise
 MIN_SNR = 3.0  # standard deviation of a signal over that of its noise
 MIN_SEGMENTS = 3  # of the short ones

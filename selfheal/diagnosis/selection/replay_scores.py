@@ -1,0 +1,212 @@
+"""Errors in held-out episodes: takes a hypothesis, gives scores of its replay.
+
+A replay is open loop from the given or estimated initial state. What builds up slowly
+shows only in long segments, so that scores are given for several horizons.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.segments import Segments
+from ..effects.base import Term
+from ..estimation.candidate_fit import LinearizedFit
+from ..estimation.least_squares import Fit
+from ..estimation.problem import build_initial_state_offsets
+from ..estimation.settings import FIT
+from ..simulation import score
+from ..simulation.dataset import (
+    LONG_SEGMENTS,
+    SHORT_SEGMENT,
+    Dataset,
+    cut_readable_segments,
+)
+from .hypotheses import Hypothesis
+from .refine import refit_native_timestep
+from .screening import draw_segments
+from .settings import SELECTION
+
+Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
+
+
+@dataclass(frozen=True)
+class HorizonScores:
+    """Scores [1] of a replay in segments of one length.
+
+    Attributes:
+        seconds: length of the segments [s].
+        numbers: score of each model ("given", "refit", "patched"), and the "floor"
+            that noise, initial states and time step leave.
+    """
+
+    seconds: float
+    numbers: dict[str, float]
+
+    @property
+    def floor_ratio(self) -> float:
+        """Score of the patched model over the floor [1]."""
+        return self.numbers["patched"] / max(self.numbers["floor"], FIT.tiny)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutScores:
+    """Errors of a replay of the held-out episodes.
+
+    Attributes:
+        nominal: the re-fitted nominal model, as MuJoCo steps it.
+        patched: the same with the named effects.
+        segments: that were replayed.
+        count: (E, S) readings of each episode and signal.
+        squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
+        numbers: score [1] of each model, by its name, and of the noise floor.
+        horizons: scores in longer and longer segments, up to whole episodes, as far as
+            the robot can be predicted.
+    """
+
+    nominal: Fit
+    patched: Fit
+    segments: Segments
+    count: Floats
+    squares: dict[str, Floats]
+    numbers: dict[str, float]
+    horizons: tuple[HorizonScores, ...]
+
+    @classmethod
+    def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
+        """Replay the model as given, re-fitted, and with the named effects."""
+        simulator = dataset.held_out
+        rng = np.random.default_rng(3)
+        some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
+        fits = [
+            hypothesis.nominal.fit,
+            *([hypothesis.final.fit] if hypothesis.named else ()),
+        ]
+        refits = [
+            refit_native_timestep(
+                LinearizedFit.from_fit(hypothesis.problem, fit).select(some)
+            )
+            for fit in fits
+        ]
+        nominal, patched = refits[0], refits[-1]
+        segments = score.cut_replay_segments(simulator)
+        count = score.count_readings(simulator, segments)
+        models: Models = {
+            "given": ((), np.zeros(0)),
+            "refit": (nominal.terms, nominal.values),
+            "patched": (patched.terms, patched.values),
+        }
+        squares = {
+            k: score.sum_squared_errors(simulator, segments, terms, values)
+            for k, (terms, values) in models.items()
+        }
+        numbers = {
+            k: score.compute_score(simulator, s, count) for k, s in squares.items()
+        }
+        numbers["floor"] = min(
+            _measure_floor(dataset, segments, patched)[0], numbers["patched"]
+        )
+        horizons = _score_horizons(dataset, models, patched)
+        return cls(nominal, patched, segments, count, squares, numbers, horizons)
+
+
+def _score_horizons(
+    dataset: Dataset, models: Models, patched: Fit
+) -> tuple[HorizonScores, ...]:
+    """Scores in longer and longer segments of the held-out episodes.
+
+    They end where errors of the initial states alone cause a large part of the motion:
+    a chaotic robot cannot be predicted farther. Single readings have no horizon.
+
+    Args:
+        dataset: with the held-out episodes.
+        models: to be replayed, by name: terms and their values (P).
+        patched: the fit that tells how far the robot can be predicted.
+    """
+    simulator = dataset.held_out
+    lasts = [e.sample_steps[-1] * simulator.timestep for e in simulator.episodes]
+    whole = float(max(lasts))
+    lengths = [s for s in (SHORT_SEGMENT, *LONG_SEGMENTS) if 2 * s <= whole]
+    horizons: list[HorizonScores] = []
+    for seconds in (*lengths, whole):
+        segments = cut_readable_segments(simulator, seconds)
+        if not len(segments) or segments.is_single_readings:
+            break
+        floor, by_start = _measure_floor(dataset, segments, patched)
+        if horizons and not by_start < FIT.max_state_response:
+            break
+        count = score.count_readings(simulator, segments)
+        numbers = {
+            name: score.compute_score(
+                simulator,
+                score.sum_squared_errors(simulator, segments, terms, values),
+                count,
+            )
+            for name, (terms, values) in models.items()
+        }
+        numbers["floor"] = min(floor, numbers["patched"])
+        horizons.append(HorizonScores(seconds, numbers))
+    return tuple(horizons)
+
+
+def _measure_floor(
+    dataset: Dataset, segments: Segments, fit: Fit
+) -> tuple[float, float]:
+    """Score [1] that noise, initial states and the time step would leave.
+
+    Noise is in what a prediction is compared with and, where the initial state was
+    read, in what it starts from. The latter is propagated to first order: each state
+    moves by its standard deviation, and the squared changes are summed. The time step's
+    error is twice the change by half the step (Richardson 1911).
+
+    Args:
+        dataset: with the held-out episodes.
+        segments: that were replayed.
+        fit: that was replayed.
+
+    Returns:
+        The score of all three, and that of the initial states alone.
+    """
+    simulator = dataset.held_out
+    offsets = build_initial_state_offsets(simulator, segments)
+    predicted = simulator.simulate(
+        fit.terms,
+        np.tile(fit.values, (len(offsets), 1)),
+        segments,
+        initial_state_offset=offsets,
+    )
+    finer = simulator.with_half_step.simulate(
+        fit.terms, fit.values[None], segments.with_half_step
+    )[0]
+    by_start = np.nansum((predicted[1:] - predicted[0]) ** 2, axis=0)
+    by_step = np.nan_to_num(4 * (predicted[0] - finer) ** 2)
+    all_of_it, of_start = [], []
+    for c in simulator.channels:
+        is_read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
+        noise = np.nansum(np.nan_to_num(c.noise) ** 2)
+        start, step = (
+            x[is_read][:, c.columns].sum(axis=1).mean() if is_read.any() else 0.0
+            for x in (by_start, by_step)
+        )
+        all_of_it.append((noise + start + step) / c.spread**2)
+        of_start.append(start / c.spread**2)
+    scored = np.array([c.is_scored for c in simulator.channels])
+    if not scored.any():
+        return 0.0, 0.0
+    total, start = (
+        float(np.sqrt(np.mean(np.array(x)[scored]))) for x in (all_of_it, of_start)
+    )
+    return total, start
+
+
+def explainable_removed(numbers: dict[str, float]) -> float | None:
+    """Share [1] of the explainable held-out error that names remove.
+
+    (refit - patched) / (refit - floor) of the scores of `HeldOutScores` (contract,
+    section 2); None where too little could be explained.
+    """
+    explainable = numbers["refit"] - numbers["floor"]
+    if not explainable >= SELECTION.min_explainable_error * numbers["refit"]:
+        return None
+    return (numbers["refit"] - numbers["patched"]) / explainable
