@@ -141,14 +141,18 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _print_fit(fit: Mapping[str, Any]) -> None:
-    """The error on held-out recordings."""
-    from selfheal.report.tables import format_short
+    """The error on held-out recordings, also over longer and longer segments."""
+    from selfheal.report.tables import format_horizon, format_short
+
+    def make_row(label: str, errors: Mapping[str, Any]) -> list[str]:
+        removed = errors.get("explainable_removed")
+        share = "\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %"
+        return [label, *(format_short(errors.get(key)) for key in keys), share]
 
     keys = ("given", "refit", "patched", "floor")
-    row = ["held-out error", *(format_short(fit.get(key)) for key in keys)]
-    removed = fit.get("explainable_removed")
-    row.append("\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %")
-    print_table(("", *keys, "explainable removed"), [row])
+    rows = [make_row("held-out error", fit)]
+    rows += [make_row(format_horizon(h), h) for h in fit.get("horizons", ())]
+    print_table(("", *keys, "explainable removed"), rows)
     print_text(_MEANS, "dim")
 
 

@@ -30,6 +30,11 @@ from .picture import embed_figure, use_page_style
 from .tables import format_quantity, format_short, parse_number
 
 _MOST_TRACES, _NEAREST = 6, 3  # drawn, advised; chosen
+_HORIZONS = (
+    "Each row replays segments of that length from where the robot was measured to be. "
+    "What builds up slowly shows in the long ones; they end where this robot cannot be "
+    "predicted any farther."
+)
 _NOISE = 1.5  # times the floor, an error that is called as large as noise; chosen
 _UNKNOWN = 1e4  # times the floor, an error beside which none was measured; chosen
 
@@ -198,9 +203,10 @@ def _make_errors_section(diagnosis: Diagnosis) -> Section:
         "constant. The floor is what noise, or a correction of free form, leaves; what "
         "lies between it and the re-fitted model can be explained."
     )
-    return Section(
-        "Before and after", (drawn, said, make_paragraph(mark_text(note, "soft")))
-    )
+    body = [drawn, said, make_paragraph(mark_text(note, "soft"))]
+    if horizons := fit.get("horizons"):
+        body[2:2] = [tables.format_horizons(horizons), make_paragraph(_HORIZONS)]
+    return Section("Before and after", tuple(body))
 
 
 def _make_traces_section(diagnosis: Diagnosis) -> Section:

@@ -358,6 +358,24 @@ def format_held_out(signals: Sequence[SignalFit]) -> Html:
     return make_table(head, rows, "lrrrrll")
 
 
+def format_horizons(horizons: Sequence[Mapping[str, Any]]) -> Html:
+    """A row for each length of replayed segments: errors, and what is removed."""
+    head = ["replayed", "as given", "re-fitted", "with the findings", "floor"]
+    rows = []
+    for horizon in horizons:
+        keys = ("given", "refit", "patched", "floor")
+        errors = [format_short(horizon.get(key)) for key in keys]
+        removed = parse_number(horizon.get("explainable_removed"))
+        share = format_percent(removed) if isfinite(removed) else _DASH
+        rows.append([format_horizon(horizon), *errors, share])
+    return make_table([*head, "explainable removed"], rows, "lrrrrr")
+
+
+def format_horizon(horizon: Mapping[str, Any]) -> str:
+    """The length of replayed segments in words ("over 2 s")."""
+    return f"over {format_short(horizon.get('seconds'), 2)} s"
+
+
 def is_worse(signal: SignalFit) -> bool:
     """Whether the findings make a signal worse by more than the last digit."""
     return signal.patched[0] > 1.01 * signal.refit[0]

@@ -192,8 +192,11 @@ def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
     nominal = fit_and_score(
         state.problem, *fit.without_terms(*terms), jacobian=fit.jacobian_without(*terms)
     )
+    keys = {t.key for t in terms}
     claims = [(t, state.claims[t.key]) for t in terms]
+    rivals = [[r for r in c.rivals if r.key not in keys] for _, c in claims]
     named = tuple(
-        NamedEffect(t, c.evidence, set_onset(c.rivals, t.onset)) for t, c in claims
+        NamedEffect(t, c.evidence, set_onset(r, t.onset))
+        for (t, c), r in zip(claims, rivals, strict=True)
     )
     return Hypothesis(state.problem, nominal, state.best, named, state.first_round)

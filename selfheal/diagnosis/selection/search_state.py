@@ -64,7 +64,7 @@ class SearchState:
 
     def with_history_of(self, other: "SearchState") -> "SearchState":
         """The state that knows the claims and the first round of another search."""
-        claims = {**self.claims, **other.claims}
+        claims = {**other.claims, **self.claims}
         return replace(self, claims=claims, first_round=other.first_round)
 
     @property
