@@ -77,7 +77,8 @@ def test_the_example_is_in_the_catalogue(preload):
 
     told = json.loads(CliRunner().invoke(app, ["effects", "--json"]).stdout)
     (own,) = (e for e in told["effects"] if e["name"] == "preload")
-    assert own["says"] == preload.description and len(told["effects"]) == 36
+    assert own["says"] == preload.description
+    assert len(told["effects"]) == len(load_catalogue())
 
 
 def test_the_example_changes_what_is_predicted_and_is_replayed(preload, tmp_path):

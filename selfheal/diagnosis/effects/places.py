@@ -41,6 +41,7 @@ class Place(TypedDict, total=False):
         gear: its first gear ratio [1, or m at a slide].
         begins: "settled" where an integral begins at what the first moments ask for.
         body: id of a body.
+        bodies: ids of the bodies whose weight a controller carries.
         parts: how many bodies are lost with it, itself included.
         still: whether the readings of the joint are one position and noise.
         geom: id of a geom.
@@ -75,6 +76,7 @@ class Place(TypedDict, total=False):
     gear: float
     begins: str
     body: int
+    bodies: tuple[int, ...]
     parts: int
     still: bool
     geom: int

@@ -17,7 +17,7 @@ SIZES = {2: 1, 3: 2, 5: 2}  # numbers of a size: mjtGeom sphere, capsule, cylind
 
 
 def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
-    """Edits of the bodies whose position, mass or inertia differs between two models.
+    """Edits of the bodies whose place, mass, inertia or carried weight differs.
 
     Args:
         source: what the text states.
@@ -38,6 +38,9 @@ def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
             element = source.spec.bodies[b]
             pos = _moved_position(source, element, old.body_pos[b], new.body_pos[b])
             yield Set("body", name_or_id(old.body, b), {"pos": pos})
+        if differs(old.body_gravcomp[b], new.body_gravcomp[b]):
+            gravcomp = format_number(new.body_gravcomp[b])
+            yield Set("body", name_or_id(old.body, b), {"gravcomp": gravcomp})
         if changed[b]:
             yield _edit_inertial(source, name_or_id(old.body, b), new, b)
 

@@ -184,8 +184,9 @@ class ModelCompiler:
         sites = [(t.effect, place) for t in adding for place in t.places]
         for effect, place in sorted(sites, key=lambda s: -s[1]["joint"]):
             effect.edit_spec(spec, place)
-        _disable_simple_bodies(spec)
+        _prepare_bodies(spec)
         model = spec.compile()
+        model.body_gravcomp[:] = given.body_gravcomp
         model.opt.disableflags |= int(
             mujoco.mjtDisableBit.mjDSBL_AUTORESET
             | mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # its boxes do not follow an edit
@@ -208,7 +209,8 @@ def _match_joints(given, model) -> list[int]:
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
-def _disable_simple_bodies(spec) -> None:
-    """Make MuJoCo compute full inertias, so that a center of mass can be moved."""
+def _prepare_bodies(spec) -> None:
+    """Make MuJoCo compute full inertias and carried weight, which effects change."""
     for body in spec.bodies[1:]:
         body.simple = 0
+        body.gravcomp = 1.0  # a model in which none has any skips it

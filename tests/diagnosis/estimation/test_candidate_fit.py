@@ -21,6 +21,7 @@ PLANTED = [
     ("arm", "armature", 1, (0.02,)),
     ("arm", "payload", 1, (0.1, 0.2, 0.0, 0.0)),
     ("arm", "torque_saturation", 0, (2.0,)),
+    ("arm", "gravity_compensation", 0, (0.7,)),
     ("arm", "sensor_bias", 1, (0.05,)),
     ("pendulum", "coulomb_friction", 0, (0.05,)),
     ("pendulum", "actuator_lag", 0, (0.05,)),
