@@ -1,6 +1,7 @@
 """State estimates: takes readings around some times, gives states and their errors."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 from ...recording.data import Floats
 from .episodes import SampledEpisode
 from .local_polynomial import ar1_error_factors, choose_half_width, find_nearest
+from .loop_closure import LoopClosure
 from .robot_summary import Channel
+from .settling import settle_unread_joints
 
 ReadingChanges = Mapping[str, Mapping[str, Any]]
 
@@ -290,10 +293,30 @@ def _body_rate(unit: Floats, slope: Floats) -> Floats:
     )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class CompletedState:
+    """States at W steps of an episode: as given, as read, or as they follow.
+
+    Attributes:
+        qpos: (W, nq) [rad or m].
+        qvel: (W, nv) [rad/s or m/s].
+        std: (W, 2 nv) standard deviations, of positions and then velocities.
+        response: (W, nv, nv) how positions move with each: those that loops place, with
+            the others. None: each alone.
+        is_known: (W, nq) whether a position was given or read, or follows from others.
+    """
+
+    qpos: Floats
+    qvel: Floats
+    std: Floats
+    response: Floats | None
+    is_known: np.ndarray
+
+
 def estimate_initial_state(
     system, episode: int, steps: np.ndarray, reading_changes: ReadingChanges
 ) -> tuple[Floats, Floats, Floats]:
-    """Estimate the state at steps of an episode: as given, as read, or at rest.
+    """Estimate the state at steps of an episode, as `complete_state` does.
 
     Args:
         system: a `RecordedSystem`.
@@ -303,7 +326,25 @@ def estimate_initial_state(
 
     Returns:
         qpos (W, nq), qvel (W, nv), and their standard deviations (W, 2 nv) [rad or m,
-        and per s]. What was neither given nor read is the model's qpos0, at rest.
+        and per s].
+    """
+    state = complete_state(system, episode, steps, reading_changes)
+    return state.qpos, state.qvel, state.std
+
+
+def complete_state(
+    system, episode: int, steps: np.ndarray, reading_changes: ReadingChanges
+) -> CompletedState:
+    """Estimate the state at steps of an episode: as given, as read, or at rest.
+
+    What was neither given nor read is where a closed loop puts it. Elsewhere it is the
+    model's qpos0, or where an episode begins, where the joint comes to rest.
+
+    Args:
+        system: a `RecordedSystem`.
+        episode: number of the episode.
+        steps: (W) of its grid.
+        reading_changes: as `estimate_state` has them.
     """
     sampled, model = system.episodes[episode], system.compiler.nominal
     at = np.asarray(steps, float)
@@ -317,6 +358,42 @@ def estimate_initial_state(
     if sampled.qvel0 is not None:
         qvel[is_first] = sampled.qvel0
         std[is_first, model.nv :] = GIVEN_STATE_STD
-    qpos = np.where(np.isfinite(qpos), qpos, model.qpos0)
+    is_known, response = np.isfinite(qpos), None
+    if not is_known.all():
+        first_ctrl = sampled.ctrl[0] if len(sampled.ctrl) else np.zeros(model.nu)
+        qpos, qvel, response, is_known = _place_unread_joints(
+            model, qpos, qvel, is_first, first_ctrl
+        )
     qvel = np.where(np.isfinite(qvel), qvel, 0.0)
-    return qpos, qvel, np.where(np.isfinite(std), std, GIVEN_STATE_STD)
+    std = np.where(np.isfinite(std), std, GIVEN_STATE_STD)
+    return CompletedState(qpos, qvel, std, response, is_known)
+
+
+def _place_unread_joints(
+    model, qpos: Floats, qvel: Floats, is_first: np.ndarray, ctrl: Floats
+) -> tuple[Floats, Floats, Floats | None, np.ndarray]:
+    """Fill in states in which something was not read.
+
+    Args:
+        model: compiled.
+        qpos: (W, nq); NaN where nothing was read.
+        qvel: (W, nv); NaN where nothing was read.
+        is_first: (W) whether a state is the first one of its episode.
+        ctrl: (nu) the episode's first commands.
+
+    Returns:
+        qpos, qvel, response and is_known, as `CompletedState` has them.
+    """
+    is_known, response = np.isfinite(qpos), None
+    filled = np.where(is_known, qpos, model.qpos0)
+    if model.neq:
+        loops, response = LoopClosure(model), np.empty((len(qpos), model.nv, model.nv))
+        qvel = qvel.copy()
+        for i, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
+            closed = loops.close(q, v)
+            filled[i], qvel[i], response[i] = closed.qpos, closed.qvel, closed.response
+            is_known[i] |= closed.is_known
+    for k in np.flatnonzero(is_first & ~is_known.all(axis=1)):
+        rest = settle_unread_joints(model, filled[k], is_known[k], ctrl)
+        filled[k] = filled[k] if rest is None else rest
+    return filled, qvel, response, is_known

@@ -25,7 +25,11 @@ from ..data.robot_summary import (
     summarize_joints,
 )
 from ..data.segments import cut_segments
-from ..data.state_estimate import estimate_initial_state, estimate_state
+from ..data.state_estimate import (
+    complete_state,
+    estimate_initial_state,
+    estimate_state,
+)
 from .model_variants import ModelCompiler
 from .simulator import Simulator
 
@@ -105,13 +109,16 @@ class StateReconstruction:
 
     Attributes:
         is_measured: (nq) whether readings give a position most of the time.
+        is_known: (nq) whether they do, or a closed loop does from others.
     """
 
     def __init__(self, simulator: Simulator) -> None:
         model = simulator.compiler.nominal
         positions = [np.full((1, model.nq), np.nan)]
-        for episode in simulator.episodes:
+        known = [np.zeros((1, model.nq), bool)]
+        for i, episode in enumerate(simulator.episodes):
             at = spread_moments(episode.sample_steps[-1])
+            known.append(complete_state(simulator, i, at, {}).is_known)
             positions.append(
                 estimate_state(
                     model, simulator.channels, episode, at, simulator.timestep, {}
@@ -119,20 +126,21 @@ class StateReconstruction:
             )
         share = np.isfinite(np.vstack(positions)).mean(axis=0)
         self.is_measured = share >= MEASURED_SHARE
+        self.is_known = np.vstack(known).mean(axis=0) >= MEASURED_SHARE
         qpos_of_dof = [model.jnt_qposadr[j] for j in model.dof_jntid]
         self._simulator = simulator
-        self._is_rate_measured = self.is_measured[qpos_of_dof]
+        self._is_rate_known = self.is_known[qpos_of_dof]
         self._simulated: dict[int, Floats] = {}
 
     def __call__(self, episode: int, at: np.ndarray) -> tuple[Floats, Floats]:
         """Positions (W, nq) and velocities (W, nv) at times `at` (W) [steps]."""
         qpos, qvel, _ = estimate_initial_state(self._simulator, episode, at, {})
-        if not self.is_measured.all():
+        if not self.is_known.all():
             path = self._simulate_path(episode)
             path = path[np.minimum(at, len(path) - 1)]
             nq = qpos.shape[1]
-            qpos = np.where(self.is_measured, qpos, path[:, :nq])
-            qvel = np.where(self._is_rate_measured, qvel, path[:, nq:])
+            qpos = np.where(self.is_known, qpos, path[:, :nq])
+            qvel = np.where(self._is_rate_known, qvel, path[:, nq:])
         return qpos, qvel
 
     def _simulate_path(self, episode: int) -> Floats:

@@ -18,7 +18,7 @@ from ...recording import (
 from ..data.episodes import collect_signal_meanings
 from ..data.robot_summary import Channel, RobotSummary
 from ..data.segments import Segments, cut_segments
-from ..data.state_estimate import estimate_state
+from ..data.state_estimate import complete_state
 from .build import (
     MEASURED_SHARE,
     StateReconstruction,
@@ -206,9 +206,4 @@ def list_unmeasured_joints(simulator: Simulator) -> list[str]:
 
 def _is_state_known(simulator: Simulator, episode: int, at: np.ndarray) -> np.ndarray:
     """(W) whether each joint's position is known at times `at` (W) [steps]."""
-    sampled, model = simulator.episodes[episode], simulator.compiler.nominal
-    qpos, _, _ = estimate_state(
-        model, simulator.channels, sampled, at, simulator.timestep, {}
-    )
-    is_given = (at == 0) & (sampled.qpos0 is not None)
-    return np.isfinite(qpos).all(axis=1) | is_given
+    return np.array(complete_state(simulator, episode, at, {}).is_known.all(axis=1))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..data.state_estimate import estimate_initial_state
+from ..data.state_estimate import complete_state, estimate_initial_state
 from ..effects.base import Term
 from .actuator_states import (
     compute_activations,
@@ -57,9 +57,10 @@ class InitialStates:
         n, w = len(hypotheses.values), len(segments)
         qpos, qvel = self._nominal_states(n)
         if initial_state_offset is not None:
-            qpos, qvel = _add_offset(
-                system.compiler.nominal, qpos, qvel, initial_state_offset
-            )
+            given = system.compiler.nominal
+            if given.neq:
+                initial_state_offset = self._follow_loops(initial_state_offset)
+            qpos, qvel = _add_offset(given, qpos, qvel, initial_state_offset)
         q, v = np.zeros((n, w, variant.model.nq)), np.zeros((n, w, variant.model.nv))
         q[:] = variant.model.qpos0
         q[..., variant.qpos], v[..., variant.dof] = qpos, qvel
@@ -117,6 +118,28 @@ class InitialStates:
                 )
                 qpos[i, rows], qvel[i, rows] = q, v
         return qpos, qvel
+
+    def _follow_loops(self, offset: Floats) -> Floats:
+        """Offsets (n, W, 2 nv) in which joints that loops place follow the others."""
+        response = self.cache.load_or_compute(
+            self.segments, "loop responses", self._loop_responses
+        )
+        parts = np.split(offset, 2, axis=-1)
+        moved = [np.einsum("wij,nwj->nwi", response, part) for part in parts]
+        return np.concatenate(moved, axis=-1)
+
+    def _loop_responses(self) -> Floats:
+        """(W, nv, nv) how positions move with each other where segments begin."""
+        segments, nv = self.segments, self.system.compiler.nominal.nv
+        response = np.tile(np.eye(nv), (len(segments), 1, 1))
+        for episode in np.unique(segments.episode):
+            rows = np.flatnonzero(segments.episode == episode)
+            state = complete_state(
+                self.system, int(episode), segments.first_step[rows], {}
+            )
+            if state.response is not None:
+                response[rows] = state.response
+        return response
 
     def _settle_second_joint(
         self,
