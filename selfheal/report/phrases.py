@@ -100,7 +100,7 @@ def _write_clause(finding: Mapping[str, Any], place: str) -> str:
     """A finding in plain words, without a capital and a full stop."""
     parameters = {p["name"]: format_quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
-    words = {**COMMON, **parameters, "at": place, "all": every}
+    words = {**COMMON, **_tell_given(finding), **parameters, "at": place, "all": every}
     name, since = finding["effect"], tables.format_onset(finding)
     since = f", {since}" if since else ""
     effect = load_catalogue().get(name)
@@ -113,6 +113,22 @@ def _write_clause(finding: Mapping[str, Any], place: str) -> str:
     return (
         f"{place} shows {replace_underscores(name)}{known} that the model lacks{since}"
     )
+
+
+def _tell_given(finding: Mapping[str, Any]) -> dict[str, str]:
+    """What a phrase says of the one value that the model states in a finding's place.
+
+    Returns:
+        Words in the place of those of `COMMON`; none where the model states 0, or
+        several values.
+    """
+    given = [p for p in finding["parameters"] if p.get("given")]
+    if len(given) != 1:
+        return {}
+    (p,) = given
+    said = f"{format_short(p['given'], 3)} {p['unit']}".removesuffix(" 1")
+    stated = f"where the model states {said}"
+    return {"lacks": stated, "other": stated}
 
 
 def _name_places(targets: Sequence[str]) -> str:

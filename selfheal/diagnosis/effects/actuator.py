@@ -144,45 +144,6 @@ class RateLimit(ActuatorEffect):
         )
 
 
-class TorqueSaturation(ActuatorEffect):
-    """A limit inside the forcerange that the model states: it lifts none."""
-
-    name = "torque_saturation"
-    description = "The actuator gives no more than so much torque."
-    equation = "|tau| <= limit"
-    source = "MuJoCo actuator/forcerange"
-    separate_by = "command larger and larger steps"
-    phrase = "{at} cannot give more than {limit}"
-    parameters = (ParameterSpec("limit", "N m", nominal=np.inf, nonnegative=True),)
-
-    def make_parameters(self, robot, actuator):
-        most = actuator.max_force
-        return (
-            self.make_parameter(
-                "limit", actuator, low=0.005 * most, high=20 * most, scale=0.1 * most
-            ),
-        )
-
-    def make_initial_values(self, robot, actuator):
-        return tuple(
-            (s * actuator.max_force,) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)
-        )
-
-    def applies_to(self, robot, actuator):
-        model, a = robot.model, actuator.id
-        # at a site the gear is a direction
-        geared = model.actuator_gear[find_output(model, a), 0] != 0
-        return geared and (has_affine_force(model, a) or is_pid(model, a))
-
-    def edit_model(self, model, place, values):
-        a = place["actuator"]
-        most = values[0] / abs(model.actuator_gear[find_output(model, a), 0])
-        limited = model.actuator_forcelimited[a]
-        given = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
-        model.actuator_forcerange[a] = np.clip(given, -most, most)
-        model.actuator_forcelimited[a] = 1
-
-
 class SpeedTorqueLimit(ActuatorEffect):
     name = "speed_torque_limit"
     description = "The torque that the motor can give falls with its speed."
@@ -253,8 +214,8 @@ class ServoGain(ActuatorEffect):
     separate_by = "load the held joint with a known weight"
     phrase = "{at} has gains {other} ({all})"
     parameters = (
-        ParameterSpec("kp", "N m/rad", nonnegative=True),
-        ParameterSpec("kv", "N m s/rad", nonnegative=True),
+        ParameterSpec("kp", "N m/rad", nonnegative=True, is_in_model=True),
+        ParameterSpec("kv", "N m s/rad", nonnegative=True, is_in_model=True),
     )
     parameter_sets = (("kp", "kv"), ("kp",))
     restates_nominal = True

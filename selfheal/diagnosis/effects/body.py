@@ -100,7 +100,7 @@ class LinkLength(BodyEffect):
     source = "Bongard, Zykov, Lipson 2006: part scales"
     separate_by = "touch one known point with the part in two poses"
     phrase = "{at} has a length of {length}, {other}"
-    parameters = (ParameterSpec("length", "m", nonnegative=True),)
+    parameters = (ParameterSpec("length", "m", nonnegative=True, is_in_model=True),)
     overrides = ("length",)
 
     def make_parameters(self, robot, body):

@@ -22,6 +22,8 @@ class ParameterSpec:
         nonnegative: whether a finding with a value below 0 is refused.
         size: how many numbers a finding states: 1 a number, 3 a list of three; None a
             number, or a list with one for each column of a signal.
+        is_in_model: whether the nominal value is one that a model states, so that a
+            finding says it beside the new one ("given").
     """
 
     name: str
@@ -29,6 +31,7 @@ class ParameterSpec:
     nominal: float | None = None
     nonnegative: bool = False
     size: int | None = 1
+    is_in_model: bool = False
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,9 @@ class ViscousFriction(FrictionEffect):
     source = "MuJoCo joint/damping"
     separate_by = "let the joint swing with the motor off"
     phrase = "{at} has viscous friction of {damping} {lacks}"
-    parameters = (ParameterSpec("damping", "N m s/rad", nonnegative=True),)
+    parameters = (
+        ParameterSpec("damping", "N m s/rad", nonnegative=True, is_in_model=True),
+    )
     is_common = True
     overrides = ("damping",)
 
@@ -59,10 +61,12 @@ class ViscousFriction(FrictionEffect):
 
     def make_initial_values(self, robot, joint):
         (p,) = self.make_parameters(robot, joint)
+        none = ((0.0,),) if p.nominal else ()
         return (
             (p.nominal + 0.3 * p.scale,),
             (p.nominal + 2 * p.scale,),
             (p.nominal / 2,),
+            *none,
         )
 
     def edit_model(self, model, place, values):
@@ -76,7 +80,9 @@ class QuadraticDamping(FrictionEffect):
     source = "MuJoCo joint/damping, second coefficient (3.7)"
     separate_by = "swing the joint once slowly and once at full speed"
     phrase = "{at} has drag of {damping2} {lacks}"
-    parameters = (ParameterSpec("damping2", "N m s^2/rad^2", nonnegative=True),)
+    parameters = (
+        ParameterSpec("damping2", "N m s^2/rad^2", nonnegative=True, is_in_model=True),
+    )
 
     def make_parameters(self, robot, joint):
         scale = 0.2 * joint.torque / joint.speed**2
@@ -99,7 +105,9 @@ class CoulombFriction(FrictionEffect):
     source = "MuJoCo joint/frictionloss"
     separate_by = "move the joint back and forth at two constant speeds"
     phrase = "{at} has dry friction of {frictionloss} {lacks}"
-    parameters = (ParameterSpec("frictionloss", "N m", nonnegative=True),)
+    parameters = (
+        ParameterSpec("frictionloss", "N m", nonnegative=True, is_in_model=True),
+    )
     is_common = True
     overrides = ("frictionloss",)
 
@@ -113,7 +121,8 @@ class CoulombFriction(FrictionEffect):
 
     def make_initial_values(self, robot, joint):
         (p,) = self.make_parameters(robot, joint)
-        return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,))
+        none = ((0.0,),) if p.nominal else ()
+        return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,), *none)
 
     def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]

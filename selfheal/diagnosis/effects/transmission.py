@@ -4,13 +4,11 @@ import numpy as np
 
 from .base import Term
 from .by_target import JointEffect
-from .declaration import FindingField, Parameter, ParameterSpec
+from .declaration import FindingField, ParameterSpec
 from .friction import torque_scale
 from .places import Place, add_keys, locate_target
 from .second_joint import SecondJointEffect
 
-# end of the range of a joint without a stop [rad or m]; chosen: no joint gets there
-UNLIMITED_RANGE = 1e6
 # fewest periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are
 # those of gravity, or of a spring
 MIN_POLES, MIN_PERIODS_OF_SLIDE = 4.0, 1.5
@@ -33,7 +31,9 @@ class Armature(TransmissionEffect):
     source = "MuJoCo joint/armature"
     separate_by = "repeat the motion with another payload"
     phrase = "{at} has a rotor inertia of {armature}, {other}"
-    parameters = (ParameterSpec("armature", "kg m^2", nonnegative=True),)
+    parameters = (
+        ParameterSpec("armature", "kg m^2", nonnegative=True, is_in_model=True),
+    )
     is_common = True
     overrides = ("armature",)
 
@@ -68,7 +68,7 @@ class JointSpring(TransmissionEffect):
     separate_by = "measure the torque at rest, or re-zero the encoder"
     phrase = "{at} has a spring of {stiffness} {lacks}"
     parameters = (
-        ParameterSpec("stiffness", "N m/rad", nonnegative=True),
+        ParameterSpec("stiffness", "N m/rad", nonnegative=True, is_in_model=True),
         ParameterSpec("springref", "rad"),
     )
     overrides = ("stiffness",)
@@ -107,97 +107,6 @@ class JointSpring(TransmissionEffect):
     def edit_model(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
         model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[1]
-
-
-class HardStop(TransmissionEffect):
-    """A stop inside the range that the model states: it takes none away."""
-
-    name = "hard_stop"
-    description = "A stop, or an obstacle, that the joint cannot pass."
-    equation = "q <= range (or >=), as soft as timeconst says"
-    source = "MuJoCo joint/range, joint/solreflimit"
-    separate_by = "move slowly towards the angle from the free side"
-    phrase = "{at} has a hard stop at {range} {lacks}"
-    parameters = (
-        ParameterSpec("range", "rad"),
-        ParameterSpec("timeconst", "s", nonnegative=True),
-    )
-    parameter_sets = (("range",), ("range", "timeconst"))
-    finding_fields = (FindingField("side", (-1, 1)),)
-
-    def propose_terms(self, robot):
-        """Two terms at each hinge and slide, one for each end of its range."""
-        return [
-            self._make_term(robot, joint, side)
-            for joint in robot.joints
-            for side in (-1, 1)
-        ]
-
-    def edit_model(self, model, place, values):
-        joint, (stop, *soft) = place["joint"], values
-        inside = _limit_range(model, place, stop)
-        if not model.jnt_limited[joint] or inside != tuple(model.jnt_range[joint]):
-            model.jnt_solref[joint, : len(soft)] = soft
-        model.jnt_range[joint], model.jnt_limited[joint] = inside, 1
-
-    def _make_term(self, robot, joint, side: int) -> Term:
-        """The term of one end of a joint's range.
-
-        Args:
-            robot: with the joint.
-            joint: a hinge or slide.
-            side: -1 the lower or 1 the upper end.
-        """
-        # the farthest position that was seen
-        end = joint.range_center + side * joint.range / 2
-        reach = 0.5 * joint.range
-        stop = self.make_parameter(
-            "range",
-            joint,
-            nominal=side * np.inf,
-            low=end - reach,
-            high=end + reach,
-            scale=0.1 * joint.range,
-        )
-        starts = end - side * 0.02 * joint.range, end - side * 0.1 * joint.range
-        place = add_keys(self.make_place(robot, joint), side=side)
-        soft = self._make_softness(robot, joint)
-        return Term(
-            self, (f"joint:{joint.name}",), (place,), (stop, *soft),
-            tuple((start, *(p.nominal for p in soft)) for start in starts),
-            {"side": side},
-        )  # fmt: skip
-
-    def _make_softness(self, robot, joint) -> tuple[Parameter, ...]:
-        """The contact's time constant, where solref has one and motion was read."""
-        time, hard = robot.model.jnt_solref[joint.id, 0], 2 * robot.timestep
-        if time < hard or robot.has_only_poses:
-            return ()
-        return (
-            self.make_parameter(
-                "timeconst", nominal=float(time), low=hard, high=0.2, scale=0.2 * time
-            ),
-        )
-
-
-def _limit_range(model, place, value) -> tuple[float, float]:
-    """The model's range of a joint, cut off at a stop's position.
-
-    Args:
-        model: compiled.
-        place: of the joint, with the stop's side.
-        value: position of the stop [rad or m].
-
-    Returns:
-        Low and high end [rad or m].
-    """
-    joint = place["joint"]
-    low, high = -UNLIMITED_RANGE, UNLIMITED_RANGE
-    if model.jnt_limited[joint]:
-        low, high = model.jnt_range[joint]
-    if place["side"] < 0:
-        return max(low, value), high
-    return low, min(high, value)
 
 
 class Cogging(TransmissionEffect):

@@ -109,8 +109,8 @@ class FluidDrag(WorldEffect):
     separate_by = "change the area of a moving part"
     phrase = "a fluid {lacks} drags at {at} ({all})"
     parameters = (
-        ParameterSpec("density", "kg/m^3", nonnegative=True),
-        ParameterSpec("viscosity", "Pa s", nonnegative=True),
+        ParameterSpec("density", "kg/m^3", nonnegative=True, is_in_model=True),
+        ParameterSpec("viscosity", "Pa s", nonnegative=True, is_in_model=True),
     )
     parameter_sets = (("density",), ("viscosity",))
     rarity = 1
@@ -249,7 +249,7 @@ class GroundFriction(GroundEffect):
     source = "MuJoCo geom/friction"
     separate_by = "push the resting robot until it slides"
     phrase = "contact has a friction of {friction}, {other}"
-    parameters = (ParameterSpec("friction", "1", nonnegative=True),)
+    parameters = (ParameterSpec("friction", "1", nonnegative=True, is_in_model=True),)
 
     def propose_terms(self, robot):
         """One term where the robot touched the ground."""
@@ -287,8 +287,8 @@ class GroundCompliance(GroundEffect):
     separate_by = "drop a part from two heights"
     phrase = "contact gives way, {other} ({all})"
     parameters = (
-        ParameterSpec("timeconst", "s", nonnegative=True),
-        ParameterSpec("dampratio", "1", nonnegative=True),
+        ParameterSpec("timeconst", "s", nonnegative=True, is_in_model=True),
+        ParameterSpec("dampratio", "1", nonnegative=True, is_in_model=True),
     )
 
     def propose_terms(self, robot):

@@ -67,16 +67,21 @@ def _list_equivalents(named: NamedEffect) -> list[str]:
 def list_parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str, Any]]:
     """A finding's parameters: name, value, 90 % interval and unit of each.
 
+    Where a parameter takes the place of what the model states, that is "given".
+
     Args:
         term: of the finding.
         values: (p) of its parameters [each one's unit].
         errors: (p) their standard errors.
     """
-    out = []
+    out: list[dict[str, Any]] = []
+    stated = {spec.name for spec in term.effect.parameters if spec.is_in_model}
     for p, value, error in zip(term.parameters, values, errors, strict=True):
         low, high = confidence_interval(p, value, error)
-        out.append({"name": p.name, "value": value, "low": low, "high": high,
-                    "unit": p.unit})  # fmt: skip
+        entry = {"name": p.name, "value": value, "low": low, "high": high}
+        if p.name in stated and np.isfinite(p.nominal):
+            entry["given"] = p.nominal
+        out.append(entry | {"unit": p.unit})
     for spec in term.effect.parameters:
         if spec.size != 1:
             out = _merge_components(spec.name, out)

@@ -102,6 +102,8 @@ def _joint_attributes(source: ModelSource, old, new, j: int) -> dict[str, str | 
     if differs(old.jnt_range[j], new.jnt_range[j]):
         ends = _to_text_angle(new.jnt_range[j], in_degrees)
         attributes |= {"range": format_number(ends), "limited": "true"}
+    if differs(old.jnt_actfrcrange[j], new.jnt_actfrcrange[j]):
+        attributes["actuatorfrcrange"] = format_number(new.jnt_actfrcrange[j])
     if differs(old.jnt_solref[j], new.jnt_solref[j]):
         attributes["solreflimit"] = format_number(new.jnt_solref[j])
     return attributes

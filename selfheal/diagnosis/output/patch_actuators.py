@@ -50,6 +50,9 @@ def edit_actuators(
         if differs(*limits):
             attributes["forcelimited"] = "true"
             attributes["forcerange"] = format_number(new.actuator_forcerange[a])
+        for control in find_controls(new, a):
+            if differs(*(m.actuator_ctrlrange[control] for m in (old, new))):
+                attributes["ctrlrange"] = format_number(new.actuator_ctrlrange[control])
         attributes |= _keep_inherited_range(source, old, new, a, to != given)
         if attributes and to != tag:
             yield Rename("actuator", name, to, attributes)

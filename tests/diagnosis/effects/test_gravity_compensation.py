@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.gravity_compensation import find_compensated_bodies
+from selfheal.diagnosis.effects.controller.gravity_compensation import (
+    find_compensated_bodies,
+)
 from tests.support.effect_robots import make_effect_bench, make_pendulum
 from tests.support.patched_models import compile_patch
 from tests.support.recorded_robots import ROBOTS

@@ -8,23 +8,10 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from tests.support.effect_robots import (
-    find_elbow_term,
     largest_change,
     make_effect_bench,
 )
 from tests.support.recorded_robots import ROBOTS
-
-
-def test_a_stop_or_a_limit_beyond_the_models_changes_nothing(stating):
-    b = stating["arm"]
-    wider = [
-        ("hard_stop", {"side": 1}, (0.55, 0.1)),
-        ("hard_stop", {"side": -1}, (-0.65, 0.1)), ("torque_saturation", {}, (1.25,)),
-    ]  # fmt: skip
-    for name, note, values in wider:
-        assert largest_change(b, (find_elbow_term(b, name, **note),), values) < 1e-7, (
-            name
-        )
 
 
 def test_the_stiffer_a_compliant_drive_the_less_it_shows(benches):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ...recording.data import Floats
-from .by_target import WorldEffect
-from .declaration import ParameterSpec
-from .places import Place
+from ....recording.data import Floats
+from ..by_target import WorldEffect
+from ..declaration import ParameterSpec
+from ..places import Place
 
 FREE = 0  # mjtJoint
 WEIGHT_POSES = 8  # in which torques of weight are looked for; chosen
@@ -29,7 +29,7 @@ class GravityCompensation(WorldEffect):
     source = "MuJoCo body/gravcomp"
     separate_by = "hold several poses and compare each joint's angle with its command"
     phrase = "the controller carries {gravcomp} of the robot's weight, {other}"
-    parameters = (ParameterSpec("gravcomp", "1", nonnegative=True),)
+    parameters = (ParameterSpec("gravcomp", "1", nonnegative=True, is_in_model=True),)
     is_common = True
 
     def propose_terms(self, robot):

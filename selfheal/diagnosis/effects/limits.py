@@ -1,0 +1,222 @@
+"""Limits: where a joint stops, and how much an actuator gives.
+
+What a model states of a limit is where these effects are absent. They take its place:
+a stop may be farther in, farther out, or beyond all that was seen.
+"""
+
+import numpy as np
+
+from ...recording import find_controls, find_output
+from ...recording.actuator_laws import has_affine_force, is_pid
+from .base import Term
+from .by_target import ActuatorEffect, JointEffect
+from .declaration import FindingField, Parameter, ParameterSpec
+from .places import AT_JOINT, add_keys
+
+# the end of a joint's range that has none [rad or m]; chosen: beyond any position
+UNLIMITED_RANGE = 1e6
+# share of what was asked of an actuator beyond which it is not limited; chosen
+UNLIMITED_SHARE = 1.1
+
+
+class HardStop(JointEffect):
+    """A stop that takes the place of the one that the model states at that end."""
+
+    name = "hard_stop"
+    group = "transmission"
+    description = (
+        "A stop, or an obstacle, that the joint cannot pass; in the place of one that "
+        "the model states, perhaps farther out."
+    )
+    equation = "q <= range (or >=), as soft as timeconst says"
+    source = "MuJoCo joint/range, joint/solreflimit"
+    separate_by = "move slowly towards the angle from the free side"
+    phrase = "{at} stops at {range}, {other}"
+    parameters = (
+        ParameterSpec("range", "rad", is_in_model=True),
+        ParameterSpec("timeconst", "s", nonnegative=True),
+    )
+    parameter_sets = (("range",), ("range", "timeconst"))
+    finding_fields = (FindingField("side", (-1, 1)),)
+
+    def propose_terms(self, robot):
+        """Two terms at each hinge and slide, one for each end of its range."""
+        return [
+            self._make_term(robot, joint, side)
+            for joint in robot.joints
+            for side in (-1, 1)
+        ]
+
+    def edit_model(self, model, place, values):
+        joint, (stop, *soft) = place["joint"], values
+        low, high = -UNLIMITED_RANGE, UNLIMITED_RANGE
+        if model.jnt_limited[joint]:
+            low, high = model.jnt_range[joint]
+        ends = (stop, max(high, stop)) if place["side"] < 0 else (min(low, stop), stop)
+        if not model.jnt_limited[joint] or ends != (low, high):
+            model.jnt_solref[joint, : len(soft)] = soft
+        model.jnt_range[joint] = np.clip(ends, -UNLIMITED_RANGE, UNLIMITED_RANGE)
+        model.jnt_limited[joint] = 1
+
+    def _make_term(self, robot, joint, side: int) -> Term:
+        """The term of one end of a joint's range.
+
+        Args:
+            robot: with the joint.
+            joint: a hinge or slide.
+            side: -1 the lower or 1 the upper end.
+        """
+        # the farthest position that was seen
+        end = joint.range_center + side * joint.range / 2
+        stated = _stated_end(robot.model, joint, side)
+        reach = 0.5 * joint.range
+        reached = end if np.isinf(stated) else side * max(side * end, side * stated)
+        low, high = sorted((end - side * reach, reached + side * reach))
+        stop = self.make_parameter(
+            "range", joint, nominal=stated, low=low, high=high, scale=0.1 * joint.range
+        )
+        starts = [end - side * 0.02 * joint.range, end - side * 0.1 * joint.range]
+        if side * (end - stated) > -0.02 * joint.range:  # the stated one is in the way
+            starts.append(end + side * 0.1 * joint.range)
+        place = add_keys(self.make_place(robot, joint), side=side)
+        soft = self._make_softness(robot, joint)
+        return Term(
+            self, (f"joint:{joint.name}",), (place,), (stop, *soft),
+            tuple((start, *(p.nominal for p in soft)) for start in starts),
+            {"side": side},
+        )  # fmt: skip
+
+    def _make_softness(self, robot, joint) -> tuple[Parameter, ...]:
+        """The contact's time constant, where solref has one and motion was read."""
+        time, hard = robot.model.jnt_solref[joint.id, 0], 2 * robot.timestep
+        if time < hard or robot.has_only_poses:
+            return ()
+        return (
+            self.make_parameter(
+                "timeconst", nominal=float(time), low=hard, high=0.2, scale=0.2 * time
+            ),
+        )
+
+
+def _stated_end(model, joint, side: int) -> float:
+    """The end of a joint's range as the model states it; infinite where it does not."""
+    if not model.jnt_limited[joint.id]:
+        return side * np.inf
+    return float(model.jnt_range[joint.id, int(side > 0)])
+
+
+class TorqueSaturation(ActuatorEffect):
+    """A limit in the place of those that the model states; of a motor ctrlrange too."""
+
+    name = "torque_saturation"
+    description = (
+        "The actuator gives no more than so much torque; more, perhaps, than the model "
+        "states."
+    )
+    equation = "|tau| <= limit"
+    source = "MuJoCo actuator/forcerange"
+    separate_by = "command larger and larger steps"
+    phrase = "{at} cannot give more than {limit}, {other}"
+    parameters = (ParameterSpec("limit", "N m", nonnegative=True, is_in_model=True),)
+
+    def make_parameters(self, robot, actuator):
+        most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
+        high = 20 * most
+        if np.isfinite(stated):
+            high = max(high, 2 * stated)
+        return (
+            self.make_parameter(
+                "limit",
+                actuator,
+                nominal=stated,
+                low=0.005 * most,
+                high=high,
+                scale=0.1 * most,
+            ),
+        )
+
+    def make_initial_values(self, robot, actuator):
+        most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
+        shares = (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)
+        starts = [s * most for s in shares if s * most < stated]
+        if most > stated:  # what the model cannot give was asked for
+            starts = [UNLIMITED_SHARE * most, *starts]
+        return tuple((start,) for start in starts or [0.9 * stated])
+
+    def applies_to(self, robot, actuator):
+        model, a = robot.model, actuator.id
+        # at a site the gear is a direction
+        geared = model.actuator_gear[find_output(model, a), 0] != 0
+        return geared and (has_affine_force(model, a) or is_pid(model, a))
+
+    def edit_model(self, model, place, values):
+        a, stated = place["actuator"], stated_limit(model, place["actuator"])
+        most = values[0] / abs(model.actuator_gear[find_output(model, a), 0])
+        limited = model.actuator_forcelimited[a]
+        given = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
+        if values[0] > stated:
+            widen_limits(model, a, values[0])
+            given = model.actuator_forcerange[a] if limited else given
+        model.actuator_forcerange[a] = np.clip(given, -most, most)
+        model.actuator_forcelimited[a] = 1
+
+
+def stated_limit(model, actuator: int) -> float:
+    """The largest torque [N m or N] that a model lets an actuator give; or infinity."""
+    gear = abs(model.actuator_gear[find_output(model, actuator), 0])
+    limits = [np.inf]
+    if model.actuator_forcelimited[actuator]:
+        limits.append(gear * np.abs(model.actuator_forcerange[actuator]).max())
+    if (control := _find_limited_control(model, actuator)) >= 0:
+        gain = abs(model.actuator_gainprm[actuator, 0])
+        limits.append(gear * gain * np.abs(model.actuator_ctrlrange[control]).max())
+    if (joint := _find_limited_joint(model, actuator)) >= 0:
+        limits.append(np.abs(model.jnt_actfrcrange[joint]).max())
+    return float(min(limits))
+
+
+def widen_limits(model, actuator: int, limit: float) -> None:
+    """Scale what a model states of an actuator's limits up to a larger one.
+
+    Args:
+        model: compiled, to be changed.
+        actuator: its id.
+        limit: torque [N m or N] that none of them may be below.
+    """
+    gear = abs(model.actuator_gear[find_output(model, actuator), 0])
+    ranges = []
+    if model.actuator_forcelimited[actuator]:
+        ranges.append((model.actuator_forcerange[actuator], gear))
+    if (control := _find_limited_control(model, actuator)) >= 0:
+        gain = abs(model.actuator_gainprm[actuator, 0])
+        ranges.append((model.actuator_ctrlrange[control], gear * gain))
+    if (joint := _find_limited_joint(model, actuator)) >= 0:
+        ranges.append((model.jnt_actfrcrange[joint], 1.0))
+    for ends, factor in ranges:
+        ends *= max(1.0, limit / (factor * np.abs(ends).max()))
+
+
+def _find_limited_control(model, actuator: int) -> int:
+    """Index into ctrl of a motor's one command with a ctrlrange; -1: there is none."""
+    controls = find_controls(model, actuator)
+    is_motor = has_affine_force(model, actuator) and (
+        not model.actuator_biasprm[actuator].any()
+        and model.actuator_gaintype[actuator] == 0
+        and model.actuator_gainprm[actuator, 0] != 0
+    )
+    if (
+        not is_motor
+        or len(controls) != 1
+        or not model.actuator_ctrllimited[controls[0]]
+    ):
+        return -1
+    return int(controls[0]) if model.actuator_ctrlrange[controls[0]].any() else -1
+
+
+def _find_limited_joint(model, actuator: int) -> int:
+    """Id of an actuator's joint with an actuatorfrcrange; -1: there is none."""
+    joint = int(model.actuator_trnid[actuator, 0])
+    at_joint = model.actuator_trntype[actuator] in AT_JOINT
+    if not at_joint or not model.jnt_actfrclimited[joint]:
+        return -1
+    return joint if model.jnt_actfrcrange[joint].any() else -1
