@@ -70,9 +70,11 @@ class Balance:
         """
         from scipy.stats import wilcoxon
 
-        a, b = self.blocks[:, dofs], other.blocks[:, dofs]
-        each = np.nansum(np.log(np.maximum(b, 1e-9) / np.maximum(a, 1e-9)), axis=1) / 2
-        each = each[np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)]
+        # differences of squares, not their ratios: a block at rest says nothing
+        each = np.nansum(
+            (other.blocks - self.blocks)[:, dofs] / other.unexplained[dofs], axis=1
+        )
+        each = each[np.isfinite((other.blocks + self.blocks)[:, dofs]).all(axis=1)]
         whole = np.log(other.unexplained[dofs] / self.unexplained[dofs]) / 2
         if len(each) < MIN_BLOCKS or not np.any(each):
             return float(np.sum(whole)), 1.0
