@@ -57,12 +57,11 @@ class Balance:
         ratio = np.abs(np.log(self.unexplained / other.unexplained))
         return float(np.max(self.unexplained, where=ratio > ANEW, initial=0.0))
 
-    def gain_over(self, other: "Balance", dofs: Sequence[int]) -> tuple[float, float]:
+    def gain_over(self, other: "Balance") -> tuple[float, float]:
         """Nats a row by which this explains more, and how likely by chance.
 
         Args:
             other: the balance of another mend.
-            dofs: numbers of the degrees of freedom that are compared.
 
         Returns:
             The gain, and the p-value of a one-sided Wilcoxon signed-rank test over
@@ -71,11 +70,9 @@ class Balance:
         from scipy.stats import wilcoxon
 
         # differences of squares, not their ratios: a block at rest says nothing
-        each = np.nansum(
-            (other.blocks - self.blocks)[:, dofs] / other.unexplained[dofs], axis=1
-        )
-        each = each[np.isfinite((other.blocks + self.blocks)[:, dofs]).all(axis=1)]
-        whole = np.log(other.unexplained[dofs] / self.unexplained[dofs]) / 2
+        each = np.sum((other.blocks - self.blocks) / other.unexplained, axis=1)
+        each = each[np.isfinite(each)]
+        whole = np.log(other.unexplained / self.unexplained) / 2
         if len(each) < MIN_BLOCKS or not np.any(each):
             return float(np.sum(whole)), 1.0
         p = wilcoxon(each, alternative="greater").pvalue

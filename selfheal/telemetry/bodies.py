@@ -4,7 +4,7 @@ The rates of a pose, and what sensors say of it (frames, gyroscopes, acceleromet
 follow from positions alone: no force takes part.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..recording.data import Floats
 from .balance import TorqueBalance
 from .fault import Fault, format_columns, write_mend
 from .pairs import MIN_ROWS, Relation, correlation_p_value, name_unit, relate
+from .rollouts import Rollouts, name_groups
 from .series import Series
 from .states import IDENTITY, X_Y_Z_W, Mend, spin
 
@@ -24,7 +25,7 @@ MAX_ROWS = 600  # that are evaluated; chosen: some tens of milliseconds
 # mean square of an error over that of what is predicted, above which two rates differ
 # and below which they agree, and ratio of the two; chosen
 DIFFERS, AGREES, FAR_BETTER = 0.3, 0.15, 0.25
-SINKS = 0.05  # of a body's size, to which one that is read rightly sinks; chosen
+SINKS = 0.03  # of a body's size, to which one that is read rightly sinks; chosen
 DEPENDENT_ROWS = 10.0  # from one independent row to the next; chosen: a tenth of a s
 BASES = {
     "order": "F test of the squared errors in both orders, a tenth of the rows counted",
@@ -46,7 +47,7 @@ class BodyCheck:
 
     def __init__(
         self, recording: Recording, model: "mujoco.MjModel", series: Series,
-        balance: TorqueBalance, mend: Mend,
+        balance: TorqueBalance, rollouts: Rollouts, mend: Mend,
     ) -> None:  # fmt: skip
         """Gather the signals.
 
@@ -55,22 +56,30 @@ class BodyCheck:
             model: of it.
             series: of the recording.
             balance: of its torques.
+            rollouts: from its states.
             mend: of the joints' columns.
         """
         self.model, self.series = model, series
-        self.balance, self.mend = balance, mend
+        self.balance, self.rollouts, self.mend = balance, rollouts, mend
         self.signals: dict[tuple[str, str], str] = {}
         for episode in recording.episodes.values():
             for name, signal in episode.signals.items():
                 self.signals.setdefault((signal.kind, signal.target), name)
 
-    def find_faults(self) -> list[Fault]:
-        """Wrong orders of quaternions, signs and units of rates, poses and sensors."""
-        found = []
-        for (kind, body), name in self.signals.items():
-            if kind == "body_orientation" and (fault := self._check_order(body, name)):
-                found.append(fault)
-        wrong = {f.target for f in found}
+    def find_orders(self) -> list[Fault]:
+        """Wrong orders of quaternions."""
+        every = [
+            (b, n) for (k, b), n in self.signals.items() if k == "body_orientation"
+        ]
+        return [f for body, name in every if (f := self._check_order(body, name))]
+
+    def find_rates(self, wrong: Collection[str]) -> list[Fault]:
+        """Signs and units of rates, poses and sensors.
+
+        Args:
+            wrong: bodies whose quaternion has another order.
+        """
+        found = list[Fault]()
         for (kind, body), name in self.signals.items():
             if kind == "body_linear_velocity":
                 found += self._check_linear(body, name)
@@ -85,8 +94,8 @@ class BodyCheck:
         from scipy.stats import f
 
         turns = self.series.signals[name]
-        for measure in (self._spin_errors, self._frame_errors, self._slip_errors,
-                        self._sink_errors, self._torque_errors):  # fmt: skip
+        for measure in (self._spin_errors, self._frame_errors, self._sink_errors,
+                        self._rollout_errors, self._torque_errors):  # fmt: skip
             errors = measure(body, name, turns)
             if errors is None:
                 continue
@@ -136,44 +145,22 @@ class BodyCheck:
             errors.append(float(np.mean(4 * (1 - (unit * frames).sum(axis=1) ** 2))))
         return errors[0], errors[1], len(rows), "orientations that the joints give"
 
-    def _slip_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
-        """Speeds of the lowest geoms in both orders, of a robot on the ground."""
+    def _rollout_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
+        """Misses of short simulations in both orders, of a base in lasting contact."""
         states, m = self.balance.states, self.model
         bases = [j for j in states.bases if m.body(m.jnt_bodyid[j]).name == body]
-        touching = np.flatnonzero(
-            (m.geom_bodyid > 0) & ((m.geom_contype | m.geom_conaffinity) != 0)
+        if not bases or not self.balance.reason or self.rollouts.reason:
+            return None
+        own = [g for g, n in enumerate(self.rollouts.groups) if n in name_groups(body)]
+        given, other = (
+            self.rollouts.evaluate(self.mend.then(mend)).share[own]
+            for mend in (Mend(), Mend(order={body: X_Y_Z_W}))
         )
-        if states.reason or not bases or not states.joints or not self.balance.reason:
+        if given.max() < 1:  # better than no prediction
             return None
-        rows = self._choose_rows(np.ones(len(self.series.episode), bool))
-        if len(rows) < MIN_ROWS or not touching.size:
-            return None
-        errors = [
-            self._measure_slip(rows, touching, Mend(order={body: order}))
-            for order in (IDENTITY, X_Y_Z_W)
-        ]
-        return errors[0], errors[1], len(rows), "speeds of the feet on the ground"
-
-    def _measure_slip(self, rows: np.ndarray, geoms: np.ndarray, mend: Mend) -> float:
-        """Mean square speed of the lowest geoms over that of the base."""
-        import mujoco
-
-        m, data = self.model, mujoco.MjData(self.model)
-        q, v, _ = self.balance.states.compute(self.mend.then(mend), rows)
-        slip, speed, six = 0.0, 1e-12, np.zeros(6)
-        for i in range(len(rows)):
-            data.qpos[:], data.qvel[:] = q[i], v[i]
-            mujoco.mj_kinematics(m, data)
-            mujoco.mj_comPos(m, data)
-            mujoco.mj_comVel(m, data)
-            lowest = geoms[
-                int(np.argmin(data.geom_xpos[geoms, 2] - m.geom_rbound[geoms]))
-            ]
-            kind = mujoco.mjtObj.mjOBJ_GEOM
-            mujoco.mj_objectVelocity(m, data, kind, int(lowest), six, 0)
-            slip += float(six[3:] @ six[3:])
-            speed += float(v[i, :3] @ v[i, :3])
-        return slip / speed
+        rows = len(self.rollouts.rows) * int(DEPENDENT_ROWS)  # each is a start anew
+        what = "simulations from its pose"
+        return float(given.mean()), float(other.mean()), rows, what
 
     def _sink_errors(self, body: str, name: str, turns: Floats) -> Errors | None:
         """Depths to which a lone body sinks into what it touches, in both orders."""

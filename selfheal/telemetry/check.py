@@ -10,7 +10,9 @@ from .fault import Fault
 from .joint_faults import JointCheck
 from .joints import list_joints
 from .ranges import find_beyond
+from .rollouts import Rollouts
 from .series import build_series
+from .states import X_Y_Z_W, Mend
 from .timing import find_time_faults
 from .torques import find_torque_faults
 
@@ -53,10 +55,16 @@ def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetr
         reason = f"motion: samples are seen through {series.kernel:.3g} s, too coarsely"
         return Telemetry(tuple(faults), (*unchecked, reason))
     check = JointCheck(recording, model, joints, series)
-    about_joints = [f for f in check.find_faults() if not held & set(f.columns)]
-    faults += about_joints
-    bodies = BodyCheck(recording, model, series, check.balance, check.mend)
-    faults += bodies.find_faults()
+    rollouts = Rollouts(model, check.balance.states)
+    about_joints = check.find_faults()
+    about_joints += check.search()
+    bodies = BodyCheck(recording, model, series, check.balance, rollouts, check.mend)
+    orders = bodies.find_orders()
+    check.mend = check.mend.then(Mend(order={f.target: X_Y_Z_W for f in orders}))
+    about_joints += check.search_rollouts(rollouts)
+    about_joints = [f for f in about_joints if not held & set(f.columns)]
+    bodies.mend = check.mend
+    faults += about_joints + orders + bodies.find_rates({f.target for f in orders})
     faults += find_torque_faults(
         recording, model, joints, series, check.balance, check.mend
     )

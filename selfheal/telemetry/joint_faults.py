@@ -1,14 +1,12 @@
 """Which column of a joint is at fault: takes disagreements, gives faults with mends."""
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..recording import Recording
-from .balance import Balance, TorqueBalance
+from .balance import TorqueBalance
 from .disagreements import (
     MAX_COMMAND_LAG,
     MAX_VELOCITY_LAG,
@@ -21,7 +19,16 @@ from .disagreements import (
 )
 from .fault import Fault, format_columns, write_mend
 from .joints import JointColumns
-from .pairs import UNITS, name_unit
+from .rollouts import Rollouts
+from .search import (
+    CLEARLY,
+    MAX_P_VALUE,
+    Candidate,
+    Explainer,
+    find_best,
+    list_candidates,
+    make_candidate,
+)
 from .series import Series
 from .states import Mend
 
@@ -31,43 +38,19 @@ if TYPE_CHECKING:
 MAX_FAULTS = (
     4  # that the balance of torques alone may tell, one after the other; chosen
 )
-# nats by which a mend must explain the torques better, share that it may leave, and
-# share that the log as it is must leave; chosen: concealed physics leaves a twelfth
-# at most, and gains nothing by a wrong sign
-MIN_GAIN, MAX_LEFT, MIN_LEFT = 1.5, 0.1, 0.015
-MAX_P_VALUE = 1e-3  # of a mend, times the number of mends that were tried
-SCREENED = 4  # rows of which one is evaluated first; chosen: a quarter of the time
-CLEARLY = 0.5  # nats by which one mend is told from another; chosen
+# share that a mend may leave of the torques, and that the log as it is must leave;
+# chosen: concealed physics leaves a twelfth at most
+MAX_LEFT, MIN_LEFT = 0.1, 0.015
+# the same of simulations; chosen: a log that is right misses less than no prediction
+MAX_MISSED, MIN_MISSED = 0.5, 1.0
 BASES = {
     "command": "correlation of the joint with its command, Fisher's z",
     "velocity": "correlation of velocity and derived position, Fisher's z",
     "torque": "Wilcoxon's signed-rank test of the balance of torques, block by block, "
     "times the number of mends tried",
+    "rollout": "Wilcoxon's signed-rank test of simulations of a tenth of a second, "
+    "block by block, times the number of mends tried",
 }
-DEGREE = float(np.pi / 180)
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One thing that could be wrong with the columns about a joint or two.
-
-    Attributes:
-        kind: of the fault.
-        mend: what it would be read as instead.
-        signals: whose reading changes.
-        commands: actuators whose command changes.
-        target: joint or actuator.
-        lines: of the map file.
-        text: what is wrong, as the end of a sentence.
-    """
-
-    kind: str
-    mend: Mend
-    signals: tuple[str, ...]
-    commands: tuple[str, ...]
-    target: str
-    lines: str
-    text: str
 
 
 class JointCheck:
@@ -122,7 +105,7 @@ class JointCheck:
         )  # fmt: skip
 
     def find_faults(self) -> list[Fault]:
-        """All faults of columns about joints."""
+        """Faults of columns that contradict each other."""
         by_joint: dict[tuple[str, str, str], dict[str, Disagreement]] = {}
         for what, every in (
             ("velocity", self.with_velocity), ("command", self.with_command),
@@ -137,8 +120,6 @@ class JointCheck:
                 found += [self._tell_delay(what, one) for what, one in seen.items()]
             elif "velocity" in seen:
                 found.append(self._tell_derivative(seen["velocity"]))
-        if not self.balance.reason:
-            found += self._search()
         return found
 
     def _locate(
@@ -180,17 +161,26 @@ class JointCheck:
         # a velocity that is too large, and a position that is too small, look alike
         if len(seen) == 2:
             ratio = seen["command"].relation.ratio
-            return [self._make(kind, joint, partner, ("position",), ratio)]
+            return [
+                make_candidate(self.joints, kind, joint, partner, ("position",), ratio)
+            ]
         if "command" in seen:
             parts = ("position", "velocity") if j.velocity else ("position",)
             return [
-                self._make(kind, joint, partner, parts, ratio),
-                self._make(kind, joint, partner, ("command",), 1 / ratio),
+                make_candidate(self.joints, kind, joint, partner, parts, ratio),
+                make_candidate(
+                    self.joints, kind, joint, partner, ("command",), 1 / ratio
+                ),
             ]
-        velocity = self._make(kind, joint, partner, ("velocity",), ratio)
+        velocity = make_candidate(
+            self.joints, kind, joint, partner, ("velocity",), ratio
+        )
         if j.servo:  # the position agrees with its command
             return [velocity]
-        return [velocity, self._make(kind, joint, partner, ("position",), 1 / ratio)]
+        return [
+            velocity,
+            make_candidate(self.joints, kind, joint, partner, ("position",), 1 / ratio),
+        ]
 
     def _choose(
         self, options: Sequence[Candidate]
@@ -199,67 +189,69 @@ class JointCheck:
         if len(options) == 1 or self.balance.reason:
             return options[0], list(options[1:])
         tried = [self.balance.evaluate(self.mend.then(o.mend)) for o in options]
-        every = range(len(self.balance.dofs))
         best = 0
         for k in range(1, len(options)):
-            gain, p = tried[k].gain_over(tried[best], every)
+            gain, p = tried[k].gain_over(tried[best])
             if gain > CLEARLY and p < MAX_P_VALUE:
                 best = k
         equal = [
             o
             for k, o in enumerate(options)
-            if k != best and tried[best].gain_over(tried[k], every)[0] < CLEARLY
+            if k != best and tried[best].gain_over(tried[k])[0] < CLEARLY
         ]
         return options[best], equal
 
-    def _make(
-        self, kind: str, joint: str, partner: str, parts: tuple[str, ...], ratio: float
-    ) -> Candidate:
-        """A candidate: a kind of fault in some of the columns about a joint.
+    def search(self) -> list[Fault]:
+        """Faults that only the balance of torques tells, the plainest one first."""
+        if self.balance.reason:
+            return []
+        names = list(self.joints)
+        return self._search(self.balance, names, MIN_LEFT, MAX_LEFT, BASES["torque"],
+                            "torques are balanced")  # fmt: skip
+
+    def search_rollouts(self, rollouts: Rollouts) -> list[Fault]:
+        """Faults that only simulations tell: of joints in lasting contact.
 
         Args:
-            kind: "sign", "unit" or "exchange".
-            joint: name.
-            partner: the other joint of an exchange; else "".
-            parts: of "position", "velocity", "command": what is read otherwise.
-            ratio: what was written over what is right, for a unit.
+            rollouts: of the recording.
         """
-        pairs = [(joint, partner or joint)] + [(partner, joint)] * bool(partner)
-        factor = {"sign": -1.0, "unit": 1 / abs(ratio)}.get(kind, 1.0)
-        if kind == "unit" and (unit := name_unit(ratio)):
-            factor = 1 / UNITS[unit]
-        positions, commands, signals, acting, lines = {}, {}, [], [], []
-        for to, source in pairs:
-            one, other = self.joints[to], self.joints[source]
-            if "position" in parts:
-                positions[to] = (source, factor)
-            for part in ("position", "velocity"):
-                name = getattr(other, part)
-                if part in parts and name:
-                    signals.append(name)
-                    lines.append(self._write(kind, "signals", name, factor, to))
-            if "command" in parts:
-                for a, b in zip(one.commands, other.commands, strict=False):
-                    commands[a] = (b, factor)
-                    acting.append(b)
-                    lines.append(self._write(kind, "ctrl", b, factor, a))
-        mend = Mend(positions, commands)
-        columns = format_columns([*signals, *acting])
-        unit = name_unit(ratio) if kind == "unit" else ""
-        text = {
-            "sign": f"{columns}: the sign is the other one",
-            "unit": f"{columns}: the unit is {unit or 'another one'}",
-            "exchange": f"{columns} are exchanged",
-        }[kind]
-        return Candidate(
-            kind, mend, tuple(signals), tuple(acting), joint, "\n".join(lines), text
-        )
+        if not self.balance.reason or rollouts.reason:
+            return []
+        # a servo's command tells of its joint what there is to tell
+        names = [j.name for j in self.joints.values() if not j.servo]
+        return self._search(rollouts, names, MIN_MISSED, MAX_MISSED, BASES["rollout"],
+                            "simulations are right")  # fmt: skip
 
-    @staticmethod
-    def _write(kind: str, table: str, name: str, factor: float, to: str) -> str:
-        if kind == "exchange":
-            return write_mend(table, name, "targets", json.dumps([to]))
-        return write_mend(table, name, "scale", factor)
+    def _search(
+        self, explainer: Explainer, names: Sequence[str], min_left: float,
+        max_left: float, basis: str, what: str,
+    ) -> list[Fault]:  # fmt: skip
+        """Faults of which a mend explains the motion far better.
+
+        Args:
+            explainer: of the motion.
+            names: of joints.
+            min_left, max_left: shares of `find_best`.
+            basis: of the p-value.
+            what: is then explained.
+        """
+        found: list[Fault] = []
+        for _ in range(MAX_FAULTS):
+            free = [n for n in names if n not in self.mend.positions]
+            options = list_candidates(self.joints, free)
+            one = find_best(explainer, self.mend, options, min_left, max_left)
+            if one is None:
+                break
+            measured = (
+                f"then {what} to {100 * one.left:.2g} %, as the log is to "
+                f"{100 * one.given:.2g} %, {one.gain:.1f} nats a row"
+            )
+            found.append(self._make_fault(
+                one.best, one.others, measured, one.p_value, basis,
+                self.series.episodes,
+            ))  # fmt: skip
+            self.mend = self.mend.then(one.best.mend)
+        return found
 
     def _make_fault(
         self, best: Candidate, others: Sequence[Candidate], measured: str,
@@ -307,84 +299,6 @@ class JointCheck:
             one.p_value, BASES["velocity"],
             write_mend("signals", j.velocity, "skip", True),
         )  # fmt: skip
-
-    def _search(self) -> list[Fault]:
-        """Faults that only the balance of torques tells, the plainest one first."""
-        found: list[Fault] = []
-        base = self.balance.evaluate(self.mend)
-        for _ in range(MAX_FAULTS):
-            if base.unexplained.max(initial=0.0) < MIN_LEFT:
-                break
-            step = self._find_best(base)
-            if step is None:
-                break
-            best, others, after, gain, p = step
-            left, given = after.find_worst(base), base.find_worst(after)
-            measured = (
-                f"then torques are balanced to {100 * left:.2g} %, as the log is to "
-                f"{100 * given:.2g} %, {gain:.1f} nats a row"
-            )
-            found.append(self._make_fault(
-                best, others, measured, p, BASES["torque"], self.series.episodes
-            ))  # fmt: skip
-            self.mend, base = self.mend.then(best.mend), after
-        return found
-
-    def _find_best(
-        self, base: Balance
-    ) -> tuple[Candidate, list[Candidate], Balance, float, float] | None:
-        """The mend that balances the torques far better, and those as good."""
-        every = list(range(len(self.balance.dofs)))
-        options = self._list_candidates()
-        coarse = self.balance.evaluate(self.mend, SCREENED)
-        tried = []
-        for option in options:
-            mend = self.mend.then(option.mend)
-            screened = self.balance.evaluate(mend, SCREENED)
-            if screened.gain_over(coarse, every)[0] > MIN_GAIN / 2:
-                tried.append((option, self.balance.evaluate(mend)))
-        good = []
-        for option, after in tried:
-            gain, p = after.gain_over(base, every)
-            p = min(1.0, p * len(options))
-            bad, rest = base.find_worst(after), after.find_worst(base)
-            is_better = gain >= MIN_GAIN and p < MAX_P_VALUE
-            if is_better and bad > MIN_LEFT and rest < MAX_LEFT:
-                good.append((gain, option, after, p))
-        if not good:
-            return None
-        good.sort(key=lambda g: -g[0])
-        gain, best, after, p = good[0]
-        equal = [o for g, o, _, _ in good[1:] if gain - g < CLEARLY]
-        return best, equal, after, gain, p
-
-    def _list_candidates(self) -> list[Candidate]:
-        """All signs, units and exchanges that the balance of torques could tell."""
-        names = [
-            j.name for j in self.joints.values() if j.name not in self.mend.positions
-        ]
-        found = []
-        for name in names:
-            joint = self.joints[name]
-            read = ("position", "velocity") if joint.velocity else ("position",)
-            found.append(self._make("sign", name, "", read, 1.0))
-            found.append(self._make("unit", name, "", read, 1 / DEGREE))
-            if joint.commands:
-                both = (*read, "command")
-                servo = joint.servo is not None
-                found.append(
-                    self._make("sign", name, "", both if servo else ("command",), 1)
-                )
-                if servo:
-                    found.append(self._make("unit", name, "", both, 1 / DEGREE))
-        for i, one in enumerate(names):
-            for other in names[i + 1 :]:
-                joint = self.joints[one]
-                read = ("position", "velocity") if joint.velocity else ("position",)
-                found.append(self._make("exchange", one, other, read, 1.0))
-                if joint.commands and self.joints[other].commands:
-                    found.append(self._make("exchange", one, other, ("command",), 1.0))
-        return found
 
 
 def _moves(recording: Recording, signal: str) -> bool:

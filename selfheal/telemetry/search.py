@@ -1,0 +1,211 @@
+"""What else a log could mean: takes joints, tries mends, gives the one that explains.
+
+A mend is tried in what explains the motion: the balance of torques, or simulations
+where there is none.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from .fault import format_columns, write_mend
+from .joints import JointColumns
+from .pairs import UNITS, name_unit
+from .states import Mend
+
+MAX_P_VALUE = 1e-3  # of a mend, times the number of mends that were tried
+SCREENED = 4  # rows of which one is evaluated first; chosen: a quarter of the time
+CLEARLY = 0.5  # nats by which one mend is told from another; chosen
+MIN_GAIN = 1.5  # nats by which a mend must explain more; chosen: concealed physics
+# gains nothing by a wrong sign
+DEGREE = float(np.pi / 180)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing that could be wrong with the columns about a joint or two.
+
+    Attributes:
+        kind: of the fault.
+        mend: what it would be read as instead.
+        signals: whose reading changes.
+        commands: actuators whose command changes.
+        target: joint or actuator.
+        lines: of the map file.
+        text: what is wrong, as the end of a sentence.
+    """
+
+    kind: str
+    mend: Mend
+    signals: tuple[str, ...]
+    commands: tuple[str, ...]
+    target: str
+    lines: str
+    text: str
+
+
+class Explained(Protocol):
+    """How well a mended log explains the motion."""
+
+    def find_worst(self, other: Any) -> float:
+        """The largest share unexplained, of what `other` explains differently."""
+
+    def gain_over(self, other: Any) -> tuple[float, float]:
+        """Nats by which this explains more, and how likely by chance."""
+
+
+class Explainer(Protocol):
+    """What tells how well a mended log explains the motion."""
+
+    def evaluate(self, mend: Mend, every: int = 1) -> Any:
+        """How well, in each so many rows: an `Explained`."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A mend that explains the motion far better.
+
+    Attributes:
+        best: the candidate.
+        others: as good ones.
+        after: what it leaves.
+        given, left: largest share unexplained before and after [1].
+        gain: [nats].
+        p_value: of the gain, times the number of mends that were tried.
+    """
+
+    best: Candidate
+    others: tuple[Candidate, ...]
+    after: Explained
+    given: float
+    left: float
+    gain: float
+    p_value: float
+
+
+def find_best(
+    explainer: Explainer, mend: Mend, options: Sequence[Candidate],
+    min_left: float, max_left: float,
+) -> Found | None:  # fmt: skip
+    """The candidate that explains the motion far better, and those as good.
+
+    Args:
+        explainer: of the motion.
+        mend: that is made already.
+        options: the candidates.
+        min_left: share that the log as it is must leave.
+        max_left: share that a mend may leave.
+    """
+    base, coarse = explainer.evaluate(mend), explainer.evaluate(mend, SCREENED)
+    good = []
+    for option in options:
+        both = mend.then(option.mend)
+        if explainer.evaluate(both, SCREENED).gain_over(coarse)[0] < MIN_GAIN / 2:
+            continue
+        after = explainer.evaluate(both)
+        gain, p = after.gain_over(base)
+        p = min(1.0, p * len(options))
+        given, left = base.find_worst(after), after.find_worst(base)
+        is_better = gain >= MIN_GAIN and p < MAX_P_VALUE
+        if is_better and given > min_left and left < max_left:
+            good.append(Found(option, (), after, given, left, gain, p))
+    if not good:
+        return None
+    first, *rest = sorted(good, key=lambda g: -g.gain)
+    others = tuple(g.best for g in rest if first.gain - g.gain < CLEARLY)
+    return Found(
+        first.best, others, first.after, first.given, first.left, first.gain,
+        first.p_value,
+    )  # fmt: skip
+
+
+def list_candidates(
+    joints: Mapping[str, JointColumns], names: Sequence[str]
+) -> list[Candidate]:
+    """All signs, units and exchanges of some joints' columns.
+
+    Args:
+        joints: by name.
+        names: of those that are asked about.
+    """
+    found = []
+    for name in names:
+        joint = joints[name]
+        read = _list_read(joint)
+        found.append(make_candidate(joints, "sign", name, "", read, 1.0))
+        found.append(make_candidate(joints, "unit", name, "", read, 1 / DEGREE))
+        if joint.commands:
+            both = (*read, "command")
+            servo = joint.servo is not None
+            parts = both if servo else ("command",)
+            found.append(make_candidate(joints, "sign", name, "", parts, 1))
+            if servo:
+                found.append(make_candidate(joints, "unit", name, "", both, 1 / DEGREE))
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            read = _list_read(joints[one])
+            found.append(make_candidate(joints, "exchange", one, other, read, 1.0))
+            if joints[one].commands and joints[other].commands:
+                found.append(
+                    make_candidate(joints, "exchange", one, other, ("command",), 1.0)
+                )
+    return found
+
+
+def make_candidate(
+    joints: Mapping[str, JointColumns], kind: str, joint: str, partner: str,
+    parts: tuple[str, ...], ratio: float,
+) -> Candidate:  # fmt: skip
+    """A candidate: a kind of fault in some of the columns about a joint.
+
+    Args:
+        joints: by name.
+        kind: "sign", "unit" or "exchange".
+        joint: name.
+        partner: the other joint of an exchange; else "".
+        parts: of "position", "velocity", "command": what is read otherwise.
+        ratio: what was written over what is right, for a unit.
+    """
+    pairs = [(joint, partner or joint)] + [(partner, joint)] * bool(partner)
+    factor = {"sign": -1.0, "unit": 1 / abs(ratio)}.get(kind, 1.0)
+    if kind == "unit" and (unit := name_unit(ratio)):
+        factor = 1 / UNITS[unit]
+    positions, commands, signals, acting, lines = {}, {}, [], [], []
+    for to, source in pairs:
+        one, other = joints[to], joints[source]
+        if "position" in parts:
+            positions[to] = (source, factor)
+        for part in ("position", "velocity"):
+            name = getattr(other, part)
+            if part in parts and name:
+                signals.append(name)
+                lines.append(_write(kind, "signals", name, factor, to))
+        if "command" in parts:
+            for a, b in zip(one.commands, other.commands, strict=False):
+                commands[a] = (b, factor)
+                acting.append(b)
+                lines.append(_write(kind, "ctrl", b, factor, a))
+    mend = Mend(positions, commands)
+    columns = format_columns([*signals, *acting])
+    unit = name_unit(ratio) if kind == "unit" else ""
+    text = {
+        "sign": f"{columns}: the sign is the other one",
+        "unit": f"{columns}: the unit is {unit or 'another one'}",
+        "exchange": f"{columns} are exchanged",
+    }[kind]
+    return Candidate(
+        kind, mend, tuple(signals), tuple(acting), joint, "\n".join(lines), text
+    )
+
+
+def _list_read(joint: JointColumns) -> tuple[str, ...]:
+    return ("position", "velocity") if joint.velocity else ("position",)
+
+
+def _write(kind: str, table: str, name: str, factor: float, to: str) -> str:
+    if kind == "exchange":
+        return write_mend(table, name, "targets", json.dumps([to]))
+    return write_mend(table, name, "scale", factor)
