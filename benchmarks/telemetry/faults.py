@@ -12,6 +12,9 @@ from selfheal.recording import Episode, Recording, Signal
 from selfheal.telemetry.joints import JointColumns, list_joints
 
 Values = np.ndarray
+DRIFT = 0.25  # [s] by which a clock is late when the longest episode ends
+SHORT = 15.0  # [s] in all, of a log whose clocks are not made to drift
+HOLDS = (2, 9)  # samples that a repeated reading lasts, from and below
 LATE_VELOCITY, LATE_COMMAND = 0.25, 0.45  # [s] that a column is late
 RANGE_SHARE = 0.6  # of the readings' span that a narrowed range keeps
 
@@ -62,6 +65,7 @@ def inject_faults(
         )  # fmt: skip
     yield from _inject_bodies(recording, model)
     yield from _inject_times(recording, model)
+    yield from _inject_drift(recording, model)
 
 
 def _inject_joint(
@@ -100,10 +104,36 @@ def _inject_joint(
             recording, lambda e: _change(e, position, lambda t, x: _delay(t, x, late))
         )
         yield Injection("late", ("delay",), both, delayed, model)
+    samples = int(rng.integers(*HOLDS))
+    stale = _edit(
+        recording, lambda e: _change(e, both, lambda t, x: _hold_samples(x, samples))
+    )
+    yield Injection("repeated", ("stale",), both, stale, model)
     yield Injection(
         "range", ("joint_range",), position, recording,
         _narrow(recording, model, joint),
     )  # fmt: skip
+
+
+def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
+    """A clock that runs slow: of all velocities, or of all readings of servos."""
+    joints = list_joints(recording, model)
+    longest = max(float(np.ptp(e.time)) for e in recording.episodes.values())
+    speeds = frozenset(j.velocity for j in joints if j.velocity and j.position)
+    led = frozenset(j.position for j in joints if j.position and j.servo)
+    first = next(iter(recording.episodes.values()))
+    for name, columns, of in (
+        ("drifting velocities", speeds, speeds),
+        ("drifting readings", frozenset(first.signals), led),
+    ):
+        if of and sum(np.ptp(e.time) for e in recording.episodes.values()) > SHORT:
+            drifting = _edit(
+                recording,
+                lambda e, c=columns: _change(
+                    e, c, lambda t, x: _stretch(t, x, DRIFT / longest)
+                ),
+            )
+            yield Injection(name, ("clock_drift",), of, drifting, model)
 
 
 def _inject_bodies(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
@@ -191,3 +221,20 @@ def _narrow(
 def _moves(recording: Recording, name: str) -> bool:
     x = np.concatenate([e.signals[name].values for e in recording.episodes.values()])
     return bool(np.nanstd(x) > 0.05)
+
+
+def _hold_samples(x: Values, samples: int) -> Values:
+    """Readings of which each is repeated until the next of so many samples."""
+    return x[np.arange(len(x)) // samples * samples]
+
+
+def _stretch(time: Values, x: Values, slope: float) -> Values:
+    """Readings (T, ...) that come later by `slope` each second."""
+    late = time - slope * (time - time[0])
+    columns = x.reshape(len(time), -1)
+    out = np.full(columns.shape, np.nan)
+    for c, column in enumerate(columns.T):
+        known = np.isfinite(column)
+        if known.any():
+            out[:, c] = np.interp(late, time[known], column[known])
+    return np.where(np.isfinite(columns), out, np.nan).reshape(x.shape)

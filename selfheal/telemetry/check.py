@@ -12,6 +12,7 @@ from .joints import list_joints
 from .ranges import find_beyond
 from .rollouts import Rollouts
 from .series import build_series
+from .stale import find_stale
 from .states import X_Y_Z_W, Mend
 from .timing import find_time_faults
 from .torques import find_torque_faults
@@ -48,7 +49,12 @@ def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetr
     recording = replace(recording, episodes=episodes)
     joints = list_joints(recording, model)
     commands = {column: j.commands for j in joints for column in j.columns}
-    faults = [*find_time_faults(recording), *find_held(recording, commands)]
+    goals = {column: j.servo.command for j in joints if j.servo for column in j.columns}
+    faults = [
+        *find_time_faults(recording),
+        *find_held(recording, commands),
+        *find_stale(recording, goals),
+    ]
     held = {c for f in faults if f.kind == "frozen" for c in f.columns}
     series = build_series(recording)
     if series.kernel > MAX_KERNEL:

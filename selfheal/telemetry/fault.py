@@ -28,6 +28,9 @@ KINDS: Mapping[str, bool] = {
     "joint_range": False,
     "command_range": False,
     "torque_is_command": False,
+    "stale": False,
+    "clock_drift": False,
+    "odd_episode": False,
 }
 
 
@@ -121,13 +124,15 @@ def write_mend(table: str, name: str, key: str, value: float | str | bool) -> st
         table: "signals" or "ctrl".
         name: of the signal or the actuator.
         key: what is changed: "sign", "scale", "delay", "order", "columns", "targets",
-            or "skip".
+            "skip", or "repeats".
         value: to what; a list is a text.
     """
     rule = "[[signals]]" if table == "signals" else '[[signals]] kind = "command",'
     place = f"{rule} of {json.dumps(name)}"
     if key == "skip":
         return f"{place}: leave the column out"
+    if key == "repeats":
+        return f"{place}: leave repeated cells empty in the log, or the column out"
     is_list = isinstance(value, str) and value.startswith("[")
     text = f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
     if key == "scale" and value == -1:

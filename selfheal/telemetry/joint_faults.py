@@ -17,6 +17,7 @@ from .disagreements import (
     Disagreement,
     find_disagreements,
 )
+from .drift import find_drift
 from .fault import Fault, format_columns, write_mend
 from .joints import JointColumns
 from .rollouts import Rollouts
@@ -71,10 +72,15 @@ class JointCheck:
         self.joints = {j.name: j for j in joints}
         self.series = series
         self.balance = TorqueBalance(recording, model, joints, series)
-        self.with_velocity = find_disagreements(
-            self._pair_velocities(recording), series
+        pairs = self._pair_velocities(recording), self._pair_commands()
+        self.with_velocity, self.with_command = (
+            find_disagreements(pair, series) for pair in pairs
         )
-        self.with_command = find_disagreements(self._pair_commands(), series)
+        self.drifts = [
+            fault
+            for what, pair in zip(("velocity", "command"), pairs, strict=True)
+            for fault in find_drift(pair, joints, series, what)
+        ]
         self.mend = Mend()
 
     def _pair_velocities(self, recording: Recording) -> Comparison:
@@ -107,12 +113,17 @@ class JointCheck:
     def find_faults(self) -> list[Fault]:
         """Faults of columns that contradict each other."""
         by_joint: dict[tuple[str, str, str], dict[str, Disagreement]] = {}
+        drifting = {c for f in self.drifts for c in f.columns}
         for what, every in (
             ("velocity", self.with_velocity), ("command", self.with_command),
         ):  # fmt: skip
             for one in every:
+                if one.kind in ("delay", "derivative") and drifting & {
+                    *self.joints[one.joint].columns
+                }:
+                    continue
                 by_joint.setdefault((one.kind, one.joint, one.partner), {})[what] = one
-        found = []
+        found = list(self.drifts)
         for (kind, joint, partner), seen in by_joint.items():
             if kind in ("sign", "unit", "exchange"):
                 found.append(self._locate(kind, joint, partner, seen))

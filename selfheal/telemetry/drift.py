@@ -1,0 +1,212 @@
+"""Drifting clocks: takes pairs of columns, finds delays that grow all along the log.
+
+Two clocks that run at different rates part by the same time each second, in every
+episode. A delay that physics causes stays, or changes once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..recording.data import Floats
+from .disagreements import Comparison
+from .fault import Fault, format_columns
+from .pairs import SAME
+from .series import Series
+
+if TYPE_CHECKING:
+    from .joints import JointColumns
+
+MAX_ROWS = 2000  # that are compared; chosen: some milliseconds
+# delays that are tried first: growth in the longest episode [s], and grid rows; chosen
+FIRST_GROWTHS, FIRST_ROWS = np.linspace(-0.45, 0.45, 7), 3
+STEPS = 6  # of Gauss and Newton; chosen: a delay is found in four
+MIN_BLOCKS = 10  # of a second each, that are compared; chosen: three unknowns
+# [s] by which a delay grows in the longest episode; chosen: a velocity is filtered
+# alike all the time, and a servo's lag changes with its speed and its load
+MIN_GROWTH = {"velocity": 0.03, "command": 0.1}
+# share of joints whose delays grow alike, to within a factor; chosen: one that wears
+# or warms up does so alone
+ALIKE_SHARE, ALIKE = 0.6, 2.0
+MAX_P_VALUE = 1e-6  # times the number of pairs; chosen: one log in a million
+BASIS = (
+    "t test of a delay's slope over time, with the errors of blocks of a second "
+    "(sandwich estimator, White 1980), times the number of joints"
+)
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How the delay of a joint's column grows.
+
+    Attributes:
+        slope: [s/s].
+        p_value: of no slope.
+        seconds: of the longest episode.
+    """
+
+    slope: float
+    p_value: float
+    seconds: float
+
+
+def find_drift(
+    comparison: Comparison, joints: Sequence["JointColumns"], series: Series, what: str
+) -> list[Fault]:
+    """One fault where the delays of most joints grow alike.
+
+    Args:
+        comparison: of two columns of each joint.
+        joints: with their columns.
+        series: of the recording.
+        what: "velocity" or "command": what is compared with the position.
+    """
+    every = {j.name: measure_growth(comparison, j.name, series)
+             for j in joints if j.name in comparison.first}  # fmt: skip
+    known = {name: g for name, g in every.items() if g is not None}
+    sure = {n: g for n, g in known.items()
+            if abs(g.slope) * g.seconds > MIN_GROWTH[what]
+            and g.p_value * len(known) < MAX_P_VALUE}  # fmt: skip
+    if not sure:
+        return []
+    slope = float(np.median([g.slope for g in sure.values()]))
+    alike = [n for n, g in known.items() if 1 / ALIKE < g.slope / slope < ALIKE]
+    if len(alike) < ALIKE_SHARE * len(known):
+        return []
+    names = [getattr(j, "velocity" if what == "velocity" else "position")
+             for j in joints if j.name in alike]  # fmt: skip
+    other = "their positions" if what == "velocity" else "their commands"
+    first = sure[next(iter(sure))]
+    return [Fault(
+        "clock_drift", series.episodes, tuple(names), next(iter(sure)),
+        f"{format_columns(names)} come {abs(1e3 * slope):.3g} ms "
+        f"{'later' if slope > 0 else 'earlier'} against {other} each second: "
+        f"{abs(slope) * first.seconds:.2g} s in an episode",
+        max(min(g.p_value for g in sure.values()) * len(known), 1e-300), BASIS,
+        f"[time.streams.NAME] of {format_columns(names)}: stretch = {1 - slope:.6g}",
+    )]  # fmt: skip
+
+
+def measure_growth(comparison: Comparison, joint: str, series: Series) -> Growth | None:
+    """How the delay of a joint's second column grows; None where too little tells.
+
+    Args:
+        comparison: of two columns of each joint.
+        joint: its name.
+        series: of the recording.
+    """
+    from scipy.stats import t as student
+
+    pair = _Pair.of(comparison.first[joint], comparison.second[joint], series)
+    if len(np.unique(pair.block)) < MIN_BLOCKS:
+        return None
+    low, high = comparison.lags
+    first = [
+        (lag * series.step, growth / pair.seconds)
+        for growth in FIRST_GROWTHS
+        for lag in range(low, high + 1, FIRST_ROWS)
+    ]
+    delay, slope = max(first, key=lambda f: pair.correlate(*f))
+    for _ in range(STEPS):
+        moved, _ = pair.linearize(delay, slope)
+        delay, slope = delay + moved[0], slope + moved[1]
+        if not abs(slope) * pair.seconds < 2 * FIRST_GROWTHS[-1]:
+            return None
+    if pair.correlate(delay, slope) < np.sqrt(SAME):
+        return None
+    error = pair.linearize(delay, slope)[1]
+    free = len(np.unique(pair.block)) - 3
+    p = 2 * float(student.sf(abs(slope) / max(error, 1e-12), free))
+    return Growth(float(slope), p, pair.seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """Two columns of which the second comes late.
+
+    Attributes:
+        x: (N) the first one, of all rows, 0 where it is not known.
+        known: (N) 1 where it is.
+        rows: (n) numbers of the rows that are compared.
+        y: (n) the second column.
+        since: (n) time since the middle of the episode [s].
+        block: (n) number of the block.
+        step: of the grid [s].
+        seconds: of the longest episode.
+        ends: (n, 2) first and last row of the episode.
+    """
+
+    x: Floats
+    known: Floats
+    rows: np.ndarray
+    y: Floats
+    since: Floats
+    block: np.ndarray
+    step: float
+    seconds: float
+    ends: np.ndarray
+
+    @classmethod
+    def of(cls, x: Floats, y: Floats, series: Series) -> "_Pair":
+        """The pair of two columns (N), without the means of episodes."""
+        known = np.isfinite(x)
+        x, y = (_center(c, series.episode) for c in (x, y))
+        rows = np.flatnonzero(np.isfinite(y))
+        if len(rows) > MAX_ROWS:
+            rows = rows[np.linspace(0, len(rows) - 1, MAX_ROWS).astype(int)]
+        every = np.arange(len(series.ids))
+        first = np.searchsorted(series.episode, every)
+        last = np.searchsorted(series.episode, every, side="right") - 1
+        of = series.episode[rows]
+        since = (rows - (first[of] + last[of]) / 2) * series.step
+        seconds = float((last - first).max(initial=0) * series.step)
+        return cls(
+            np.nan_to_num(x), known.astype(float), rows, y[rows], since,
+            series.block[rows], series.step, max(seconds, series.step),
+            np.stack([first[of], last[of]], axis=1),
+        )  # fmt: skip
+
+    def read(self, delay: float, slope: float) -> tuple[Floats, Floats, np.ndarray]:
+        """The first column (n) that much earlier, its rate, and where they are known.
+
+        Args:
+            delay: at the middle of an episode [s].
+            slope: of the delay [s/s].
+        """
+        at = self.rows - (delay + slope * self.since) / self.step
+        every = np.arange(len(self.x))
+        ok = (at >= self.ends[:, 0]) & (at <= self.ends[:, 1] - 1)
+        ok &= np.interp(at, every, self.known) > 1 - 1e-9
+        rate = np.gradient(self.x) / self.step
+        return np.interp(at, every, self.x), np.interp(at, every, rate), ok
+
+    def correlate(self, delay: float, slope: float) -> float:
+        """Correlation at a delay that grows; -1 where too little is known."""
+        x, _, ok = self.read(delay, slope)
+        if ok.sum() < len(self.rows) / 2:
+            return -1.0
+        size = float(np.sqrt((x[ok] @ x[ok]) * (self.y[ok] @ self.y[ok])))
+        return float(x[ok] @ self.y[ok]) / size if size > 0 else -1.0
+
+    def linearize(self, delay: float, slope: float) -> tuple[Floats, float]:
+        """Steps (2) of delay and slope that fit better, and the slope's error."""
+        x, rate, ok = self.read(delay, slope)
+        design = np.stack([x, -rate, -rate * self.since], axis=1)[ok]
+        y, block = self.y[ok], self.block[ok]
+        inverse = np.linalg.pinv(design.T @ design)
+        found = inverse @ design.T @ y
+        rest = (y - design @ found)[:, None] * design
+        sums = np.stack([np.bincount(block, c) for c in rest.T], axis=1)
+        spread = inverse @ (sums.T @ sums) @ inverse
+        gain = found[0] if abs(found[0]) > 1e-9 else np.inf
+        return found[1:] / gain, float(np.sqrt(spread[2, 2])) / abs(gain)
+
+
+def _center(values: Floats, episode: np.ndarray) -> Floats:
+    """Values (N) without the mean of each episode."""
+    known = np.isfinite(values)
+    count = np.bincount(episode[known], minlength=int(episode.max(initial=0)) + 1)
+    total = np.bincount(episode[known], values[known], minlength=len(count))
+    return values - (total / np.maximum(count, 1))[episode]

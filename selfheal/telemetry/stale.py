@@ -1,0 +1,161 @@
+"""Repeated readings: takes raw columns, finds those that hold each reading for a time.
+
+A quantized column repeats a reading where it moves slowly. Between two jumps in one
+direction it moves fast: there a step of nothing is no likelier than one of a quantum.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..recording import Recording
+from ..recording.data import Floats
+from .columns import CHECKED
+from .fault import Fault, format_columns, write_mend
+
+MIN_JUMPS = 12  # between which readings repeat; chosen: half a second of motion
+JUMP = 5.0  # quanta of a step that is a jump; chosen: quantization steps by one or two
+LONGEST = 0.5  # [s] that a reading is held; chosen: longer is `frozen`
+# share of the readings between jumps that are held; and of the holds that last as long
+# as usual, to one sample; chosen: a joint that sticks and slips holds as it pleases
+HELD_SHARE, REGULAR_SHARE = 0.8, 0.8
+# probability at most of a step of nothing, among those of a quantum to each side and
+# none; chosen: a third, and some for a column that comes to rest
+NOTHING = 0.5
+MAX_P_VALUE = 1e-6  # times the number of columns; chosen: one log in a million
+BASIS = (
+    "binomial test: between jumps of one direction, a step of nothing is no likelier "
+    "than a step of a quantum; times the number of columns"
+)
+
+
+@dataclass(frozen=True)
+class Hold:
+    """How a column of an episode repeats its readings.
+
+    Attributes:
+        samples: that one reading lasts.
+        seconds: the same [s].
+        nothing, other: steps between jumps that are nothing, and that are not.
+    """
+
+    samples: int
+    seconds: float
+    nothing: int
+    other: int
+
+
+def find_stale(recording: Recording, goals: Mapping[str, str]) -> list[Fault]:
+    """Signals that hold each reading for several samples, while others go on.
+
+    Args:
+        recording: of the robot.
+        goals: names of the commands of servos, by signal that reads their joint.
+    """
+    held: dict[str, list[tuple[str, Hold]]] = {}
+    count = 0
+    for episode, name, time, values in _list_columns(recording):
+        count += 1
+        hold = measure_hold(time, values)
+        if hold and not _follows(recording, episode, goals.get(name), hold):
+            held.setdefault(name, []).append((episode, hold))
+    return list(_tell(recording, held, count))
+
+
+def measure_hold(time: Floats, values: Floats) -> Hold | None:
+    """How a column (T) holds its readings; None where it does not.
+
+    Args:
+        time: (T) [s].
+        values: (T) [unit], all known.
+    """
+    steps = np.diff(values)
+    moving = np.abs(steps[steps != 0])
+    if moving.size < MIN_JUMPS:
+        return None
+    quantum = float(moving.min())
+    # rounding of numbers is no quantum
+    quantum = max(quantum, 1e-9 * float(np.abs(values).max()))
+    jumps = np.flatnonzero(np.abs(steps) > JUMP * quantum)
+    if jumps.size < MIN_JUMPS:
+        return None
+    lengths = np.diff(jumps)
+    usual = float(np.median(np.diff(time)))
+    same = np.sign(steps[jumps[1:]]) == np.sign(steps[jumps[:-1]])
+    same &= lengths * usual < LONGEST
+    lengths, first = lengths[same], jumps[:-1][same]
+    if lengths.size < MIN_JUMPS:
+        return None
+    total = np.concatenate([[0], np.cumsum(steps != 0)])
+    still = total[first + lengths] - total[first + 1] == 0
+    holds = lengths[still & (lengths > 1)]
+    if holds.size < max(MIN_JUMPS, HELD_SHARE * lengths.size):
+        return None
+    samples = int(np.median(holds))
+    if np.mean(np.abs(holds - samples) <= 1) < REGULAR_SHARE:
+        return None
+    nothing = int((holds - 1).sum())
+    other = int((lengths - 1).sum()) - nothing
+    return Hold(samples, samples * usual, nothing, other)
+
+
+def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -> bool:
+    """Whether a column is held as long as its servo's goal: then it may just follow."""
+    if goal is None:
+        return False
+    e = recording.episodes[episode]
+    changes = np.flatnonzero(np.diff(e.ctrl[:, e.ctrl_names.index(goal)]))
+    usual = float(np.median(np.diff(changes))) if changes.size > 1 else 0.0
+    return abs(usual - hold.samples) <= 1
+
+
+def _list_columns(
+    recording: Recording,
+) -> Iterator[tuple[str, str, Floats, Floats]]:
+    """Episode, signal, times and readings of each signal's most moving column."""
+    for episode, e in recording.episodes.items():
+        for name, signal in e.signals.items():
+            values = signal.values.reshape(e.time.size, -1)
+            read = np.isfinite(values).all(axis=1)
+            if signal.kind not in (*CHECKED, "joint_torque") or read.sum() < MIN_JUMPS:
+                continue
+            column = int(np.argmax(np.std(values[read], axis=0)))
+            yield episode, name, e.time[read], values[read, column]
+
+
+def _tell(
+    recording: Recording, held: Mapping[str, Sequence[tuple[str, Hold]]], count: int
+) -> Iterator[Fault]:
+    """A fault of all columns that are held alike.
+
+    Args:
+        recording: of the robot.
+        held: episodes and holds of each signal.
+        count: of the columns that were looked at.
+    """
+    from scipy.stats import binom
+
+    alike: dict[int, list[str]] = {}
+    p_values = dict[str, float]()
+    for name, cases in held.items():
+        nothing = sum(h.nothing for _, h in cases)
+        total = nothing + sum(h.other for _, h in cases)
+        p_values[name] = max(
+            float(binom.sf(nothing - 1, total, NOTHING)) * count, 1e-300
+        )
+        if p_values[name] < MAX_P_VALUE:
+            samples = int(np.median([h.samples for _, h in cases]))
+            alike.setdefault(samples, []).append(name)
+    for samples, names in alike.items():
+        cases = [case for name in names for case in held[name]]
+        seconds = float(np.median([h.seconds for _, h in cases]))
+        signal = recording.episodes[cases[0][0]].signals[names[0]]
+        yield Fault(
+            "stale", tuple(dict.fromkeys(k for k, _ in cases)), tuple(names),
+            signal.target,
+            f"{format_columns(names)} hold{'s' * (len(names) == 1)} each reading for "
+            f"{samples} samples, {1e3 * seconds:.3g} ms, while the joint or body moves",
+            max(p_values[n] for n in names), BASIS,
+            "\n".join(write_mend("signals", n, "repeats", True) for n in names),
+        )  # fmt: skip
