@@ -105,6 +105,8 @@ def print_import(report: "ImportReport", path: Path) -> None:
             f"{1000 * report.lag[1]:.0f} ms later: the drives' delay and lag, or one "
             "shift between the two clocks, which this log cannot tell apart."
         )
+    for log, losses in report.losses.items():
+        print_line(f"damaged, and left out of {log}: {'; '.join(losses)}.")
     if report.sorted:
         print_line(f"{report.sorted} rows stood behind later ones and were sorted in.")
     if report.dropped:

@@ -45,11 +45,14 @@ class Log(ABC):
         path: file or folder.
         streams: all that it holds.
         robot: name of the robot where the log states it.
+        losses: what of the log is damaged and was left out, in words. It is known
+            when all was read.
     """
 
     path: Path
     streams: Sequence[Stream]
     robot: str | None = None
+    losses: Sequence[str] = ()
 
     @abstractmethod
     def read(

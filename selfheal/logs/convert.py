@@ -70,6 +70,8 @@ def import_logs(
             with Spool(Path(os.path.realpath(path)).parent) as spool:
                 converter = Converter(log, log_map, channels, spool, prefix)
                 converter.read_log(report)
+                if log.losses:
+                    made.losses[str(log.path)] = list(dict.fromkeys(log.losses))
                 for episode_id, parts in converter.convert(made):
                     for part in parts:
                         writer.append(episode_id, part)

@@ -24,6 +24,7 @@ from .timeline import (
     find_rows,
     merge_times,
     read_clock,
+    shorten_rows,
     split_episodes,
     take_rows,
 )
@@ -185,7 +186,7 @@ class Converter:
             if not channel.columns:
                 continue
             clock = clocks[channel.stream, channel.delay]
-            end = int(np.searchsorted(clock, start + TIME_RESOLUTION))
+            end = int(np.searchsorted(clock, start + TIME_RESOLUTION, side="right"))
             blocks = range(max(end - _BLOCK, 0), -1, -_BLOCK)
             last = self._find_command(channel, span, [*blocks, 0], end)
             assert last is not None  # there is one at or before `start`
@@ -294,44 +295,58 @@ class Converter:
     def _read_block(
         self,
         channel: Channel,
-        found: Mapping[tuple[str, float], tuple[Indices, Indices, Indices]],
+        found: Mapping[tuple[str, float], "_Found"],
         size: int,
     ) -> Floats:
         """Values (T, d) of a channel in a block; NaN where it has none.
 
         Args:
             channel: that is read.
-            found: rows by stream and delay, as `_find_in_block` gives them.
+            found: rows by stream and delay.
             size: T.
         """
         values = np.full((size, max(1, len(channel.columns))), np.nan)
         if not channel.columns:
             values[:] = channel.offset
             return values
-        taken, place, rows = found[channel.stream, channel.delay]
-        if not taken.size:
-            return values
+        rows = found[channel.stream, channel.delay]
         for k, column in enumerate(channel.columns):
-            values[place, k] = self._read_rows(channel.stream, column, taken)[rows]
-        values[place] = channel.convert(values[place])
+            piece = self.spool.read(channel.stream, column, rows.first, rows.end)
+            values[rows.place, k] = piece[rows.chosen]
+        values[rows.place] = channel.convert(values[rows.place])
         return values
 
 
-def _find_in_block(
-    rows: Indices, clock: Floats, time: Floats
-) -> tuple[Indices, Indices, Indices]:
+@dataclass(frozen=True)
+class _Found:
+    """Rows of a stream that a block of a time base holds.
+
+    Attributes:
+        first: of the stream's rows around them.
+        end: row behind the last of those.
+        chosen: (M) which of those they are.
+        place: (M) their rows in the block.
+    """
+
+    first: int
+    end: int
+    chosen: Indices | slice
+    place: Indices | slice
+
+
+def _find_in_block(rows: Indices, clock: Floats, time: Floats) -> _Found:
     """Rows of a stream that a block of a time base holds.
 
     Args:
         rows: (n) of an episode.
         clock: (n) [s] their times.
         time: (T) [s] of the block.
-
-    Returns:
-        Rows around the block; and what `find_rows` makes of their times.
     """
     low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
-    return rows[low:high], *find_rows(time, clock[low:high])
+    place, near = find_rows(time, clock[low:high])
+    found = rows[low:high][near]
+    first, end = (int(found.min()), int(found.max()) + 1) if found.size else (0, 0)
+    return _Found(first, end, shorten_rows(found - first), shorten_rows(place))
 
 
 def _is_vector(channel: Channel) -> bool:

@@ -39,6 +39,7 @@ class ImportReport:
         sorted: rows that stood behind a later one and were sorted in.
         dropped: rows without a time or with one that another row has.
         before_command: rows left out before the first command of their episode.
+        losses: what of a log is damaged and was left out, by the log's path.
     """
 
     episodes: list[EpisodeReport] = field(default_factory=list)
@@ -48,6 +49,7 @@ class ImportReport:
     sorted: int = 0
     dropped: int = 0
     before_command: int = 0
+    losses: dict[str, list[str]] = field(default_factory=dict)
 
     def add_mended(self, mended: Mended) -> None:
         """Count what was mended in a log."""

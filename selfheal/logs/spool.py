@@ -1,10 +1,11 @@
 """Columns of a log on the disk: rows in as they are read; single columns out."""
 
 import tempfile
+from bisect import bisect_right
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,20 @@ from ..files import make_write_error
 from .base import Rows, Values
 
 Floats = NDArray[np.float64]
+
+
+class _Piece(NamedTuple):
+    """Rows of a column that follow each other in the file.
+
+    Attributes:
+        first: of the rows.
+        rows: how many.
+        place: in the file [B].
+    """
+
+    first: int
+    rows: int
+    place: int
 
 
 class Spool:
@@ -35,11 +50,11 @@ class Spool:
             InputError: nothing can be written there.
         """
         self.rows: dict[str, int] = {}
-        self._pieces: dict[tuple[str, str], list[tuple[int, int]]] = {}
+        self._pieces: dict[tuple[str, str], list[_Piece]] = {}
         self._labels: dict[tuple[str, str], dict[str, int]] = {}
         self._folder = folder
         try:
-            self._file: Any = tempfile.TemporaryFile(dir=folder)
+            self._file: Any = tempfile.TemporaryFile(dir=folder, buffering=0)
         except OSError as error:
             raise make_write_error(f"into {folder}", error) from error
 
@@ -60,19 +75,20 @@ class Spool:
         Raises:
             SelfhealError: the disk is full.
         """
-        count = 0
+        count, first = 0, self.rows.get(stream, 0)
         for name, values in rows.items():
             count = len(values)
             key = stream, name
             numbers = np.ascontiguousarray(self._encode(key, values))
             try:
-                start = self._file.seek(0, 2)
-                self._file.write(numbers.data)
-                self._file.flush()
+                place = self._file.seek(0, 2)
+                left = numbers.data.cast("B") if count else b""
+                while left:
+                    left = left[self._file.write(left) :]
             except OSError as error:
                 raise make_write_error(f"into {self._folder}", error) from error
-            self._pieces.setdefault(key, []).append((start, count))
-        self.rows[stream] = self.rows.get(stream, 0) + count
+            self._pieces.setdefault(key, []).append(_Piece(first, count, place))
+        self.rows[stream] = first + count
 
     def _encode(self, key: tuple[str, str], values: Values) -> Floats:
         """Values as numbers: texts by their number in order of appearance."""
@@ -91,16 +107,18 @@ class Spool:
             start: first row.
             end: row behind the last one; -1: all that there are.
         """
-        end = self.rows.get(stream, 0) if end < 0 else end
-        parts, row = [np.empty(0)], 0
-        for place, count in self._pieces.get((stream, column), ()):
-            low, high = max(start - row, 0), min(end - row, count)
-            if low < high:
-                self._file.seek(place + 8 * low)
-                content = self._file.read(8 * (high - low))
-                parts.append(np.frombuffer(content, dtype=np.float64))
-            row += count
-        return np.concatenate(parts)
+        count = self.rows.get(stream, 0)
+        end = count if end < 0 else min(end, count)
+        pieces = self._pieces.get((stream, column), [])
+        found, done = np.empty(max(end - start, 0)), 0
+        k = max(bisect_right(pieces, start, key=lambda piece: piece.first) - 1, 0)
+        while k < len(pieces) and done < found.size:
+            skipped = start + done - pieces[k].first
+            part = found[done:][: pieces[k].rows - skipped]
+            self._file.seek(pieces[k].place + 8 * skipped)
+            self._file.readinto(part.data.cast("B") if part.size else b"")
+            done, k = done + part.size, k + 1
+        return found[:done]
 
     def get_labels(self, stream: str, column: str) -> Mapping[int, str]:
         """Texts of a column by the numbers that stand for them; none: of numbers."""

@@ -161,11 +161,16 @@ def _count_rows(start: int, end: int) -> Indices:
     return np.arange(start, end, dtype=np.int32 if end < 2**31 else np.int64)
 
 
+def shorten_rows(rows: Indices) -> Indices | slice:
+    """Rows (n), as a slice where they are all of a range: it takes no copy."""
+    if rows.size and rows[-1] - rows[0] == rows.size - 1 and (np.diff(rows) == 1).all():
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
+
+
 def take_rows(values: Floats, rows: Indices) -> Floats:
     """Rows (n) of values (N); where they are all of a range, no copy of it."""
-    if rows.size and rows[-1] - rows[0] == rows.size - 1 and (np.diff(rows) == 1).all():
-        return values[rows[0] : rows[-1] + 1]
-    return values[rows]
+    return values[shorten_rows(rows)]
 
 
 def _sort_rows(time: Floats, rows: Indices, mended: Mended) -> Indices:

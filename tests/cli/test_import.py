@@ -96,3 +96,13 @@ def test_what_cannot_be_done_is_one_message(home, words, said):
     assert ended.stderr.startswith("selfheal: ") and said in ended.stderr
     assert ended.stderr.count("selfheal: ") == 1
     assert sorted(path.name for path in home.iterdir()) == before
+
+
+def test_a_line_that_is_cut_off_is_left_out_and_told(home):
+    with (home / "log.csv").open("a") as file:
+        file.write("5.0,0.1")
+    words = "recording import log.csv --model robot.xml --map map.toml --out rec.h5"
+    result = CliRunner().invoke(app, words.split())
+    assert result.exit_code == 0
+    assert "left out of log.csv: the last line is cut off." in result.stdout
+    assert read("rec.h5").episodes["000"].time.size == 500

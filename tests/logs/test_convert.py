@@ -123,6 +123,25 @@ def test_commands_of_two_streams_begin_with_what_was_held(tmp_path):
     assert episode.ctrl.tolist() == [[1, 3], [2, 3], [2, 4]]
 
 
+@pytest.mark.parametrize("start", [1e10, 1e16, -1e300])
+def test_a_command_at_a_time_of_any_size_is_found(start, tmp_path):
+    table = _table(3) | {"t": start * np.ones(3)}
+    text = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
+    recording, made = _import(TableLog({"": table}), text, tmp_path)
+    assert recording.episodes["000"].ctrl.tolist() == [
+        [table["u_hip"][0], table["u_knee"][0]]
+    ]
+    assert made.dropped == 2
+
+
+def test_what_a_damaged_log_lost_is_told(tmp_path):
+    log = TableLog({"": _table()})
+    log.losses = ["the last line is cut off"] * 2
+    text = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
+    made = _import(log, text, tmp_path)[1]
+    assert made.losses == {"run.csv": ["the last line is cut off"]}
+
+
 def test_a_delay_and_a_clock_move_rows_in_time(tmp_path):
     streams = {"a": _table(20), "b": {"n": np.arange(10.0), "w": np.arange(10.0)}}
     text = (

@@ -31,7 +31,7 @@ def convert_array(array: Any) -> Values:
         texts = ["" if cell is None else str(cell) for cell in array.to_pylist()]
         return convert_cells(texts)
     numbers = pc.cast(array, pa.float64(), safe=False)
-    values = np.array(numbers.to_numpy(zero_copy_only=False), dtype=float)
+    values: Values = numbers.to_numpy(zero_copy_only=False)
     return values if scale == 1 else values / scale
 
 

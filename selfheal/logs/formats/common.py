@@ -20,6 +20,7 @@ MAX_COLUMNS = 10_000  # of a stream; chosen: ten times those of a humanoid's who
 # elements of a vector that become columns each; chosen: above any state of a robot,
 # below any picture
 MAX_ELEMENTS = 1_000
+CUT_LINE = "the last line is cut off"
 PIECE_VALUES = 1_000_000  # of a piece of a stream; chosen: 8 MB as float64
 
 

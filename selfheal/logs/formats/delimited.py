@@ -3,6 +3,8 @@
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,9 @@ from ...errors import InputError
 from ..base import Log, LogFormat, Report, Rows, Stream, Values
 from .arrow import convert_array
 from .common import (
+    CUT_LINE,
     check_wanted,
+    clean_text,
     explain_damage,
     get_size,
     import_extra,
@@ -20,10 +24,9 @@ from .common import (
     read_start,
 )
 from .dialect import COMMENTS, MISSING, Dialect, find_dialect, part_list
+from .text_blocks import GZIP, Block, cut_blocks, map_in_order, open_text
 
 _SAMPLE = 262_144  # bytes that tell the dialect; chosen: a thousand rows, or nearly
-_BLOCK = 1_000_000  # bytes that are parsed at once; chosen: a row has fewer
-_GZIP = b"\x1f\x8b"
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log")
 _JSON = (".json", ".jsonl", ".ndjson")
 
@@ -37,7 +40,7 @@ class DelimitedFormat(LogFormat):
     def recognizes(self, path: Path) -> bool:
         """Whether its name says so, or it is text that holds a table."""
         start = read_start(path)
-        suffixes = path.suffixes[-2:] if start.startswith(_GZIP) else path.suffixes[-1:]
+        suffixes = path.suffixes[-2:] if start.startswith(GZIP) else path.suffixes[-1:]
         is_json = any(suffix.lower() in _JSON for suffix in suffixes)
         if not start or start.lstrip()[:1] in (b"{", b"<") or is_json:
             return False
@@ -65,17 +68,14 @@ class DelimitedFormat(LogFormat):
 
 def _sniff(path: Path) -> Dialect | None:
     """The dialect of a file by its first bytes."""
-    import gzip
-
-    packed = read_start(path).startswith(_GZIP)
-    with gzip.open(path) if packed else path.open("rb") as file:
+    with open_text(path) as file:
         sample = file.read(_SAMPLE)
         return find_dialect(sample, whole=not file.read(1)) if sample else None
 
 
 def _read_cut_line(path: Path, encoding: str) -> str:
     """What follows the last end of a line; "" of a file that is packed."""
-    if read_start(path).startswith(_GZIP):
+    if read_start(path).startswith(GZIP):
         return ""
     with path.open("rb") as file:
         file.seek(-min(get_size(path), _SAMPLE), io.SEEK_END)
@@ -94,6 +94,7 @@ class DelimitedLog(Log):
 
     def __init__(self, path: Path, dialect: Dialect) -> None:
         self.path, self.dialect = path, dialect
+        self.losses = []
         self._cut = _read_cut_line(path, dialect.encoding)
         self._places = dict[str, tuple[int, int]]()  # cell and element of each column
         units = dict[str, str]()
@@ -112,43 +113,70 @@ class DelimitedLog(Log):
     ) -> Iterator[tuple[str, Rows]]:
         """Read columns; a piece is a block of the file."""
         check_wanted(self, wanted)
-        csv, pyarrow = (
-            import_extra("pyarrow.csv", "CSV"),
-            import_extra("pyarrow", "CSV"),
-        )
-        size, columns = get_size(self.path), wanted.get("", ())
+        import_extra("pyarrow.csv", "CSV")
+        columns, rows = wanted.get("", ()), 0
         cells = sorted({self._places[column][0] for column in columns})
         if not cells:
             return
-        with explain_damage(self.path, "table"), pyarrow.OSFile(str(self.path)) as raw:
-            for batch in csv.open_csv(
-                self._open_text(raw), **self._make_options(cells)
-            ):
-                by_cell = dict(zip(cells, batch.columns, strict=True))
-                yield (
-                    "",
-                    {
-                        column: self._convert(by_cell[cell], cell, element)
-                        for column in columns
-                        for cell, element in (self._places[column],)
-                    },
-                )
+        with explain_damage(self.path, "table"):
+            blocks = cut_blocks(self.path, self.dialect.encoding)
+            for part in map_in_order(partial(self._parse, columns, cells), blocks):
+                if part.error:
+                    raise InputError(part.explain(rows))
+                rows += part.count
+                if part.rows:
+                    yield "", part.rows
                 if report:
-                    report(min(1.0, raw.tell() / size))
+                    report(part.share)
 
-    def _open_text(self, raw: Any) -> Any:
-        """The text of an open file as pyarrow reads it."""
+    def _parse(
+        self, columns: Sequence[str], cells: Sequence[int], block: Block
+    ) -> "_Part":
+        """Columns of a block of lines.
+
+        Args:
+            columns: that are wanted.
+            cells: numbers of the cells that they are in, which increase.
+            block: of the file.
+        """
         import pyarrow as pa
+        from pyarrow import csv
 
-        dialect, packed = self.dialect, read_start(self.path).startswith(_GZIP)
-        text = pa.CompressedInputStream(raw, "gzip") if packed else raw
-        blanks = dialect.delimiter == " "
-        if dialect.encoding != "utf-16" and (blanks or dialect.has_comments):
-            return io.BufferedReader(_Rows(text, blanks), _BLOCK)
-        return text
+        lines = self._clean(block.lines)
+        if not lines or lines.isspace():
+            return _Part(share=block.share)
+        options = self._make_options(cells, block, len(lines))
+        try:
+            table = csv.read_csv(pa.BufferReader(lines), **options)
+        except pa.ArrowInvalid as error:
+            return _Part(error=str(error))
+        by_cell = dict(zip(cells, table.combine_chunks().columns, strict=True))
+        rows = {
+            column: self._convert(by_cell[cell].combine_chunks(), cell, element)
+            for column in columns
+            for cell, element in (self._places[column],)
+        }
+        return _Part(rows if len(table) else {}, len(table), block.share)
 
-    def _make_options(self, cells: Sequence[int]) -> dict[str, Any]:
-        """What pyarrow is told of the dialect and the cells that are wanted."""
+    def _clean(self, lines: bytes) -> bytes:
+        """Lines without comments, in which one blank stands for any run of them."""
+        if self.dialect.has_comments:
+            lines = re.sub(rb"(?m)^[ \t]*[#%].*\n?", b"", lines)
+        if self.dialect.delimiter == " ":
+            lines = re.sub(rb"[ \t]+", b" ", lines)
+            lines = re.sub(rb"(?m)^ | (?=\r?$)", b"", lines)
+        return lines
+
+    def _make_options(
+        self, cells: Sequence[int], block: Block, size: int
+    ) -> dict[str, Any]:
+        """What pyarrow is told.
+
+        Args:
+            cells: that are wanted.
+            block: of lines that are to be read.
+            size: of them without comments [B].
+        """
         import pyarrow as pa
         from pyarrow import csv
 
@@ -160,11 +188,12 @@ class DelimitedLog(Log):
         }
         return {
             "read_options": csv.ReadOptions(
-                block_size=_BLOCK, skip_rows=dialect.skip, column_names=names,
-                encoding=dialect.encoding,
+                use_threads=False, block_size=size + 1, column_names=names,
+                skip_rows=dialect.skip if block.is_first else 0,
             ),
             "parse_options": csv.ParseOptions(
-                delimiter=dialect.delimiter, invalid_row_handler=self._judge_row
+                delimiter=dialect.delimiter,
+                invalid_row_handler=partial(self._judge_row, block.is_last),
             ),
             "convert_options": csv.ConvertOptions(
                 include_columns=list(types), column_types=types,
@@ -173,13 +202,22 @@ class DelimitedLog(Log):
             ),
         }  # fmt: skip
 
-    def _judge_row(self, row: Any) -> str:
+    def _judge_row(self, is_end: bool, row: Any) -> str:
         """What becomes of a row with another number of cells.
 
         A comment is left out, and the last line of a logger that was killed.
+
+        Args:
+            is_end: whether the row is in the last block.
+            row: as pyarrow has it.
         """
         line = row.text.strip()
-        return "skip" if line.startswith(COMMENTS) or line == self._cut else "error"
+        if line.startswith(COMMENTS):
+            return "skip"
+        if is_end and line == self._cut:
+            self.losses = [CUT_LINE]
+            return "skip"
+        return "error"
 
     def _convert(self, array: Any, cell: int, element: int) -> Values:
         """One column of a block, (n)."""
@@ -191,6 +229,33 @@ class DelimitedLog(Log):
         if kind == "list":
             return _pick_elements(array.to_pylist(), element)
         return convert_array(array)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What was made of a block.
+
+    Attributes:
+        rows: its columns; none where it has no row.
+        count: of its rows.
+        share: of the file that was read, from 0 to 1.
+        error: what pyarrow says is wrong with it; "" if nothing.
+    """
+
+    rows: Rows = field(default_factory=dict)
+    count: int = 0
+    share: float = 0.0
+    error: str = ""
+
+    def explain(self, before: int) -> str:
+        """The error, the number of a row counted from the start of the file.
+
+        Args:
+            before: rows in the blocks before this one.
+        """
+        return re.sub(
+            r"Row #(\d+)", lambda m: f"row {int(m[1]) + before}", clean_text(self.error)
+        )
 
 
 def _convert_words(array: Any) -> Values:
@@ -220,42 +285,3 @@ def _pick_elements(cells: Sequence[str | None], element: int) -> Values:
     """One element of the lists in cells, (n); NaN where a list lacks it."""
     lists = (part_list(cell or "") for cell in cells)
     return np.array([x[element] if len(x) > element else np.nan for x in lists])
-
-
-class _Rows(io.RawIOBase):
-    """A text without its comments, in which one blank stands for any run of them."""
-
-    def __init__(self, text: Any, blanks: bool) -> None:
-        self._text, self._blanks = text, blanks
-        self._rest = b""  # of the last line that was read
-        self._ready = memoryview(b"")
-
-    def readable(self) -> bool:
-        """True."""
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        """Fill a buffer with what follows."""
-        view = memoryview(buffer).cast("B")
-        while not self._ready:
-            block = self._text.read(len(view))
-            text = self._rest + block
-            end = text.rfind(b"\n") + 1 if block else len(text)
-            self._rest = text[end:]
-            if not block and not end:
-                return 0
-            if len(self._rest) > _BLOCK:
-                raise InputError("a line is too long")
-            self._ready = memoryview(self._clean(text[:end]))
-        count = min(len(view), len(self._ready))
-        view[:count] = self._ready[:count]
-        self._ready = self._ready[count:]
-        return count
-
-    def _clean(self, lines: bytes) -> bytes:
-        if any(mark.encode() in lines for mark in COMMENTS):
-            lines = re.sub(rb"(?m)^[ \t]*[#%].*\n?", b"", lines)
-        if self._blanks:
-            lines = re.sub(rb"[ \t]+", b" ", lines)
-            lines = re.sub(rb"(?m)^ | (?=\r?$)", b"", lines)
-        return lines

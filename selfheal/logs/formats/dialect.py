@@ -147,7 +147,7 @@ def _make_dialect(
     return Dialect(
         delimiter=delimiter,
         encoding=encoding,
-        skip=_count_lines(lines, heads, encoding),
+        skip=_count_lines(lines, heads),
         names=make_unique(names),
         units=units,
         kinds=kinds,
@@ -157,14 +157,13 @@ def _make_dialect(
     )
 
 
-def _count_lines(lines: Sequence[str], rows: int, encoding: str) -> int:
+def _count_lines(lines: Sequence[str], rows: int) -> int:
     """How many lines stand before and in some rows, without the comments."""
     count = 0
     for line in lines:
         if rows == 0 and not line.lower().startswith("sep="):
             break
-        is_left_out = encoding != "utf-16" and line.strip().startswith(COMMENTS)
-        count += not is_left_out
+        count += not line.strip().startswith(COMMENTS)
         rows -= not _is_no_row(line)
     return count
 

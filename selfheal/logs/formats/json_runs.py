@@ -13,6 +13,7 @@ from ...errors import InputError
 from ..base import Log, LogFormat, Report, Rows, Stream
 from .arrays import ArrayLog, Run, Table, group_arrays
 from .common import (
+    CUT_LINE,
     MAX_COLUMNS,
     MAX_ELEMENTS,
     check_wanted,
@@ -275,7 +276,7 @@ class JsonLinesLog(Log):
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self.losses = path, []
         rows = [row for _, row in islice(self._read_rows(), _SAMPLE)]
         names = list(make_columns(rows))
         if not names:
@@ -314,7 +315,8 @@ class JsonLinesLog(Log):
                     row = json.loads(line)
                 except ValueError as error:
                     if not line.endswith(b"\n") and number > 1:
-                        return  # the last line of a logger that was killed
+                        self.losses = [CUT_LINE]  # the logger was killed
+                        return
                     raise InputError(
                         f"{self.path}: line {number} is no JSON ({error})"
                     ) from error

@@ -116,7 +116,9 @@ def test_json_lines_are_rows(write, name):
 
 def test_the_last_of_json_lines_may_be_cut_off(write):
     text = "".join(json.dumps(row) + "\n" for row in ROWS) + '{"t": 0.4, "q'
-    assert len(read_one(write(text, "log.jsonl"))["q"]) == 4
+    log = open_log(write(text, "log.jsonl"))
+    assert len(read_all(log)[""]["q"]) == 4
+    assert log.losses == ["the last line is cut off"]
 
 
 @pytest.mark.parametrize(
