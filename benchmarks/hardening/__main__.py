@@ -1,6 +1,6 @@
 """Broken files, full disks and kills: what the program does about them.
 
-    python -m benchmarks.hardening fuzz [--count N]
+    python -m benchmarks.hardening fuzz [--count N] [--kind KIND]
     python -m benchmarks.hardening fuzz --kind KIND --seed SEED [--keep FOLDER]
     python -m benchmarks.hardening disk [--count SIZES]
     python -m benchmarks.hardening kills [--count KILLS]
@@ -8,7 +8,8 @@
 
 Every study appends its records to benchmarks/results/hardening-STUDY.jsonl and leaves
 out what is there already; `page` makes docs/results/hardening.md of them. With a kind
-and a seed, one mutant is tried again and nothing is kept but what --keep names.
+alone, N mutants of that kind are tried. With a kind and a seed, one mutant is tried
+again and nothing is kept but what --keep names.
 """
 
 import json
@@ -35,16 +36,20 @@ def main() -> None:
     line.add_argument("study", choices=("fuzz", "disk", "kills", "page"))
     line.add_argument("--count", type=int, default=0)
     line.add_argument("--kind", choices=KINDS)
-    line.add_argument("--seed", type=int, default=0)
+    line.add_argument("--seed", type=int)
     line.add_argument("--keep", type=Path)
     asked = line.parse_args()
-    if asked.kind:
+    if asked.seed is not None and asked.kind is None:
+        line.error("--seed needs --kind")
+    if asked.seed is not None:
         _try_one(asked)
     elif asked.study == "page":
         write_page(asked.root)
     elif asked.study == "fuzz":
         done = read_records("hardening", "fuzz")
-        mutants = list_mutants(asked.count or 10_000)
+        mutants = list_mutants(
+            asked.count or 10_000, (asked.kind,) if asked.kind else KINDS
+        )
         left = [(k, s) for k, s in mutants if f"{k} {s}" not in done]
         complete_suite("hardening", "fuzz", list_runs(left))
     else:

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -150,9 +150,9 @@ def open_workshop(place: Path) -> None:
     load_program()
 
 
-def list_mutants(count: int) -> list[tuple[str, int]]:
+def list_mutants(count: int, kinds: Sequence[str] = KINDS) -> list[tuple[str, int]]:
     """Kinds and seeds of a campaign of so many mutants, kind after kind in turns."""
-    return [(KINDS[k % len(KINDS)], k // len(KINDS)) for k in range(count)]
+    return [(kinds[k % len(kinds)], k // len(kinds)) for k in range(count)]
 
 
 def list_runs(mutants: Iterable[tuple[str, int]]) -> KeyedRuns:

@@ -11,6 +11,7 @@ from benchmarks.writer import ROOT
 MOST_MEGABYTES = 1000.0  # of a command; chosen
 _LONGEST_MESSAGE = 2000  # characters; chosen
 _LEFTOVERS = ("*.tmp", "*.lock", "*.old", "MUJOCO_LOG.TXT")
+_UNFINISHED = ("imported.h5", "guess.toml")  # what a command that refused may not leave
 _NOISE = re.compile(r"^(?:WARNING|HDF5-DIAG|Exception ignored|.*Warning: ).*", re.M)
 _FRAME = re.compile(r'File "([^"]*)", line (\d+),? in ([\w<>]+)')
 
@@ -52,8 +53,10 @@ def list_faults(
         found.append(Fault("message", reason))
     if noise := _NOISE.search(ended.said):
         found.append(Fault("warning", _shorten(noise[0])))
-    found += [Fault("leftover", name) for name in list_leftovers(folder)]
-    return found
+    names = list_leftovers(folder)
+    if ended.code:
+        names += [name for name in _UNFINISHED if (folder / name).exists()]
+    return [*found, *(Fault("leftover", name) for name in names)]
 
 
 def list_leftovers(folder: Path) -> list[str]:

@@ -12,15 +12,25 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from benchmarks.hardening.log_files import ENCODERS, MODEL, OUT, write_logs
 from benchmarks.hardening.models import PART, RICH, URDF
 from benchmarks.hardening.mutate_bytes import mutate_bytes
 from benchmarks.hardening.mutate_hdf5 import mutate_hdf5
 from benchmarks.hardening.mutate_json import mutate_json
+from benchmarks.hardening.mutate_logs import (
+    make_column_mutation,
+    mutate_gzip,
+    mutate_lines,
+    mutate_mcap,
+    mutate_text,
+    mutate_toml,
+    mutate_zip,
+)
 from benchmarks.hardening.mutate_xml import mutate_xml
 from benchmarks.hardening.process import Ended, run_forked, run_selfheal
 from benchmarks.writer import INTACT
 
-KINDS = ("recording", "model", "run", "study", "diagnosis")
+KINDS = ("recording", "model", "run", "study", "diagnosis", "logs")
 Mutate = Callable[[bytes, int], bytes]
 _BINARY: tuple[Mutate, ...] = (mutate_bytes, mutate_hdf5, mutate_hdf5)
 _XML: tuple[Mutate, ...] = (mutate_bytes, mutate_xml, mutate_xml, mutate_xml)
@@ -52,6 +62,25 @@ def list_originals(kind: str) -> list[Original]:
         replace(o, commands=[c.format(o.file) for c in o.commands])
         for o in _ORIGINALS[kind]
     ]
+
+
+def _make_log(
+    file: str, *mutate: Mutate, log: str = "", map_file: str = "map.toml"
+) -> Original:
+    """A log, or a part of one.
+
+    Args:
+        file: its path.
+        *mutate: ways to damage it, beside those of bytes.
+        log: that it is a part of; "" if it is one.
+        map_file: of the log.
+    """
+    log = log or file
+    more = (make_column_mutation(file),) * 2 if file in ENCODERS else ()
+    commands = (f"recording import {log} --model {MODEL} --map {map_file} --out {OUT}",
+                f"recording import {log} --model {MODEL} --guess --out guess.toml"
+                )  # fmt: skip
+    return Original(file, (mutate_bytes, *mutate, *more), (commands[0], *commands))
 
 
 _RESUMED = "--resume {} --json"
@@ -103,6 +132,32 @@ _ORIGINALS = {
         Original("diagnosis/patched.xml", _XML,
                  ("replay diagnosis arm.h5 --out predicted.h5",)),
     ],
+    "logs": [
+        _make_log("log.csv", mutate_text),
+        _make_log("log.txt", mutate_text),
+        _make_log("log.tsv"),
+        _make_log("log.csv.gz", mutate_gzip),
+        _make_log("log.parquet"),
+        _make_log("lerobot/data/chunk-000/file-000.parquet", log="lerobot",
+                  map_file="lerobot.toml"),
+        _make_log("lerobot/meta/info.json", mutate_json, log="lerobot",
+                  map_file="lerobot.toml"),
+        _make_log("log.json", mutate_json),
+        _make_log("runs.json", mutate_json),
+        _make_log("log.jsonl", mutate_lines),
+        _make_log("log.npz", mutate_zip),
+        _make_log("log.npy"),
+        _make_log("log.mat"),
+        _make_log("log.pt", mutate_zip),
+        _make_log("log.hdf5", mutate_hdf5),
+        _make_log("log.bag", map_file="bag.toml"),
+        _make_log("log.db3", map_file="bag.toml"),
+        _make_log("log.mcap", mutate_mcap, map_file="bag.toml"),
+        _make_log("packed.mcap", map_file="bag.toml"),
+        _make_log("map.toml", mutate_text, mutate_toml, mutate_toml, log="log.csv"),
+        _make_log("bag.toml", mutate_text, mutate_toml, log="log.mcap",
+                  map_file="bag.toml"),
+    ],
 }  # fmt: skip
 
 
@@ -113,6 +168,8 @@ def make_originals(folder: Path, kind: str) -> None:
         _make_runs(folder)
     if kind == "study":
         _call_forked(partial(write_study, folder), folder)
+    if kind == "logs":
+        _call_forked(partial(write_logs, folder), folder)
 
 
 def _call_forked(make: Callable[[], None], folder: Path) -> None:

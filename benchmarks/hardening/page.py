@@ -66,7 +66,7 @@ def _make_fuzz_section(records: Mapping[str, Record]) -> Section:
             max(r["megabytes"] for r in here),
         ))  # fmt: skip
     text = (
-        "Damaged files of five kinds, each given to a command that reads it. A command "
+        "Damaged files of six kinds, each given to a command that reads it. A command "
         "whose search begins is stopped after five seconds and counts as accepted. "
         "Faults: a traceback, a hang above 20 s, a crash, more than 1 GB, an exit code "
         "other than 0 and 2, other than one message, a warning, a file left over. A "

@@ -4,6 +4,7 @@ import shutil
 import traceback
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 from benchmarks.hardening.fuzz import Mutant, copy_with_mutant, make_mutant
 from benchmarks.hardening.judge import Fault, list_faults
+from benchmarks.hardening.log_files import write_logs
 from benchmarks.hardening.mutate_bytes import mutate_bytes
 from benchmarks.hardening.originals import (
     KINDS,
@@ -59,6 +61,7 @@ def originals(tmp_path_factory) -> Path:
     write_small_files(folder)
     write_identified_run(folder)
     write_study(folder)
+    write_logs(folder)
     _write_begun_runs(folder)
     return folder
 
@@ -95,7 +98,9 @@ def _list_mutants(kind: str, originals: Path) -> Iterator[tuple[int, Mutant]]:
     for seed in range(COUNT):
         mutant = make_mutant(originals, kind, seed)
         # HDF5's library was seen to loop and to crash on bytes that are wrong
-        wrong = mutant.mutate is mutate_bytes and mutant.original.file.endswith(".h5")
+        wrong = mutant.mutate is mutate_bytes and mutant.original.file.endswith(
+            (".h5", ".hdf5")
+        )
         if not wrong:
             yield seed, mutant
 
@@ -120,3 +125,10 @@ def test_a_message_that_is_two_or_a_file_that_is_left_is_a_fault(tmp_path):
     said = "selfheal: one\nselfheal: two\n"
     ended = Ended(2, "", False, 0.0, 0.0, "", said)
     assert [f.what for f in list_faults(ended, tmp_path)] == ["message", "leftover"]
+
+
+def test_a_recording_of_a_log_that_was_refused_is_a_fault(tmp_path):
+    (tmp_path / "imported.h5").touch()
+    refused = Ended(2, "", False, 0.0, 0.0, "", "selfheal: no log\n")
+    assert [f.what for f in list_faults(refused, tmp_path)] == ["leftover"]
+    assert not list_faults(replace(refused, code=0), tmp_path)

@@ -1,12 +1,7 @@
 """Archives as torch.save writes them, made without torch."""
 
-import io
 import os
 import pickle
-import sys
-import types
-import zipfile
-from collections import OrderedDict
 
 import numpy as np
 import pytest
@@ -21,85 +16,25 @@ from tests.support.logs.reading import (
     read_damaged,
     read_one,
 )
+from tests.support.logs.torch_files import Tensor, save_archive
 
-NAMES = {"f4": "Float", "f8": "Double", "i8": "Long", "?": "Bool"}
 TIME = np.arange(20, dtype="f4") / 100
 ANGLES = np.random.default_rng(0).normal(size=(20, 3)).astype("f4")
 
 
-class _Tensor:
-    """Stands for a tensor; pickled as torch does it."""
-
-    def __init__(self, values, strides=None, shape=None, offset=0):
-        self.values = np.asarray(values)
-        self.shape = shape or self.values.shape
-        self.strides = strides or tuple(
-            s // self.values.itemsize for s in self.values.strides
-        )
-        self.offset = offset
-
-    def __reduce__(self):
-        rebuild = sys.modules["torch._utils"]._rebuild_tensor_v2
-        storage = _Storage(self.values)
-        return rebuild, (
-            *(storage, self.offset, self.shape, self.strides),
-            *(False, OrderedDict()),
-        )
-
-
-class _Storage:
-    def __init__(self, values):
-        self.values = values
-
-
-class _Pickler(pickle.Pickler):
-    def __init__(self, file, data):
-        super().__init__(file, protocol=2)
-        self.data = data
-
-    def persistent_id(self, value):
-        if not isinstance(value, _Storage):
-            return None
-        key = str(len(self.data))
-        self.data[key] = np.ascontiguousarray(value.values).tobytes()
-        kind = NAMES[value.values.dtype.str.lstrip("<|").replace("b1", "?")]
-        storage = getattr(sys.modules["torch"], f"{kind}Storage")
-        return "storage", storage, key, "cpu", value.values.size
-
-
 @pytest.fixture
-def save(tmp_path, monkeypatch):
+def save(tmp_path):
     """Writes an archive, as torch.save does."""
-    torch, utils = types.ModuleType("torch"), types.ModuleType("torch._utils")
-    for name in NAMES.values():
-        kind = type(f"{name}Storage", (), {"__module__": "torch"})
-        setattr(torch, kind.__name__, kind)
-
-    def _rebuild_tensor_v2():
-        raise AssertionError
-
-    _rebuild_tensor_v2.__module__ = "torch._utils"
-    _rebuild_tensor_v2.__qualname__ = "_rebuild_tensor_v2"
-    utils._rebuild_tensor_v2 = _rebuild_tensor_v2
-    monkeypatch.setitem(sys.modules, "torch", torch)
-    monkeypatch.setitem(sys.modules, "torch._utils", utils)
 
     def save(document, raw=None, name="log.pt"):
-        path, buffer, data = tmp_path / name, io.BytesIO(), {}
-        _Pickler(buffer, data).dump(document)
-        with zipfile.ZipFile(path, "w") as archive:
-            archive.writestr("log/data.pkl", raw or buffer.getvalue())
-            archive.writestr("log/byteorder", "little")
-            for key, content in data.items():
-                archive.writestr(f"log/data/{key}", content)
-            archive.writestr("log/version", "3\n")
-        return path
+        save_archive(tmp_path / name, document, raw)
+        return tmp_path / name
 
     return save
 
 
 def test_tensors_are_columns_by_their_keys(save):
-    document = {"time": _Tensor(TIME), "dof_pos": _Tensor(ANGLES), "gain": 20.0}
+    document = {"time": Tensor(TIME), "dof_pos": Tensor(ANGLES), "gain": 20.0}
     log = open_log(save(document))
     check_rows(log)
     (stream,) = log.streams
@@ -111,9 +46,9 @@ def test_tensors_are_columns_by_their_keys(save):
 
 
 def test_views_of_a_storage_are_read_as_torch_sees_them(save):
-    turned = _Tensor(ANGLES, strides=(1, 20), shape=(20, 3))
-    part = _Tensor(np.arange(40), strides=(2,), shape=(20,), offset=1)
-    found = read_one(save([turned, {"part": part}, (_Tensor(TIME > 0.1),)]))
+    turned = Tensor(ANGLES, strides=(1, 20), shape=(20, 3))
+    part = Tensor(np.arange(40), strides=(2,), shape=(20,), offset=1)
+    found = read_one(save([turned, {"part": part}, (Tensor(TIME > 0.1),)]))
     flat = ANGLES.ravel()
     np.testing.assert_array_equal(found["[0][1]"], flat[20:40])
     np.testing.assert_array_equal(found["[1].part"], np.arange(1, 40, 2))
@@ -148,12 +83,12 @@ def test_no_program_is_run_and_nothing_else_is_read(save, raw):
 @pytest.mark.parametrize(
     "tensor",
     [
-        _Tensor(TIME, shape=(2000,), strides=(1,)),
-        _Tensor(TIME, shape=(10**9,), strides=(0,)),
-        _Tensor(TIME, shape=(10, 2), strides=(4, 1)),
-        _Tensor(TIME, shape=(5,), strides=(-1,), offset=4),
-        _Tensor(TIME, shape=(10,), strides=(1,), offset=-3),
-        _Tensor(TIME, shape=(10,), strides=(1,), offset=15),
+        Tensor(TIME, shape=(2000,), strides=(1,)),
+        Tensor(TIME, shape=(10**9,), strides=(0,)),
+        Tensor(TIME, shape=(10, 2), strides=(4, 1)),
+        Tensor(TIME, shape=(5,), strides=(-1,), offset=4),
+        Tensor(TIME, shape=(10,), strides=(1,), offset=-3),
+        Tensor(TIME, shape=(10,), strides=(1,), offset=15),
     ],
 )
 def test_a_tensor_outside_its_storage_is_refused(save, tensor):
@@ -162,13 +97,13 @@ def test_a_tensor_outside_its_storage_is_refused(save, tensor):
 
 
 def test_a_container_that_holds_itself_is_read(save):
-    document = {"q": _Tensor(TIME)}
+    document = {"q": Tensor(TIME)}
     document["again"] = document
     assert list(read_one(save(document))) == ["q"]
 
 
 def test_a_damaged_archive_is_read_or_refused(save):
-    path = save({"time": _Tensor(TIME), "dof_pos": _Tensor(ANGLES)})
+    path = save({"time": Tensor(TIME), "dof_pos": Tensor(ANGLES)})
     assert read_damaged(path)
 
 
