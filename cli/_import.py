@@ -106,7 +106,7 @@ def print_import(report: "ImportReport", path: Path) -> None:
             "shift between the two clocks, which this log cannot tell apart."
         )
     for log, losses in report.losses.items():
-        print_line(f"damaged, and left out of {log}: {'; '.join(losses)}.")
+        print_line(f"{log} is damaged: {'; '.join(losses)}; that was left out.")
     if report.sorted:
         print_line(f"{report.sorted} rows stood behind later ones and were sorted in.")
     if report.dropped:

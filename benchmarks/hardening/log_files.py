@@ -292,6 +292,7 @@ def _write_bags(folder: Path, columns: Columns) -> None:
     for compression in (CompressionType.NONE, CompressionType.ZSTD):
         name = "log.mcap" if compression is CompressionType.NONE else "packed.mcap"
         _write_mcap(folder / name, store, messages, compression)
+    _write_documents(folder / "json.mcap", messages)
 
 
 def _list_messages(store: Any, columns: Columns) -> Any:
@@ -316,6 +317,25 @@ def _list_messages(store: Any, columns: Columns) -> Any:
                 header, ["shoulder", "elbow"], angles, empty, empty
             ),
         )
+
+
+def _write_documents(path: Path, messages: Any) -> None:
+    """An MCAP of the same messages in JSON."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2_000)
+        writer.start()
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        channels = {topic: writer.register_channel(topic, "json", schema)
+                    for topic in dict.fromkeys(topic for _, topic, _ in messages)
+                    }  # fmt: skip
+        for time, topic, message in messages:
+            keys = ("name", "position") if topic == "/joint_states" else ("data",)
+            document = {key: list(getattr(message, key)) for key in keys}
+            content = json.dumps(document).encode()
+            writer.add_message(channels[topic], time, content, time)
+        writer.finish()
 
 
 def _write_mcap(path: Path, store: Any, messages: Any, compression: Any) -> None:

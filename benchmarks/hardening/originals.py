@@ -154,6 +154,7 @@ _ORIGINALS = {
         _make_log("log.db3", map_file="bag.toml"),
         _make_log("log.mcap", mutate_mcap, map_file="bag.toml"),
         _make_log("packed.mcap", map_file="bag.toml"),
+        _make_log("json.mcap", map_file="bag.toml"),
         _make_log("map.toml", mutate_text, mutate_toml, mutate_toml, log="log.csv"),
         _make_log("bag.toml", mutate_text, mutate_toml, log="log.mcap",
                   map_file="bag.toml"),

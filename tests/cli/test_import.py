@@ -104,5 +104,8 @@ def test_a_line_that_is_cut_off_is_left_out_and_told(home):
     words = "recording import log.csv --model robot.xml --map map.toml --out rec.h5"
     result = CliRunner().invoke(app, words.split())
     assert result.exit_code == 0
-    assert "left out of log.csv: the last line is cut off." in result.stdout
+    assert (
+        "log.csv is damaged: the last line is cut off; that was left out."
+        in result.stdout
+    )
     assert read("rec.h5").episodes["000"].time.size == 500

@@ -224,11 +224,11 @@ def flatten(value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, A
         for place, member in enumerate(value[:MAX_ELEMENTS]):
             yield from flatten(member, f"{path}[{place}]", depth + 1)
     else:
-        yield path, _read_time(value) if isinstance(value, str) else value
+        yield path, read_time(value) if isinstance(value, str) else value
 
 
-def _read_time(text: str) -> str | float:
-    """A time of day that ISO 8601 writes, as seconds since 1970; else the text."""
+def read_time(text: str) -> str | float:
+    """A time of day that ISO 8601 writes as time since 1970 UTC [s]; else the text."""
     if len(text) < 16 or text[4] != "-" or not text[:4].isdigit():
         return text
     try:

@@ -4,8 +4,9 @@ import shutil
 import tempfile
 import weakref
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from .common import (
     order_naturally,
     read_start,
 )
+from .ros_documents import CODINGS, DocumentFields, make_decode
 from .ros_messages import Fields
 from .ros_sources import (
     Bag1Source,
@@ -32,7 +34,6 @@ from .ros_sources import (
 from .ros_types import UnknownTypeError, make_typestore
 
 RECEIPT = "bag time"  # the column of the time at which a message was received
-_STAMP = "header.stamp"
 _MAGIC = {b"\x89MCAP0\r\n": McapSource, b"SQLite format 3\0": SqliteSource,
           b"#ROSBAG V2.0\n": Bag1Source}  # fmt: skip
 _ZSTD = b"\x28\xb5\x2f\xfd"  # stands at the start of no message that is not packed
@@ -90,6 +91,11 @@ class RosLog(Log):
     def __init__(self, path: Path) -> None:
         self.path = path
         self._sources = [self._open_file(file) for file in _list_files(path)]
+        self.losses = [
+            f"{source.path.name}: {source.loss}" if path.is_dir() else source.loss
+            for source in self._sources
+            if source.loss
+        ]
         self._decoders = dict[str, _Decoder]()
         counts = Counter[str]()
         for source in self._sources:
@@ -171,6 +177,27 @@ class RosLog(Log):
                 yield name, piece.take()
 
 
+def _make_decoding(topic: Topic) -> tuple[Callable[[bytes], Any], Any]:
+    """What decodes the messages of a topic, and what finds the numbers in them.
+
+    Raises:
+        UnknownTypeError: they are of a kind that is not decoded.
+    """
+    if topic.coding in CODINGS:
+        decode = make_decode(topic.coding, topic.kind, topic.definition)
+        return decode, DocumentFields()
+    if topic.coding not in ("cdr", "ros1"):
+        raise UnknownTypeError(f"a coding {topic.coding!r}")
+    text = topic.definition.decode(errors="replace")
+    store = make_typestore(topic.kind, text if topic.form else "", topic.form)
+    deserialize = getattr(store, f"deserialize_{topic.coding}")
+    return partial(_decode_ros, deserialize, topic.kind), Fields(store, topic.kind)
+
+
+def _decode_ros(deserialize: Any, kind: str, content: bytes) -> Any:
+    return deserialize(content, kind)
+
+
 class _Decoder:
     """What decodes the messages of a topic.
 
@@ -182,24 +209,19 @@ class _Decoder:
 
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
-        self.fields: Fields | None = None
+        self.fields: Fields | DocumentFields | None = None
         self.learned = 0
         self._stamps = list[float]()
-        if topic.coding not in ("cdr", "ros1"):
-            return
         try:
-            store = make_typestore(topic.kind, topic.definition, topic.form)
+            self._decode, self.fields = _make_decoding(topic)
         except UnknownTypeError:
             return  # there is still the time of receipt
-        is_cdr = topic.coding == "cdr"
-        self._decode = store.deserialize_cdr if is_cdr else store.deserialize_ros1
-        self.fields = Fields(store, topic.kind)
 
     def decode(self, content: bytes) -> Any:
         """A message, which may be packed by itself."""
         if content.startswith(_ZSTD):
             content = unpack_zstd(content)
-        return self._decode(content, self.topic.kind)
+        return self._decode(content)
 
     def learn(self, content: bytes) -> None:
         """Look which columns a message has."""
@@ -208,21 +230,20 @@ class _Decoder:
             return
         message = self.decode(content)
         self.fields.learn(message)
-        if _STAMP in self.fields.list_columns():
-            stamp = message.header.stamp
-            self._stamps.append(stamp.sec + stamp.nanosec * 1e-9)
+        if self.fields.stamp:
+            self._stamps.append(self.fields.read_stamp(message))
 
     def make_stream(self, count: int) -> Stream:
         """The stream of the topic, which has so many messages."""
         columns = self.fields.list_columns() if self.fields else []
-        stamps = np.array(self._stamps)
+        stamp, stamps = self.fields.stamp if self.fields else "", np.array(self._stamps)
         is_stamped = stamps.any() and (np.diff(stamps) > 0).all()
-        times = {RECEIPT: "s"} | {name: "s" for name in columns if name == _STAMP}
+        times = {RECEIPT: "s"} | {name: "s" for name in columns if name == stamp}
         return Stream(
             name=self.topic.name,
-            columns={**times, **{name: "" for name in columns if name != _STAMP}},
+            columns={**times, **{name: "" for name in columns if name != stamp}},
             rows=count,
-            time=_STAMP if is_stamped else RECEIPT,
+            time=stamp if is_stamped else RECEIPT,
         )
 
 

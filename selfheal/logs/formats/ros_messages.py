@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .common import MAX_COLUMNS, MAX_ELEMENTS, import_extra
 
+_STAMP = "header.stamp"
 _MAX_DEPTH = 16  # of messages in messages; chosen: twice those of any in use
 _MAX_MESSAGES = 64  # in a message's list that become columns; chosen
 _BYTES = ("uint8", "int8", "byte", "char")
@@ -24,6 +25,9 @@ class Fields:
     Vectors and lists of messages have as many columns as the messages that were
     `learn`ed have elements. Names of elements stand in a field `name`, `names` or
     `..._names` of the same message, or of one around it.
+
+    Attributes:
+        stamp: the column of the time at which a message was measured; "" if none.
     """
 
     def __init__(self, store: Any, kind: str, depth: int = 0) -> None:
@@ -32,6 +36,7 @@ class Fields:
         self._fills = list[Callable[[Any, Row, Sequence[str] | None], None]]()
         self._plan: tuple[Any, Any, Sequence[Any]] = (None, None, ())
         self._add(store, kind, "", None, depth)
+        self.stamp = _STAMP if _STAMP in self._times else ""
 
     def _add(
         self, store: Any, kind: str, path: str, names: str | None, depth: int
@@ -83,6 +88,10 @@ class Fields:
             found += part.list_columns(prefix)
         return found[:MAX_COLUMNS]
 
+    def read_stamp(self, message: Any) -> float:
+        """The time at which a message was measured [s]."""
+        return _read_time(attrgetter(self.stamp)(message))
+
     def bind(self, places: Mapping[str, int], prefix: str = "") -> None:
         """Say where in a row the columns go that are wanted.
 
@@ -114,10 +123,14 @@ class Fields:
         if get:
             row[targets] = get(message)
         for get_time, target in times:
-            time = get_time(message)
-            row[target] = time.sec + time.nanosec * 1e-9
+            row[target] = _read_time(get_time(message))
         for fill in self._fills:
             fill(message, row, names)
+
+
+def _read_time(time: Any) -> float:
+    """A time of ROS in seconds."""
+    return float(time.sec + time.nanosec * 1e-9)
 
 
 def _make_attribute(name: str) -> str:

@@ -1,6 +1,7 @@
 """Files with ROS messages: takes bags, gives their topics and messages undecoded."""
 
 import bz2
+import io
 import struct
 import zlib
 from abc import ABC, abstractmethod
@@ -8,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from ...errors import InputError
 from .common import get_size, import_extra
@@ -17,6 +18,7 @@ from .common import get_size, import_extra
 _MAX_CHUNK = 256_000_000
 # of an MCAP record: code, length [B]; of a message: channel, number, times [ns]
 _RECORD, _MESSAGE, _MESSAGE_CODE = struct.Struct("<BQ"), struct.Struct("<HIQQ"), 5
+_MAGIC_SIZE = 8  # bytes at both ends of an MCAP
 _FORMS = {"ros2msg": "msg", "ros1msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 
 
@@ -27,15 +29,15 @@ class Topic:
     Attributes:
         name: of it.
         kind: name of the type of its messages.
-        definition: of the type, "" if the file has none.
-        form: of the definition: "msg" or "idl".
+        definition: of the type, empty if the file has none.
+        form: of the definition: "msg" or "idl" of ROS, "" of another.
         coding: of the messages: "cdr", "ros1", or another that is not decoded.
         count: of its messages; None where the file does not state it.
     """
 
     name: str
     kind: str
-    definition: str
+    definition: bytes
     form: str
     coding: str
     count: int | None
@@ -64,10 +66,12 @@ class Source(ABC):
     Attributes:
         path: of the file.
         topics: all that it has.
+        loss: what of the file is damaged and left out, in words; "" if nothing.
     """
 
     path: Path
     topics: Sequence[Topic]
+    loss: str = ""
 
     @abstractmethod
     def __init__(self, path: Path) -> None: ...
@@ -84,9 +88,15 @@ class McapSource(Source):
         self.path = path
         reader = import_extra("mcap.reader", "MCAP")
         self._index = list[Any]()
+        summary, self._end = None, get_size(path)
         with path.open("rb") as file:
-            seeking = reader.SeekingReader(file, record_size_limit=2 * _MAX_CHUNK)
-            summary = seeking.get_summary()
+            if _is_whole(file):
+                seeking = reader.SeekingReader(file, record_size_limit=2 * _MAX_CHUNK)
+                summary = seeking.get_summary()
+            else:
+                self._end = _find_end(file)
+                left = get_size(path) - self._end
+                self.loss = f"it is cut off, its last {left} bytes are no whole record"
         schemas, channels, counts = {}, {}, dict[int, int]()
         if summary is not None and summary.channels and summary.statistics:
             schemas, channels = summary.schemas, summary.channels
@@ -103,6 +113,8 @@ class McapSource(Source):
                     counts[key] = counts.get(key, 0) + 1
                 else:
                     schemas[record.id] = record
+        if self.loss and not channels:
+            raise InputError(f"{path}: it is cut off before its first message")
         self._names = {key: channel.topic for key, channel in channels.items()}
         self.topics = [
             _make_topic(channel, schemas.get(channel.schema_id), counts.get(key, 0))
@@ -144,6 +156,8 @@ class McapSource(Source):
         with self.path.open("rb") as file:
             for start in self._list_starts(keys):
                 file.seek(start)
+                if start == 0 and self._end <= _MAGIC_SIZE:
+                    return
                 stream = stream_reader.StreamReader(
                     file, skip_magic=start > 0, emit_chunks=True,
                     record_size_limit=2 * _MAX_CHUNK,
@@ -151,7 +165,8 @@ class McapSource(Source):
                 for record in stream.records:
                     if isinstance(record, wanted):
                         yield file.tell(), record
-                    if start or isinstance(record, records.DataEnd):
+                    is_last = file.tell() >= self._end
+                    if start or is_last or isinstance(record, records.DataEnd):
                         break
 
     def _list_starts(self, keys: set[int] | None) -> list[int]:
@@ -166,6 +181,27 @@ class McapSource(Source):
         ]
 
 
+def _is_whole(file: IO[bytes]) -> bool:
+    """Whether an MCAP ends as it should; a recorder that is killed does not end it."""
+    start = file.read(_MAGIC_SIZE)
+    file.seek(-min(_MAGIC_SIZE, file.seek(0, io.SEEK_END)), io.SEEK_END)
+    end = file.read(_MAGIC_SIZE)
+    file.seek(0)
+    return start == end
+
+
+def _find_end(file: IO[bytes]) -> int:
+    """Where the last whole record of an MCAP that was cut off ends [B]."""
+    size, end = file.seek(0, io.SEEK_END), _MAGIC_SIZE
+    while end + _RECORD.size <= size:
+        file.seek(end)
+        code, length = _RECORD.unpack(file.read(_RECORD.size))
+        if not code or end + _RECORD.size + length > size:
+            break  # room that was kept for more, or a part of a record
+        end += _RECORD.size + length
+    return end
+
+
 def _make_topic(channel: Any, schema: Any, count: int) -> Topic:
     """A topic of an MCAP channel."""
     form = _FORMS.get(schema.encoding, "") if schema else ""
@@ -175,7 +211,7 @@ def _make_topic(channel: Any, schema: Any, count: int) -> Topic:
     return Topic(
         name=channel.topic,
         kind=kind,
-        definition=schema.data.decode(errors="replace") if form else "",
+        definition=schema.data if schema else b"",
         form=form,
         coding=channel.message_encoding,
         count=count,
@@ -289,7 +325,7 @@ def _list_topics(reader: Any, coding: str = "") -> list[Topic]:
             Topic(
                 name=str(found.topic),
                 kind=str(found.msgtype),
-                definition=found.msgdef.data,
+                definition=found.msgdef.data.encode(),
                 form="idl" if found.msgdef.format == forms.IDL else "msg",
                 coding=coding or found.ext.serialization_format,
                 count=found.msgcount,

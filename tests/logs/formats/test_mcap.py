@@ -1,0 +1,156 @@
+"""MCAP files without ROS messages, and those whose recorder was killed."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from google.protobuf import (
+    descriptor_pb2,
+    descriptor_pool,
+    message_factory,
+    timestamp_pb2,
+)
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from selfheal.errors import InputError
+from selfheal.logs.open_log import open_log
+from tests.support.logs.reading import read_all, read_damaged
+
+START = 1_700_000_000_000_000_000  # [ns]
+STEP = 10_000_000  # [ns]
+LATE = 5_000_000  # [ns] from the stamp of a message to its receipt
+
+
+def _encode_json(k, stamp):
+    head = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}
+    named = {"name": ["hip", "knee"], "position": [100.0 + k, 200 + k]}
+    more = {"on": bool(k % 2), "note": "text", "none": None, "gains": [1, [2.5], "x"]}
+    return json.dumps({"header": head, **named, **more}).encode()
+
+
+def _write(path, coding="json", encode=_encode_json, definition=b"{}", kind="Joints",
+           count=10, **settings):  # fmt: skip
+    """An MCAP of messages of one topic, one every 10 ms."""
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=500, **settings)
+        writer.start()
+        form = {"json": "jsonschema"}.get(coding, coding)
+        schema = writer.register_schema(kind, form, definition)
+        channel = writer.register_channel("/joints", coding, schema)
+        for k in range(count):
+            time = START + k * STEP
+            writer.add_message(channel, time, encode(k, time - LATE), time)
+        writer.finish()
+    return path
+
+
+def _check_stamps(log, name):
+    (stream,) = log.streams
+    assert (stream.time, stream.columns[name]) == (name, "s")
+    expected = (START - LATE + STEP * np.arange(10)) / 1e9
+    np.testing.assert_allclose(read_all(log)["/joints"][name], expected, rtol=1e-15)
+
+
+def test_messages_in_json_are_columns_by_their_paths(tmp_path):
+    log = open_log(_write(tmp_path / "log.mcap"))
+    _check_stamps(log, "header.stamp")
+    found, k = read_all(log)["/joints"], np.arange(10)
+    assert list(found) == [
+        *("bag time", "header.stamp", "position[hip]", "position[knee]"),
+        *("on", "gains[0]", "gains[1][0]"),
+    ]
+    np.testing.assert_array_equal(found["position[knee]"], 200.0 + k)
+    np.testing.assert_array_equal(found["on"], k % 2)
+    assert read_damaged(log.path)
+
+
+@pytest.mark.parametrize("text", [b"", b"nothing", b"[" * 100_000, b"\xff"])
+def test_what_is_no_json_is_refused(tmp_path, text):
+    with pytest.raises(InputError, match="damaged"):
+        read_all(open_log(_write(tmp_path / "log.mcap", encode=lambda *_: text)))
+
+
+def _define_joints():
+    """A protobuf type with a time, names and numbers: its class, and its definition."""
+    kinds = descriptor_pb2.FieldDescriptorProto
+    many = {"label": kinds.LABEL_REPEATED}
+    file = descriptor_pb2.FileDescriptorProto(
+        name="joints.proto", package="robot", syntax="proto3",
+        dependency=["google/protobuf/timestamp.proto"],
+    )  # fmt: skip
+    made = file.message_type.add(name="Joints")
+    for number, (name, kind, more) in enumerate([
+        ("timestamp", kinds.TYPE_MESSAGE, {"type_name": ".google.protobuf.Timestamp"}),
+        ("names", kinds.TYPE_STRING, many), ("q", kinds.TYPE_DOUBLE, many),
+        ("ticks", kinds.TYPE_INT64, {}),
+    ]):  # fmt: skip
+        made.field.add(name=name, number=number + 1, type=kind, **more)
+    stamps = descriptor_pb2.FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(stamps)
+    pool = descriptor_pool.DescriptorPool()
+    for part in (stamps, file):
+        pool.Add(part)
+    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName("robot.Joints"))
+    files = descriptor_pb2.FileDescriptorSet(file=[file, stamps])
+    return kind, files.SerializeToString()
+
+
+def test_messages_of_protobuf_are_columns_by_their_paths(tmp_path):
+    kind, definition = _define_joints()
+
+    def encode(k, stamp):
+        q = [0.0, np.nan if k == 3 else k / 4]
+        message = kind(names=["hip", "knee"], q=q, ticks=k * 10**12)
+        message.timestamp.FromNanoseconds(stamp)
+        return message.SerializeToString()
+
+    path = tmp_path / "log.mcap"
+    log = open_log(_write(path, "protobuf", encode, definition, "robot.Joints"))
+    _check_stamps(log, "timestamp")
+    found, k = read_all(log)["/joints"], np.arange(10)
+    assert list(found) == ["bag time", "timestamp", "q[hip]", "q[knee]", "ticks"]
+    np.testing.assert_array_equal(found["q[knee]"], np.where(k == 3, np.nan, k / 4))
+    np.testing.assert_array_equal(found["ticks"], k * 1e12)
+    assert read_damaged(path)
+
+
+@pytest.mark.parametrize("coding", ["protobuf", "flatbuffer", "cbor"])
+def test_of_a_coding_that_is_not_known_only_the_time_is_read(tmp_path, coding):
+    path = tmp_path / "log.mcap"
+    _write(path, coding, lambda k, _: bytes([k]), b"no definition")
+    assert list(read_all(open_log(path))["/joints"]) == ["bag time"]
+
+
+@pytest.mark.parametrize("settings", [
+    {"compression": CompressionType.ZSTD}, {"use_chunking": False},
+])  # fmt: skip
+def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(tmp_path, settings):
+    path = _write(tmp_path / "log.mcap", count=30, **settings)
+    content, rows, lost = path.read_bytes(), [], []
+    assert not open_log(path).losses
+    for size in range(0, len(content), 97):
+        path.write_bytes(content[:size])
+        try:
+            log = open_log(path)
+        except InputError as error:
+            assert not rows, error
+            continue
+        times = read_all(log).get("/joints", {"bag time": np.empty(0)})["bag time"]
+        rows.append(len(times))
+        expected = START / 1e9 + 0.01 * np.arange(len(times))
+        np.testing.assert_allclose(times, expected, rtol=1e-15)
+        lost.append(int(re.search(r"last (\d+) bytes", log.losses[0])[1]))
+    assert rows == sorted(rows) and rows[-1] == 30 and len(set(rows)) > 5
+    assert 0 < max(lost) < 2_000
+
+
+def test_room_that_a_recorder_kept_for_more_is_no_message(tmp_path):
+    path = _write(tmp_path / "log.mcap", count=30)
+    with path.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    path.write_bytes(path.read_bytes()[: chunks[4].chunk_start_offset] + bytes(5_000))
+    log = open_log(path)
+    assert 10 < len(read_all(log)["/joints"]["bag time"]) < 30
+    assert "last 5000 bytes" in log.losses[0]
