@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..recording import find_controls, list_controls
+from ..recording import find_controls, find_joint, list_controls
+from ..recording.actuator_laws import find_goal, find_speed_goal, get_servo_gains
 
 if TYPE_CHECKING:
     import mujoco
@@ -71,21 +72,20 @@ def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
     found = []
     controls = list_controls(model)
     for a in range(model.nactuator):
-        name, joint = model.actuator(a).name, _find_joint(model, a)
+        name, joint = model.actuator(a).name, find_joint(model, a)
         if not name:
             continue
         aliases = (model.joint(joint).name,) if joint >= 0 else ()
-        units, force = dict[str, str](), ""
+        units, force = dict[int, str](), ""
         if joint >= 0:
             is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
             length, force = ("rad", "N m") if is_hinge else ("m", "N")
-            own = _find_command_unit(model, a, length)
-            units = {"": own, "pos": length, "vel": f"{length}/s"}
+            units = _find_goal_units(model, a, length)
         for c in find_controls(model, a):
             low, high = -np.inf, np.inf
             if model.actuator_ctrllimited[c]:
                 low, high = model.actuator_ctrlrange[c]
-            full, unit = controls[c].full_name, units.get(controls[c].input, "")
+            full, unit = controls[c].full_name, units.get(c, "")
             found.append(Place("command", full, aliases, unit, 1, low, high, joint))
         if force:
             found.append(Place("joint_torque", name, aliases, force, joint=joint))
@@ -93,6 +93,29 @@ def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
             Place("supply_voltage", name, aliases, "V"),
             Place("temperature", name, aliases, "degC"),
         ]
+    return found
+
+
+def _find_goal_units(
+    model: "mujoco.MjModel", actuator: int, length: str
+) -> dict[int, str]:
+    """Units of a servo's goals by their indices into ctrl; none of what is no servo.
+
+    Args:
+        model: compiled.
+        actuator: its number.
+        length: unit of the joint's position.
+    """
+    import mujoco
+
+    found, (gain, _) = dict[int, str](), get_servo_gains(model, actuator)
+    integrates = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_INTEGRATOR
+    # another gain than stiffness makes the goal one of another unit
+    if np.isclose(gain, -model.actuator_biasprm[actuator, 1]):
+        unit = f"{length}/s" if integrates else length  # as of <intvelocity>
+        found[find_goal(model, actuator)] = unit
+    found[find_speed_goal(model, actuator)] = f"{length}/s"
+    found.pop(-1, None)
     return found
 
 
@@ -116,36 +139,6 @@ def _list_others(model: "mujoco.MjModel") -> list[Place]:
             Place("body_angular_velocity", body, (), "rad/s", 3),
         ]
     return found
-
-
-def _find_joint(model: "mujoco.MjModel", actuator: int) -> int:
-    """The joint that an actuator drives; -1 if it is something else."""
-    import mujoco
-
-    at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    if mujoco.mjtTrn(model.actuator_trntype[actuator]) not in at_joint:
-        return -1
-    return int(model.actuator_trnid[actuator, 0])
-
-
-def _find_command_unit(model: "mujoco.MjModel", actuator: int, length: str) -> str:
-    """The unit of a servo's command; "" of what is no servo.
-
-    MuJoCo's force is gain * ctrl + bias[0] + bias[1] * position + bias[2] * velocity:
-    bias[1] is -gain of a position servo, bias[2] of a velocity servo (MuJoCo, XML
-    reference, actuator/position and actuator/velocity).
-
-    Args:
-        model: compiled.
-        actuator: its number.
-        length: unit of the joint's position.
-    """
-    gain, bias = model.actuator_gainprm[actuator][0], model.actuator_biasprm[actuator]
-    if gain > 0 and np.isclose(bias[1], -gain):
-        return length
-    if gain > 0 and not bias[1] and np.isclose(bias[2], -gain):
-        return f"{length}/s"
-    return ""
 
 
 def group_places(places: Sequence[Place]) -> dict[str, list[Place]]:

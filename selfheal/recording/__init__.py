@@ -3,6 +3,7 @@
 from .check import validate
 from .controls import (
     find_controls,
+    find_joint,
     find_output,
     find_single_columns,
     list_controls,
@@ -25,6 +26,7 @@ __all__ = [
     "Target",
     "check_against_model",
     "find_controls",
+    "find_joint",
     "find_output",
     "find_single_columns",
     "list_controls",

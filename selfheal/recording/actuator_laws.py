@@ -64,6 +64,24 @@ def find_goal(model: "mujoco.MjModel", actuator: int) -> int:
     return controls[0] if is_servo and has_affine_force(model, actuator) else -1
 
 
+def find_speed_goal(model: "mujoco.MjModel", actuator: int) -> int:
+    """Index into ctrl of the speed that an actuator is to hold; -1: it holds none.
+
+    MuJoCo's <velocity> has a gain that is its damping, and no stiffness.
+    """
+    controls, (gain, damping) = (
+        find_controls(model, actuator),
+        get_servo_gains(model, actuator),
+    )
+    if is_pid(model, actuator):
+        names = _list_inputs(model, actuator)
+        return controls[names.index("vel")] if "vel" in names else -1
+    holds = gain > 0 and np.isclose(damping, gain)
+    is_stiff = model.actuator_biasprm[actuator, 1] != 0
+    is_servo = holds and not is_stiff and has_affine_force(model, actuator)
+    return controls[0] if is_servo else -1
+
+
 def _list_inputs(model: "mujoco.MjModel", actuator: int) -> list[str]:
     """MuJoCo's names of what the controls of a <pid> command."""
     import mujoco

@@ -57,6 +57,21 @@ def find_controls(model: "mujoco.MjModel", actuator: int) -> tuple[int, ...]:
     return tuple(range(int(first), int(first + count)))
 
 
+def find_joint(model: "mujoco.MjModel", actuator: int) -> int:
+    """Id of the joint that an actuator drives, by its own id; -1: it drives none.
+
+    What drives a tendon, a site or a body has the id of that where others have the id
+    of a joint (MuJoCo, mjModel.actuator_trnid).
+    """
+    import mujoco
+
+    kinds = mujoco.mjtTrn
+    at_joint = (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
+    if kinds(model.actuator_trntype[actuator]) not in at_joint:
+        return -1
+    return int(model.actuator_trnid[actuator, 0])
+
+
 def find_output(model: "mujoco.MjModel", actuator: int) -> int:
     """Index of an actuator's first force, by its id.
 

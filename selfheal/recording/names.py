@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
 from ..mujoco_files import compile_file, read_spec_file
-from .controls import list_controls
+from .controls import find_joint, list_controls
 from .model import ModelNames, Target
 
 if TYPE_CHECKING:
@@ -138,12 +138,8 @@ def _find_joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:
 
 
 def _find_force_units(model: "mujoco.MjModel", actuator: int) -> dict[str, str]:
-    import mujoco
-
-    at_joint = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    if mujoco.mjtTrn(model.actuator_trntype[actuator]) not in at_joint:
-        return {}
-    units = _find_joint_units(model, model.actuator_trnid[actuator, 0])
+    joint = find_joint(model, actuator)
+    units = _find_joint_units(model, joint) if joint >= 0 else {}
     force = {"rad": "N m", "m": "N"}.get(units.get("joint_position", ""))
     return {"joint_torque": force} if force else {}
 
