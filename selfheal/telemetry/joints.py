@@ -5,7 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording import Recording, find_controls, find_output, list_controls
+from ..recording import (
+    Recording,
+    find_controls,
+    find_joint,
+    find_output,
+    list_controls,
+)
 from ..recording.actuator_laws import find_goal, get_servo_gains, is_pid
 
 if TYPE_CHECKING:
@@ -70,7 +76,7 @@ def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColu
         if model.jnt_type[j] not in hinges:
             continue
         name = model.joint(j).name
-        acting = _list_actuators(model, j)
+        acting = [a for a in range(model.nactuator) if find_joint(model, a) == j]
         found.append(
             JointColumns(
                 name,
@@ -117,18 +123,6 @@ def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:
     kinds = mujoco.mjtDyn
     plain = (kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT)
     return int(model.actuator_dyntype[actuator]) in map(int, plain)
-
-
-def _list_actuators(model: "mujoco.MjModel", joint: int) -> list[int]:
-    import mujoco
-
-    kinds = mujoco.mjtTrn
-    at_joint = (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
-    return [
-        a
-        for a in range(model.nactuator)
-        if model.actuator_trntype[a] in at_joint and model.actuator_trnid[a, 0] == joint
-    ]
 
 
 def _find_servo(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording import Recording, list_controls
+from ..recording import Recording, find_joint, list_controls
 from .fault import Fault, format_columns
 from .joints import JointColumns
 
@@ -53,8 +53,8 @@ def soften(model: "mujoco.MjModel", joint: int) -> float:
     dof = model.jnt_dofadr[joint]
     limits = [
         float(np.abs(model.actuator_forcerange[a]).max())
-        for a in range(len(model.actuator_trntype))
-        if model.actuator_trnid[a, 0] == joint and model.actuator_forcelimited[a]
+        for a in range(model.nactuator)
+        if find_joint(model, a) == joint and model.actuator_forcelimited[a]
     ]
     push = sum(limits) * max(float(model.dof_invweight0[dof]), 0.0)
     return float(min(push * (1 - d) / (d * stiffness), 0.1))
