@@ -244,7 +244,7 @@ class Members:
         try:
             return _make_adapter(kind).validate_json(text, strict=True)
         except ValidationError as error:
-            raise self.make_error(*_explain(member, error)) from error
+            raise self.make_error(*explain_misfit(member, error, text)) from error
 
     def check_list(self, member: str, values: Any, kind: ArraySchema) -> None:
         """Refuse a list of numbers of a document that does not fit.
@@ -325,18 +325,50 @@ def _make_adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 
-def _explain(member: str, error: ValidationError) -> tuple[str, str, str]:
-    """Place, finding and what would fit, of the first thing that is wrong."""
-    first, *_ = error.errors(include_url=False)
-    steps = (f"[{k}]" if isinstance(k, int) else f".{k}" for k in first["loc"])
-    place, said = member + "".join(steps), first["msg"]
+def explain_misfit(
+    member: str, error: ValidationError, text: str | bytes
+) -> tuple[str, str, str]:
+    """Place, finding and what would fit, of the first thing that is wrong.
+
+    Where a value may be of several types, each has an error: those that lead furthest
+    into the document count.
+
+    Args:
+        member: that the document is of; "" leaves it out of the place.
+        error: of the document.
+        text: the document.
+    """
+    found = error.errors(include_url=False)
+    if found[0]["type"] == "json_invalid":
+        said = found[0]["msg"].removeprefix("Invalid JSON: ")
+        return member, f"no JSON ({said})", ""
+    document = json.loads(text, parse_int=str)  # a number may be of any length
+    every = [(_find_place(e, document), e) for e in found]
+    start = every[0][0]
+    place, first = max(
+        (pair for pair in every if pair[0].startswith(start)), key=lambda p: len(p[0])
+    )
+    said, where = first["msg"], (member + place).removeprefix(".")
     if first["type"] == "missing":
-        return place, "missing", ""
-    if first["type"] == "json_invalid":
-        return place, f"no JSON ({said.removeprefix('Invalid JSON: ')})", ""
+        return where, "missing", ""
+    if first["type"] == "unexpected_keyword_argument":
+        return where, "not known", ""
     if first["type"] == "value_error":  # what a type of ours says of the value
-        return place, said.removeprefix("Value error, "), ""
-    return place, shorten_value(first["input"]), said.removeprefix("Input should be ")
+        return where, said.removeprefix("Value error, "), ""
+    fits = [e["msg"].removeprefix("Input should be ") for p, e in every if p == place]
+    return where, shorten_value(first["input"]), " or ".join(dict.fromkeys(fits))
+
+
+def _find_place(error: Mapping[str, Any], document: Any) -> str:
+    """Where in a document an error is; names of types that were tried are left out."""
+    place, value, steps = "", document, error["loc"]
+    for number, step in enumerate(steps, 1):
+        is_missing = error["type"] == "missing" and number == len(steps)
+        if isinstance(value, list) and isinstance(step, int) and step < len(value):
+            place, value = f"{place}[{step}]", value[step]
+        elif isinstance(value, dict) and (step in value or is_missing):
+            place, value = f"{place}.{step}", value.get(step)
+    return place
 
 
 def shorten_value(value: Any) -> str:

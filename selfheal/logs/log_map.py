@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 
 from ..errors import InputError
 from ..files import check_file
-from ..schema import shorten_value
+from ..schema import explain_misfit
 
 VERSION = 1
 COMMAND = "command"  # the kind of columns that become `ctrl`
@@ -157,7 +157,9 @@ def parse_map(document: Any, name: str) -> LogMap:
         text = json.dumps(document, default=str)
         found = TypeAdapter(LogMap).validate_json(text)
     except ValidationError as error:
-        raise InputError(f"{name}: {_explain(error)}") from error
+        place, wrong, fits = explain_misfit("", error, text)
+        end = fits and f"; would fit: {fits}"
+        raise InputError(f"{name}: {place or 'it'} is {wrong}{end}") from error
     if found.version != VERSION:
         raise InputError(
             f"{name}: a map of version {found.version}; this program reads {VERSION}"
@@ -165,16 +167,3 @@ def parse_map(document: Any, name: str) -> LogMap:
     if not found.signals:
         raise InputError(f"{name}: it has no [[signals]]; at least one is needed")
     return found
-
-
-def _explain(error: ValidationError) -> str:
-    """The first thing that is wrong with a map, in words."""
-    first, *_ = error.errors(include_url=False)
-    steps = [s for s in first["loc"] if not (isinstance(s, str) and "[" in s)]
-    place = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps)[1:]
-    if first["type"] == "missing":
-        return f"{place} is missing"
-    if first["type"] == "unexpected_keyword_argument":
-        return f"{place} is not known"
-    wanted = first["msg"].removeprefix("Input should be ")
-    return f"{place} is {shorten_value(first['input'])}; would fit: {wanted}"
