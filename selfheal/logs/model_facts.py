@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..recording import find_controls, find_joint, list_controls
+from ..recording import find_controls, find_joint, find_output, list_controls
 from ..recording.actuator_laws import find_goal, find_speed_goal, get_servo_gains
 
 if TYPE_CHECKING:
@@ -117,6 +117,32 @@ def _find_goal_units(
     found[find_speed_goal(model, actuator)] = f"{length}/s"
     found.pop(-1, None)
     return found
+
+
+def format_servo(model: "mujoco.MjModel", command: str) -> str:
+    """MJCF of a position servo that takes the place of an actuator of another kind.
+
+    Its gains are left open. It is as strong as the actuator, as far as the model says
+    how strong that is. It has no gear, so that its goal is the joint's position.
+
+    Args:
+        model: compiled.
+        command: a control's full name.
+    """
+    controls = [control.full_name for control in list_controls(model)]
+    column = controls.index(command)
+    a = next(a for a in range(model.nactuator) if column in find_controls(model, a))
+    joint = model.joint(find_joint(model, a)).name
+    said = f'<position name="{model.actuator(a).name}" joint="{joint}" kp="KP" kv="KV"'
+    gain = model.actuator_gear[find_output(model, a), 0]
+    low, high = model.actuator_forcerange[a]
+    if not model.actuator_forcelimited[a]:
+        gain *= model.actuator_gainprm[a, 0]
+        low, high = model.actuator_ctrlrange[column]
+        if model.actuator_biastype[a] or not model.actuator_ctrllimited[column]:
+            return f"{said}/>"
+    low, high = sorted((gain * low, gain * high))
+    return f'{said} forcerange="{low:g} {high:g}"/>'
 
 
 def _list_others(model: "mujoco.MjModel") -> list[Place]:

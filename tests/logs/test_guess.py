@@ -1,5 +1,6 @@
 """A proposed map finds columns by name, unit, limits and motion, and tells doubts."""
 
+import re
 import tomllib
 
 import mujoco
@@ -7,10 +8,13 @@ import numpy as np
 import pytest
 
 from selfheal.logs.convert import import_logs
+from selfheal.logs.guessing import conversions
 from selfheal.logs.guessing.column_names import read_name, score_kinds, score_names
 from selfheal.logs.guessing.guess import guess_map
 from selfheal.logs.guessing.map_text import format_map
 from selfheal.logs.log_map import COMMAND, parse_map
+from selfheal.logs.model_facts import format_servo
+from selfheal.logs.motion import compare_command
 from selfheal.recording import list_model_names, read
 from tests.support.logs.table_log import TableLog
 
@@ -193,8 +197,75 @@ def test_what_is_not_there_is_said(model, motion):
 def test_a_goal_for_a_torque_motor_is_remarked(motion):
     text = ARM.replace("<position", "<motor").replace('kp="60" kv="2"', "")
     motors = mujoco.MjModel.from_xml_string(text)
-    guess = guess_map(TableLog({"": _make_table(motion)}), motors)
-    assert any("no position servos" in remark for remark in guess.remarks)
+    table = _make_table(motion)
+    (remark,) = (r for r in guess_map(TableLog({"": table}), motors).remarks
+                 if "no position servos" in r)  # fmt: skip
+    # what it says, with gains, makes a model that fits the log
+    for line in re.findall("<position[^>]*/>", remark):
+        name = re.search('name="[^"]*"', line)[0]
+        text = re.sub(f"<motor {name}[^>]*/>", line, text)
+    text = text.replace("KP", "60").replace("KV", "2")
+    servos = mujoco.MjModel.from_xml_string(text)
+    assert (servos.actuator_biasprm[:, 1] == -60).all()
+    guess = guess_map(TableLog({"": table}), servos)
+    assert not any("no position servos" in r for r in guess.remarks)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "range_"),
+    [
+        ('motor joint="knee" ctrlrange="-1 2" gear="6"', (-6, 12)),
+        ('motor joint="knee" ctrlrange="-1 2" gear="-6"', (-12, 6)),
+        ('motor joint="knee" forcerange="-3 4" ctrlrange="-9 9" gear="2"', (-6, 8)),
+        ('general joint="knee" ctrlrange="-1 1" gainprm="5"', (-5, 5)),
+        ('motor joint="knee"', None),
+        ('velocity joint="knee" kv="3" ctrlrange="-1 1"', None),
+    ],
+)
+def test_a_servo_is_as_strong_as_the_motor_in_its_place(actuator, range_):
+    xml = """<mujoco><worldbody><body><joint name="knee"/><geom size="0.1"/></body>
+    </worldbody><actuator>{}</actuator></mujoco>"""
+    motor = mujoco.MjModel.from_xml_string(xml.format(f'<{actuator} name="m"/>'))
+    line = format_servo(motor, "m").replace("KP", "8").replace("KV", "1")
+    servo = mujoco.MjModel.from_xml_string(xml.format(line))
+    assert (servo.actuator("m").gear[0], servo.actuator("m").trnid[0]) == (1, 0)
+    assert servo.actuator_forcelimited[0] == (range_ is not None)
+    if range_:
+        assert tuple(servo.actuator_forcerange[0]) == range_
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.01, 0.05, 0.14, 0.43])
+def test_the_lag_of_a_position_is_found(lag):
+    time = np.arange(0, 20, 0.005)
+    rng = np.random.default_rng(1)
+    shape = np.convolve(rng.normal(size=time.size + 200), np.hanning(60), "valid")
+    command = shape[: time.size]
+    late = np.interp(time - lag, time, command) + 0.01 * rng.normal(size=time.size)
+    found = compare_command((time, command), (time, late))
+    assert found.lag == pytest.approx(lag, abs=0.011) and found.correlation > 0.95
+
+
+def test_a_pair_of_columns_is_compared_once(model, motion, monkeypatch):
+    seen = []
+
+    def compare(command, position):
+        seen.append((id(command[1]), id(position[1])))
+        return compare_command(command, position)
+
+    monkeypatch.setattr(conversions, "compare_command", compare)
+    guess_map(TableLog({"": _make_table(motion)}), model)
+    assert len(seen) == len(set(seen)) > len(JOINTS)
+
+
+@pytest.mark.parametrize("value", [1e300, -np.inf, 1e200])
+def test_a_reading_that_is_damaged_changes_no_guess(value, model, motion):
+    table = {name: np.array(c, dtype=float) for name, c in _make_table(motion).items()}
+    whole = guess_map(TableLog({"": table}), model)
+    for column in table.values():
+        column[7] = value
+    guess = guess_map(TableLog({"": table}), model)
+    assert [line.targets for line in guess.lines] == [w.targets for w in whole.lines]
+    assert [line.columns for line in guess.lines] == [w.columns for w in whole.lines]
 
 
 def test_two_streams_of_a_robot_are_named_and_their_clocks_kept(model, motion):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...printable import make_printable
 from ...schema import shorten_value
 from ..base import Log, Values
 
@@ -20,6 +21,7 @@ MAX_COLUMNS = 10_000  # of a stream; chosen: ten times those of a humanoid's who
 # elements of a vector that become columns each; chosen: above any state of a robot,
 # below any picture
 MAX_ELEMENTS = 1_000
+_MAX_LINE = 200  # characters of a library's message that are shown; chosen
 CUT_LINE = "the last line is cut off"
 PIECE_VALUES = 1_000_000  # of a piece of a stream; chosen: 8 MB as float64
 
@@ -71,8 +73,7 @@ def explain_damage(path: Path, what: str) -> Iterator[None]:
 def clean_text(said: object) -> str:
     """The first line of what a library says, short and printable."""
     text = str(said).strip() or type(said).__name__
-    line = "".join(c if c.isprintable() else " " for c in text.splitlines()[0])
-    return line if len(line) <= 200 else f"{line[:200]}..."
+    return make_printable(text.splitlines()[0], most=_MAX_LINE)
 
 
 def read_start(path: Path, size: int = 16) -> bytes:

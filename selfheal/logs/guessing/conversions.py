@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,8 +20,39 @@ from .unit_guesses import (
 )
 
 
-def guess_conversions(matches: Sequence[Match]) -> list[UnitGuess]:
-    """The unit of each match; those of positions first, for the others hang on them."""
+@dataclass
+class Relations:
+    """How columns go with positions; each pair is compared once.
+
+    Attributes:
+        known: what was found, by the columns, and by whether they are speeds.
+    """
+
+    known: dict[tuple[int, int, bool], Relation] = field(default_factory=dict)
+
+    def find(self, column: Column, position: Column, place: Place) -> Relation:
+        """How a column goes with a position; see `relate`.
+
+        Args:
+            column: of speeds, or of commands; it lives as long as this.
+            position: column of the joint's position; likewise.
+            place: to which the first one belongs.
+        """
+        key = id(column), id(position), place.unit.endswith("/s")
+        if key not in self.known:
+            self.known[key] = relate(column, position, place)
+        return self.known[key]
+
+
+def guess_conversions(
+    matches: Sequence[Match], relations: Relations
+) -> list[UnitGuess]:
+    """The unit of each match; those of positions first, for the others hang on them.
+
+    Args:
+        matches: columns and whose they are.
+        relations: of the columns.
+    """
     found = dict[int, UnitGuess]()
     for kind, unit in itertools.product(("joint_position", COMMAND), ("rad", "m")):
         members = [k for k, m in enumerate(matches)
@@ -31,24 +62,24 @@ def guess_conversions(matches: Sequence[Match]) -> list[UnitGuess]:
             found |= dict(zip(members, guessed, strict=True))
     positions = {m.place.joint: k for k, m in enumerate(matches)
                  if m.place.kind == "joint_position"}  # fmt: skip
-    relations = {
-        k: _scale(relate(m.column, matches[p].column, m.place), found[p])
+    scaled = {
+        k: _scale(relations.find(m.column, matches[p].column, m.place), found[p])
         for k, m in enumerate(matches)
         if m.place.kind in (COMMAND, "joint_velocity")
         and (p := positions.get(m.place.joint)) is not None
     }
     for k, match in enumerate(matches):
         place = match.place
-        if place.kind == COMMAND and k in relations:
-            better = guess_command_unit(match.column, place, relations[k])
+        if place.kind == COMMAND and k in scaled:
+            better = guess_command_unit(match.column, place, scaled[k])
             if better is not None:
                 found[k] = better
-                if relations[k].slope < 0:
+                if scaled[k].slope < 0:
                     position = positions[place.joint]
                     found |= _settle_signs(matches, found, position, k)
     for k, match in enumerate(matches):
         if match.place.unit.endswith("/s"):
-            guessed_unit = guess_speed_unit(match.column, match.place, relations.get(k))
+            guessed_unit = guess_speed_unit(match.column, match.place, scaled.get(k))
             joint = positions.get(match.place.joint)
             sign = found[joint].sign if joint is not None else 1
             found[k] = replace(guessed_unit, sign=sign * guessed_unit.sign)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...printable import join_names
 from ..base import Log, Stream
 from ..log_map import COMMAND
-from ..model_facts import Place, group_places, list_places
+from ..model_facts import Place, format_servo, group_places, list_places
 from ..motion import (
     Relation,
     measure_share_inside,
@@ -26,7 +27,7 @@ from .assignment import (
     list_columns,
 )
 from .clocks import TimeGuess, guess_times
-from .conversions import guess_conversions, relate
+from .conversions import Relations, guess_conversions
 from .unit_guesses import (
     UnitGuess,
 )
@@ -108,9 +109,10 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     several = len(log.streams) > 1
     inside = {id(c) for members in vectors.values() for c in members}
     scalars = [column for column in columns if id(column) not in inside]
-    matches = _match_scalars(scalars, places, by_kind)
+    relations = Relations()
+    matches = _match_scalars(scalars, places, by_kind, relations)
     matches, as_commands = _take_torques_as_commands(matches, by_kind)
-    found.lines = _make_scalar_lines(matches, several)
+    found.lines = _make_scalar_lines(matches, several, relations)
     lines, notes = match_vectors(vectors, by_kind, several)
     found.lines += [GuessedLine(*line) for line in lines]
     found.remarks += notes
@@ -125,7 +127,7 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
             "the log has no commands; the measured efforts are taken for what the "
             "motors were told: look whether they are torques, or currents"
         )
-    found.remarks += _list_remarks(found, matches, by_kind)
+    found.remarks += _list_remarks(found, matches, by_kind, model, relations)
     return found
 
 
@@ -138,8 +140,16 @@ def _match_scalars(
     columns: Sequence[Column],
     places: Sequence[Place],
     by_kind: Mapping[str, Sequence[Place]],
+    relations: Relations,
 ) -> list[Match]:
-    """Whose each column of one number is, kind after kind."""
+    """Whose each column of one number is, kind after kind.
+
+    Args:
+        columns: that may be taken.
+        places: of the model.
+        by_kind: the same.
+        relations: of the columns.
+    """
     groups = group_scalars(columns, places)
     found = list[Match]()
     for kind in _SCALARS:
@@ -152,7 +162,7 @@ def _match_scalars(
             got = (
                 _assign_positions(members, left)
                 if kind == "joint_position"
-                else assign_columns(members, left, _Judge(positions))
+                else assign_columns(members, left, _Judge(positions, relations))
             )
             settled = min(1.0, 0.6 + ahead / 2)
             found += [Match(m.column, m.place, settled * m.sure, m.why) for m in got]
@@ -194,16 +204,18 @@ class _Judge:
 
     Attributes:
         positions: columns of positions that were found, by their joints.
+        relations: of the columns.
     """
 
     positions: Mapping[int, Column]
+    relations: Relations
 
     def __call__(self, column: Column, place: Place) -> tuple[float, str]:
         """Nats for a place, and the reason."""
         position = self.positions.get(place.joint)
         if position is None or place.kind not in ("joint_velocity", COMMAND):
             return 0.0, ""
-        relation = relate(column, position, place)
+        relation = self.relations.find(column, position, place)
         found = abs(relation.correlation)
         word = "its motion" if found > 0.8 else ""
         return _FOLLOWS * found**2, word
@@ -231,9 +243,17 @@ def _assign_positions(
     return best
 
 
-def _make_scalar_lines(matches: Sequence[Match], several: bool) -> list[GuessedLine]:
-    """Lines of a map: matches of one kind and one stream together."""
-    units = guess_conversions(matches)
+def _make_scalar_lines(
+    matches: Sequence[Match], several: bool, relations: Relations
+) -> list[GuessedLine]:
+    """Lines of a map: matches of one kind and one stream together.
+
+    Args:
+        matches: columns and whose they are.
+        several: whether the log has several streams.
+        relations: of the columns.
+    """
+    units = guess_conversions(matches, relations)
     groups = dict[tuple[str, str], list[int]]()
     for k, match in enumerate(matches):
         groups.setdefault((match.place.kind, match.column.stream), []).append(k)
@@ -255,9 +275,21 @@ def _join_reasons(*reasons: str) -> str:
 
 
 def _list_remarks(
-    found: Guess, matches: Sequence[Match], by_kind: Mapping[str, Sequence[Place]]
+    found: Guess,
+    matches: Sequence[Match],
+    by_kind: Mapping[str, Sequence[Place]],
+    model: "mujoco.MjModel",
+    relations: Relations,
 ) -> list[str]:
-    """What a user should look at before he trusts the map."""
+    """What a user should look at before he trusts the map.
+
+    Args:
+        found: the map so far.
+        matches: columns of one number and whose they are.
+        by_kind: places of the model.
+        model: compiled.
+        relations: of the columns.
+    """
     said = []
     positions = {m.place.joint: m.column for m in matches
                  if m.place.kind == "joint_position"}  # fmt: skip
@@ -266,23 +298,25 @@ def _list_remarks(
         for m in matches
         if m.place.kind == COMMAND and m.place.unit not in ("rad", "m")
         and m.place.joint in positions
-        and _is_goal(relate(m.column, positions[m.place.joint], m.place))
+        and _is_goal(relations.find(m.column, positions[m.place.joint], m.place))
     ]  # fmt: skip
     if goals:
         said.append(
-            f"the commands of {_list_some(goals)} are followed by the positions, but "
-            "the model's actuators are no position servos: give it <position> "
-            "actuators with the gains of the drive"
+            f"the commands of {join_names(goals)} are followed by the positions, but "
+            "the model's actuators are no position servos: replace them by "
+            f"{join_names(format_servo(model, name) for name in goals)}, where KP and "
+            "KV are the gains of the drive [N m/rad and N m s/rad; of a slide N/m and "
+            "N s/m]"
         )
     if found.missing:
         said.append(
-            f"no command was found for {_list_some(found.missing)}: without commands "
+            f"no command was found for {join_names(found.missing)}: without commands "
             "nothing can be diagnosed; a constant one is columns = [] and offset"
         )
     absent = [p.name for p in by_kind.get("joint_position", ())
               if p.joint not in positions]  # fmt: skip
     if absent:
-        said.append(f"no position was found for {_list_some(absent)}")
+        said.append(f"no position was found for {join_names(absent)}")
     counts = Counter(
         line.kind for line in found.lines for sure in line.sure if sure < 0.7
     )
@@ -294,8 +328,3 @@ def _list_remarks(
 def _is_goal(relation: Relation) -> bool:
     """Whether a position follows a column as a servo follows its goal."""
     return relation.correlation > 0.9 and 0.5 < relation.slope < 2
-
-
-def _list_some(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:6])
-    return shown if len(names) <= 6 else f"{shown} and {len(names) - 6} more"
