@@ -4,6 +4,7 @@ import gzip
 import io
 import json
 import tomllib
+import warnings
 import zipfile
 from collections.abc import Callable
 from typing import Any
@@ -83,11 +84,15 @@ def mutate_zip(content: bytes, seed: int) -> bytes:
     if chance == 4:
         del members[k]
     elif chance == 5:
-        members[k] = _NAMES[rng.integers(len(_NAMES))] + ".npy", inner
+        new = _NAMES[rng.integers(len(_NAMES))].replace("\0", "_")  # of no zip
+        members[k] = f"{new}.npy", inner
     else:
         members[k] = name, mutate_bytes(inner, int(rng.integers(2**31)))
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+    with (
+        warnings.catch_warnings(action="ignore"),  # of a name that is there already
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
         for name, inner in members:
             archive.writestr(name, inner)
     return buffer.getvalue()
