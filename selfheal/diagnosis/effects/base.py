@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # share of a parameter's scale within which it counts as its nominal value; chosen:
 # below any change that a fit tells from rounding
 ABSENT_TOLERANCE = 1e-6
+# share of a parameter's range within which it is at its bound; chosen
+BOUND_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,17 @@ class Term:
         # a wave at its lowest frequency is a bend within the range, of another effect
         bend = self.effect.is_periodic and values[1] < 1.01 * self.low[1]
         return bool(near or bend or not self.effect.is_consistent(values))
+
+    def is_at_bound(self, values: Floats) -> bool:
+        """Whether one of the values (p) is at a bound that is no zero of nature.
+
+        Nor is it the nominal value, where the effect is absent.
+        """
+        reach = BOUND_SHARE * (self.high - self.low)
+        nominal = np.array([p.nominal for p in self.parameters], float)
+        is_low = (values <= self.low + reach) & (nominal > self.low) & (self.low != 0)
+        is_high = (values >= self.high - reach) & (nominal < self.high)
+        return bool((is_low | is_high).any())
 
     @property
     def key(self) -> tuple:

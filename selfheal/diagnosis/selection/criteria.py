@@ -309,7 +309,8 @@ def is_plausible(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
     """Whether an effect is usual enough for what it explains.
 
     Where much stays unexplained, an effect that is rare, or says that the model's own
-    numbers are far off, is more likely to stand for something else.
+    numbers are far off, is more likely to stand for something else. So is one whose
+    value ends at a bound: it would be larger yet than any robot has it.
 
     Args:
         problem: that both were fitted to.
@@ -318,11 +319,9 @@ def is_plausible(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
     """
     is_usual = not is_rare_or_restating(new.candidate)
     is_large = new.error < SELECTION.large_gain_error_ratio * old.error
-    return (
-        is_usual
-        or is_large
-        or noise_ratio(problem, new.fit.residuals) < FIT.strictly_unexplained_ratio
-    )
+    is_likely = (is_usual or is_large) and not new.candidate.is_at_bound(new.values)
+    residuals = new.fit.residuals
+    return is_likely or noise_ratio(problem, residuals) < FIT.strictly_unexplained_ratio
 
 
 def is_rare_or_restating(term: Term) -> bool:
