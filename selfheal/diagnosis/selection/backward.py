@@ -86,7 +86,7 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         fit = fit_parameters(
             problem,
             *fit.without_terms(*removed),
-            iterations=2,
+            iterations=1,
             jacobian=fit.jacobian_without(*removed),
         )
     return fit

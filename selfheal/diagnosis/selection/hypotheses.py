@@ -143,7 +143,15 @@ def name_effects(
     backward = None
     if not problem.regime.has_rough_cost:
         backward = search_backward(start, longer, rng, progress)
-    forward = search_forward(start, rng, progress, _count_additions(backward))
+    most = _count_additions(backward)
+    forward = search_forward(start, rng, progress, most)
+    if (
+        backward is not None
+        and not backward.is_explained
+        and most < SELECTION.max_effects
+        and predicts_better(forward, backward)
+    ):
+        forward = search_forward(forward, rng, progress)
     for _ in longer:
         longest = lengthen_segments(forward, longer)
         if longest is forward or longest.is_explained:
@@ -175,12 +183,15 @@ def name_effects(
 def _count_additions(backward: SearchState | None) -> int:
     """How many effects a forward search may add beside what a backward one found.
 
-    Where usual effects explain all, only fewer ones could be likelier.
+    Where usual effects explain all, only fewer ones could be likelier. Where they are
+    many, one is added first.
     """
-    if backward is None or not backward.named or not backward.is_explained:
+    if backward is None or not backward.named:
         return SELECTION.max_effects
     count = len(backward.named)
-    return count if count <= SELECTION.max_rivals else 1
+    if count > SELECTION.max_rivals:
+        return 1
+    return count if backward.is_explained else SELECTION.max_effects
 
 
 def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import is_distinct
-from ..estimation.candidate_fit import LinearizedFit
+from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     is_horizon_informative,
@@ -69,6 +69,8 @@ def search_forward(
         progress(f"fitting {best.candidate.label}", 0.0)
         before = state.named
         state, removed = _admit(state.with_claim(best.candidate, claim), best)
+        if best.candidate in state.named and not state.is_complete:
+            state = _add_siblings(state, best.candidate, tabu, rng)
         tabu = {t.key for t in removed}  # for one round: what follows may need it
         replaced = tuple(t for t in before if t not in state.named)
         for term in state.named:
@@ -150,6 +152,50 @@ def _admit(state: SearchState, best: ScoredFit) -> tuple[SearchState, list[Term]
     return _remove_and_exchange(state.with_fit(*reweight_and_fit(problem, fit, 4)))
 
 
+def _add_siblings(
+    state: SearchState, winner: Term, tabu: Set[tuple], rng: np.random.Generator
+) -> SearchState:
+    """Add a usual effect at all other places too, and keep it where it is significant.
+
+    What one drive of a robot has, the others often have as well; one by one, each
+    would need a screening of its own.
+
+    Args:
+        state: of the search, in which the winner is named.
+        winner: the effect that was added at one place.
+        tabu: keys of candidates that may not be tried.
+        rng: draws segments and resamples.
+    """
+    siblings = [
+        t
+        for t in state.candidates
+        if t.effect is winner.effect
+        and len(t.targets) == len(winner.targets) == 1
+        and t.finding_fields == winner.finding_fields
+        and not t.effect.rarity
+        and t.key not in tabu
+        and is_distinct(t, state.named)
+    ]
+    if not siblings:
+        return state
+    problem, old = state.problem, state.best.fit
+    base = LinearizedFit.from_fit(problem, old)
+    part = select_hard_segments(base, SELECTION.screening_steps[0], rng)
+    fits = [fit_candidate(part, t, iterations=1) for t in siblings]
+    start = [f.values[len(old.values) :] for f in fits]
+    fit = fit_parameters(
+        problem,
+        (*old.terms, *siblings),
+        np.concatenate([old.values, *start]),
+        iterations=6,
+    )
+    fit = eliminate_backward(problem, fit, state.nominal_count)
+    if not any(t in fit.terms for t in siblings):
+        return state
+    state, _ = _remove_and_exchange(state.with_fit(*reweight_and_fit(problem, fit, 4)))
+    return _keep_significant(state, siblings, rng)
+
+
 def _remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
     """Remove effects that are needless; exchange those that others explain better.
 
@@ -208,12 +254,12 @@ def search_backward(
     problem, terms = state.problem, (*state.best.fit.terms, *usual)
     start = [np.array(t.initial_values[0]) for t in usual]
     values = np.concatenate([state.best.fit.values, *start])
-    fit = fit_parameters(problem, terms, values, iterations=8)
+    fit = fit_parameters(problem, terms, values, iterations=5)
     problem, fit = fit_longer(problem, fit, longer)
     fit = eliminate_backward(problem, fit, state.nominal_count)
     state = state.with_fit(*reweight_and_fit(problem, fit, 4))
     state, _ = _remove_and_exchange(state)
-    return _keep_significant(state, len(usual), rng)
+    return _keep_significant(state, usual, rng)
 
 
 def fit_longer(
@@ -231,7 +277,7 @@ def fit_longer(
         if not is_horizon_informative(other, problem, fit.terms, fit.values):
             break
         problem = marginalize_initial_states(other, fit.terms, fit.values)
-        fit = fit_parameters(problem, fit.terms, fit.values, iterations=8)
+        fit = fit_parameters(problem, fit.terms, fit.values, iterations=5)
     return problem, fit
 
 
@@ -259,21 +305,21 @@ def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchSt
 
 
 def _keep_significant(
-    state: SearchState, tried: int, rng: np.random.Generator
+    state: SearchState, tried: Sequence[Term], rng: np.random.Generator
 ) -> SearchState:
-    """The state with those effects alone that a likelihood-ratio test each upholds.
+    """The state without those of some effects that a likelihood-ratio test refutes.
 
     Args:
         state: of the search.
-        tried: number of effects that were fitted, by which p-values are corrected
-            (Bonferroni).
+        tried: effects that were fitted together, by whose number p-values are
+            corrected (Bonferroni).
         rng: draws resamples.
     """
     problem = state.problem
-    for term in state.named:
+    for term in [t for t in state.named if t in tried]:
         best = state.best
         less = ScoredFit.from_fit(problem, fit_without(problem, best.fit, term))
-        p_value = improvement_p_value(problem, less, best, tried)
+        p_value = improvement_p_value(problem, less, best, len(tried))
         if p_value >= SELECTION.max_p_value:
             state = state.with_fit(problem, less)
             continue
