@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.diagnosis_runs import ProcessLimits, diagnose_case
-from benchmarks.drives.case import KINDS, make_case, save_case
+from benchmarks.drives.case import make_case, name_case, save_case
+from benchmarks.drives.kinds import KINDS
 from benchmarks.drives.page import compute_figures, make_sections
 from benchmarks.drives.references import measure_references
 from benchmarks.drives.score import score_case
@@ -44,7 +45,7 @@ def _run_case(folder: Path, kind: str, seed: int, seconds: float) -> dict[str, A
         seconds: [s] that its diagnosis may take.
     """
     silence_mujoco()
-    place = folder / f"{kind}_{seed:05d}"
+    place = folder / name_case(kind, seed)
     scored = place / "score.json"
     if scored.is_file():
         return json.loads(scored.read_text())

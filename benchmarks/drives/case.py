@@ -9,42 +9,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.drives.joint_reader import JointReader
+from benchmarks.drives.kinds import KINDS, Draft, Log
 from benchmarks.drives.motions import MOTIONS, draw_paths
-from benchmarks.drives.plant import Plant, Rollout
-from benchmarks.drives.robots import Rng, Robot, draw_robot, measure_loads, write_mjcf
-from benchmarks.drives.truth import Truth, draw_drives, list_effects
+from benchmarks.drives.plant import Command, Plant, Rollout
+from benchmarks.drives.robots import Rng, Robot, measure_loads, write_mjcf
+from benchmarks.drives.truth import Truth, list_effects
 from selfheal.files import atomic_path
 from selfheal.recording import Episode, Recording, Signal, write
 
-RATES = (30.0, 50.0, 100.0, 200.0, 250.0, 500.0)  # [Hz] of logs
-FAST = (100.0, 200.0, 250.0, 500.0)  # [Hz] of those whose controller gives torques
-
-
-@dataclass(frozen=True)
-class Log:
-    """How a case is recorded.
-
-    Attributes:
-        rate: [Hz] of the samples.
-        episodes: for the diagnosis.
-        held: episodes that only the scorer sees.
-        seconds: [s] of an episode.
-        noise: share of a joint's swing that its encoder's noise is.
-        steps: counts of an encoder for a turn, 0: not rounded.
-        speed: share of a joint's speed that its tachometer's noise is; 0: none.
-        torque: share of a joint's torque that its sensor's noise is; 0: none.
-        state: whether episodes state where they start.
-    """
-
-    rate: float
-    episodes: int
-    held: int
-    seconds: float
-    noise: float
-    steps: int
-    speed: float
-    torque: float
-    state: bool
+FARTHEST = 4.0  # swings; a robot that goes farther was unstable; chosen
 
 
 @dataclass(frozen=True)
@@ -54,7 +28,7 @@ class Case:
     Attributes:
         name: of its folder.
         robot: as its model has it.
-        truth: what the robot has besides.
+        truth: what the robot has.
         log: how it was recorded.
         train: recording for the diagnosis.
         test: recording that only the scorer sees; it always states where it starts.
@@ -68,193 +42,187 @@ class Case:
     test: Recording
 
 
-def draw_log(rng: Rng, *, servo: bool, feedback: bool) -> Log:
-    """How a case is recorded.
-
-    Args:
-        rng: draws it.
-        servo: whether goals are commanded, not torques.
-        feedback: whether commands depend on the state.
-    """
-    steps = int(rng.choice([0, 0, 4096, 16384]))
-    return Log(
-        rate=float(rng.choice(FAST if feedback else RATES)),
-        episodes=5,
-        held=2,
-        seconds=float(rng.uniform(7, 10)),
-        noise=0.0 if steps else float(10 ** rng.uniform(-4, -2.7)),
-        steps=steps,
-        speed=float(rng.choice([0.0, 0.01, 0.03])),
-        torque=float(rng.choice([0.0, 0.0, 0.0, 0.03])) if servo else 0.0,
-        state=bool(rng.random() < 0.5),
-    )
-
-
-def _make_torque_control(robot: Robot, truth: Truth, goals: np.ndarray, period: float):
-    """Commands of a controller outside of the drives, which follows goals by torques.
-
-    Args:
-        robot: its masses are those of the model.
-        truth: for the inertia that the gains were tuned to.
-        goals: (T, n) [rad or m].
-        period: [s] between commands.
-    """
-    given = mujoco.MjModel.from_xml_string(write_mjcf(robot, actuated=False))
-    there, (torques, inertias) = mujoco.MjData(given), measure_loads(robot)
-    rotors = np.array([drive.armature for drive in truth.drives])
-    late = 1.5 * period + truth.delay + max(drive.lag for drive in truth.drives)
-    fast = min(2 * np.pi * 3.0 * robot.rate, 0.25 / late)
-    kp = (inertias + rotors) * fast**2
-    kv = 1.2 * (inertias + rotors) * fast
-    most = 8 * torques
-
-    def command(k: int, time: float, data: Any) -> np.ndarray:
-        there.qpos[:] = data.qpos
-        mujoco.mj_forward(given, there)
-        asked = kp * (goals[k] - data.qpos) - kv * data.qvel + there.qfrc_bias
-        return np.clip(asked, -most, most)
-
-    return command
-
-
-def simulate_episode(
-    robot: Robot, truth: Truth, log: Log, rng: Rng, *, feedback: bool
-) -> tuple[Rollout, str]:
-    """One episode of a random motion, from rest.
-
-    Args:
-        robot: that moves.
-        truth: what its model lacks.
-        log: for rate and length.
-        rng: draws the motion.
-        feedback: whether torques are those of a controller.
-
-    Returns:
-        What it did, and the name of the motion.
-    """
-    plant, motion = Plant(robot, truth), str(rng.choice(list(MOTIONS)))
-    rates = robot.rate * rng.uniform(0.7, 1.3, len(robot.links))
-    times = np.arange(int(log.seconds * log.rate)) / log.rate
-    paths = draw_paths(rng, motion, rates, log.seconds)(times)
-    goals, rest = robot.home + robot.swings * paths, np.zeros(len(robot.links))
-    if robot.style == "motor" and not feedback:
-        goals = 1.5 * measure_loads(robot)[0] * paths
-        settle, qpos = 0.0, rng.uniform(-0.5, 0.5, len(rest))
-    else:
-        settle, qpos = 1.5, goals[0]
-    before = np.arange(-int(settle * log.rate), 0) / log.rate
-    if feedback:
-        held = np.concatenate([np.repeat(goals[:1], len(before), 0), goals])
-        command = _make_torque_control(robot, truth, held, 1 / log.rate)
-    else:
-
-        def command(k: int, time: float, data: Any) -> np.ndarray:
-            return goals[max(k - len(before), 0)]
-
-    run = plant.run(np.concatenate([before, times]), command, qpos, rest)
-    n = len(before)
-    cut = Rollout(times, run.ctrl[n:], run.qpos[n:], run.qvel[n:], run.torque[n:])
-    return cut, motion
-
-
-def read_signals(
-    robot: Robot, log: Log, run: Rollout, rng: Rng, *, noisy: bool = True
-) -> dict[str, Signal]:
-    """What the sensors say of a rollout.
-
-    Args:
-        robot: whose joints are measured.
-        log: has the noise.
-        run: what it did.
-        rng: draws the noise.
-        noisy: whether there is any, rounding included.
-    """
-    found, torques = {}, measure_loads(robot)[0]
-    for i, link in enumerate(robot.links):
-        rad, newton = ("m", "N") if link.slide else ("rad", "N m")
-        q = run.qpos[:, i] + noisy * log.noise * link.swing * rng.normal(
-            size=len(run.time)
-        )
-        if log.steps and noisy:
-            step = (0.1 if link.slide else 2 * np.pi) / log.steps
-            q = np.round(q / step) * step
-        found[f"{link.joint}_position"] = Signal(q, "joint_position", link.joint, rad)
-        if log.speed:
-            size = log.speed * link.swing * 2 * np.pi * robot.rate
-            v = run.qvel[:, i] + noisy * size * rng.normal(size=len(q))
-            found[f"{link.joint}_velocity"] = Signal(
-                v, "joint_velocity", link.joint, f"{rad}/s"
-            )
-        if log.torque:
-            tau = run.torque[:, i] + noisy * log.torque * torques[i] * rng.normal(
-                size=len(q)
-            )
-            found[f"{link.joint}_torque"] = Signal(
-                tau, "joint_torque", robot.actuators[i], newton
-            )
-    return found
-
-
 class UnfitDraw(Exception):
     """The drawn robot does not follow what is asked of it; another one is drawn."""
 
 
-def check_motion(robot: Robot, run: Rollout) -> None:
-    """Refuse a robot that swings far beyond what was asked, as an unstable one does.
-
-    Raises:
-        UnfitDraw: it does.
-    """
-    far = np.abs(run.qpos - robot.home).max(0) / robot.swings
-    if not (np.isfinite(run.qpos).all() and far.max() < 4.0):
-        raise UnfitDraw
-
-
-def make_everything_missing(rng: Rng, seed: int) -> Case:
-    """A case whose model lacks the whole drive at every joint.
+def _make_torque_control(plant: Plant, goals: np.ndarray, period: float) -> Command:
+    """Commands of a controller outside of the drives, which follows goals by torques.
 
     Args:
-        rng: draws everything.
-        seed: tells the number of joints.
+        plant: whose drives it was tuned to; its weight is that of the model.
+        goals: (T, n) [rad or m].
+        period: [s] between commands.
+    """
+    truth, robot = plant.truth, plant.robot
+    torques, inertias = measure_loads(robot)
+    inertias = inertias + [drive.armature for drive in truth.drives]
+    late = 1.5 * period + truth.delay + max(drive.lag for drive in truth.drives)
+    fast = min(2 * np.pi * 3.0 * robot.rate, 0.25 / late)
+    kp, kv = inertias * fast**2, 1.2 * inertias * fast
+
+    def command(k: int, data: Any) -> np.ndarray:
+        asked = kp * (goals[k] - data.qpos) - kv * data.qvel
+        return np.clip(
+            asked + plant.compute_weights(data.qpos), -8 * torques, 8 * torques
+        )
+
+    return command
+
+
+def simulate_episode(draft: Draft, plant: Plant, rng: Rng) -> tuple[Rollout, str]:
+    """One episode of a random motion, from rest.
+
+    Args:
+        draft: of the case.
+        plant: its hidden robot.
+        rng: draws the motion.
+
+    Returns:
+        What it did, and the name of the motion.
 
     Raises:
         UnfitDraw: the robot was unstable.
     """
-    joints = 1 + seed % 7
-    servo = bool(rng.random() < 0.55)
-    feedback = not servo and (joints > 2 or bool(rng.random() < 0.3))
-    robot = draw_robot(rng, joints, servo=servo)
-    truth = draw_drives(rng, robot)
-    log = draw_log(rng, servo=servo, feedback=feedback)
-    made: dict[str, dict[str, Episode]] = {"recording": {}, "test": {}}
+    robot, log, n = draft.robot, draft.log, len(draft.robot.links)
+    motion = str(rng.choice(list(MOTIONS))) if robot.actuators else "release"
+    times = np.arange(int(log.seconds * log.rate)) / log.rate
+    rates = robot.rate * rng.uniform(0.7, 1.3, n)
+    paths = draw_paths(rng, motion, rates, log.seconds)(times) if robot.actuators else (
+        np.zeros((len(times), 0))
+    )  # fmt: skip
+    follows = robot.is_servo or draft.feedback
+    if follows:
+        goals = robot.home + robot.swings * paths
+        before = np.arange(-int(1.5 * log.rate), 0) / log.rate
+        qpos = goals[0]
+    else:
+        goals = 1.5 * measure_loads(robot)[0] * paths if robot.actuators else paths
+        before, qpos = np.zeros(0), rng.uniform(0.4, 1.0, n) * rng.choice([-1, 1], n)
+    table = np.concatenate([np.repeat(goals[:1], len(before), 0), goals])
+    asked: np.ndarray | Command = table
+    if draft.feedback:
+        asked = _make_torque_control(plant, table, 1 / log.rate)
+    start = _complete_start(robot, qpos)
+    run = plant.run(np.concatenate([before, times]), asked, start, 0 * start)
+    k = len(before)
+    run = Rollout(times, run.ctrl[k:], run.qpos[k:], run.qvel[k:], run.torque[k:],
+                  run.whole[k:])  # fmt: skip
+    far = np.abs(run.qpos[:, _find_columns(robot)] - robot.home) / robot.swings
+    if not np.isfinite(run.qpos).all() or (follows and far.max() > FARTHEST):
+        raise UnfitDraw
+    return run, motion
+
+
+def _find_columns(robot: Robot) -> list[int]:
+    """Columns of the given model's positions that are the driven joints."""
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    return [int(model.joint(name).qposadr[0]) for name in robot.joints]
+
+
+def _complete_start(robot: Robot, qpos: np.ndarray) -> np.ndarray:
+    """All positions [rad or m] where the driven joints (n) are at `qpos`."""
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    empty = np.zeros(1)
+    signals = {name: Signal(empty, "joint_position", name, "rad")
+               for name in robot.joints}  # fmt: skip
+    seen = Recording({"": Episode(empty, np.zeros((1, 0)), (), signals)})
+    return JointReader(model, seen).complete_state(qpos, 0 * qpos)[0]
+
+
+def read_signals(
+    draft: Draft, plant: Plant, run: Rollout, rng: Rng
+) -> dict[str, Signal]:
+    """What the sensors say of a rollout.
+
+    Args:
+        draft: of the case.
+        plant: its hidden robot.
+        run: what it did.
+        rng: draws the noise.
+    """
+    if draft.log.camera:
+        return _read_camera(draft, plant, run, rng)
+    robot, log, found = draft.robot, draft.log, {}
+    torques, columns = measure_loads(robot)[0], _find_columns(robot)
+    for i, (link, column) in enumerate(zip(robot.links, columns, strict=True)):
+        rad, newton = ("m", "N") if link.slide else ("rad", "N m")
+        white = rng.normal(size=(3, len(run.time)))
+        q = run.qpos[:, column] + log.noise * link.swing * white[0]
+        if log.steps:
+            step = (0.1 if link.slide else 2 * np.pi) / log.steps
+            q = np.round(q / step) * step
+        kind = "joint_position"
+        found[f"{link.joint}_position"] = Signal(q, kind, link.joint, rad)
+        if log.speed:
+            size = log.speed * link.swing * 2 * np.pi * robot.rate
+            v = run.qvel[:, column] + size * white[1]
+            kind = "joint_velocity"
+            found[f"{link.joint}_velocity"] = Signal(v, kind, link.joint, f"{rad}/s")
+        if log.torque or log.repeats:
+            read = run.torque[:, i] + log.torque * torques[i] * white[2]
+            tau = run.ctrl[:, i] if log.repeats else read
+            at = robot.actuators[i]
+            found[f"{link.joint}_torque"] = Signal(tau, "joint_torque", at, newton)
+    return found
+
+
+def _read_camera(
+    draft: Draft, plant: Plant, run: Rollout, rng: Rng
+) -> dict[str, Signal]:
+    poses, noise, found = plant.compute_poses(run), draft.log.camera, {}
+    for i, link in enumerate(draft.robot.links):
+        place = poses[:, i, :3] + noise * rng.normal(size=(len(poses), 3))
+        turn = poses[:, i, 3:] + noise * rng.normal(size=(len(poses), 4))
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
+        body = f"b_{link.joint}"
+        found[f"{link.joint}_place"] = Signal(place, "body_position", body, "m")
+        kind = "body_orientation"
+        found[f"{link.joint}_turn"] = Signal(turn, kind, body, "quaternion")
+    return found
+
+
+def _record(draft: Draft, rng: Rng, name: str) -> Case:
+    """The case of a draft.
+
+    Args:
+        draft: what is recorded.
+        rng: draws motions and noise.
+        name: of the case.
+
+    Raises:
+        UnfitDraw: the robot was unstable.
+    """
+    log, made = draft.log, dict[str, dict[str, Episode]](recording={}, test={})
+    plant = Plant(draft.robot, draft.truth)
     for k in range(log.episodes + log.held):
-        run, motion = simulate_episode(robot, truth, log, rng, feedback=feedback)
-        if servo or feedback:
-            check_motion(robot, run)
+        run, motion = simulate_episode(draft, plant, rng)
         file = "test" if k >= log.episodes else "recording"
         state = log.state or file == "test"
         made[file][f"{k:03d}"] = Episode(
             run.time,
             run.ctrl,
-            robot.actuators,
-            read_signals(robot, log, run, rng),
+            draft.robot.actuators,
+            read_signals(draft, plant, run, rng),
             run.qpos[0] if state else None,
             run.qvel[0] if state else None,
             motion,
         )
     train, test = (Recording(made[k], file=f"{k}.h5") for k in made)
-    return Case(f"everything_{seed:05d}", robot, truth, log, train, test)
+    return Case(name, draft.robot, draft.truth, log, train, test)
 
 
-KINDS = {"everything": make_everything_missing}
+def name_case(kind: str, seed: int) -> str:
+    """Name of a case's folder."""
+    return f"{kind}_{seed:05d}"
 
 
 def make_case(kind: str, seed: int) -> Case:
     """The case of a kind and a seed, always the same."""
-    number = list(KINDS).index(kind)
     for attempt in count():
+        rng = np.random.default_rng([*kind.encode(), seed, attempt])
         try:
-            return KINDS[kind](np.random.default_rng([number, seed, attempt]), seed)
+            return _record(KINDS[kind](rng, seed), rng, name_case(kind, seed))
         except UnfitDraw:
             continue
     raise AssertionError
@@ -269,7 +237,7 @@ def save_case(case: Case, folder: Path) -> Path:
     write(case.train, place / "recording.h5")
     write(case.test, place / "test.h5")
     effects = [
-        {"effect": e.name, "targets": e.targets, "values": e.values}
+        {"names": e.names, "targets": e.targets, "values": e.values}
         for e in list_effects(case.robot, case.truth)
     ]
     truth = {"effects": effects, **case.truth.describe()}

@@ -13,6 +13,7 @@ import numpy as np
 from mujoco import rollout
 from scipy.optimize import least_squares
 
+from benchmarks.drives.joint_reader import JointReader
 from benchmarks.drives.pieces import Piece, choose_evenly, cut_pieces, measure_spread
 from selfheal.recording import Recording
 
@@ -71,7 +72,10 @@ def average_commands(piece: Piece, step: float, delay: float) -> np.ndarray:
 
 
 def simulate_pieces(
-    models: Sequence[Any], pieces: Sequence[Piece], delays: Sequence[float]
+    models: Sequence[Any],
+    pieces: Sequence[Piece],
+    delays: Sequence[float],
+    columns: np.ndarray,
 ) -> list[list[np.ndarray]]:
     """Positions that models predict of pieces, open loop from their initial states.
 
@@ -79,6 +83,7 @@ def simulate_pieces(
         models: of equal sizes.
         pieces: to predict.
         delays: [s] of the commands, one a model.
+        columns: (n) of `qpos` that are read.
 
     Returns:
         By model and piece: (T, n) [rad or m].
@@ -100,13 +105,14 @@ def simulate_pieces(
         [model for model in models for _ in pieces],
         [data],
         np.tile(starts, (len(models), 1)),
-        controls.reshape(-1, longest, first.nu),
+        controls.reshape(-1, longest, first.nu) if first.nu else None,
+        nstep=longest,
     )
     states = states.reshape(len(models), len(pieces), longest, size)[..., 1 : 1 + nq]
     grid = np.arange(longest + 1) * step
     return [
         [
-            _sample(grid, np.vstack([piece.qpos, rows]), piece.time)
+            _sample(grid, np.vstack([piece.qpos, rows])[:, columns], piece.time)
             for piece, rows in zip(pieces, per_model, strict=True)
         ]
         for per_model in states
@@ -126,7 +132,8 @@ def _guess_scales(model: Any, pieces: Sequence[Piece], dofs: np.ndarray) -> np.n
         data.qpos[:], data.qvel[:], data.ctrl[:] = piece.qpos, piece.qvel, piece.ctrl[0]
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
-        given.append(np.abs(data.qfrc_actuator[dofs]))
+        shown = data.qfrc_actuator if model.nu else data.qfrc_bias
+        given.append(np.abs(shown[dofs]))
         inertias.append(np.diag(full)[dofs])
     speeds = np.sqrt(np.mean([piece.qvel[dofs] ** 2 for piece in pieces], 0)) + 1e-6
     friction = 0.1 * np.mean(given, 0) + 1e-9
@@ -137,9 +144,12 @@ def _guess_scales(model: Any, pieces: Sequence[Piece], dofs: np.ndarray) -> np.n
 class _Residuals:
     """Residuals of the pieces and their slopes, for `least_squares`."""
 
-    def __init__(self, model: Any, pieces: Sequence[Piece], spread: np.ndarray) -> None:
-        self.model, self.pieces, self.spread = model, pieces, spread
-        self.dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    def __init__(
+        self, reader: JointReader, pieces: Sequence[Piece], spread: np.ndarray
+    ) -> None:
+        self.model = model = reader.model
+        self.columns, self.pieces, self.spread = reader.columns, pieces, spread
+        self.dofs = find_driven(model)
         self.scales = np.append(_guess_scales(model, pieces, self.dofs).ravel(), 0.01)
 
     def read(self, x: np.ndarray) -> DriveFit:
@@ -152,7 +162,8 @@ class _Residuals:
         """Residuals (K, R) of points (K, 3 n + 1)."""
         fits = [self.read(x) for x in points]
         models = [apply_fit(self.model, fit, self.dofs) for fit in fits]
-        found = simulate_pieces(models, self.pieces, [fit.delay for fit in fits])
+        delays = [fit.delay for fit in fits]
+        found = simulate_pieces(models, self.pieces, delays, self.columns)
         rows = [
             np.concatenate([
                 ((p - piece.seen) / self.spread).ravel()
@@ -169,22 +180,32 @@ class _Residuals:
         return (rows[1:] - rows[0]).T / 0.02
 
 
-def fit_drives(model: Any, recording: Recording, joints: Sequence[str]) -> DriveFit:
+def find_driven(model: Any) -> np.ndarray:
+    """Degrees of freedom (n) that have an actuator, or all where there is none."""
+    return np.unique(model.jnt_dofadr[model.actuator_trnid[:, 0]]) if model.nu else (
+        np.arange(model.nv)
+    )  # fmt: skip
+
+
+def fit_drives(reader: JointReader, recording: Recording) -> DriveFit:
     """The plain fit of a model to a recording.
 
     Args:
-        model: as given; its actuators are the driven joints.
+        reader: has the model as given.
         recording: for the diagnosis.
-        joints: names of the model's joints.
     """
-    pieces = choose_evenly(cut_pieces(recording, joints, SECONDS), PIECES)
-    residuals = _Residuals(model, pieces, measure_spread(recording, joints))
+    pieces = choose_evenly(cut_pieces(recording, reader, SECONDS), PIECES)
+    residuals = _Residuals(reader, pieces, measure_spread(recording, reader))
     size = len(residuals.scales)
+    model, dofs = reader.model, residuals.dofs
+    stated = [model.dof_frictionloss[dofs], model.dof_damping[dofs],
+              model.dof_armature[dofs], np.zeros(1)]  # fmt: skip
+    start = np.maximum(np.concatenate(stated) / residuals.scales, 0.3)
     ends = np.full(size, np.inf)
     ends[-1] = LONGEST_DELAY / residuals.scales[-1]
     found = least_squares(
         lambda x: residuals.compute(x[None])[0],
-        np.full(size, 0.3),
+        start,
         residuals.compute_slopes,
         bounds=(np.zeros(size), ends),
         ftol=ENOUGH,

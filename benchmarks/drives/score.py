@@ -6,14 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
+
 from benchmarks.drives.case import Case
+from benchmarks.drives.joint_reader import JointReader
 from benchmarks.drives.pieces import (
     Piece,
     compute_error,
     cut_all_horizons,
     measure_spread,
-    read_joints,
 )
+from benchmarks.drives.robots import write_mjcf
+from benchmarks.drives.truth import EVERYWHERE
 from benchmarks.sealed.judge import Places, are_alike, read_places
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.errors import SelfhealError
@@ -30,16 +34,16 @@ def measure_replay(folder: Path, case: Case) -> dict[str, float] | None:
         folder: of the diagnosis.
         case: whose test is replayed, in the pieces of all other models.
     """
-    joints = case.robot.joints
-    spread, errors = measure_spread(case.test, joints), {}
-    for name, pieces in cut_all_horizons(case.test, joints).items():
+    given = mujoco.MjModel.from_xml_string(write_mjcf(case.robot))
+    reader = JointReader(given, case.test)
+    spread, errors = measure_spread(case.test, reader), {}
+    for name, pieces in cut_all_horizons(case.test, reader).items():
         asked = Recording({f"{k:04d}": _ask(p) for k, p in enumerate(pieces)})
         try:
             played = replay_recording(folder, asked)
         except SelfhealError:
             return None
-        found = [read_joints(e, joints, "joint_position")
-                 for e in played.episodes.values()]  # fmt: skip
+        found = [reader.read_positions(e) for e in played.episodes.values()]
         errors[name] = compute_error(pieces, found, spread)
     return errors
 
@@ -57,25 +61,17 @@ def _ask(piece: Piece) -> Any:
     )  # fmt: skip
 
 
-# a hidden effect and what else names it: what contains it
-_CONTAINED = {
-    "coulomb_friction": {"stribeck_friction", "asymmetric_friction"},
-}
-
-
-def _says(finding: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
-    """Whether a finding's name, or one that it says may be it, is an effect's."""
-    names = {finding["effect"], *finding.get("equivalent", ())}
-    good = {effect["effect"], *_CONTAINED.get(effect["effect"], ())}
-    return bool(names & good) or are_alike(finding["effect"], effect["effect"])
-
-
 def _is_named(
     finding: Mapping[str, Any], effect: Mapping[str, Any], places: Places
 ) -> bool:
+    """Whether a finding's name, or one that it says may be it, is an effect's."""
+    names, good = {finding["effect"], *finding.get("equivalent", ())}, effect["names"]
+    if not (names & set(good) or are_alike(finding["effect"], good[0])):
+        return False
+    if EVERYWHERE[0] in effect["targets"]:
+        return True
     at = places.find_place(finding)
-    here = [places.same.get(t, frozenset({t})) for t in effect["targets"]]
-    return _says(finding, effect) and any(at & place for place in here)
+    return any(at & places.same[target] for target in effect["targets"])
 
 
 def judge_names(
@@ -91,7 +87,7 @@ def judge_names(
         places: what is the same place in the model.
     """
     missed = [
-        f"{e['effect']} {e['targets'][0]}"
+        f"{e['names'][0]} {e['targets'][0]}"
         for e in effects
         if e["needed"] and not any(_is_named(f, e, places) for f in findings)
     ]
