@@ -13,7 +13,7 @@ CALM = 0.3  # [s] in which the next piece may begin, where commands change least
 BEFORE = 0.06  # [s] of earlier commands that no replay of a piece knows
 AFTER = 0.04  # [s] of later commands, which should not jump where a state is read
 WINDOWS = (0.04, 0.08, 0.16)  # [s] to either side, in which a cubic is fitted
-LEAST = 3  # samples to either side, where a window holds fewer
+LEAST = 2  # samples to either side, where a window holds fewer
 FITS = 1.15  # times the scatter in the shortest window, that a longer one may have
 WORST = 10.0  # standard deviations; an error beyond, or a diverged one, counts as this
 

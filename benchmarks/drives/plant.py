@@ -78,7 +78,7 @@ class Plant:
         drive, style = self._drive, self.robot.style
         if style == "none":
             return np.zeros(len(self._at))
-        held = np.clip(held, self._lowest, self._highest)
+        held = np.minimum(np.maximum(held, self._lowest), self._highest)
         if style == "motor":
             asked = held
         else:
@@ -86,7 +86,7 @@ class Plant:
             off = np.sign(off) * np.maximum(np.abs(off) - drive.dead_band, 0)
             slow = data.qvel[self._at] - drive.feed_forward * speed
             asked = self._kp * off - self._kv * slow
-        asked = np.clip(asked, -self._limit, self._limit)
+        asked = np.minimum(np.maximum(asked, -self._limit), self._limit)
         if self.truth.compensates:
             asked = asked + self.compute_weights(data.qpos)
         return asked

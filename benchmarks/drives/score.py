@@ -146,12 +146,13 @@ def score_case(
         "rate": case.log.rate,
         "seconds": run["seconds"],
         "late": run["late"],
+        "said": "" if document else run.get("stderr", ""),
         "verdict": document.get("verdict", "failed"),
         "found": [f"{f['effect']} {f['target']}" for f in findings],
         **judge_names(findings, references["effects"], read_places(folder)),
     }
     errors = dict(references["errors"])
-    # without a diagnosis the user has the given model
+    # without a diagnosis the user has the model as given
     found = measure_replay(file.parent, case) if document else None
     errors["selfheal"] = found or errors["given"]
     judged["errors"] = errors
