@@ -61,6 +61,10 @@ class CommandDelay(ActuatorEffect):
     def applies_to(self, robot, actuator):
         return robot.model.actuator_ctrlnum[actuator.id] > 0
 
+    def rate_rarity(self, term, values):
+        """All alike are rather two clocks."""
+        return self.rarity + int(len(term.targets) > 1)
+
     def transform_command(self, ctrl, step, place, values):
         return change_columns(
             ctrl, place["controls"], lambda u: delay_column(u, values / step)
@@ -123,19 +127,18 @@ class RateLimit(ActuatorEffect):
 
     def make_parameters(self, robot, actuator):
         rate = actuator.max_rate
-        return (
-            self.make_parameter(
-                "rate", actuator, low=1e-2 * rate, high=1e3 * rate, scale=rate
-            ),
+        parameter = self.make_parameter(
+            "rate", actuator, low=1e-2 * rate, high=1e3 * rate, scale=rate
         )
+        # of what is commanded in other units than the position's
+        return (parameter if actuator.servo else replace(parameter, unit="ctrl/s"),)
 
     def make_initial_values(self, robot, actuator):
         return tuple((share * actuator.max_rate,) for share in (0.3, 1.0, 3.0))
 
     def applies_to(self, robot, actuator):
         """Of what holds a position, in whatever units that is commanded."""
-        holds = find_goal(robot.model, actuator.id) >= 0
-        return actuator.dof >= 0 and holds and actuator.max_rate > 0
+        return find_goal(robot.model, actuator.id) >= 0 and actuator.max_rate > 0
 
     def transform_command(self, ctrl, step, place, values):
         most = values[:, 0] * step
@@ -203,7 +206,11 @@ class SpeedTorqueLimit(ActuatorEffect):
 
 
 class ServoGain(ActuatorEffect):
-    """Gains of a servo, or the gain of a motor [N m/ctrl] alone."""
+    """Gains of a servo, or the gain of a motor [N m/ctrl] alone.
+
+    A servo may be commanded in other units than those of its length; its kp is that of
+    its length, and the gain of its command changes by the same factor.
+    """
 
     name = "servo_gain"
     description = (
@@ -219,18 +226,20 @@ class ServoGain(ActuatorEffect):
     )
     parameter_sets = (("kp", "kv"), ("kp",))
     restates_nominal = True
-    overrides = ("kp", "kv", "gain", "gear")
+    overrides = ("kp", "kv", "gain", "bias", "gear")
 
     def make_parameters(self, robot, actuator):
         kp, kv = get_servo_gains(robot.model, actuator.id)
+        holds = find_goal(robot.model, actuator.id) >= 0
+        if holds:
+            kp = -float(robot.model.actuator_biasprm[actuator.id, 1])
         stiffness = self.make_parameter(
             "kp", actuator, nominal=kp, low=0.05 * kp, high=20 * kp, scale=0.2 * kp
         )
-        if not actuator.servo:
+        if not holds:
             return (replace(stiffness, unit=f"{actuator.force}/ctrl"),)
-        joint = robot.joint_by_dof(actuator.dof)
         high = 10 * kv + 0.5 * kp
-        scale = 0.2 * kv + 0.05 * joint.torque / joint.speed
+        scale = 0.2 * kv + 0.05 * _typical_torque(robot, actuator) / actuator.speed
         damping = self.make_parameter(
             "kv", actuator, nominal=kv, low=0.0, high=high, scale=scale
         )
@@ -243,7 +252,8 @@ class ServoGain(ActuatorEffect):
     def applies_to(self, robot, actuator):
         model, a = robot.model, actuator.id
         law = model.actuator_gaintype[a], model.actuator_biastype[a]
-        return actuator.servo or (max(law) == 0 and model.actuator_gainprm[a, 0] > 0)
+        is_motor = max(law) == 0 and model.actuator_gainprm[a, 0] > 0
+        return is_motor or find_goal(model, a) >= 0
 
     def rate_rarity(self, term, values):
         """A motor is weak more seldom than what it moves is heavy."""
@@ -251,11 +261,22 @@ class ServoGain(ActuatorEffect):
 
     def edit_model(self, model, place, values):
         a = place["actuator"]
-        if not is_pid(model, a):
+        if len(values) == 1:  # a motor
             model.actuator_gainprm[a, 0] = values[0]
-        if len(values) > 1:  # not of a motor
+        else:
+            if not is_pid(model, a):
+                model.actuator_gainprm[a, 0] *= (
+                    -values[0] / model.actuator_biasprm[a, 1]
+                )
             model.actuator_biasprm[a, 1] = -values[0]
             model.actuator_biasprm[a, 2] = -values[1]
+
+
+def _typical_torque(robot, actuator) -> float:
+    """Typical torque [N m or N] of what an actuator drives."""
+    if actuator.dof >= 0:
+        return float(robot.joint_by_dof(actuator.dof).torque)
+    return float(actuator.max_force / 3)
 
 
 class IntegralAction(ActuatorEffect):

@@ -137,11 +137,11 @@ class TorqueSaturation(ActuatorEffect):
 
     def make_initial_values(self, robot, actuator):
         most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
-        shares = (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)
-        starts = [s * most for s in shares if s * most < stated]
+        base = min(most, stated)
+        starts = [s * base for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)]
         if most > stated:  # what the model cannot give was asked for
             starts = [UNLIMITED_SHARE * most, *starts]
-        return tuple((start,) for start in starts or [0.9 * stated])
+        return tuple((start,) for start in starts)
 
     def applies_to(self, robot, actuator):
         model, a = robot.model, actuator.id

@@ -18,6 +18,7 @@ from ...recording.actuator_laws import find_goal, get_servo_gains, list_control_
 from ...recording.data import Floats
 from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import (
+    MIN_SPEED,
     Actuator,
     Joint,
     RobotSummary,
@@ -249,35 +250,74 @@ def _summarize_actuator(
     gains, bias = list_control_gains(model, a), model.actuator_biasprm[a]
     goal, (kp, _) = find_goal(model, a), get_servo_gains(model, a)
     servo = bool(
-        joint is not None and model.actuator_biastype[a] == 1 and goal >= 0
+        model.actuator_biastype[a] == 1 and goal >= 0
         and abs(bias[1] + kp) < SERVO_GAIN_TOLERANCE * kp
     )  # fmt: skip
     controls = find_controls(model, a)
     moving = controls if goal < 0 else (goal,)
     gear = abs(float(model.actuator_gear[find_output(model, a), 0]))
-    max_force, rates = 0.0, []
+    max_force, rates, speeds = 0.0, [0.0], [np.zeros(0)]
     for i, episode in enumerate(simulator.episodes):
         last = int(episode.sample_steps[-1])
         at = np.arange(0, last, max(1, last // COMMAND_MOMENTS))
-        qpos, qvel = states(i, at)
+        length, velocity = _transmission_motion(model, a, joint, *states(i, at))
         u = episode.ctrl[np.minimum(at, len(episode.ctrl) - 1)][:, controls]
-        force = (gains * u).sum(axis=1)
-        if joint is not None:
-            force = (
-                force
-                + bias[0]
-                + gear * (bias[1] * qpos[:, joint.qpos] + bias[2] * qvel[:, joint.dof])
-            )
+        force = (gains * u).sum(axis=1) + bias[0]
+        force += bias[1] * length + bias[2] * velocity
         if len(force):
             max_force = max(max_force, float(np.quantile(np.abs(force), PEAK_QUANTILE)))
         if len(u) > 1:
             changes = np.abs(np.diff(episode.ctrl[:, moving], axis=0))
             rate = np.quantile(changes / simulator.timestep, RATE_QUANTILE, axis=0)
             rates += rate.tolist()
-    speed = joint.speed if joint is not None else 1.0
+        speeds.append(velocity)
+    velocities = np.concatenate(speeds)
+    moved = float(np.sqrt(np.mean(velocities**2))) if len(velocities) else 0.0
+    # of what is commanded per unit of length, where that is a position
+    scale = float(-bias[1] / gains[controls.index(goal)]) if goal >= 0 else 1.0
+    rates.append(2 * moved * scale if moved > 0 else 2.0)
     return Actuator(
         a, model.actuator(a).name, -1 if joint is None else joint.dof,
         -1 if joint is None else joint.qpos, servo, max(max_force * gear, MIN_FORCE),
-        max([2 * speed, *rates]), "rad" if joint is None else joint.unit,
+        max(moved / (gear or 1.0), MIN_SPEED), max(rates),
+        _driven_unit(model, a) if joint is None else joint.unit,
         joint is not None and joint.measured,
     )  # fmt: skip
+
+
+def _transmission_motion(
+    model, a: int, joint: Joint | None, qpos: Floats, qvel: Floats
+) -> tuple[Floats, Floats]:
+    """Lengths and velocities (W) of an actuator, by MuJoCo's actuator_length.
+
+    Args:
+        model: compiled.
+        a: id of the actuator.
+        joint: that it drives; None: no hinge or slide.
+        qpos: (W, nq).
+        qvel: (W, nv).
+    """
+    output = find_output(model, a)
+    if joint is not None:
+        gear = model.actuator_gear[output, 0]
+        return gear * qpos[:, joint.qpos], gear * qvel[:, joint.dof]
+    data, found = mujoco.MjData(model), np.zeros((2, len(qpos)))
+    for k, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
+        data.qpos[:], data.qvel[:] = q, v
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        found[:, k] = data.actuator_length[output], data.actuator_velocity[output]
+    return found[0], found[1]
+
+
+def _driven_unit(model, a: int) -> str:
+    """Unit of what an actuator without a hinge or slide moves, "rad" or "m"."""
+    if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
+        tendon = int(model.actuator_trnid[a, 0])
+        first = int(model.tendon_adr[tendon])
+        if model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT:  # a fixed tendon
+            joint = int(model.wrap_objid[first])
+            return "m" if model.jnt_type[joint] == 2 else "rad"
+        return "m"
+    gear = model.actuator_gear[find_output(model, a)]
+    return "m" if gear[:3].any() else "rad"
