@@ -15,7 +15,8 @@ the catalogue by `python -m tests.support.effects_page`.
 *Native*: plain MuJoCo can express it, so that patched.xml has it. The others are in
 diagnosis.json, and `selfheal replay` applies them. For a slide joint read N and m for
 N m and rad. [Add an effect](add-an-effect.md) says how to bring one of your own.
-No name is ever changed. New are `gravity_compensation`.
+No name is ever changed. New are `gravity_compensation`, `clock_shift`,
+`torque_constant`, `velocity_feedforward` and `dead_band`.
 """
 
 

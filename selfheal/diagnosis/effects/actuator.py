@@ -208,8 +208,8 @@ class SpeedTorqueLimit(ActuatorEffect):
 class ServoGain(ActuatorEffect):
     """Gains of a servo, or the gain of a motor [N m/ctrl] alone.
 
-    A servo may be commanded in other units than those of its length; its kp is that of
-    its length, and the gain of its command changes by the same factor.
+    A servo may be commanded in other units than its length's. Its kp is that of its
+    length then, and the gain of its command changes by the same factor.
     """
 
     name = "servo_gain"

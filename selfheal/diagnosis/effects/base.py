@@ -150,7 +150,10 @@ class Effect:
             that they have no influence beside it.
         holds_previous_command: whether `transform_command` gives the command as it was
             when a step began.
+        looks_ahead: how far ahead `transform_command` may look [s].
         writes_forcerange: whether `apply_forces` writes `StepState.forcerange`.
+        reads_actuators: whether `apply_forces` reads laws and lengths of actuators from
+            `StepState`.
         native_is_stepwise: whether MuJoCo's native form acts by whole time steps, so
             that a replay applies the effect itself.
         rounds_readings: whether its readings jump, so that fits leave it out.
@@ -178,7 +181,9 @@ class Effect:
     overrides: tuple[str, ...] = ()
     # what a simulation, a fit and a replay have to know of it
     holds_previous_command = False
+    looks_ahead = 0.0
     writes_forcerange = False
+    reads_actuators = False
     native_is_stepwise = False
     rounds_readings = False
     is_periodic = False

@@ -39,6 +39,7 @@ class Place(TypedDict, total=False):
         controls: indices into ctrl of its controls.
         goal: index into ctrl of the position that it is commanded to hold.
         gear: its first gear ratio [1, or m at a slide].
+        output: index of its output, of which it may have several.
         begins: "settled" where an integral begins at what the first moments ask for.
         body: id of a body.
         bodies: ids of the bodies whose weight a controller carries.
@@ -74,6 +75,7 @@ class Place(TypedDict, total=False):
     controls: tuple[int, ...]
     goal: int
     gear: float
+    output: int
     begins: str
     body: int
     bodies: tuple[int, ...]

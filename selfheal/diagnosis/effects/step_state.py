@@ -14,7 +14,7 @@ class StepState:
         time: (N) since each episode began [s].
         qpos: (N, nq) positions at the step's beginning [rad or m].
         qvel: (N, nv) velocities [rad/s or m/s].
-        ctrl: (N, nu) commands of the step, as they reach the actuators.
+        ctrl: (N, nu) commands of the step, as they reach the actuators, to be changed.
         actuator_torque: (N, nv) of all actuators, of the step before [N m or N].
         bias_torque: (N, nv) MuJoCo's qfrc_bias, of the step before [N m or N].
         applied_force: (N, nv) of effects, to be added to [N m or N].
@@ -24,6 +24,10 @@ class StepState:
         integral_errors: (N) of each integrating servo by its id, to be added to
             [rad s or m s].
         timestep: of the simulation [s].
+        gainprm: (N, nactuator, 10) MuJoCo's actuator_gainprm; None where no effect has
+            `reads_actuators`, as the next two.
+        biasprm: (N, nactuator, 10) MuJoCo's actuator_biasprm.
+        actuator_length: (N, outputs) MuJoCo's actuator_length.
     """
 
     time: Floats
@@ -37,3 +41,6 @@ class StepState:
     forcerange: Floats | None
     integral_errors: Mapping[int, Floats]
     timestep: float
+    gainprm: Floats | None = None
+    biasprm: Floats | None = None
+    actuator_length: Floats | None = None

@@ -64,10 +64,12 @@ def _cut_commands(
     n = len(term_values[0]) if terms else 1
     steps = np.arange(int(segments.lengths.max()) + 2)
     out = np.empty((n, len(segments), len(steps), system.compiler.nominal.nu))
+    ahead = max((t.effect.looks_ahead for t in terms), default=0.0)
+    margin = 1 + round(ahead / system.timestep)
     for i in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == i)
         episode = system.episodes[i].truncate(
-            int(segments.first_step[rows].max()) + len(steps) + 1
+            int(segments.first_step[rows].max()) + len(steps) + margin
         )
         grid = transform_commands(
             terms, term_values, episode, system.timestep, centered=centered, mean=mean

@@ -119,7 +119,8 @@ def _correct_torques(
     if model.actuator_dyntype[a] or model.actuator_delay[a]:
         return
     changed = [t for t in hypotheses.terms if implements(t.effect, "transform_command")]
-    if any(place["actuator"] == a for t in changed for place in t.places):
+    # a place without an actuator is of all of them
+    if any(place.get("actuator", a) == a for t in changed for place in t.places):
         reaching = compute_commands(
             system, cache, hypotheses, segments, centered=False, mean=False
         ).reshape(commands.shape)

@@ -223,7 +223,7 @@ class Simulator(RecordedSystem):
         if centered:
             for model in models:
                 center_damping(model, self.timestep)
-        changes = collect_reading_changes(terms, term_values)
+        changes = collect_reading_changes(terms, term_values, self.channels)
         return Hypotheses(
             variant, models, terms, values, term_values, changes, centered
         )
@@ -272,13 +272,16 @@ class Simulator(RecordedSystem):
 
 
 def collect_reading_changes(
-    terms: Sequence[Term], term_values: Sequence[Floats]
+    terms: Sequence[Term],
+    term_values: Sequence[Floats],
+    channels: Sequence[Channel],
 ) -> dict[str, dict[str, Floats]]:
     """Collect how terms change the readings of n hypotheses.
 
     Args:
         terms: T of them.
         term_values: (n, p) of each term.
+        channels: that are read; a place without a signal is of all of its kind.
 
     Returns:
         By signal and what changes: "bias" (n, width) [unit], "gain" (n) [1], "delay"
@@ -289,5 +292,7 @@ def collect_reading_changes(
         if implements(term.effect, "transform_reading"):
             for place in term.places:
                 change = term.effect.transform_reading(place, values)
-                changes.setdefault(place["signal"], {}).update(change)
+                of_kind = (c.name for c in channels if c.kind == place.get("kind"))
+                for name in (place["signal"],) if "signal" in place else of_kind:
+                    changes.setdefault(name, {}).update(change)
     return changes

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from ...recording.data import Floats
@@ -194,6 +195,14 @@ class _EffectForces:
         self._torque, self._bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
         self._frictionloss = batch.expand("dof_frictionloss")
         self._nominal_frictionloss = self._frictionloss.copy()
+        self._batch, self._law = batch, {}
+        if any(action.effect.reads_actuators for action in actions):
+            fields = ("actuator_gainprm", "actuator_biasprm")
+            gainprm, biasprm = (batch.expand(name) for name in fields)
+            length = batch.bind("actuator_length")
+            self._law = {
+                "gainprm": gainprm, "biasprm": biasprm, "actuator_length": length
+            }  # fmt: skip
         self._forcerange: Floats | None = None
         if any(action.effect.writes_forcerange for action in actions):
             limited = batch.expand("actuator_forcelimited")
@@ -220,9 +229,12 @@ class _EffectForces:
         self._frictionloss[:] = self._nominal_frictionloss
         if self._forcerange is not None:
             self._forcerange[:] = self._nominal_forcerange
+        if self._law:  # lengths of this state, not of the step before
+            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS)
         state = StepState(
             time, qpos, qvel, ctrl, self._torque, self._bias, self._applied,
             self._frictionloss, self._forcerange, self._errors, self.timestep,
+            **self._law,
         )  # fmt: skip
         for action in self.actions:
             action.effect.apply_forces(state, action.place, action.values)

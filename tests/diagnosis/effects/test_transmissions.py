@@ -46,7 +46,7 @@ def _pushed(folder):
     return make_effect_bench(robot, folder)
 
 
-@pytest.mark.parametrize("name", [*NAMES, "servo_gain", "rate_limit"])
+@pytest.mark.parametrize("name", [*NAMES, "servo_gain", "rate_limit", "dead_band"])
 def test_a_tendons_actuator_has_the_effects_of_actuators(name, tmp_path):
     b = _finger(tmp_path)
     assert [t.targets for t in find_effect(name).propose_terms(b.robot)] == [
@@ -54,7 +54,7 @@ def test_a_tendons_actuator_has_the_effects_of_actuators(name, tmp_path):
     ]
 
 
-@pytest.mark.parametrize("name", [*NAMES, "servo_gain"])
+@pytest.mark.parametrize("name", [*NAMES, "servo_gain", "dead_band"])
 def test_a_sites_actuator_has_the_effects_of_motors(name, tmp_path):
     b = _pushed(tmp_path)
     assert [t.targets for t in find_effect(name).propose_terms(b.robot)] == [
