@@ -210,7 +210,7 @@ def _check_finding(finding) -> None:
     assert finding["effect"] not in finding["equivalent"]
     assert set(finding["equivalent"]) <= set(load_catalogue())
     for p in finding["parameters"]:
-        assert set(p) == {"name", "value", "low", "high", "unit"}
+        assert set(p) - {"given"} == {"name", "value", "low", "high", "unit"}
         assert p["low"] <= p["value"] <= p["high"]
     where, evidence = finding["where"], finding["evidence"]
     assert where["regime"] in (*REGIMES, "always")

@@ -55,6 +55,13 @@ ARM = """<mujoco model="arm">
   </sensor>
 </mujoco>
 """
+# the same arm, bolted to a stand
+STAND = '<body name="stand" pos="0 0 1"><geom type="box" size="0.05 0.05 0.02"/>'
+STANDING_ARM = (
+    ARM.replace('<body name="upper" pos="0 0 1">', f'{STAND}<body name="upper">')
+    .replace("</worldbody>", "</body></worldbody>")
+    .replace('<geom name="', '<geom contype="0" name="')
+)
 CART_POLE = """<mujoco model="cart_pole">
   <option timestep="0.002" integrator="implicitfast" density="1.2"/>
   <worldbody>
@@ -172,8 +179,8 @@ ROBOTS = {
         _wave(0.8, 1.0), _rest(2),
     ),
     "half_seen_arm": Robot(
-        ARM, {"shoulder": ("joint_position", "shoulder", "rad")}, _wave(0.8, 1.0),
-        _rest(2),
+        STANDING_ARM, {"shoulder": ("joint_position", "shoulder", "rad")},
+        _wave(0.8, 1.0), _rest(2),
     ),
     "cart_pole": Robot(
         CART_POLE,

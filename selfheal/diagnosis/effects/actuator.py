@@ -4,17 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...mjcf.edit import Set, format_number
-from ...recording import find_output
+from ...mjcf.edit import Rename, Set, format_number
 from ...recording.actuator_laws import (
     find_goal,
     get_servo_gains,
     has_affine_force,
     is_pid,
 )
-from ...recording.data import Floats
-from .actuator_text import name_or_id, rename_to_general
-from .base import Term
 from .by_target import ActuatorEffect
 from .commands import (
     change_columns,
@@ -22,12 +18,7 @@ from .commands import (
     filter_column,
     limit_rate_of_column,
 )
-from .declaration import FindingField, ParameterSpec
-from .terms import extend_places
-
-# share of its scale below which an integral gain is no more than a torque; chosen
-INTEGRAL_GAIN_RESOLUTION = 0.3
-SETTLED = "settled"
+from .declaration import ParameterSpec
 
 
 class CommandDelay(ActuatorEffect):
@@ -279,86 +270,33 @@ def _typical_torque(robot, actuator) -> float:
     return float(actuator.max_force / 3)
 
 
-class IntegralAction(ActuatorEffect):
-    name = "integral_action"
-    description = (
-        "The servo sums up its error and pushes until it is gone; the sum begins at 0, "
-        'or with `"begins": "settled"` at what each recording\'s first moments ask for.'
-    )
-    equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
-    source = "MuJoCo actuator/pid ki, imax"
-    separate_by = "hold a loaded pose for ten seconds"
-    phrase = "{at} sums up its error with a gain of {ki}"
-    parameters = (
-        ParameterSpec("ki", "N m/(rad s)", nominal=0.0, nonnegative=True),
-        ParameterSpec("imax", "N m", nonnegative=True),
-    )
-    finding_fields = (
-        FindingField(
-            "begins",
-            (SETTLED,),
-            is_required=False,
-            note=": its sum had settled before each recording began.",
-        ),
-    )
-    restates_nominal = True
-
-    def propose_terms(self, robot):
-        """Two terms at each servo: its sum begun at 0, or long before the recording."""
-        found = super().propose_terms(robot)
-        return [*found, *map(_begin_settled, found)]
-
-    def make_parameters(self, robot, actuator):
-        kp, _ = get_servo_gains(robot.model, actuator.id)
-        most = actuator.max_force
-        make = self.make_parameter
-        return (
-            make("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
-            make(
-                "imax",
-                actuator,
-                nominal=most,
-                low=0.0,
-                high=10 * most,
-                scale=0.2 * most,
-            ),
-        )
-
-    def make_initial_values(self, robot, actuator):
-        kp, _ = get_servo_gains(robot.model, actuator.id)
-        most = actuator.max_force
-        # the last one is often at its limit: from a limit that is never met no slope
-        # of the error leads there
-        return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
-
-    def applies_to(self, robot, actuator):
-        # the sum of the readings is in the joint's unit, as the error without a gear
-        model, a = robot.model, actuator.id
-        ungeared = model.actuator_gear[find_output(model, a), 0] == 1
-        has_own = is_pid(model, a) and model.actuator_gainprm[a, 0] > 0
-        return actuator.servo and actuator.measured and ungeared and not has_own
-
-    def apply_forces(self, state, place, values):
-        # the sum since the episode began is that of the measured error up to the
-        # segment's start, and of the simulated one from there
-        error = state.ctrl[:, place["goal"]] - state.qpos[:, place["qpos"]]
-        total = state.integral_errors[place["actuator"]]
-        most = self.max_integral(values)
-        state.applied_force[:, place["dof"]] += values[:, 0] * total
-        total[:] = np.clip(total + error * state.timestep, -most, most)
-
-    @staticmethod
-    def max_integral(values: Floats) -> Floats:
-        """Largest magnitudes (n) of the sum [rad s or m s], of values (n, 2)."""
-        ki, most = values.T
-        return np.divide(most, ki, out=np.full(len(ki), np.inf), where=ki > 0)
+def name_or_id(model, place):
+    """What the text's edits call an actuator."""
+    return model.actuator(place["actuator"]).name or place["actuator"]
 
 
-def _begin_settled(term: Term) -> Term:
-    """The term with a sum that begins at what the servo bears; a slow one is faint."""
-    ki, most = term.parameters
-    parameters = replace(ki, resolution=INTEGRAL_GAIN_RESOLUTION * ki.scale), most
-    begins = {"begins": SETTLED}
-    return replace(
-        extend_places(term, **begins), parameters=parameters, finding_fields=begins
-    )
+def rename_to_general(model, place, **attributes) -> list[Rename]:
+    """The actuator as a <general> one of the same law, with more attributes.
+
+    Args:
+        model: compiled, as its text states it.
+        place: of an actuator with one control and an affine force.
+        attributes: of the <general>, beside those of its law.
+    """
+    a = place["actuator"]
+    law = {
+        "gainprm": format_number(model.actuator_gainprm[a, :3]),
+        "biasprm": format_number(model.actuator_biasprm[a, :3]),
+        "biastype": "affine" if model.actuator_biastype[a] == 1 else "none",
+        "gaintype": "affine" if model.actuator_gaintype[a] == 1 else "fixed",
+        **{
+            k: v if isinstance(v, str) else format_number(v)
+            for k, v in attributes.items()
+        },
+    }
+    (control,) = place["controls"]
+    if model.actuator_ctrllimited[control]:  # a <general> inherits no range
+        law["ctrlrange"] = format_number(model.actuator_ctrlrange[control])
+    own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")
+    gone = dict.fromkeys(own)
+    return [Rename("actuator", name_or_id(model, place), "general", {**gone, **law})]

@@ -7,6 +7,10 @@ import numpy as np
 from ...body.changes import limit_rate
 from ...recording.data import Floats
 
+# steps of a simulation by which a command may act early or late; chosen: an integrator
+# of first order moves it by half a step
+SAME_INSTANT_STEPS = 1.5
+
 
 def change_columns(
     ctrl: Floats, controls: Iterable[int], change: Callable[[Floats], Floats]

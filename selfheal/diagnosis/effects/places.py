@@ -52,6 +52,7 @@ class Place(TypedDict, total=False):
         field: name of the field of mjOption that the effect sets.
         side: -1 or 1, at the lower or the upper end, of a hard stop. "motor" or "link",
             where the encoder sits, of a joint with an added one. "both", of a gear.
+            "base", of a joint below a base.
         measured: as the finding states it, "motor" or "link".
         axis: (3) unit vector in the body's frame, along which it is stretched.
         principal_axis: index of a principal axis of inertia.
@@ -145,6 +146,12 @@ def locate_target(model: "mujoco.MjModel", target: str) -> Place:
     if kind == "actuator":
         return actuator_place(model, element)
     return {"body": element} if kind == "body" else {"geom": element}
+
+
+def name_added_joint(model: "mujoco.MjModel", place: Mapping[str, Any]) -> str:
+    """Name of the joint that an effect adds at a place: to a joint, or to a body."""
+    at = model.joint(place["joint"]) if "joint" in place else model.body(place["body"])
+    return f"{at.name}{place['suffix']}"
 
 
 def add_keys(place: Mapping[str, Any], **more: Any) -> Place:

@@ -29,7 +29,7 @@ from ..effects import find_effect
 from ..effects.base import Term
 from ..effects.declaration import Parameter
 from ..effects.nominal import build_nominal_terms
-from ..effects.places import Place
+from ..effects.places import Place, name_added_joint
 from ..effects.second_joint import LINK
 from ..simulation.build import (
     StateReconstruction,
@@ -154,8 +154,8 @@ def restore_term(
 
 def _check_added_joint(compiler: ModelCompiler, place: Place) -> None:
     """Refuse a patched model without the joint that a finding says is in it."""
-    joint, model = place["joint"], compiler.nominal
-    name = f"{model.joint(joint).name}{place['suffix']}"
+    model = compiler.nominal
+    name = name_added_joint(model, place)
     if name not in [model.joint(j).name for j in range(model.njnt)]:
         raise InputError(
             f"{compiler.path} has no joint {name!r}, which the diagnosis says is in "
@@ -233,11 +233,7 @@ def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
         find_effect(finding["effect"]).find_place(model, finding)
         for finding in document["findings"]
     ]
-    names = {
-        model.joint(place["joint"]).name + place["suffix"]
-        for place in places
-        if "suffix" in place
-    }
+    names = {name_added_joint(model, place) for place in places if "suffix" in place}
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 

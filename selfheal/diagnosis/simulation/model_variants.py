@@ -11,6 +11,7 @@ import numpy as np
 from ...recording import load_model, read_spec
 from ...recording.data import Floats
 from ..effects.base import Term, implements
+from ..effects.places import name_added_joint
 
 if TYPE_CHECKING:
     import mujoco
@@ -55,13 +56,13 @@ class ModelVariant:
                 if key in out and out[key] >= 0:
                     out[key] = int(new[out[key]])
         if "suffix" in out:
-            name = self.model.joint(out["joint"]).name + out["suffix"]
-            extra = self.model.joint(name)
+            extra = self.model.joint(name_added_joint(self.model, out))
             out |= {
                 "extra_jnt": extra.id,
                 "extra_dof": int(extra.dofadr[0]),
                 "extra_qpos": int(extra.qposadr[0]),
             }
+            out.setdefault("dof", out["extra_dof"])
         return out
 
     def build_model(self, terms: Sequence[Term], values: Floats) -> "mujoco.MjModel":
@@ -167,7 +168,9 @@ class ModelCompiler:
         adding = [t for t in terms if implements(t.effect, "edit_spec")]
         given = self.nominal
         leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
-        key = (leaping, *((t.effect.name, t.targets) for t in adding))
+        joints = [tuple(p.get("suffix") for p in t.places) for t in adding]
+        each = zip(adding, joints, strict=True)
+        key = (leaping, *((t.effect.name, t.targets, added) for t, added in each))
         if key not in self._compiled:
             self._compiled[key] = self._compile(adding)
             if leaping:
@@ -182,7 +185,7 @@ class ModelCompiler:
         given = self.nominal
         # the last joint first: an added one shifts what follows it
         sites = [(t.effect, place) for t in adding for place in t.places]
-        for effect, place in sorted(sites, key=lambda s: -s[1]["joint"]):
+        for effect, place in sorted(sites, key=lambda s: -s[1].get("joint", -1)):
             effect.edit_spec(spec, place)
         _prepare_bodies(spec)
         model = spec.compile()

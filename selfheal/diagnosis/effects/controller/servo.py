@@ -1,19 +1,31 @@
-"""What a servo does with its command: it feeds the goal's speed forward, it waits."""
+"""What a servo does with its command: it sums its error, leads its goal, or waits."""
+
+from dataclasses import replace
 
 import numpy as np
 
 from ....recording import find_output
-from ....recording.actuator_laws import find_goal, has_affine_force
+from ....recording.actuator_laws import (
+    find_goal,
+    get_servo_gains,
+    has_affine_force,
+    is_pid,
+)
 from ....recording.data import Floats
+from ..base import Term
 from ..by_target import ActuatorEffect
-from ..commands import change_columns
-from ..declaration import ParameterSpec
+from ..commands import SAME_INSTANT_STEPS, change_columns
+from ..declaration import FindingField, ParameterSpec
 from ..places import Place, add_keys
+from ..terms import extend_places
 
 # [s] over which a servo takes the slope of its goal; chosen: a sample of commands at
 # 50 Hz, which a grid of steps repeats
 SLOPE_SECONDS = 0.02
 NO_DYNAMICS = 0  # mjtDyn
+# share of its scale below which an integral gain is no more than a torque; chosen
+INTEGRAL_GAIN_RESOLUTION = 0.3
+SETTLED = "settled"
 
 
 class VelocityFeedforward(ActuatorEffect):
@@ -26,7 +38,12 @@ class VelocityFeedforward(ActuatorEffect):
     parameters = (ParameterSpec("lead", "s", nominal=0.0, nonnegative=True),)
 
     def make_parameters(self, robot, actuator):
-        return (self.make_parameter("lead", low=0.0, high=0.5, scale=0.01),)
+        least = SAME_INSTANT_STEPS * robot.timestep
+        return (
+            self.make_parameter(
+                "lead", low=0.0, high=0.5, scale=0.01, resolution=least
+            ),
+        )
 
     def make_initial_values(self, robot, actuator):
         """That which undoes the servo's own damping."""
@@ -107,3 +124,88 @@ class DeadBand(ActuatorEffect):
 def _add_output(model, place: Place) -> Place:
     """The place of an actuator with the index of its output."""
     return add_keys(place, output=find_output(model, place["actuator"]))
+
+
+class IntegralAction(ActuatorEffect):
+    name = "integral_action"
+    description = (
+        "The servo sums up its error and pushes until it is gone; the sum begins at 0, "
+        'or with `"begins": "settled"` at what each recording\'s first moments ask for.'
+    )
+    equation = "tau += ki s, where ds/dt = ctrl - q and |ki s| <= imax"
+    source = "MuJoCo actuator/pid ki, imax"
+    separate_by = "hold a loaded pose for ten seconds"
+    phrase = "{at} sums up its error with a gain of {ki}"
+    parameters = (
+        ParameterSpec("ki", "N m/(rad s)", nominal=0.0, nonnegative=True),
+        ParameterSpec("imax", "N m", nonnegative=True),
+    )
+    finding_fields = (
+        FindingField(
+            "begins",
+            (SETTLED,),
+            is_required=False,
+            note=": its sum had settled before each recording began.",
+        ),
+    )
+    restates_nominal = True
+
+    def propose_terms(self, robot):
+        """Two terms at each servo: its sum begun at 0, or long before the recording."""
+        found = super().propose_terms(robot)
+        return [*found, *map(_begin_settled, found)]
+
+    def make_parameters(self, robot, actuator):
+        kp, _ = get_servo_gains(robot.model, actuator.id)
+        most = actuator.max_force
+        make = self.make_parameter
+        return (
+            make("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
+            make(
+                "imax",
+                actuator,
+                nominal=most,
+                low=0.0,
+                high=10 * most,
+                scale=0.2 * most,
+            ),
+        )
+
+    def make_initial_values(self, robot, actuator):
+        kp, _ = get_servo_gains(robot.model, actuator.id)
+        most = actuator.max_force
+        # the last one is often at its limit: from a limit that is never met no slope
+        # of the error leads there
+        return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
+
+    def applies_to(self, robot, actuator):
+        # the sum of the readings is in the joint's unit, as the error without a gear
+        model, a = robot.model, actuator.id
+        ungeared = model.actuator_gear[find_output(model, a), 0] == 1
+        has_own = is_pid(model, a) and model.actuator_gainprm[a, 0] > 0
+        return actuator.servo and actuator.measured and ungeared and not has_own
+
+    def apply_forces(self, state, place, values):
+        # the sum since the episode began is that of the measured error up to the
+        # segment's start, and of the simulated one from there
+        error = state.ctrl[:, place["goal"]] - state.qpos[:, place["qpos"]]
+        total = state.integral_errors[place["actuator"]]
+        most = self.max_integral(values)
+        state.applied_force[:, place["dof"]] += values[:, 0] * total
+        total[:] = np.clip(total + error * state.timestep, -most, most)
+
+    @staticmethod
+    def max_integral(values: Floats) -> Floats:
+        """Largest magnitudes (n) of the sum [rad s or m s], of values (n, 2)."""
+        ki, most = values.T
+        return np.divide(most, ki, out=np.full(len(ki), np.inf), where=ki > 0)
+
+
+def _begin_settled(term: Term) -> Term:
+    """The term with a sum that begins at what the servo bears; a slow one is faint."""
+    ki, most = term.parameters
+    parameters = replace(ki, resolution=INTEGRAL_GAIN_RESOLUTION * ki.scale), most
+    begins = {"begins": SETTLED}
+    return replace(
+        extend_places(term, **begins), parameters=parameters, finding_fields=begins
+    )

@@ -4,7 +4,7 @@ import numpy as np
 
 from ....recording.actuator_laws import has_affine_force
 from ..by_target import WorldEffect
-from ..commands import change_columns, delay_column
+from ..commands import SAME_INSTANT_STEPS, change_columns, delay_column
 from ..declaration import ParameterSpec
 from ..places import Place
 
@@ -33,9 +33,10 @@ class ClockShift(WorldEffect):
         place = self._make_place(robot.model)
         if robot.model.nactuator < 2 or not place["controls"]:
             return []
+        least = SAME_INSTANT_STEPS * robot.timestep
         parameter = self.make_parameter(
             "shift", low=-MAX_SHIFT, high=MAX_SHIFT, scale=0.01,
-            resolution=robot.contact_timing_error,
+            resolution=max(robot.contact_timing_error, least),
         )  # fmt: skip
         starts = ((0.005,), (0.02,), (0.06,), (-0.02,))
         return [self.make_term((parameter,), starts, place)]

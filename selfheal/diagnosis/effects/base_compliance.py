@@ -1,0 +1,148 @@
+"""A mount that gives: the base of a robot rocks about an axis, on a spring."""
+
+import numpy as np
+
+from ...mjcf.edit import Insert, format_number
+from .base import Term
+from .by_target import BodyEffect
+from .declaration import FindingField, ParameterSpec
+from .places import Place, add_keys
+
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}  # of the world
+# [Hz] at which a robot on a mount that gives swings, where a fit begins; chosen: below
+# and above those of drives
+START_FREQUENCIES = (4.0, 10.0)
+# damping ratio where a fit begins; chosen: that of a bench or a frame
+START_DAMPING_RATIO = 0.1
+MIN_MOTION_SHARE = 1e-6  # of all inertia, that which a base turns with; chosen
+
+
+class BaseCompliance(BodyEffect):
+    """One hinge and spring between the world and a base that is fixed to it.
+
+    Isotropic mounts give about both horizontal axes; the one that gives most is named
+    first.
+    """
+
+    name = "base_compliance"
+    description = "The mount gives way: the base rocks about a horizontal axis."
+    equation = "tau = -stiffness angle - damping d angle/dt, at the base's origin"
+    source = "Lew, Moon 2001, ASME J. Dyn. Syst. 123: passively compliant base"
+    separate_by = "tap the base with the motors off, or bolt it to the floor"
+    phrase = "{at} gives way at its mount, with a stiffness of {stiffness} {lacks}"
+    parameters = (
+        ParameterSpec("stiffness", "N m/rad", nominal=np.inf, nonnegative=True),
+        ParameterSpec("damping", "N m s/rad", nonnegative=True),
+    )
+    finding_fields = (
+        FindingField("axis", tuple(AXES), note=": it rocks about the world's {value}."),
+    )
+    rarity = 1
+
+    def propose_terms(self, robot):
+        """One term for each horizontal axis of each fixed base that carries a robot."""
+        model = robot.model
+        found = []
+        for body in range(1, model.nbody):
+            if not is_base(model, body):
+                continue
+            for axis in AXES:
+                place = make_base_place(model, body, axis)
+                if place["inertia"] > MIN_MOTION_SHARE:
+                    found.append(self._make_term(robot, place, axis))
+        return found
+
+    def _make_term(self, robot, place: Place, axis: str) -> Term:
+        """The term of one base and axis.
+
+        Args:
+            robot: with the base.
+            place: of the base.
+            axis: "x" or "y".
+        """
+        inertia, most = place["inertia"], place["inertia"] / robot.timestep**2
+        turns = 2 * np.pi * np.array(START_FREQUENCIES)
+        starts = [float(min(inertia * w**2, most / 5)) for w in turns]
+        damping = [2 * START_DAMPING_RATIO * np.sqrt(k * inertia) for k in starts]
+        make = self.make_parameter
+        k, d = starts[0], float(damping[0])
+        parameters = (
+            make("stiffness", low=0.02 * k, high=most, scale=k),
+            make(
+                "damping", nominal=d, low=0.0, high=most * robot.timestep, scale=d
+            ),
+        )  # fmt: skip
+        target = f"body:{robot.model.body(place['body']).name}"
+        values = tuple((a, float(b)) for a, b in zip(starts, damping, strict=True))
+        return Term(self, (target,), (place,), parameters, values, {"axis": axis})
+
+    def find_place(self, model, finding) -> Place:
+        place = super().find_place(model, finding)
+        return make_base_place(model, place["body"], finding["axis"])
+
+    def edit_spec(self, spec, place):
+        """Add a hinge without a motor at the base's origin."""
+        if place.get("there"):
+            return  # a patched model's text has it already
+        body = spec.bodies[place["body"]]
+        body.add_joint(name=body.name + place["suffix"], axis=place["axis"])
+
+    def edit_model(self, model, place, values):
+        joint, dof = place["extra_jnt"], place["extra_dof"]
+        model.jnt_stiffness[joint], model.dof_damping[dof] = values
+
+    def compute_deflection(self, values, load):
+        return float(load / values[0])
+
+    def edit_text(self, model, place, values):
+        name = model.body(place["body"]).name
+        attributes = {
+            "name": name + place["suffix"],
+            "type": "hinge",
+            "axis": format_number(place["axis"]),
+            "pos": "0 0 0",
+            "limited": "false",
+            "stiffness": format_number(values[0]),
+            "damping": format_number(values[1]),
+            **dict.fromkeys(("springref", "armature", "frictionloss", "ref"), "0"),
+        }
+        xml = " ".join(f'{k}="{v}"' for k, v in attributes.items())
+        return [Insert("body", name, f"<joint {xml}/>")]
+
+
+def is_base(model, body: int) -> bool:
+    """Whether a body is fixed to the world, has a mass, and carries what moves."""
+    carried = model.body_parentid == body
+    return bool(
+        model.body_parentid[body] == 0
+        and model.body_jntnum[body] == 0
+        and model.body_mocapid[body] < 0
+        and model.body_mass[body] > 0
+        and model.body(body).name
+        and (model.body_weldid[carried] != 0).any()
+    )
+
+
+def make_base_place(model, body: int, axis: str) -> Place:
+    """The place of a base that rocks about one of the world's axes.
+
+    Args:
+        model: compiled.
+        body: id of the base.
+        axis: "x" or "y".
+    """
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    turn = np.array(AXES[axis])
+    own = data.xmat[body].reshape(3, 3).T @ turn
+    inertia = 0.0
+    for b in range(model.nbody):
+        if model.body_rootid[b] == body:
+            apart = data.xipos[b] - data.xpos[body]
+            lever = apart - (apart @ turn) * turn
+            inertia += model.body_mass[b] * float(lever @ lever)
+            inertia += float(model.body_inertia[b].mean())
+    place: Place = {"body": body, "axis": own, "inertia": inertia}
+    return add_keys(place, suffix=f"_rocks_{axis}", side="base")
