@@ -91,7 +91,7 @@ def judge(injection: Injection, faults: list[Fault]) -> tuple[bool, bool, list[s
         f
         for f in right
         if not injection.columns
-        or injection.columns & {*f.columns}
+        or injection.columns & {*f.columns, *f.episodes}
         or injection.columns & {*f.alternatives}
     ]
     others = [f"{f.kind} {', '.join(f.columns)}" for f in faults if f not in located]

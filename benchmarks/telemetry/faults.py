@@ -13,6 +13,8 @@ from selfheal.telemetry.joints import JointColumns, list_joints
 
 Values = np.ndarray
 DRIFT = 0.25  # [s] by which a clock is late when the longest episode ends
+ODD_AMONG = 4  # episodes of which one is made odd
+ODD_ZERO = 1.0  # of a position's standard deviation, by which a zero is off
 SHORT = 15.0  # [s] in all, of a log whose clocks are not made to drift
 HOLDS = (2, 9)  # samples that a repeated reading lasts, from and below
 LATE_VELOCITY, LATE_COMMAND = 0.25, 0.45  # [s] that a column is late
@@ -26,7 +28,7 @@ class Injection:
     Attributes:
         name: of the sort of fault.
         kinds: of faults that name it rightly.
-        columns: that are at fault; empty where it is the time.
+        columns: that are at fault, or the episode; empty where it is the time.
         recording: with the fault.
         model: the given one, or with a narrowed range.
     """
@@ -108,11 +110,45 @@ def _inject_joint(
     stale = _edit(
         recording, lambda e: _change(e, both, lambda t, x: _hold_samples(x, samples))
     )
+    if len(recording.episodes) >= ODD_AMONG:
+        yield from _inject_odd(recording, model, joint, rng)
     yield Injection("repeated", ("stale",), both, stale, model)
     yield Injection(
         "range", ("joint_range",), position, recording,
         _narrow(recording, model, joint),
     )  # fmt: skip
+
+
+def _inject_odd(
+    recording: Recording,
+    model: mujoco.MjModel,
+    joint: JointColumns,
+    rng: np.random.Generator,
+) -> Iterator[Injection]:
+    """One episode in which a joint's columns have another sign, unit or zero.
+
+    Args:
+        recording: a clean one.
+        model: of its robot.
+        joint: of the columns.
+        rng: chooses the episode.
+    """
+    odd = str(rng.choice(list(recording.episodes)))
+    both, position = frozenset(joint.columns), frozenset([joint.position])
+    readings = recording.episodes[odd].signals[joint.position].values
+    spread = float(np.nanstd(readings))
+    for name, columns, factor, zero in (
+        ("sign in one episode", both, -1.0, 0.0),
+        ("degrees in one episode", both, 180 / np.pi, 0.0),
+        ("zero in one episode", position, 1.0, ODD_ZERO * spread),
+    ):
+        if zero and not joint.servo:
+            continue  # nothing tells the zero of a cart or a wheel
+        episodes = dict(recording.episodes)
+        change = partial(_rescale, factor=factor, zero=zero)
+        episodes[odd] = _change(episodes[odd], columns, change)
+        changed = replace(recording, episodes=episodes)
+        yield Injection(name, ("odd_episode",), frozenset([odd]), changed, model)
 
 
 def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
@@ -127,11 +163,9 @@ def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
         ("drifting readings", frozenset(first.signals), led),
     ):
         if of and sum(np.ptp(e.time) for e in recording.episodes.values()) > SHORT:
+            change = partial(_stretch, slope=DRIFT / longest)
             drifting = _edit(
-                recording,
-                lambda e, c=columns: _change(
-                    e, c, lambda t, x: _stretch(t, x, DRIFT / longest)
-                ),
+                recording, partial(_change, columns=columns, change=change)
             )
             yield Injection(name, ("clock_drift",), of, drifting, model)
 
@@ -182,6 +216,11 @@ def _change(
 def _roll(time: Values, quaternion: Values) -> Values:
     """Quaternions that begin with w as x y z w."""
     return np.roll(quaternion, -1, axis=1)
+
+
+def _rescale(time: Values, x: Values, factor: float, zero: float) -> Values:
+    """Readings in another unit, with another zero."""
+    return factor * x + zero
 
 
 def _exchange(e: Episode, columns: dict[str, str]) -> Episode:

@@ -194,7 +194,7 @@ class TorqueBalance:
         blocks = np.empty((count, len(self.dofs)))
         for k, d in enumerate(self.dofs):
             own = {name: values[:, d] for name, values in parts.items()}
-            rest, size[k] = _explain(own, block, self.given.dof_damping[d])
+            rest, size[k] = _explain(make_terms(own, self.given.dof_damping[d]), block)
             left[k] = np.mean(rest**2)
             blocks[:, k] = np.bincount(block, rest**2, minlength=count) / np.maximum(
                 rows, 1
@@ -276,20 +276,32 @@ def _may_touch(model: "mujoco.MjModel") -> bool:
     return bool(((model.geom_contype != 0) | (model.geom_conaffinity != 0)).sum() > 1)
 
 
-def _explain(
-    parts: Mapping[str, Floats], block: np.ndarray, damping: float
-) -> tuple[Floats, float]:
-    """What a degree of freedom's torques (n) leave, held out, and their mean square.
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The torques of a degree of freedom as a sum with bounded coefficients.
+
+    Attributes:
+        missing: (n) torque of the actuators without that of the motion [N m or N].
+        x: (n, k) terms of missing physics.
+        bounds: (2, k) of their coefficients.
+        size: (n) square of the torques that the motion takes [(N m)^2 or N^2].
+    """
+
+    missing: Floats
+    x: Floats
+    bounds: Floats
+    size: Floats
+
+
+def make_terms(parts: Mapping[str, Floats], damping: float) -> Terms:
+    """The terms of one degree of freedom.
 
     Args:
-        parts: (n) torques of one degree of freedom, as `compute_torques` has them.
-        block: (n) number of the block of each row.
+        parts: (n) its torques, as `TorqueBalance.compute_torques` has them.
         damping: of the joint [N m s/rad].
     """
     hold, act = parts["hold"], parts["act"]
     coupling = parts["all"] - hold - parts["own"]
-    missing = act - parts["all"]
-    size = float(np.mean(parts["own"] ** 2 + hold**2 + coupling**2)) + 1e-18
     usual = float(np.sqrt(np.mean(parts["v"] ** 2))) + 1e-12
     swing = float(np.sqrt(np.mean(hold**2))) / max(float(np.std(parts["q"])), 1e-6)
     inf = np.inf
@@ -300,18 +312,28 @@ def _explain(
         (-parts["q"], (SPRING[0] * swing, SPRING[1] * swing)),
         (np.ones_like(act), (-inf, inf)),
     ]  # fmt: skip
-    x = np.stack([t for t, _ in terms], axis=1)
-    bounds = np.array([b for _, b in terms]).T
-    left = np.empty_like(missing)
+    return Terms(
+        act - parts["all"], np.stack([t for t, _ in terms], axis=1),
+        np.array([b for _, b in terms]).T, parts["own"] ** 2 + hold**2 + coupling**2,
+    )  # fmt: skip
+
+
+def _explain(terms: Terms, block: np.ndarray) -> tuple[Floats, float]:
+    """What a degree of freedom's torques (n) leave, held out, and their mean square.
+
+    Args:
+        terms: of the degree of freedom.
+        block: (n) number of the block of each row.
+    """
+    left = np.empty_like(terms.missing)
     for half in (0, 1):
         seen = block % 2 == half
-        left[~seen] = missing[~seen] + x[~seen] @ _solve(
-            x[seen], -missing[seen], bounds
-        )
-    return left, size
+        found = solve_bounded(terms.x[seen], -terms.missing[seen], terms.bounds)
+        left[~seen] = terms.missing[~seen] + terms.x[~seen] @ found
+    return left, float(np.mean(terms.size)) + 1e-18
 
 
-def _solve(x: Floats, y: Floats, bounds: Floats) -> Floats:
+def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
     """Coefficients (k) within bounds (2, k) by which x (n, k) is nearest to y (n)."""
     from scipy.optimize import lsq_linear
 

@@ -1,5 +1,6 @@
 """The telemetry check: a recording and its model in, the faults of the log out."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from .columns import find_held
 from .fault import Fault
 from .joint_faults import JointCheck
 from .joints import list_joints
+from .odd import find_odd
 from .ranges import find_beyond
 from .rollouts import Rollouts
 from .series import build_series
@@ -56,31 +58,66 @@ def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetr
         *find_stale(recording, goals),
     ]
     held = {c for f in faults if f.kind == "frozen" for c in f.columns}
-    series = build_series(recording)
+    motion = _examine_motion(recording, model, held)
+    return Telemetry((*faults, *motion.faults), (*unchecked, *motion.unchecked))
+
+
+def _examine_motion(
+    recording: Recording, model: "mujoco.MjModel", held: Collection[str]
+) -> Telemetry:
+    """Faults of what a log tells of the motion; an odd episode is told, and left out.
+
+    Args:
+        recording: of the robot.
+        model: of it.
+        held: columns that are frozen, of which nothing else is told.
+    """
+    joints, series = list_joints(recording, model), build_series(recording)
     if series.kernel > MAX_KERNEL:
         reason = f"motion: samples are seen through {series.kernel:.3g} s, too coarsely"
-        return Telemetry(tuple(faults), (*unchecked, reason))
+        return Telemetry((), (reason,))
     check = JointCheck(recording, model, joints, series)
     rollouts = Rollouts(model, check.balance.states)
+    odd = [f for f in check.odd if not {*held} & {*f.columns}]
+    if not held and not check.is_late:
+        odd = odd or find_odd(series, check.balance, rollouts)
+    if odd:
+        left_out = {k for f in odd for k in f.episodes}
+        rest = {k: e for k, e in recording.episodes.items() if k not in left_out}
+        others = _examine_motion(replace(recording, episodes=rest), model, held)
+        return Telemetry((*odd, *others.faults), others.unchecked)
+    faults = _find_faults(recording, check, rollouts, held)
+    reason = check.balance.reason
+    said = (f"the balance of torques: {reason}",) if reason else ()
+    return Telemetry(tuple(faults), said)
+
+
+def _find_faults(
+    recording: Recording, check: JointCheck, rollouts: Rollouts, held: Collection[str]
+) -> list[Fault]:
+    """Faults of columns that kinematics, torques and simulations contradict.
+
+    Args:
+        recording: of the robot.
+        check: of its joints.
+        rollouts: from its states.
+        held: columns that are frozen.
+    """
+    model, joints = check.balance.given, list(check.joints.values())
+    series, balance = check.series, check.balance
     about_joints = check.find_faults()
     about_joints += check.search()
-    bodies = BodyCheck(recording, model, series, check.balance, rollouts, check.mend)
+    bodies = BodyCheck(recording, model, series, balance, rollouts, check.mend)
     orders = bodies.find_orders()
     check.mend = check.mend.then(Mend(order={f.target: X_Y_Z_W for f in orders}))
     about_joints += check.search_rollouts(rollouts)
-    about_joints = [f for f in about_joints if not held & set(f.columns)]
+    about_joints = [f for f in about_joints if not {*held} & {*f.columns}]
     bodies.mend = check.mend
-    faults += about_joints + orders + bodies.find_rates({f.target for f in orders})
-    faults += find_torque_faults(
-        recording, model, joints, series, check.balance, check.mend
-    )
+    faults = about_joints + orders + bodies.find_rates({f.target for f in orders})
+    faults += find_torque_faults(recording, model, joints, series, balance, check.mend)
     odd = {c for f in about_joints for c in f.columns if f.kind != "delay"}
-    faults += [
-        f for f in find_beyond(recording, model, joints) if not odd & set(f.columns)
-    ]
-    if check.balance.reason:
-        unchecked.append(f"the balance of torques: {check.balance.reason}")
-    return Telemetry(tuple(faults), tuple(unchecked))
+    beyond = find_beyond(recording, model, joints)
+    return faults + [f for f in beyond if not odd & {*f.columns}]
 
 
 def _drop_ambiguous(recording: Recording) -> tuple[Recording, list[str]]:

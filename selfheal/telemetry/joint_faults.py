@@ -20,6 +20,7 @@ from .disagreements import (
 from .drift import find_drift
 from .fault import Fault, format_columns, write_mend
 from .joints import JointColumns
+from .odd import find_odd_columns, find_odd_zeros
 from .rollouts import Rollouts
 from .search import (
     CLEARLY,
@@ -76,11 +77,19 @@ class JointCheck:
         self.with_velocity, self.with_command = (
             find_disagreements(pair, series) for pair in pairs
         )
+        told = (("velocity", pairs[0], self.with_velocity),
+                ("command", pairs[1], self.with_command))  # fmt: skip
         self.drifts = [
             fault
-            for what, pair in zip(("velocity", "command"), pairs, strict=True)
+            for what, pair, _ in told
             for fault in find_drift(pair, joints, series, what)
         ]
+        self.odd = [
+            fault
+            for what, pair, found in told
+            for fault in find_odd_columns(pair, found, self.joints, series, what)
+        ]
+        self.odd = self.odd or find_odd_zeros(pairs[1], self.joints, series)
         self.mend = Mend()
 
     def _pair_velocities(self, recording: Recording) -> Comparison:
@@ -212,9 +221,15 @@ class JointCheck:
         ]
         return options[best], equal
 
+    @property
+    def is_late(self) -> bool:
+        """Whether columns are of different times, so that torques cannot balance."""
+        late = [d.kind for d in (*self.with_velocity, *self.with_command)]
+        return bool(self.drifts) or "delay" in late
+
     def search(self) -> list[Fault]:
         """Faults that only the balance of torques tells, the plainest one first."""
-        if self.balance.reason:
+        if self.balance.reason or self.is_late:
             return []
         names = list(self.joints)
         return self._search(self.balance, names, MIN_LEFT, MAX_LEFT, BASES["torque"],
@@ -226,7 +241,7 @@ class JointCheck:
         Args:
             rollouts: of the recording.
         """
-        if not self.balance.reason or rollouts.reason:
+        if not self.balance.reason or rollouts.reason or self.is_late:
             return []
         # a servo's command tells of its joint what there is to tell
         names = [j.name for j in self.joints.values() if not j.servo]
