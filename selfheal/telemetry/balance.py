@@ -21,6 +21,7 @@ from .states import Mend, States, q_of_dofs
 if TYPE_CHECKING:
     import mujoco
 
+SMALL = 0.01  # of the mean difference of blocks, that is not ranked; chosen
 ANEW = 0.3  # change of a share's logarithm that is no noise; chosen
 MAX_ROWS = 700  # that are evaluated; chosen: 20 ms for a seven-joint arm
 MIN_BLOCKS = 6  # of which half is held out at a time; chosen: three fit nine terms
@@ -52,6 +53,11 @@ class Balance:
     blocks: Floats
     size: Floats
 
+    @property
+    def worst(self) -> float:
+        """The largest share unexplained."""
+        return float(self.unexplained.max(initial=0.0))
+
     def find_worst(self, other: "Balance") -> float:
         """The largest share unexplained, of the torques that `other` balances anew."""
         ratio = np.abs(np.log(self.unexplained / other.unexplained))
@@ -69,9 +75,10 @@ class Balance:
         """
         from scipy.stats import wilcoxon
 
-        # differences of squares, not their ratios: a block at rest says nothing
+        # of differences of squares, those that are small say nothing: blocks at rest
         each = np.sum((other.blocks - self.blocks) / other.unexplained, axis=1)
         each = each[np.isfinite(each)]
+        each = each[np.abs(each) > SMALL * np.mean(np.abs(each))]
         whole = np.log(other.unexplained / self.unexplained) / 2
         if len(each) < MIN_BLOCKS or not np.any(each):
             return float(np.sum(whole)), 1.0

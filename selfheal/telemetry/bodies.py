@@ -152,12 +152,11 @@ class BodyCheck:
         if not bases or not self.balance.reason or self.rollouts.reason:
             return None
         own = [g for g, n in enumerate(self.rollouts.groups) if n in name_groups(body)]
-        given, other = (
-            self.rollouts.evaluate(self.mend.then(mend)).share[own]
-            for mend in (Mend(), Mend(order={body: X_Y_Z_W}))
-        )
+        given = self.rollouts.evaluate(self.mend).share[own]
         if given.max() < 1:  # better than no prediction
             return None
+        turned = self.mend.then(Mend(order={body: X_Y_Z_W}))
+        other = self.rollouts.evaluate(turned).share[own]
         rows = len(self.rollouts.rows) * int(DEPENDENT_ROWS)  # each is a start anew
         what = "simulations from its pose"
         return float(given.mean()), float(other.mean()), rows, what

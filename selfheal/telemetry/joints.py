@@ -45,6 +45,7 @@ class JointColumns:
         servo: what its position is commanded to; None where nothing commands that.
         actuators: all that act on this joint alone.
         commands: names of these actuators' columns.
+        range: of the joint [rad or m]; None where it has no limits.
     """
 
     name: str
@@ -54,6 +55,12 @@ class JointColumns:
     servo: Reference | None = None
     actuators: tuple[str, ...] = field(default=())
     commands: tuple[str, ...] = field(default=())
+    range: tuple[float, float] | None = None
+
+    @property
+    def span(self) -> float:
+        """Width of the range [rad or m]; 0 where it has no limits."""
+        return self.range[1] - self.range[0] if self.range else 0.0
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -86,6 +93,7 @@ def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColu
                 _find_servo(model, acting, names),
                 tuple(model.actuator(a).name for a in acting),
                 tuple(names[c] for a in acting for c in find_controls(model, a)),
+                _get_range(model, j),
             )
         )
     return found
@@ -123,6 +131,14 @@ def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:
     kinds = mujoco.mjtDyn
     plain = (kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT)
     return int(model.actuator_dyntype[actuator]) in map(int, plain)
+
+
+def _get_range(model: "mujoco.MjModel", joint: int) -> tuple[float, float] | None:
+    """Limits of a joint [rad or m]; None where it has none."""
+    if not model.jnt_limited[joint]:
+        return None
+    low, high = (float(x) for x in model.jnt_range[joint])
+    return low, high
 
 
 def _find_servo(

@@ -28,6 +28,9 @@ UNITS = {
     **{f"counts of {n} a turn": n / (2 * np.pi) for n in (1000, 1024, 2048, 4096,
        8192, 16384, 32768, 65536)},
 }  # fmt: skip
+# names of shares of a joint's range: what is written at its upper end; chosen: LeRobot
+# writes grippers in percent, Robotiq and others as a byte
+SHARES = {"percent of the range": 100.0, "bytes, 0 to 255 over the range": 255.0}
 UNIT_TOLERANCE = 0.2  # of a ratio to one of `UNITS`; chosen: gains are that far off
 
 
@@ -133,11 +136,26 @@ def _center(x: Floats, episode: NDArray[np.int_]) -> Floats:
     return x - (total / np.maximum(count, 1))[episode]
 
 
-def name_unit(ratio: float) -> str:
-    """What a column is in, by its ratio to what it should be; "" where unknown."""
-    size = abs(ratio)
-    near = min(UNITS, key=lambda n: abs(np.log(size / UNITS[n])))
-    return near if abs(np.log(size / UNITS[near])) < np.log(1 + UNIT_TOLERANCE) else ""
+def name_unit(ratio: float, span: float = 0.0) -> str:
+    """What a column is in, by its ratio to what it should be; "" where unknown.
+
+    Args:
+        ratio: what was written over what the contract asks [1].
+        span: of the joint's range, of which it may be a share; 0 where it has none.
+    """
+    size, units = abs(ratio), list_units(span)
+    near = min(units, key=lambda n: abs(np.log(size / units[n])))
+    return near if abs(np.log(size / units[near])) < np.log(1 + UNIT_TOLERANCE) else ""
+
+
+def list_units(span: float = 0.0) -> dict[str, float]:
+    """Ratios by the names of units.
+
+    Args:
+        span: of the joint's range, of which a column may be a share; 0 for none.
+    """
+    shares = {n: full / span for n, full in SHARES.items()} if span > 0 else {}
+    return {**UNITS, **shares}
 
 
 def correlation_p_value(r: float, rows: int, independent: float) -> float:

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..recording import Recording, find_joint, list_controls
-from .fault import Fault, format_columns
+from .fault import Fault, format_columns, write_mend
 from .joints import JointColumns
+from .pairs import SHARES, UNITS
+from .search import write_share
 
 if TYPE_CHECKING:
     import mujoco
@@ -18,6 +20,10 @@ TOLERANCE, TOLERANCE_SHARE = {"rad": 0.03, "m": 0.003}, 0.02
 BEYOND_SECONDS = 0.05  # in all; chosen: no spike
 COMMAND_TOLERANCE = 0.01  # of the range; chosen: rounding
 BASIS = "counted, not estimated"
+# ranges of a joint, and turns of a hinge [rad], that readings span in another unit, and
+# quantile that is no spike; chosen: a range in the wrong unit is within a turn
+RANGES, TURN, INNER = 10.0, 2 * np.pi, 0.99
+SHARE_SLACK = 0.05  # of a range, by which a share of it may be beyond; chosen
 
 
 def find_beyond(
@@ -73,6 +79,8 @@ def _check_joint(
     unit = "m" if first.unit == "m" else "rad"
     slack = max(TOLERANCE[unit], TOLERANCE_SHARE * (high - low))
     slack += float(model.jnt_margin[joint.number]) + soften(model, joint.number)
+    if fault := _check_unit(recording, joint, unit):
+        return fault
     seconds, ids, lowest, highest = 0.0, [], np.inf, -np.inf
     for name, e in recording.episodes.items():
         if joint.position not in e.signals or e.time.size < 2:
@@ -96,6 +104,70 @@ def _check_joint(
         "model's range is what is wrong, or the zero or unit of the column",
         0.0, BASIS, f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/> [{unit}]',
     )  # fmt: skip
+
+
+def _check_unit(recording: Recording, joint: JointColumns, unit: str) -> Fault | None:
+    """A unit, where readings span so many ranges that no range could be that wrong.
+
+    Args:
+        recording: of the robot.
+        joint: with a range.
+        unit: of the contract.
+    """
+    having = {
+        k: e for k, e in recording.episodes.items() if joint.position in e.signals
+    }
+    x = np.concatenate(
+        [e.signals[joint.position].values.ravel() for e in having.values()]
+    )
+    x = x[np.isfinite(x)]
+    low, high = np.quantile(x, [1 - INNER, INNER]) if x.size else (0.0, 0.0)
+    if high - low < max(RANGES * joint.span, TURN if unit == "rad" else 0.0):
+        return None
+    fitting = _list_fitting(joint, float(low), float(high), unit)
+    whole = bool(np.all(x == np.round(x)))
+    other = "whole numbers, as counts of an encoder are" if whole else "another one"
+    said = " or ".join(fitting) or other
+    bottom, top = joint.range or (0.0, 0.0)
+    return Fault(
+        "unit", tuple(having), (joint.position,), joint.name,
+        f"{format_columns([joint.position])}: the unit is {said} (from {low:.4g} to "
+        f"{high:.4g}, where the model's range is {bottom:.4g} to {top:.4g} {unit})",
+        0.0, BASIS, _write_unit(joint, fitting),
+    )  # fmt: skip
+
+
+def _list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> list[str]:
+    """Units in which readings are within the joint's range.
+
+    Args:
+        joint: with a range.
+        low, high: readings.
+        unit: of the contract.
+    """
+    bottom, top = joint.range or (0.0, 0.0)
+    usual = {"rad": "degrees", "m": "thousandths"}[unit]
+    found = []
+    slack = SHARE_SLACK * (top - bottom)
+    factor = UNITS[usual]
+    if bottom - slack <= low / factor and high / factor <= top + slack:
+        found.append(usual)
+    for name, full in SHARES.items():
+        if -SHARE_SLACK * full <= low and high <= (1 + SHARE_SLACK) * full:
+            found.append(name)
+            break  # what fits a hundred fits more, too
+    return found
+
+
+def _write_unit(joint: JointColumns, fitting: Sequence[str]) -> str:
+    """The line of the map, by the units that fit, the likeliest first."""
+    if fitting and fitting[0] in SHARES:
+        return write_share("signals", joint.position, joint, fitting[0])
+    if fitting:
+        return write_mend("signals", joint.position, "scale", 1 / UNITS[fitting[0]])
+    bottom, top = joint.range or (0.0, 0.0)
+    ends = f"[AT_LOW, AT_HIGH], to_range = [{bottom:.6g}, {top:.6g}]"
+    return write_mend("signals", joint.position, "from_range", ends)
 
 
 def _check_command(

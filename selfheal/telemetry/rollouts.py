@@ -38,6 +38,11 @@ class Misses:
     share: Floats
     blocks: Floats
 
+    @property
+    def worst(self) -> float:
+        """The largest share missed."""
+        return float(self.share.max(initial=0.0))
+
     def find_worst(self, other: "Misses") -> float:
         """The largest share missed, of what `other` misses differently."""
         differs = np.abs(np.log(self.share / other.share)) > ANEW
@@ -67,6 +72,7 @@ class Rollouts:
 
     Attributes:
         reason: why there are none; "" where there are.
+        known: what was evaluated already.
         groups: names of what moves together: joints, and "BODY place", "BODY turn".
     """
 
@@ -80,7 +86,7 @@ class Rollouts:
         import copy
 
         self.model, self.states, series = copy.copy(model), states, states.series
-        self.reason = states.reason
+        self.reason, self.known = states.reason, dict[str, Misses]()
         self.ahead = max(1, round(HORIZON / series.step))
         if self.reason:
             return
@@ -112,6 +118,12 @@ class Rollouts:
 
     def evaluate(self, mend: Mend, every: int = 1) -> Misses:
         """What simulations from a mended log miss, of each so many starts."""
+        key = repr((mend, every))
+        if key not in self.known:
+            self.known[key] = self._evaluate(mend, every)
+        return self.known[key]
+
+    def _evaluate(self, mend: Mend, every: int) -> Misses:
         rows, block = self.rows[::every], self.block[::every]
         start = self.states.compute(mend, rows)
         end = self.states.compute(mend, rows + self.ahead)[1]

@@ -13,7 +13,7 @@ import numpy as np
 
 from .fault import format_columns, write_mend
 from .joints import JointColumns
-from .pairs import UNITS, name_unit
+from .pairs import SHARES, list_units, name_unit
 from .states import Mend
 
 MAX_P_VALUE = 1e-3  # of a mend, times the number of mends that were tried
@@ -49,6 +49,10 @@ class Candidate:
 
 class Explained(Protocol):
     """How well a mended log explains the motion."""
+
+    @property
+    def worst(self) -> float:
+        """The largest share unexplained."""
 
     def find_worst(self, other: Any) -> float:
         """The largest share unexplained, of what `other` explains differently."""
@@ -99,8 +103,10 @@ def find_best(
         min_left: share that the log as it is must leave.
         max_left: share that a mend may leave.
     """
-    base, coarse = explainer.evaluate(mend), explainer.evaluate(mend, SCREENED)
-    good = []
+    base = explainer.evaluate(mend)
+    if base.worst < min_left:
+        return None
+    coarse, good = explainer.evaluate(mend, SCREENED), []
     for option in options:
         both = mend.then(option.mend)
         if explainer.evaluate(both, SCREENED).gain_over(coarse)[0] < MIN_GAIN / 2:
@@ -171,8 +177,10 @@ def make_candidate(
     """
     pairs = [(joint, partner or joint)] + [(partner, joint)] * bool(partner)
     factor = {"sign": -1.0, "unit": 1 / abs(ratio)}.get(kind, 1.0)
-    if kind == "unit" and (unit := name_unit(ratio)):
-        factor = 1 / UNITS[unit]
+    span = joints[joint].span
+    unit = name_unit(ratio, span) if kind == "unit" else ""
+    if unit:
+        factor = 1 / list_units(span)[unit]
     positions, commands, signals, acting, lines = {}, {}, [], [], []
     for to, source in pairs:
         one, other = joints[to], joints[source]
@@ -182,15 +190,14 @@ def make_candidate(
             name = getattr(other, part)
             if part in parts and name:
                 signals.append(name)
-                lines.append(_write(kind, "signals", name, factor, to))
+                lines.append(_write(kind, "signals", name, factor, one, unit))
         if "command" in parts:
             for a, b in zip(one.commands, other.commands, strict=False):
                 commands[a] = (b, factor)
                 acting.append(b)
-                lines.append(_write(kind, "ctrl", b, factor, a))
+                lines.append(_write(kind, "ctrl", b, factor, one, unit, a))
     mend = Mend(positions, commands)
     columns = format_columns([*signals, *acting])
-    unit = name_unit(ratio) if kind == "unit" else ""
     text = {
         "sign": f"{columns}: the sign is the other one",
         "unit": f"{columns}: the unit is {unit or 'another one'}",
@@ -205,7 +212,37 @@ def _list_read(joint: JointColumns) -> tuple[str, ...]:
     return ("position", "velocity") if joint.velocity else ("position",)
 
 
-def _write(kind: str, table: str, name: str, factor: float, to: str) -> str:
+def write_share(table: str, name: str, joint: JointColumns, unit: str) -> str:
+    """The line of the map for a column that is a share of its joint's range.
+
+    Args:
+        table: "signals" or "ctrl".
+        name: of the signal or the actuator.
+        joint: that has a range.
+        unit: a name of `SHARES`.
+    """
+    low, high = joint.range or (0.0, 1.0)
+    ends = f"[0, {SHARES[unit]:.6g}], to_range = [{low:.6g}, {high:.6g}]"
+    return write_mend(table, name, "from_range", ends)
+
+
+def _write(
+    kind: str, table: str, name: str, factor: float, joint: JointColumns, unit: str,
+    actuator: str = "",
+) -> str:  # fmt: skip
+    """The line of the map that reads a column otherwise.
+
+    Args:
+        kind: of the fault.
+        table: "signals" or "ctrl".
+        name: of the signal or the actuator.
+        factor: of the column.
+        joint: which it then is of.
+        unit: that it is in; "" where that is unknown.
+        actuator: which it then commands.
+    """
     if kind == "exchange":
-        return write_mend(table, name, "targets", json.dumps([to]))
+        return write_mend(table, name, "targets", json.dumps([actuator or joint.name]))
+    if unit in SHARES:
+        return write_share(table, name, joint, unit)
     return write_mend(table, name, "scale", factor)

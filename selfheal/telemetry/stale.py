@@ -107,7 +107,7 @@ def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -
     e = recording.episodes[episode]
     changes = np.flatnonzero(np.diff(e.ctrl[:, e.ctrl_names.index(goal)]))
     usual = float(np.median(np.diff(changes))) if changes.size > 1 else 0.0
-    return abs(usual - hold.samples) <= 1
+    return usual > 1 and abs(usual - hold.samples) <= 1
 
 
 def _list_columns(

@@ -1,6 +1,8 @@
 """Reported torques: takes them, finds signs and units, and copies of the command."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +11,7 @@ from ..recording import Recording
 from .balance import TorqueBalance
 from .fault import Fault, format_columns, write_mend
 from .joints import JointColumns
-from .pairs import Relation, correlation_p_value, name_unit, relate
+from .pairs import FAR_BETTER, Relation, correlation_p_value, name_unit, relate
 from .series import Series
 from .states import Mend
 
@@ -49,18 +51,54 @@ def find_torque_faults(
         return found
     by_actuator = {a: j for j in joints for a in j.actuators if len(j.actuators) == 1}
     parts = balance.compute_torques(mend, balance.rows)
-    for name, actuator in names.items():
-        joint = by_actuator.get(actuator)
-        if joint is None:
-            continue
-        dof = int(model.jnt_dofadr[joint.number])
-        got = series.signals[name][balance.rows, 0, 0]
-        episode = series.episode[balance.rows]
-        by_motion = relate(parts["all"][:, dof], got, episode, range(1))
-        by_command = relate(parts["act"][:, dof], got, episode, range(1))
-        if fault := _judge(name, actuator, by_motion, by_command, series):
+    episode = series.episode[balance.rows]
+    dofs = {name: int(model.jnt_dofadr[by_actuator[a].number])
+            for name, a in names.items() if a in by_actuator}  # fmt: skip
+
+    def follow(what: str, one: str, other: str) -> Relation:
+        got = series.signals[other][balance.rows, 0, 0]
+        return relate(parts[what][:, dofs[one]], got, episode, range(1))
+
+    for name in dofs:
+        motion, command = follow("all", name, name), follow("act", name, name)
+        if fault := _judge(name, names[name], motion, command, series):
             found.append(fault)
+    for one, other in combinations(dofs, 2):
+        own = [follow("all", a, a) for a in (one, other)]
+        across = [follow("all", a, b) for a, b in ((one, other), (other, one))]
+        # torques of two joints may be alike: the other's has to be far nearer
+        if all(
+            r.is_same and r.r > 0 and 1 - r.r**2 < FAR_BETTER * (1 - o.r**2)
+            for r, o in zip(across, own, strict=True)
+        ):
+            found.append(_tell_exchange(one, other, names, across, series))
     return found
+
+
+def _tell_exchange(
+    one: str, other: str, actuators: Mapping[str, str], across: Sequence[Relation],
+    series: Series,
+) -> Fault:  # fmt: skip
+    """Two torques of which each is the other actuator's.
+
+    Args:
+        one, other: names of the signals.
+        actuators: by signal.
+        across: relations of each torque to what the other should be.
+        series: of the recording.
+    """
+    r = min(a.r for a in across)
+    lines = [
+        write_mend("signals", a, "targets", json.dumps([actuators[b]]))
+        for a, b in ((one, other), (other, one))
+    ]
+    return Fault(
+        "exchange", series.episodes, (one, other), actuators[one],
+        f"{format_columns([one, other])} are exchanged (correlation {r:.2f} with the "
+        "torque that the motion of the other joint takes, low with its own)",
+        max(correlation_p_value(a.r, a.rows, 1.0) for a in across), BASIS,
+        "\n".join(lines),
+    )  # fmt: skip
 
 
 def _judge(

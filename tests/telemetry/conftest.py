@@ -43,13 +43,15 @@ def _draw_goals(rng, time):
     return np.stack([sum(waves[:3]), 0.4 + sum(waves[3:])], axis=1)
 
 
-def record(given: str, real: str | None = None, *, velocities=True) -> Recording:
+def record(
+    given: str, real: str | None = None, *, velocities=True, count=EPISODES
+) -> Recording:
     """What the arm `real` does; what is read has the noise of encoders."""
     rng = np.random.default_rng(3)
     model = mujoco.MjModel.from_xml_string(real or given)
     with_motors = "<motor" in given
     episodes = {}
-    for k in range(EPISODES):
+    for k in range(count):
         data = mujoco.MjData(model)
         time = np.arange(int(SECONDS * RATE)) / RATE
         goals, rows = _draw_goals(rng, time), []
@@ -109,3 +111,64 @@ def missing_physics():
     real = xml.replace('damping="0.1"', 'damping="0.4" frictionloss="0.3"')
     real = real.replace('mass="0.4"', 'mass="0.7"').replace('kp="15"', 'kp="9"')
     return mujoco.MjModel.from_xml_string(xml), record(xml, real)
+
+
+@pytest.fixture(scope="session")
+def arm_with_a_load():
+    """The arm on motors, and a recording in which it has a load in episode 2 alone."""
+    xml = ARM.replace("ACTUATORS", MOTORS)
+    heavy = xml.replace('mass="0.4"', 'mass="1.2"')
+    usual = record(xml, velocities=False, count=6)
+    odd = record(xml, heavy, velocities=False, count=6).episodes["2"]
+    both = replace(usual, episodes={**usual.episodes, "2": odd})
+    return mujoco.MjModel.from_xml_string(xml), both
+
+
+ROVER = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="20 20 .1"/>
+    <body name="chassis" pos="0 0 .05">
+      <freejoint/>
+      <geom type="box" size=".15 .1 .02" mass="2" contype="0" conaffinity="0"/>
+      <geom type="sphere" size=".02" pos=".12 0 -.03" mass=".05" friction=".01"/>
+      <body name="lw" pos="-.05 .12 0">
+        <joint name="left" axis="0 1 0" damping=".002" armature=".001"/>
+        <geom type="cylinder" size=".05 .01" zaxis="0 1 0" mass=".15"/>
+      </body>
+      <body name="rw" pos="-.05 -.12 0">
+        <joint name="right" axis="0 1 0" damping=".002" armature=".001"/>
+        <geom type="cylinder" size=".05 .01" zaxis="0 1 0" mass=".15"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <velocity name="l" joint="left" kv=".05"/>
+    <velocity name="r" joint="right" kv=".05"/>
+  </actuator>
+</mujoco>"""
+
+
+@pytest.fixture(scope="session")
+def rover():
+    """A robot on two wheels and a caster: model and recording."""
+    model = mujoco.MjModel.from_xml_string(ROVER)
+    rng, episodes = np.random.default_rng(5), {}
+    for k in range(EPISODES):
+        data = mujoco.MjData(model)
+        time = np.arange(int(SECONDS * RATE)) / RATE
+        goals, rows = 12 * _draw_goals(rng, time), []
+        for goal in goals:
+            data.ctrl[:] = goal
+            rows.append(data.qpos.copy())
+            mujoco.mj_step(model, data, 5)
+        q = np.array(rows) + rng.normal(0, 5e-4, (len(rows), model.nq))
+        signals = {
+            "place": Signal(q[:, :3], "body_position", "chassis", "m"),
+            "turn": Signal(q[:, 3:7], "body_orientation", "chassis", "quaternion"),
+            "left": Signal(q[:, 7], "joint_position", "left", "rad"),
+            "right": Signal(q[:, 8], "joint_position", "right", "rad"),
+        }
+        episodes[str(k)] = Episode(time, goals, ("l", "r"), signals)
+    return model, Recording(episodes)

@@ -1,0 +1,109 @@
+"""Faults along a log: repeated readings, clocks that drift, an episode that is odd."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.telemetry import check_telemetry
+from selfheal.telemetry.balance import Balance
+
+
+def _edit(recording, change, *names, episodes=None):
+    """The recording with `change(time, values)` of some signals of some episodes."""
+    changed = {
+        k: replace(e, signals={
+            n: replace(s, values=change(e.time, s.values)) if n in names else s
+            for n, s in e.signals.items()
+        }) if episodes is None or k in episodes else e
+        for k, e in recording.episodes.items()
+    }  # fmt: skip
+    return replace(recording, episodes=changed)
+
+
+def _delay(slope, constant):
+    def change(time, x):
+        late = time - constant - slope * time
+        rows = x.reshape(len(time), -1).T
+        return np.stack([np.interp(late, time, r) for r in rows], 1).reshape(x.shape)
+
+    return change
+
+
+READINGS = ("shoulder_q", "shoulder_v", "elbow_q", "elbow_v", "gyro")
+
+
+@pytest.mark.parametrize("samples", [2, 7])
+def test_readings_that_are_repeated_are_told(servo_arm, samples):
+    model, recording = servo_arm
+    held = _edit(
+        recording, lambda t, x: x[np.arange(len(x)) // samples * samples], "elbow_q"
+    )
+    (fault,) = [f for f in check_telemetry(held, model) if f.kind == "stale"]
+    assert fault.columns == ("elbow_q",) and f"{samples} samples" in fault.seen
+    assert not fault.is_decisive and "repeated cells" in fault.mend
+
+
+@pytest.mark.parametrize("quantum", [1e-3, 0.02, 0.2])
+def test_a_coarse_encoder_repeats_nothing(servo_arm, quantum):
+    model, recording = servo_arm
+    coarse = _edit(recording, lambda t, x: np.round(x / quantum) * quantum, "elbow_q")
+    assert "stale" not in {f.kind for f in check_telemetry(coarse, model)}
+
+
+@pytest.mark.parametrize("names", [READINGS, ("shoulder_v", "elbow_v")])
+def test_a_clock_that_drifts_is_told(servo_arm, names):
+    model, recording = servo_arm
+    drifting = _edit(recording, _delay(0.04, 0.0), *names)
+    (fault,) = [f for f in check_telemetry(drifting, model) if f.kind == "clock_drift"]
+    assert set(fault.columns) <= set(names) and "later" in fault.seen
+    stretch = float(fault.mend.split("stretch = ")[1])
+    assert stretch == pytest.approx(0.96, abs=0.003)
+
+
+def test_a_delay_that_stays_is_no_drift(servo_arm):
+    model, recording = servo_arm
+    late = _edit(recording, _delay(0.0, 0.1), *READINGS)
+    assert "clock_drift" not in {f.kind for f in check_telemetry(late, model)}
+
+
+@pytest.mark.parametrize("factor", [-1.0, 180 / np.pi])
+def test_a_column_that_is_wrong_in_one_episode_is_told_of_it(servo_arm, factor):
+    model, recording = servo_arm
+    odd = _edit(recording, lambda t, x: factor * x, "elbow_q", "elbow_v", episodes="1")
+    faults = check_telemetry(odd, model)
+    assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", ("1",))}
+    assert not any(f.is_decisive for f in faults)
+
+
+def test_a_column_that_is_wrong_in_all_episodes_makes_none_odd(servo_arm):
+    model, recording = servo_arm
+    wrong = _edit(recording, lambda t, x: -x, "elbow_q", "elbow_v")
+    assert {f.kind for f in check_telemetry(wrong, model)} == {"sign"}
+
+
+def test_an_episode_with_a_load_is_told(arm_with_a_load):
+    model, recording = arm_with_a_load
+    (fault,) = check_telemetry(recording, model)
+    assert (fault.kind, fault.episodes) == ("odd_episode", ("2",))
+    assert not fault.is_decisive
+
+
+def test_an_episode_with_another_zero_is_told(arm_with_a_load):
+    model, recording = arm_with_a_load
+    usual = {k: e for k, e in recording.episodes.items() if k != "2"}
+    recording = replace(recording, episodes=usual)
+    odd = _edit(recording, lambda t, x: x + 0.6, "elbow_q", episodes="4")
+    (fault,) = check_telemetry(odd, model)
+    assert (fault.kind, fault.episodes) == ("odd_episode", ("4",))
+    assert check_telemetry(recording, model) == []
+
+
+def test_blocks_at_rest_do_not_hide_what_a_mend_explains():
+    moving, rest = np.full((12, 1), 0.5), np.full((18, 1), 1e-6)
+    given = Balance(np.array([0.2]), np.concatenate([moving, rest]), np.ones(1))
+    mended = Balance(np.array([1e-3]), np.concatenate([moving / 500, 2 * rest]),
+                     np.ones(1))  # fmt: skip
+    gain, p = mended.gain_over(given)
+    assert gain > 2 and p < 1e-3
+    assert given.gain_over(mended)[1] > 0.9

@@ -1,0 +1,133 @@
+"""Units as robots write them, ranges of commands, torques, and robots on the ground."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.recording import Signal
+from selfheal.telemetry import check_telemetry
+
+
+def _scale(recording, factor, offset, *names):
+    episodes = {
+        k: replace(e, signals={
+            n: replace(s, values=factor * s.values + offset) if n in names else s
+            for n, s in e.signals.items()
+        })
+        for k, e in recording.episodes.items()
+    }  # fmt: skip
+    return replace(recording, episodes=episodes)
+
+
+def _limit(model, joint, low, high):
+    limited = copy.copy(model)
+    limited.jnt_limited[joint] = 1
+    limited.jnt_range[joint] = low, high
+    return limited
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (100 / 5.0, "percent of the range"),
+        (255 / 5.0, "bytes, 0 to 255 over the range"),
+        (4096 / (2 * np.pi), "counts of 4096 a turn"),
+        (1e3, "thousandths"),
+    ],
+)
+def test_a_servo_tells_the_unit_of_its_joint_by_name(servo_arm, factor, said):
+    model, recording = servo_arm
+    model = _limit(model, 1, -2.0, 3.0)
+    wrong = _scale(recording, factor, 2.0 * factor, "elbow_q")
+    wrong = _scale(wrong, factor, 0.0, "elbow_v")
+    (fault,) = [f for f in check_telemetry(wrong, model) if "gyro" not in f.columns]
+    assert fault.kind == "unit" and fault.is_decisive
+    assert said in fault.seen
+    if "range" in said:
+        assert "to_range = [-2, 3]" in fault.mend
+
+
+@pytest.mark.parametrize(
+    ("full", "said"), [(100, "percent of the range"), (255, "bytes, 0 to 255")]
+)
+def test_a_gripper_in_percent_is_told_by_its_range(torque_arm, full, said):
+    model, recording = torque_arm
+    e = recording.episodes["0"]
+    # all that is known of a gripper is its position, from closed to open
+    x = e.signals["elbow_q"].values
+    x = full * (x - x.min()) / np.ptp(x)
+    signals = {"grip": Signal(x, "joint_position", "elbow", "rad")}
+    alone = replace(recording, episodes={"0": replace(e, signals=signals)})
+    (fault,) = check_telemetry(alone, _limit(model, 1, 0.0, 0.9))
+    assert (fault.kind, fault.target) == ("unit", "elbow")
+    assert said in fault.seen and fault.is_decisive
+    assert f"from_range = [0, {full}], to_range = [0, 0.9]" in fault.mend
+
+
+def test_a_range_that_is_too_narrow_is_no_unit(servo_arm):
+    model, recording = servo_arm
+    (fault,) = check_telemetry(recording, _limit(model, 1, 0.4, 0.45))
+    assert fault.kind == "joint_range" and not fault.is_decisive
+
+
+def _limit_command(model, low, high):
+    limited = copy.copy(model)
+    limited.actuator_ctrllimited[1] = 1
+    limited.actuator_ctrlrange[1] = low, high
+    return limited
+
+
+def test_a_command_beyond_its_range_is_told_with_the_range_that_would_hold(servo_arm):
+    model, recording = servo_arm
+    sent = np.concatenate([e.ctrl[:, 1] for e in recording.episodes.values()])
+    assert check_telemetry(recording, _limit_command(model, -9, 9)) == []
+    (fault,) = check_telemetry(recording, _limit_command(model, -9, 0.5))
+    assert (fault.kind, fault.columns) == ("command_range", ("e",))
+    assert f"{sent.max():.4g}" in fault.mend and not fault.is_decisive
+
+
+def _read_torques(recording, *columns):
+    """The recording with the torques of both motors, from some columns of ctrl."""
+    rng, episodes = np.random.default_rng(0), {}
+    for k, e in recording.episodes.items():
+        read = {
+            f"tau_{a}": Signal(e.ctrl[:, c] + rng.normal(0, 0.01, len(e.time)),
+                               "joint_torque", a, "N m")
+            for a, c in zip("se", columns, strict=True)
+        }  # fmt: skip
+        episodes[k] = replace(e, signals={**e.signals, **read})
+    return replace(recording, episodes=episodes)
+
+
+def test_exchanged_torques_are_told(torque_arm):
+    model, recording = torque_arm
+    assert check_telemetry(_read_torques(recording, 0, 1), model) == []
+    (fault,) = check_telemetry(_read_torques(recording, 1, 0), model)
+    assert (fault.kind, set(fault.columns)) == ("exchange", {"tau_s", "tau_e"})
+    assert '"tau_s": targets = ["e"]' in fault.mend
+
+
+def test_a_rover_that_is_read_rightly_gives_no_alarm(rover):
+    model, recording = rover
+    assert check_telemetry(recording, model) == []
+
+
+def test_simulations_tell_the_sign_of_a_wheel(rover):
+    model, recording = rover
+    wrong = _scale(recording, -1.0, 0.0, "left")
+    found = [(f.kind, f.columns) for f in check_telemetry(wrong, model)]
+    assert found == [("sign", ("left",))]
+
+
+def test_simulations_tell_the_order_of_a_quaternion_on_the_ground(rover):
+    model, recording = rover
+    episodes = {
+        k: replace(e, signals={**e.signals, "turn": replace(
+            e.signals["turn"], values=np.roll(e.signals["turn"].values, -1, axis=1)
+        )})
+        for k, e in recording.episodes.items()
+    }  # fmt: skip
+    (fault,) = check_telemetry(replace(recording, episodes=episodes), model)
+    assert (fault.kind, fault.columns) == ("quaternion_order", ("turn",))
