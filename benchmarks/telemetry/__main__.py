@@ -30,10 +30,13 @@ from selfheal.telemetry import Fault, check_telemetry
 
 # clean recordings: seeds of each robot of the sealed benchmark, and names of others
 GROUPS = {
-    "known": ((7000, 7001), ("gantry_null", "pen_null_drift")),
-    "new": ((8103, 8104, 8105), ("rover_null", "sled_null", "arm_gain")),
+    "known": (
+        (7000, 8104, 8203),
+        ("gantry_null", "pen_null_drift", "rover_null", "sled_null", "arm_gain"),
+    ),
+    "new": ((8311, 8312, 8313), ()),
 }
-CONCEALED = 7100  # first seed of those with concealed physics
+CONCEALED = 7500  # first seed of those with concealed physics
 DEVICES = (
     ("xl330/model.xml", "xl330/train.h5"),
     ("xl330/servo/model_kp200.xml", "xl330/servo/train_kp200.h5"),

@@ -18,7 +18,8 @@ ODD_ZERO = 1.0  # of a position's standard deviation, by which a zero is off
 SHORT = 15.0  # [s] in all, of a log whose clocks are not made to drift
 HOLDS = (2, 9)  # samples that a repeated reading lasts, from and below
 LATE_VELOCITY, LATE_COMMAND = 0.25, 0.45  # [s] that a column is late
-RANGE_SHARE = 0.6  # of the readings' span that a narrowed range keeps
+# of the readings' span: a narrowed range, and one of which they are written as percent
+RANGE_SHARE, PERCENT_SHARE = 0.6, 1.3
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,14 @@ def inject_faults(
         yield Injection(
             "exchange", ("exchange",), frozenset(columns),
             _edit(recording, lambda e: _exchange(e, columns)), model,
+        )  # fmt: skip
+    first = next(iter(recording.episodes.values()))
+    torques = [n for n, s in first.signals.items() if s.kind == "joint_torque"]
+    if len(torques) > 1:
+        pair = dict(zip(torques[:2], torques[1::-1], strict=True))
+        yield Injection(
+            "exchanged torques", ("exchange",), frozenset(pair),
+            _edit(recording, lambda e: _exchange(e, pair)), model,
         )  # fmt: skip
     yield from _inject_bodies(recording, model)
     yield from _inject_times(recording, model)
@@ -113,9 +122,22 @@ def _inject_joint(
     if len(recording.episodes) >= ODD_AMONG:
         yield from _inject_odd(recording, model, joint, rng)
     yield Injection("repeated", ("stale",), both, stale, model)
+    limited = _narrow(recording, model, joint, PERCENT_SHARE)
+    low, high = limited.jnt_range[joint.number]
+    percent = _edit(recording, partial(
+        _change, columns=both - position,
+        change=partial(_rescale, factor=100 / (high - low), zero=0.0),
+    ))  # fmt: skip
+    percent = _edit(percent, partial(
+        _change, columns=position,
+        change=partial(
+            _rescale, factor=100 / (high - low), zero=-100 * low / (high - low)
+        ),
+    ))  # fmt: skip
+    yield Injection("percent of the range", ("unit",), both, percent, limited)
     yield Injection(
         "range", ("joint_range",), position, recording,
-        _narrow(recording, model, joint),
+        _narrow(recording, model, joint, RANGE_SHARE),
     )  # fmt: skip
 
 
@@ -244,16 +266,24 @@ def _delay(time: Values, x: Values, seconds: float) -> Values:
 
 
 def _narrow(
-    recording: Recording, model: mujoco.MjModel, joint: JointColumns
+    recording: Recording, model: mujoco.MjModel, joint: JointColumns, share: float
 ) -> mujoco.MjModel:
-    """The model with a range that the readings leave."""
+    """The model with a range of which the readings take a share, or leave it.
+
+    Args:
+        recording: a clean one.
+        model: of its robot.
+        joint: whose range it is.
+        share: width of the range over that of the readings.
+    """
     x = np.concatenate(
         [e.signals[joint.position].values for e in recording.episodes.values()]
     )
     low, high = np.nanquantile(x, [0.01, 0.99])
     narrowed = copy.copy(model)
     narrowed.jnt_limited[joint.number] = 1
-    narrowed.jnt_range[joint.number] = low, low + RANGE_SHARE * (high - low)
+    start = low - max(share - 1, 0) / 2 * (high - low)
+    narrowed.jnt_range[joint.number] = start, start + share * (high - low)
     return narrowed
 
 
