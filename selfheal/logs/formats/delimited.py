@@ -27,6 +27,12 @@ from .dialect import COMMENTS, MISSING, Dialect, find_dialect, part_list
 from .text_blocks import GZIP, Block, cut_blocks, map_in_order, open_text
 
 _SAMPLE = 262_144  # bytes that tell the dialect; chosen: a thousand rows, or nearly
+# a line that is a comment, with its end; a run of blanks; one at an end of a line
+_COMMENT = re.compile(rb"(?:(?<=[\r\n])|\A)[ \t]*[#%][^\r\n]*(?:\r\n?|\n)?")
+_BLANKS, _OUTER_BLANK = (
+    re.compile(rb"[ \t]+"),
+    re.compile(rb" (?=[\r\n]|\Z)|(?<=[\r\n]) |\A "),
+)
 _SUFFIXES = (".csv", ".tsv", ".tab", ".txt", ".dat", ".asc", ".log")
 _JSON = (".json", ".jsonl", ".ndjson")
 
@@ -145,12 +151,15 @@ class DelimitedLog(Log):
         lines = self._clean(block.lines)
         if not lines or lines.isspace():
             return _Part(share=block.share)
-        options = self._make_options(cells, block, len(lines))
+        cut = list[str]()
+        options = self._make_options(cells, block, len(lines), cut)
         try:
             table = csv.read_csv(pa.BufferReader(lines), **options)
         except pa.ArrowInvalid as error:
             return _Part(error=str(error))
-        by_cell = dict(zip(cells, table.combine_chunks().columns, strict=True))
+        if cut:
+            self.losses = [CUT_LINE]
+        by_cell = dict(zip(cells, table.columns, strict=True))
         rows = {
             column: self._convert(by_cell[cell].combine_chunks(), cell, element)
             for column in columns
@@ -160,15 +169,14 @@ class DelimitedLog(Log):
 
     def _clean(self, lines: bytes) -> bytes:
         """Lines without comments, in which one blank stands for any run of them."""
-        if self.dialect.has_comments:
-            lines = re.sub(rb"(?m)^[ \t]*[#%].*\n?", b"", lines)
+        if self.dialect.has_comments and any(m.encode() in lines for m in COMMENTS):
+            lines = _COMMENT.sub(b"", lines)
         if self.dialect.delimiter == " ":
-            lines = re.sub(rb"[ \t]+", b" ", lines)
-            lines = re.sub(rb"(?m)^ | (?=\r?$)", b"", lines)
+            lines = _OUTER_BLANK.sub(b"", _BLANKS.sub(b" ", lines))
         return lines
 
     def _make_options(
-        self, cells: Sequence[int], block: Block, size: int
+        self, cells: Sequence[int], block: Block, size: int, cut: list[str]
     ) -> dict[str, Any]:
         """What pyarrow is told.
 
@@ -176,6 +184,7 @@ class DelimitedLog(Log):
             cells: that are wanted.
             block: of lines that are to be read.
             size: of them without comments [B].
+            cut: gets the last line, where it is left out for it is a part of one.
         """
         import pyarrow as pa
         from pyarrow import csv
@@ -193,7 +202,7 @@ class DelimitedLog(Log):
             ),
             "parse_options": csv.ParseOptions(
                 delimiter=dialect.delimiter,
-                invalid_row_handler=partial(self._judge_row, block.is_last),
+                invalid_row_handler=partial(self._judge_row, block.is_last, cut),
             ),
             "convert_options": csv.ConvertOptions(
                 include_columns=list(types), column_types=types,
@@ -202,20 +211,21 @@ class DelimitedLog(Log):
             ),
         }  # fmt: skip
 
-    def _judge_row(self, is_end: bool, row: Any) -> str:
+    def _judge_row(self, is_end: bool, cut: list[str], row: Any) -> str:
         """What becomes of a row with another number of cells.
 
         A comment is left out, and the last line of a logger that was killed.
 
         Args:
             is_end: whether the row is in the last block.
+            cut: gets the last line.
             row: as pyarrow has it.
         """
         line = row.text.strip()
         if line.startswith(COMMENTS):
             return "skip"
-        if is_end and line == self._cut:
-            self.losses = [CUT_LINE]
+        if is_end and line == self._cut and not cut:  # what is like it is no last one
+            cut.append(line)
             return "skip"
         return "error"
 

@@ -125,6 +125,43 @@ def test_blocks_of_a_long_table_come_in_order(write):
     np.testing.assert_array_equal(np.stack(list(found.values()), axis=1), values)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "latin-1"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("delimiter", [",", " "])
+def test_blocks_end_between_rows(write, encoding, end, delimiter):
+    lines = ["k,q[°]", "# a remark, or two", *(f"{k},{-k}" for k in range(90_000))]
+    lines.insert(80_000, " % another")
+    text = end.join(lines) + end
+    path = write(text.replace(",", delimiter).encode(encoding))
+    log = open_log(path)
+    assert len(list(log.read({"": ["k"]}))) > 1
+    found = read_all(log)[""]
+    np.testing.assert_array_equal(found["k"], np.arange(90_000))
+    np.testing.assert_array_equal(found["q[°]"], -np.arange(90_000))
+
+
+@pytest.mark.parametrize("bad", ["7", "7,x", "7,8,9"])
+def test_a_row_that_is_refused_is_counted_from_the_start(write, bad):
+    rows = 300_000 * ["1,2"]
+    rows[250_000] = bad
+    with pytest.raises(InputError, match="row 25000[12]:"):
+        read_one(write("\n".join(["t,q", *rows, ""])))
+
+
+def test_a_line_longer_than_a_block_is_refused(write):
+    with pytest.raises(InputError, match="too long"):
+        read_one(write("t,q\n" + "1,2\n" * 70_000 + "1," + 3_000_000 * "2"))
+
+
+@pytest.mark.parametrize("size", [20, 300_000])
+def test_only_the_last_row_may_be_cut_off(write, size):
+    log = open_log(write("t,q\n" + "1,2\n" * size + "7"))
+    assert len(read_all(log)[""]["t"]) == size
+    assert log.losses == ["the last line is cut off"]
+    with pytest.raises(InputError, match="Expected 2 columns"):
+        read_one(write("t,q\n" + "1,2\n" * 70_000 + "7\n" + "1,2\n" * size + "7"))
+
+
 def test_a_table_without_rows_has_none(write):
     log = open_log(write("t,q\n"))
     assert all(len(v) == 0 for v in read_all(log).get("", {}).values())
