@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from .common import MAX_COLUMNS, MAX_ELEMENTS, convert_number, import_extra
@@ -10,6 +11,7 @@ from .ros_messages import Row
 from .ros_types import UnknownTypeError
 
 CODINGS = ("json", "protobuf")
+_MAX_MESSAGE = 4_000_000  # bytes; chosen: a hundred times the whole state of a robot
 _MAX_DEPTH = 16  # of objects in objects; chosen: as of ROS messages
 _STAMPS = ("header.stamp", "timestamp")  # of ROS's types, and of Foxglove's
 _TIMES = ({"sec", "nsec"}, {"sec", "nanosec"}, {"secs", "nsecs"})
@@ -28,7 +30,7 @@ def make_decode(coding: str, kind: str, definition: bytes) -> Callable[[bytes], 
         UnknownTypeError: its definition cannot be used.
     """
     if coding == "json":
-        return json.loads
+        return partial(_decode_small, json.loads)
     decoder = import_extra("mcap_protobuf.decoder", "protobuf messages")
     records = import_extra("mcap.records", "MCAP")
     schema = records.Schema(id=1, data=definition, encoding="protobuf", name=kind)
@@ -44,7 +46,12 @@ def make_decode(coding: str, kind: str, definition: bytes) -> Callable[[bytes], 
             always_print_fields_with_no_presence=True, use_integers_for_enums=True,
         )  # fmt: skip
 
-    return decode_protobuf
+    return partial(_decode_small, decode_protobuf)
+
+
+def _decode_small(decode: Callable[[bytes], Any], content: bytes) -> Any:
+    """The object of a message; an empty one of a picture, which would take long."""
+    return decode(content) if len(content) <= _MAX_MESSAGE else {}
 
 
 class DocumentFields:
@@ -109,7 +116,7 @@ def list_numbers(
         return
     if isinstance(value, dict):
         if value.keys() in _TIMES:
-            sec, fraction = map(convert_number, value.values())
+            fraction, sec = (convert_number(value[key]) for key in sorted(value))
             yield path, sec + 1e-9 * fraction, True
             return
         found = (member for key, member in value.items() if _are_names(key, member))

@@ -24,7 +24,8 @@ LATE = 5_000_000  # [ns] from the stamp of a message to its receipt
 
 
 def _encode_json(k, stamp):
-    head = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}
+    parts = [("sec", stamp // 10**9), ("nanosec", stamp % 10**9)]
+    head = {"stamp": dict(parts[:: 1 if k % 2 else -1])}  # in any order
     named = {"name": ["hip", "knee"], "position": [100.0 + k, 200 + k]}
     more = {"on": bool(k % 2), "note": "text", "none": None, "gains": [1, [2.5], "x"]}
     return json.dumps({"header": head, **named, **more}).encode()
@@ -70,6 +71,15 @@ def test_messages_in_json_are_columns_by_their_paths(tmp_path):
 def test_what_is_no_json_is_refused(tmp_path, text):
     with pytest.raises(InputError, match="damaged"):
         read_all(open_log(_write(tmp_path / "log.mcap", encode=lambda *_: text)))
+
+
+def test_a_message_as_large_as_a_picture_has_no_numbers(tmp_path):
+    def encode(k, stamp):
+        return b"[%s0]" % (b"0," * 3_000_000) if k == 4 else _encode_json(k, stamp)
+
+    found = read_all(open_log(_write(tmp_path / "log.mcap", encode=encode)))["/joints"]
+    has = np.isfinite(found["position[hip]"])
+    assert has.sum() == 9 and not has[4] and np.isfinite(found["bag time"]).all()
 
 
 def _define_joints():
