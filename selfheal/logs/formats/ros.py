@@ -91,11 +91,6 @@ class RosLog(Log):
     def __init__(self, path: Path) -> None:
         self.path = path
         self._sources = [self._open_file(file) for file in _list_files(path)]
-        self.losses = [
-            f"{source.path.name}: {source.loss}" if path.is_dir() else source.loss
-            for source in self._sources
-            if source.loss
-        ]
         self._decoders = dict[str, _Decoder]()
         counts = Counter[str]()
         for source in self._sources:
@@ -103,9 +98,17 @@ class RosLog(Log):
                 counts[topic.name] += topic.count or 0
                 self._decoders.setdefault(topic.name, _Decoder(topic))
         self._learn(counts)
+        self._note_losses()
         self.streams = [
             decoder.make_stream(counts[name])
             for name, decoder in self._decoders.items()
+        ]
+
+    def _note_losses(self) -> None:
+        self.losses = [
+            f"{source.path.name}: {source.loss}" if self.path.is_dir() else source.loss
+            for source in self._sources
+            if source.loss
         ]
 
     def _open_file(self, path: Path) -> Source:
@@ -172,6 +175,7 @@ class RosLog(Log):
                         yield message.topic, piece.take()
                         if report:
                             report((number + message.share) / len(self._sources))
+        self._note_losses()
         for name, piece in pieces.items():
             if piece.count:
                 yield name, piece.take()

@@ -116,6 +116,7 @@ class McapSource(Source):
         if self.loss and not channels:
             raise InputError(f"{path}: it is cut off before its first message")
         self._names = {key: channel.topic for key, channel in channels.items()}
+        self._counts = counts
         self.topics = [
             _make_topic(channel, schemas.get(channel.schema_id), counts.get(key, 0))
             for key, channel in channels.items()
@@ -124,16 +125,20 @@ class McapSource(Source):
     def read(self, topics: set[str]) -> Iterator[Message]:
         """Messages of some topics, chunk by chunk."""
         keys = {key for key, name in self._names.items() if name in topics}
-        size = get_size(self.path)
+        size, left = get_size(self.path), sum(self._counts.get(key, 0) for key in keys)
         for place, record in self._walk(keys):
             share = min(1, place / size)
             if hasattr(record, "compression"):
                 for key, time, content in _read_chunk(_unpack(record).data):
                     if key in keys:
+                        left -= 1
                         yield Message(self._names[key], time, content, share)
             elif getattr(record, "channel_id", None) in keys:
+                left -= 1
                 name = self._names[record.channel_id]
                 yield Message(name, record.log_time, record.data, share)
+        if left > 0:
+            self.loss = f"{left} messages that it lists are not found"
 
     def _scan(self) -> Iterator[Any]:
         """All schemas, channels and messages, of a file that does not list them."""

@@ -164,3 +164,17 @@ def test_room_that_a_recorder_kept_for_more_is_no_message(tmp_path):
     log = open_log(path)
     assert 10 < len(read_all(log)["/joints"]["bag time"]) < 30
     assert "last 5000 bytes" in log.losses[0]
+
+
+def test_messages_that_the_index_of_a_file_misses_are_told(tmp_path):
+    path = _write(tmp_path / "log.mcap", count=30)
+    with path.open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[3]
+    content = bytearray(path.read_bytes())
+    start = content.rindex(chunk.chunk_start_offset.to_bytes(8, "little"))
+    content[start - 25] = 0x7F  # a kind of record that nobody knows
+    path.write_bytes(content)
+    log = open_log(path)
+    rows = len(read_all(log)["/joints"]["bag time"])
+    assert 20 < rows < 30
+    assert log.losses == [f"{30 - rows} messages that it lists are not found"]
