@@ -24,6 +24,7 @@ from .timeline import (
     find_rows,
     merge_times,
     read_clock,
+    read_labels,
     shorten_rows,
     split_episodes,
     take_rows,
@@ -145,9 +146,13 @@ class Converter:
             factor = stream.period or 0.0
         values = self.spool.read(stream.name, column) if column else None
         label = self._find_label(stream)
-        numbers = self.spool.read(stream.name, label) if label else None
         time = read_clock(clock, values, rows, factor)
-        return StreamTime(time, None if numbers is None else numbers.astype(np.intp))
+        if not label:
+            return StreamTime(time)
+        try:
+            return StreamTime(time, read_labels(self.spool.read(stream.name, label)))
+        except InputError as error:
+            raise InputError(f"{self.log.path}: column {label!r} {error}") from error
 
     def _make_clocks(self, times: Mapping[str, Floats]) -> Clocks:
         """(n) [s] of streams, by each delay of their channels earlier."""

@@ -71,6 +71,28 @@ def read_clock(clock: Clock, column: Floats | None, rows: int, factor: float) ->
     return clock.stretch * factor * time + clock.offset
 
 
+def read_labels(values: Floats) -> Indices:
+    """Numbers of episodes, (n): a row without one belongs to the episode before it.
+
+    Args:
+        values: (n) of the column that tells episodes apart; NaN of rows without.
+
+    Raises:
+        InputError: one is no whole number.
+    """
+    known = ~np.isnan(values)
+    wrong = known & ((values != np.rint(values)) | (np.abs(values) > 2**53))
+    if wrong.any():
+        raise InputError(
+            f"tells episodes apart and holds {values[wrong][0]:g}; would fit: whole "
+            "numbers, or texts"
+        )
+    if not known.any():
+        return np.zeros(values.size, dtype=np.intp)
+    last = np.maximum.accumulate(np.where(known, np.arange(values.size), 0))
+    return values[np.maximum(last, known.argmax())].astype(np.intp)
+
+
 def split_episodes(
     streams: Mapping[str, StreamTime], rule: EpisodeRule
 ) -> tuple[list[Span], Mended]:

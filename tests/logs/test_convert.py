@@ -179,6 +179,25 @@ def test_episodes_come_of_a_column_a_gap_a_stream_and_a_time_that_begins_again(
     assert got == {"000": 10, "001": 10, "002": 10}
 
 
+@pytest.mark.parametrize("missing", [[], [0, 1], [13, 20, 21, 49]])
+def test_a_row_without_an_episode_belongs_to_the_one_before(missing, tmp_path):
+    run = np.repeat([3.0, 5.0], [20, 30])
+    run[missing] = np.nan
+    text = f'[time]\ncolumn = "t"\n[episodes]\ncolumn = "run"\n{COMMANDS}{POSITION}'
+    recording, _ = _import(TableLog({"": _table() | {"run": run}}), text, tmp_path)
+    sizes = {name: e.time.size for name, e in recording.episodes.items()}
+    late = 20 in missing  # the first row of an episode
+    assert sizes == {"003": 22 if late else 20, "005": 28 if late else 30}
+
+
+@pytest.mark.parametrize("label", [0.5, np.inf, 1e300])
+def test_an_episode_that_is_no_whole_number_is_refused(label, tmp_path):
+    text = f'[time]\ncolumn = "t"\n[episodes]\ncolumn = "run"\n{COMMANDS}'
+    table = _table() | {"run": np.full(50, label)}
+    with pytest.raises(InputError, match="run.csv: column 'run' tells episodes apart"):
+        _import(TableLog({"": table}), text, tmp_path)
+
+
 def test_rows_that_came_late_are_sorted_in_and_counted(tmp_path):
     table = _table(30)
     order = np.arange(30)
