@@ -76,7 +76,8 @@ def main() -> None:
         "All columns of a log are read, from a file that the system holds in memory "
         "already. `recording import` writes the angles into a recording, too: twelve "
         "of the CSV, seven of the MCAP, whose other fields it does not decode. The "
-        "MCAP has joint states and IMU messages, packed by zstd."
+        "MCAP has joint states and IMU messages, packed by zstd. What becomes of "
+        "damaged logs of all formats stands in [hardening](hardening.md), kind `logs`."
     )
     section = Section("All columns", text, _HEADER, cells)
     publish_results(given.root, "logs", "Reading logs", [section], {"rows": rows})
