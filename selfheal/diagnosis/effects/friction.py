@@ -134,6 +134,10 @@ def _dry_friction_bounds(robot: RobotSummary, joint) -> tuple[float, float, floa
     return now, 0.1 * joint.torque, 3 * torque_scale(robot, joint) + 10 * now
 
 
+# Stribeck velocities that a fit begins with, as shares of the joint's top speed; chosen
+START_SPEEDS = (0.02, 0.1, 0.3)
+
+
 class StribeckFriction(FrictionEffect):
     """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
@@ -150,6 +154,7 @@ class StribeckFriction(FrictionEffect):
         ParameterSpec("static", "N m", nonnegative=True),
         ParameterSpec("stribeck_velocity", "rad/s", nonnegative=True),
     )
+    is_of_drives = True
     overrides = ("frictionloss",)
 
     def make_parameters(self, robot, joint):
@@ -174,6 +179,17 @@ class StribeckFriction(FrictionEffect):
             (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
             (now + t, now + 3 * t, 0.02 * v),
         )  # fmt: skip
+
+    def start_from(self, term, overridden):
+        """At least as much at rest as one dry friction for all speeds was."""
+        coulomb, static, speed = term.parameters
+        static = replace(static, low=min(overridden, static.high))
+        starts = tuple(
+            (0.9 * overridden, 1.3 * overridden, share * speed.high)
+            for share in START_SPEEDS
+        )
+        parameters = (coulomb, static, speed)
+        return replace(term, parameters=parameters, initial_values=starts)
 
     def is_consistent(self, values):
         return bool(values[1] > values[0])
@@ -229,6 +245,9 @@ class LoadDependentFriction(FrictionEffect):
     def is_usual(self, term):
         return super().is_usual(term) and not term.finding_fields
 
+    def is_in_drive_model(self, term):
+        return bool(term.finding_fields)
+
     def apply_forces(self, state, place, values):
         dof = place["dof"]
         load = state.actuator_torque[:, dof]
@@ -265,6 +284,10 @@ class AsymmetricFriction(FrictionEffect):
             )
             for name in ("positive", "negative")
         )
+
+    def start_from(self, term, overridden):
+        more, less = 1.2 * overridden, 0.8 * overridden
+        return replace(term, initial_values=((more, less), (less, more)))
 
     def is_consistent(self, values):
         return bool(np.ptp(values) > MIN_ASYMMETRY * np.max(values))

@@ -20,10 +20,15 @@ def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
 
 
 def find_other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
-    """Terms of the same effect and targets that differ in their finding fields."""
-    name, targets = term.effect.name, term.targets
-    same = [t for t in among if (t.effect.name, t.targets) == (name, targets)]
-    return [t for t in same if t.key != term.key]
+    """Terms at the same targets of the same effect, or that override the same value."""
+    overridden = set(term.effect.overrides)
+    return [
+        t
+        for t in among
+        if t.targets == term.targets
+        and t.key != term.key
+        and (t.effect is term.effect or overridden & set(t.effect.overrides))
+    ]
 
 
 def extend_places(term: Term, **more: Any) -> Term:
@@ -44,6 +49,27 @@ def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
     """Which nominal terms have no influence beside a term, by their index."""
     own = {f"{at}/{name}" for at in term.targets for name in term.effect.overrides}
     return [i for i, t in enumerate(terms) if own & set(t.targets)]
+
+
+def start_beside(term: Term, terms: Sequence[Term], values: Floats) -> Term:
+    """The term as it begins near a fitted term whose place it takes.
+
+    Dry friction that was fitted is where a search for a Stribeck curve begins: from
+    far away it would first have to find the friction again.
+
+    Args:
+        term: that may be fitted beside others.
+        terms: that are fitted.
+        values: (P) of them [units of the parameters].
+    """
+    ends = np.cumsum([len(t.parameters) for t in terms])
+    for other, end in zip(terms, ends, strict=True):
+        (first, *more) = other.parameters or (None,)
+        if first is None or more or set(other.targets) != set(term.targets):
+            continue
+        if first.name in term.effect.overrides and first.name in other.effect.overrides:
+            return term.effect.start_from(term, float(values[end - 1]))
+    return term
 
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:

@@ -10,15 +10,17 @@ from dataclasses import replace
 import numpy as np
 
 from ..effects.base import Term
-from ..effects.terms import is_distinct
+from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
+from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.reweighting import downweight_unscored, reestimate_initial_states
+from ..estimation.settings import FIT
 from .backward import (
     compute_removal_costs,
     eliminate_backward,
@@ -98,8 +100,9 @@ def _select_next(
         The state, in which only the best candidates stay open, and the winner.
     """
     taken = {t.key for t in state.named} | tabu
+    fit = state.best.fit
     open_terms = [
-        t
+        start_beside(t, fit.terms, fit.values)
         for t in state.candidates
         if t.key not in taken and is_distinct(t, state.named)
     ]
@@ -109,7 +112,8 @@ def _select_next(
     part = bases[-1]
     has_single_readings = part.problem.regime.has_single_readings
     if len(open_terms) > SELECTION.max_retried_candidates and not has_single_readings:
-        kept = [t for t in state.candidates if t not in open_terms]
+        tried = {t.key for t in open_terms}
+        kept = [t for t in state.candidates if t.key not in tried]
         state = state.with_candidates([*retried, *kept])
     if not state.first_round:
         ranking = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
@@ -166,8 +170,9 @@ def _add_siblings(
         tabu: keys of candidates that may not be tried.
         rng: draws segments and resamples.
     """
+    problem, old = state.problem, state.best.fit
     siblings = [
-        t
+        start_beside(t, old.terms, old.values)
         for t in state.candidates
         if t.effect is winner.effect
         and len(t.targets) == len(winner.targets) == 1
@@ -178,7 +183,6 @@ def _add_siblings(
     ]
     if not siblings:
         return state
-    problem, old = state.problem, state.best.fit
     base = LinearizedFit.from_fit(problem, old)
     part = select_hard_segments(base, SELECTION.screening_steps[0], rng)
     fits = [fit_candidate(part, t, iterations=1) for t in siblings]
@@ -256,10 +260,51 @@ def search_backward(
     values = np.concatenate([state.best.fit.values, *start])
     fit = fit_parameters(problem, terms, values, iterations=5)
     problem, fit = fit_longer(problem, fit, longer)
+    if noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio:
+        fit = _extend_drive_models(problem, fit, state.candidates)
+    tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(problem, fit, state.nominal_count)
     state = state.with_fit(*reweight_and_fit(problem, fit, 4))
     state, _ = _remove_and_exchange(state)
-    return _keep_significant(state, usual, rng)
+    return _keep_significant(state, tried, rng)
+
+
+def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+    """The fit with richer models of all drives at once, if these explain more.
+
+    Friction with a Stribeck curve and of both sides of the gear, and a lag, as in
+    nested models of drives (Rhoban's BAM, M1 to M6). One at a time none of them may
+    explain anything: each is seen beside the others only.
+
+    Args:
+        problem: that was fitted.
+        fit: with the usual effects.
+        candidates: terms that may earn a name.
+    """
+    found = [t for t in candidates if t.effect.is_in_drive_model(t)]
+    if not found:
+        return fit
+    most = {t.effect.name: len(t.targets) for t in found}
+    for t in found:  # what all drives may share is fitted as one value
+        most[t.effect.name] = max(most[t.effect.name], len(t.targets))
+    more = [
+        start_beside(t, fit.terms, fit.values)
+        for t in found
+        if len(t.targets) == most[t.effect.name]
+    ]
+    other_forms = [t for t in fit.terms if not is_distinct(t, more)]
+    terms, values = fit.without_terms(*other_forms)
+    terms = (*terms, *more)
+    starts = [
+        np.concatenate([
+            values, *(t.initial_values[i % len(t.initial_values)] for t in more)
+        ])
+        for i in range(max(len(t.initial_values) for t in more))
+    ]  # fmt: skip
+    residuals = problem.compute_residuals(terms, np.array(starts))
+    best = starts[int(np.argmin((residuals**2).sum(axis=1)))]
+    new = fit_parameters(problem, terms, best, iterations=6)
+    return new if new.cost < SELECTION.exchange_error_ratio * fit.cost else fit
 
 
 def fit_longer(
@@ -316,7 +361,9 @@ def _keep_significant(
         rng: draws resamples.
     """
     problem = state.problem
-    for term in [t for t in state.named if t in tried]:
+    keys = {t.key for t in tried}
+    untested = [t for t in state.named if t.key in keys or t.key not in state.claims]
+    for term in untested:
         best = state.best
         less = ScoredFit.from_fit(problem, fit_without(problem, best.fit, term))
         p_value = improvement_p_value(problem, less, best, len(tried))
