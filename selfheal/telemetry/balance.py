@@ -341,7 +341,13 @@ def _explain(terms: Terms, block: np.ndarray) -> tuple[Floats, float]:
 
 
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
-    """Coefficients (k) within bounds (2, k) by which x (n, k) is nearest to y (n)."""
+    """Coefficients (k) within bounds by which a sum of terms is nearest to values.
+
+    Args:
+        x: (n, k) terms.
+        y: (n) values.
+        bounds: (2, k) least and largest coefficients.
+    """
     from scipy.optimize import lsq_linear
 
     if not len(x):

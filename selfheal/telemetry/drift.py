@@ -44,7 +44,7 @@ class Growth:
     Attributes:
         slope: [s/s].
         p_value: of no slope.
-        seconds: of the longest episode.
+        seconds: length of the longest episode [s].
     """
 
     slope: float

@@ -1,7 +1,7 @@
 """Short simulations: a mend of the columns in, how far they miss what came next out.
 
 A robot in lasting contact has no balance of torques. There the model is started from
-what the log says, runs for a tenth of a second with the commands of the log, and its
+what the log says, and runs for a tenth of a second with the commands of the log. Its
 change of velocity is compared with what was read. Missing physics makes that worse,
 but not worse than no prediction at all, as a wrong sign or order does.
 """
