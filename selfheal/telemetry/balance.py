@@ -341,7 +341,7 @@ def _explain(terms: Terms, block: np.ndarray) -> tuple[Floats, float]:
 
 
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
-    """Coefficients (k) within bounds by which a sum of terms is nearest to values.
+    """Coefficients (k) by which a bounded sum of terms is nearest to values.
 
     Args:
         x: (n, k) terms.
