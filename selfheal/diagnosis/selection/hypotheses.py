@@ -139,59 +139,103 @@ def name_effects(
     start = lengthen_segments(start, longer)
     if start.is_complete:
         return [_finish_search(start, problem)]
-    # impacts make the cost rough: there many values at once are the last resort
-    backward = None
-    if not problem.regime.has_rough_cost:
-        backward = search_backward(start, longer, rng, progress)
-    most = _count_additions(backward)
-    forward = search_forward(start, rng, progress, most)
-    if (
-        backward is not None
-        and not backward.is_explained
-        and most < SELECTION.max_effects
-        and predicts_better(forward, backward)
-    ):
-        forward = search_forward(forward, rng, progress)
-    for _ in longer:
-        longest = lengthen_segments(forward, longer)
-        if longest is forward or longest.is_explained:
-            break
-        forward = search_forward(longest, rng, progress)
-    if forward.is_explained and (backward is None or not backward.named):
-        return [_finish_search(forward, problem)]
     if problem.regime.has_rough_cost:
-        # what the first search set aside for a name, this one tries in its place
-        likely = [
-            t
-            for t in start.candidates
-            if t in forward.candidates or t.effect.is_usual(t)
-        ]
-        backward = search_backward(start.with_candidates(likely), longer, rng, progress)
-    if backward is None:
-        return [_finish_search(forward, problem)]
+        states = _search_in_contact(start, longer, rng, progress)
+    else:
+        states = _search_both_ways(start, longer, rng, progress)
+    return [_finish_search(s, problem) for s in states]
+
+
+def _search_both_ways(
+    start: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[SearchState]:
+    """Search backward from all usual effects at once, and forward from none.
+
+    What the backward search leaves is searched forward, too, if nothing explains all.
+
+    Args:
+        start: state in which nothing has a name yet.
+        longer: longer and longer segments.
+        rng: draws segments and resamples.
+        progress: called with a message and a share (0 to 1).
+
+    Returns:
+        The states at the end, the likelier first.
+    """
+    backward = search_backward(start, longer, rng, progress)
+    if backward is None or not backward.named:
+        return [_search_to_end(start, longer, rng, progress)]
+    count = len(backward.named)
+    if count > SELECTION.max_rivals:  # a few others would have to do as much
+        forward = search_forward(start, rng, progress, 1)
+        if not backward.is_explained and predicts_better(forward, backward):
+            forward = _search_to_end(forward, longer, rng, progress)
+    elif backward.is_explained:  # only as many others, or fewer, can be likelier
+        forward = search_forward(start, rng, progress, count)
+    else:
+        forward = _search_to_end(start, longer, rng, progress)
     backward = backward.with_history_of(forward)
     if not backward.is_explained and not forward.is_explained:
         backward = search_forward(backward, rng, progress)
-    both = (
-        (backward, forward)
-        if predicts_better(backward, forward)
-        else (forward, backward)
-    )
-    return [_finish_search(s, problem) for s in both]
+    return _rank(backward, forward)
 
 
-def _count_additions(backward: SearchState | None) -> int:
-    """How many effects a forward search may add beside what a backward one found.
+def _search_in_contact(
+    start: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> list[SearchState]:
+    """Search forward; backward only where that leaves something.
 
-    Where usual effects explain all, only fewer ones could be likelier. Where they are
-    many, one is added first.
+    Impacts make the cost rough, so that many values at once are the last resort.
+
+    Args:
+        start: state in which nothing has a name yet.
+        longer: longer and longer segments.
+        rng: draws segments and resamples.
+        progress: called with a message and a share (0 to 1).
+
+    Returns:
+        The states at the end, the likelier first.
     """
-    if backward is None or not backward.named:
-        return SELECTION.max_effects
-    count = len(backward.named)
-    if count > SELECTION.max_rivals:
-        return 1
-    return count if backward.is_explained else SELECTION.max_effects
+    forward = _search_to_end(start, longer, rng, progress)
+    if forward.is_explained:
+        return [forward]
+    # what the first search set aside for a name, this one tries in its place
+    kept = {t.key for t in forward.candidates}
+    likely = [t for t in start.candidates if t.key in kept or t.effect.is_usual(t)]
+    backward = search_backward(start.with_candidates(likely), longer, rng, progress)
+    if backward is None:
+        return [forward]
+    backward = search_forward(backward.with_history_of(forward), rng, progress)
+    return _rank(backward, forward)
+
+
+def _search_to_end(
+    state: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> SearchState:
+    """Search forward, and go on in longer segments while these show something more."""
+    state = search_forward(state, rng, progress)
+    for _ in longer:
+        extended = lengthen_segments(state, longer)
+        if extended is state or extended.is_explained:
+            break
+        state = search_forward(extended, rng, progress)
+    return state
+
+
+def _rank(backward: SearchState, forward: SearchState) -> list[SearchState]:
+    """Both states, the likelier first."""
+    if predicts_better(backward, forward):
+        return [backward, forward]
+    return [forward, backward]
 
 
 def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
