@@ -194,7 +194,8 @@ def test_the_document_is_the_contracts(name, request):
         assert isinstance(entry["unit"], str)
     fit = document["fit"]
     assert set(fit) == {
-        "held_out", "given", "refit", "patched", "floor", "explainable_removed"
+        "held_out", "given", "refit", "patched", "floor", "explainable_removed",
+        "horizons"
     }  # fmt: skip
     assert all(
         isinstance(fit[k], float) for k in ("given", "refit", "patched", "floor")

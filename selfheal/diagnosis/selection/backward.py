@@ -59,7 +59,7 @@ def compute_removal_costs(
 
 
 def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
-    """Remove effects that cost next to nothing to remove, up to half of them at a time.
+    """Remove effects that together cost next to nothing, up to half of them at a time.
 
     One after the other in the linearized fit, for of two that do the same one has to
     stay; then all others are fitted again.
@@ -69,18 +69,17 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         fit: with all effects.
         nominal_count: number of nominal terms, which stand first.
     """
+    limit = (1 + SELECTION.removal_tolerance) * fit.cost
     while len(fit.terms) > nominal_count:
         base = LinearizedFit.from_fit(problem, fit)
         most = max(1, (len(fit.terms) - nominal_count) // 2)
         removed: list[Term] = []
-        share = 1.0
         while len(removed) < most:
             costs = compute_removal_costs(base, nominal_count, removed)
             cheapest = min(costs, key=lambda t: costs[t])
-            if costs[cheapest] > (1 + SELECTION.removal_tolerance) * share:
+            if costs[cheapest] * fit.cost > limit:
                 break
             removed.append(cheapest)
-            share = max(share, costs[cheapest])
         if not removed:
             break
         fit = fit_parameters(

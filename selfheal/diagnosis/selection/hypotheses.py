@@ -22,12 +22,8 @@ from .screening import (
 )
 from .search_state import SearchState, start_state
 from .settings import SELECTION
-from .stepwise import (
-    lengthen_segments,
-    predicts_better,
-    search_backward,
-    search_forward,
-)
+from .stepwise import predicts_better, search_forward
+from .whole_drives import lengthen_segments, search_backward
 
 
 @dataclass(frozen=True, eq=False)

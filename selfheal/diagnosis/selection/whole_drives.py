@@ -1,0 +1,145 @@
+"""What whole drives lack: takes the state of a search, gives it with usual effects.
+
+A real drive lacks several effects at every joint at once. They are fitted together and
+removed backward, in segments as long as the robot can be predicted.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects.base import Term
+from ..effects.terms import is_distinct, start_beside
+from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.marginalization import (
+    is_horizon_informative,
+    marginalize_initial_states,
+)
+from ..estimation.noise import noise_ratio
+from ..estimation.problem import Problem
+from ..estimation.settings import FIT
+from .backward import eliminate_backward
+from .screening import Progress
+from .search_state import SearchState, reweight_and_fit
+from .settings import SELECTION
+from .stepwise import keep_significant, remove_and_exchange
+
+
+def search_backward(
+    state: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> SearchState | None:
+    """Fit all usual effects at once, and remove those that the data do not ask for.
+
+    A real drive lacks several of them at every joint. What is named first alone stands
+    for several. Slow effects show in longer segments, which are used as far as their
+    initial states are known well enough.
+
+    Args:
+        state: in which nothing has a name.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
+        progress: called with a message and a share (0 to 1).
+
+    Returns:
+        The state at the end; None where no effect is usual.
+    """
+    usual = [t for t in state.candidates if t.effect.is_usual(t)]
+    if not usual:
+        return None
+    progress(f"fitting {len(usual)} usual effects at once", 0.0)
+    problem, terms = state.problem, (*state.best.fit.terms, *usual)
+    start = [np.array(t.initial_values[0]) for t in usual]
+    values = np.concatenate([state.best.fit.values, *start])
+    fit = fit_parameters(problem, terms, values, iterations=5)
+    problem, fit = fit_longer(problem, fit, longer)
+    if noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio:
+        fit = _extend_drive_models(problem, fit, state.candidates)
+    tried = fit.terms[state.nominal_count :]
+    fit = eliminate_backward(problem, fit, state.nominal_count)
+    state = state.with_fit(*reweight_and_fit(problem, fit, 4))
+    state, _ = remove_and_exchange(state)
+    return keep_significant(state, tried, rng)
+
+
+def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+    """The fit with richer models of all drives at once, if these explain more.
+
+    Friction with a Stribeck curve and of both sides of the gear, and a lag, as in
+    nested models of drives (Rhoban's BAM, M1 to M6). One at a time none of them may
+    explain anything: each is seen beside the others only.
+
+    Args:
+        problem: that was fitted.
+        fit: with the usual effects.
+        candidates: terms that may earn a name.
+    """
+    found = [t for t in candidates if t.effect.is_in_drive_model(t)]
+    if not found:
+        return fit
+    most = {t.effect.name: len(t.targets) for t in found}
+    for t in found:  # what all drives may share is fitted as one value
+        most[t.effect.name] = max(most[t.effect.name], len(t.targets))
+    more = [
+        start_beside(t, fit.terms, fit.values)
+        for t in found
+        if len(t.targets) == most[t.effect.name]
+    ]
+    other_forms = [t for t in fit.terms if not is_distinct(t, more)]
+    terms, values = fit.without_terms(*other_forms)
+    terms = (*terms, *more)
+    starts = [
+        np.concatenate([
+            values, *(t.initial_values[i % len(t.initial_values)] for t in more)
+        ])
+        for i in range(max(len(t.initial_values) for t in more))
+    ]  # fmt: skip
+    residuals = problem.compute_residuals(terms, np.array(starts))
+    best = starts[int(np.argmin((residuals**2).sum(axis=1)))]
+    new = fit_parameters(problem, terms, best, iterations=6)
+    return new if new.cost < SELECTION.exchange_error_ratio * fit.cost else fit
+
+
+def fit_longer(
+    problem: Problem, fit: Fit, longer: Sequence[Problem]
+) -> tuple[Problem, Fit]:
+    """The fit repeated in longer and longer segments, as far as these inform.
+
+    Args:
+        problem: that was fitted.
+        fit: its fit.
+        longer: the problem in longer and longer segments.
+    """
+    for other in longer:
+        other = replace(other, sigma=problem.sigma, simulator=problem.simulator)
+        if not is_horizon_informative(other, problem, fit.terms, fit.values):
+            break
+        problem = marginalize_initial_states(other, fit.terms, fit.values)
+        fit = fit_parameters(problem, fit.terms, fit.values, iterations=5)
+    return problem, fit
+
+
+def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchState:
+    """The state fitted in longer segments, while these inform and nothing is left.
+
+    What builds up slowly is not seen in short segments, as the loss of energy of a
+    free pendulum.
+
+    Args:
+        state: in which short segments are explained, or not.
+        longer: the problem in longer and longer segments.
+    """
+    steps = state.problem.segments.lengths.mean()
+    for other in longer:
+        if not state.is_explained:
+            break
+        if other.segments.lengths.mean() <= steps:
+            continue
+        problem, fit = fit_longer(state.problem, state.best.fit, [other])
+        if problem is state.problem:
+            break
+        state = state.with_fit(*reweight_and_fit(problem, fit, 4))
+    return state
