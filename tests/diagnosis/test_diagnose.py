@@ -161,11 +161,6 @@ def test_what_is_in_no_catalogue_gets_no_name(sticky):
     assert sticky.document["findings"] == []
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="what is left is 2.7 times the noise, but a torque that is cubic in the "
-    "angle does not show it: verdict 'nothing' instead of 'unlisted'",
-)
 def test_what_is_in_no_catalogue_is_reported_as_unlisted(sticky):
     assert sticky.document["verdict"] in ("unlisted", "partly")
 

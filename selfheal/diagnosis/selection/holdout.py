@@ -84,12 +84,11 @@ def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list
         ):
             break
         problems.append(held_out)
-    problems = [marginalize_initial_states(p, fit.terms, fit.values) for p in problems]
-    logs = [
-        [np.log(max(squared_error(p, h.final.fit), FIT.tiny)) for p in problems]
+    errors = np.array([
+        [squared_error_with_own_states(p, h.final.fit) for p in problems]
         for h in hypotheses
-    ]
-    return [float(np.exp(np.mean(x))) for x in logs]
+    ])  # fmt: skip
+    return [float(x) for x in np.exp(np.log(errors + FIT.tiny).mean(axis=1))]
 
 
 def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
@@ -210,6 +209,13 @@ def squared_error(problem: Problem, fit: Fit) -> float:
     return float((problem.residuals_at(fit.terms, fit.values) ** 2).sum())
 
 
+def squared_error_with_own_states(problem: Problem, fit: Fit) -> float:
+    """Squared error [1] of a fit, less what errors of its initial states explain."""
+    return squared_error(
+        marginalize_initial_states(problem, fit.terms, fit.values), fit
+    )
+
+
 def squared_error_reestimated(
     problem: Problem, fit: Fit, residuals: Floats | None = None
 ) -> float:
@@ -223,9 +229,7 @@ def squared_error_reestimated(
         residuals: (R) [1] from the problem's initial states, if they are known.
     """
     if problem.initial_state_shift is not None:
-        return squared_error(
-            marginalize_initial_states(problem, fit.terms, fit.values), fit
-        )
+        return squared_error_with_own_states(problem, fit)
     return (
         squared_error(problem, fit)
         if residuals is None
