@@ -269,7 +269,7 @@ class Effect:
 
         Args:
             term: of this effect.
-            overridden: the value, of the name in `overrides` [its unit].
+            overridden: the first value of the fitted term [its unit].
         """
         return term
 

@@ -124,6 +124,9 @@ class CoulombFriction(FrictionEffect):
         none = ((0.0,),) if p.nominal else ()
         return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,), *none)
 
+    def start_from(self, term, overridden):
+        return replace(term, initial_values=((overridden,),))
+
     def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 

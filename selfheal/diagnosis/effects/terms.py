@@ -62,13 +62,12 @@ def start_beside(term: Term, terms: Sequence[Term], values: Floats) -> Term:
         terms: that are fitted.
         values: (P) of them [units of the parameters].
     """
-    ends = np.cumsum([len(t.parameters) for t in terms])
-    for other, end in zip(terms, ends, strict=True):
-        (first, *more) = other.parameters or (None,)
-        if first is None or more or set(other.targets) != set(term.targets):
+    ends = np.cumsum([0, *(len(t.parameters) for t in terms)])
+    for other, first in zip(terms, ends, strict=False):
+        if other.targets != term.targets or other.effect is term.effect:
             continue
-        if first.name in term.effect.overrides and first.name in other.effect.overrides:
-            return term.effect.start_from(term, float(values[end - 1]))
+        if set(other.effect.overrides) & set(term.effect.overrides):
+            return term.effect.start_from(term, float(values[first]))
     return term
 
 

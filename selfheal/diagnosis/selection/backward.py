@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from ..effects.base import Term
-from ..effects.terms import is_distinct
+from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import Problem
@@ -106,7 +106,11 @@ def exchange_term(
         others: terms that may take its place.
     """
     kept, _ = old.fit.without_terms(term)
-    others = [t for t in others if is_distinct(t, kept)]
+    others = [
+        start_beside(t, old.fit.terms, old.fit.values)
+        for t in others
+        if is_distinct(t, kept)
+    ]
     if not others:
         return old
     base = LinearizedFit.from_fit(problem, fit_without(problem, old.fit, term))
@@ -116,6 +120,8 @@ def exchange_term(
         new = fit_and_score(
             problem, fit.terms, fit.values, iterations=6, jacobian=fit.jacobian
         )
+        if not new.candidate.effect.is_consistent(new.values):
+            continue
         if new.error < SELECTION.exchange_error_ratio * old.error:
             if is_rare_or_restating(term) or is_plausible(problem, old, new):
                 return new

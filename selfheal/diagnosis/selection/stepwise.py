@@ -222,7 +222,10 @@ def remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
         term, best = min(trials, key=lambda x: x[1].error)
         state = state.with_fit(problem, best)
         removed.append(term)
-    for term in () if problem.regime.has_single_readings else state.named[:-1]:
+    named = () if problem.regime.has_single_readings else state.named
+    for term in named:
+        if term is named[-1] and term.key in state.claims:
+            continue  # it has just won against all others
         best = exchange_term(problem, best, term, state.find_alternatives(term))
     return state.with_fit(problem, best), removed
 

@@ -52,8 +52,9 @@ def search_backward(
         return None
     progress(f"fitting {len(usual)} usual effects at once", 0.0)
     problem, terms = state.problem, (*state.best.fit.terms, *usual)
-    start = [np.array(t.initial_values[0]) for t in usual]
-    values = np.concatenate([state.best.fit.values, *start])
+    # a fit without these effects drove the nominal values far from where they are
+    given = np.ones(state.nominal_count)
+    values = np.concatenate([given, *(t.initial_values[0] for t in usual)])
     fit = fit_parameters(problem, terms, values, iterations=5)
     problem, fit = fit_longer(problem, fit, longer)
     if noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio:
