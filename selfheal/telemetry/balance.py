@@ -44,12 +44,17 @@ class Balance:
     """What a mend leaves.
 
     Attributes:
-        unexplained: (D) share of each degree of freedom's torques [1], held out.
+        unexplained: (D) share of the variance of each degree of freedom's torques [1],
+            held out.
+        error: (D) mean square of the unexplained torque [(N m)^2 or N^2], over the
+            square of the mend's factor: likelihoods of one column are compared in
+            its own unit.
         blocks: (B, D) the same of each block.
-        size: (D) mean square of the torques [(N m)^2 or N^2].
+        size: (D) variance of the torques [(N m)^2 or N^2].
     """
 
     unexplained: Floats
+    error: Floats
     blocks: Floats
     size: Floats
 
@@ -60,7 +65,7 @@ class Balance:
 
     def find_worst(self, other: "Balance") -> float:
         """The largest share unexplained, of the torques that `other` balances anew."""
-        ratio = np.abs(np.log(self.unexplained / other.unexplained))
+        ratio = np.abs(np.log(self.error / other.error))
         return float(np.max(self.unexplained, where=ratio > ANEW, initial=0.0))
 
     def gain_over(self, other: "Balance") -> tuple[float, float]:
@@ -76,10 +81,10 @@ class Balance:
         from scipy.stats import wilcoxon
 
         # of differences of squares, those that are small say nothing: blocks at rest
-        each = np.sum((other.blocks - self.blocks) / other.unexplained, axis=1)
+        each = np.sum((other.blocks - self.blocks) / other.error, axis=1)
         each = each[np.isfinite(each)]
         each = each[np.abs(each) > SMALL * np.mean(np.abs(each))]
-        whole = np.log(other.unexplained / self.unexplained) / 2
+        whole = np.log(other.error / self.error) / 2
         if len(each) < MIN_BLOCKS or not np.any(each):
             return float(np.sum(whole)), 1.0
         p = wilcoxon(each, alternative="greater").pvalue
@@ -92,6 +97,9 @@ class TorqueBalance:
     Attributes:
         reason: why it cannot be computed; "" where it can.
         dofs: (D) degrees of freedom whose torques are all known.
+        stiffness: (nv) of gravity, by which springs are bounded, the same ones for all
+            mends: else a mend that makes motions small allows a stiffer one
+            [N m/rad or N/m].
     """
 
     def __init__(
@@ -134,6 +142,7 @@ class TorqueBalance:
             return
         self.block = np.searchsorted(blocks, series.block[self.rows])
         self.dofs = self._list_dofs()
+        self.stiffness = self._measure_stiffness()
 
     def _explain_unknown(self) -> str:
         m = self.given
@@ -191,6 +200,12 @@ class TorqueBalance:
                 lost |= (moment[outputs] != 0).any(axis=0)
         return np.flatnonzero(~lost)
 
+    def _measure_stiffness(self) -> Floats:
+        """Gravity's torque (nv) over how far a joint moves, of the log as it is."""
+        given = self.compute_torques(Mend(), self.rows)
+        swing = np.sqrt(np.mean(given["hold"] ** 2, axis=0))
+        return swing / np.maximum(np.std(given["q"], axis=0), 1e-6)
+
     def evaluate(self, mend: Mend, every: int = 1) -> Balance:
         """What a mend of the columns leaves unexplained, in each so many rows."""
         parts = self.compute_torques(mend, self.rows[::every])
@@ -201,7 +216,10 @@ class TorqueBalance:
         blocks = np.empty((count, len(self.dofs)))
         for k, d in enumerate(self.dofs):
             own = {name: values[:, d] for name, values in parts.items()}
-            rest, size[k] = _explain(make_terms(own, self.given.dof_damping[d]), block)
+            terms = make_terms(own, self.given.dof_damping[d], self.stiffness[d])
+            rest, size[k] = _explain(terms, block)
+            # an offset explains the mean of gravity's torque, whatever the columns say
+            size[k] = max(size[k] - np.mean(own["hold"]) ** 2, 1e-18)
             left[k] = np.mean(rest**2)
             blocks[:, k] = np.bincount(block, rest**2, minlength=count) / np.maximum(
                 rows, 1
@@ -210,7 +228,21 @@ class TorqueBalance:
             for three in (range(first, first + 3), range(first + 3, first + 6)):
                 these = np.isin(self.dofs, three)
                 size[these] = size[these].mean() if these.any() else 1.0
-        return Balance(np.maximum(left / size, 1e-12), blocks / size, size)
+        share = np.maximum(left / size, 1e-12)
+        unit = self._list_factors(mend) ** 2
+        return Balance(share, share * size / unit, blocks / unit, size)
+
+    def _list_factors(self, mend: Mend) -> Floats:
+        """Factor (D) by which a mend multiplies the column of a degree of freedom.
+
+        A torque that is left over accelerates: the density of the column is that of the
+        torque times its derivative, the inertia times this factor. The inertia is left
+        out, for what a rotor adds to it, and the model lacks, is not known.
+        """
+        factor = np.ones(self.given.nv)
+        for name, (_, by) in mend.positions.items():
+            factor[self.given.jnt_dofadr[self.states.joints[name].number]] = by
+        return np.abs(factor[self.dofs])
 
     def compute_torques(self, mend: Mend, rows: np.ndarray) -> dict[str, Floats]:
         """Torques (n, nv) that parts of the motion take, or that give it [N m or N].
@@ -300,23 +332,23 @@ class Terms:
     size: Floats
 
 
-def make_terms(parts: Mapping[str, Floats], damping: float) -> Terms:
+def make_terms(parts: Mapping[str, Floats], damping: float, stiffness: float) -> Terms:
     """The terms of one degree of freedom.
 
     Args:
         parts: (n) its torques, as `TorqueBalance.compute_torques` has them.
         damping: of the joint [N m s/rad].
+        stiffness: of gravity, by which a spring is bounded [N m/rad].
     """
     hold, act = parts["hold"], parts["act"]
     coupling = parts["all"] - hold - parts["own"]
     usual = float(np.sqrt(np.mean(parts["v"] ** 2))) + 1e-12
-    swing = float(np.sqrt(np.mean(hold**2))) / max(float(np.std(parts["q"])), 1e-6)
     inf = np.inf
     terms = [
         (act, GAIN), (parts["late"], DELAY), (-hold, GRAVITY), (-coupling, COUPLING),
         (-parts["own"], INERTIA), (-parts["v"], (-1.5 * damping, inf)),
         (-np.tanh(parts["v"] / (DRY_RATE * usual)), (0.0, inf)),
-        (-parts["q"], (SPRING[0] * swing, SPRING[1] * swing)),
+        (-parts["q"], (SPRING[0] * stiffness, SPRING[1] * stiffness)),
         (np.ones_like(act), (-inf, inf)),
     ]  # fmt: skip
     return Terms(

@@ -220,7 +220,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
     blocks = np.empty((count, len(balance.dofs)))
     for k, d in enumerate(balance.dofs):
         own = {name: values[:, d] for name, values in parts.items()}
-        terms = make_terms(own, balance.given.dof_damping[d])
+        terms = make_terms(own, balance.given.dof_damping[d], balance.stiffness[d])
         left = np.empty(len(rows))
         for f in np.unique(fold):
             rest = (fold != f) & (names != suspect)
@@ -273,7 +273,7 @@ def _name_cause(balance: TorqueBalance, episode: str, at: int) -> str:
     series, rows, d = balance.series, balance.rows, int(balance.dofs[at])
     own = np.array(series.ids)[series.episode[rows]] == episode
     parts = {k: v[:, d] for k, v in balance.compute_torques(Mend(), rows).items()}
-    terms = make_terms(parts, balance.given.dof_damping[d])
+    terms = make_terms(parts, balance.given.dof_damping[d], balance.stiffness[d])
     x = solve_bounded(terms.x[~own], -terms.missing[~own], terms.bounds)
     left = (terms.missing + terms.x @ x)[own]
     causes = {

@@ -101,9 +101,9 @@ def test_an_episode_with_another_zero_is_told(arm_with_a_load):
 
 def test_blocks_at_rest_do_not_hide_what_a_mend_explains():
     moving, rest = np.full((12, 1), 0.5), np.full((18, 1), 1e-6)
-    given = Balance(np.array([0.2]), np.concatenate([moving, rest]), np.ones(1))
-    mended = Balance(np.array([1e-3]), np.concatenate([moving / 500, 2 * rest]),
-                     np.ones(1))  # fmt: skip
+    share, left = np.array([0.2]), np.array([1e-3])
+    given = Balance(share, share, np.concatenate([moving, rest]), np.ones(1))
+    mended = Balance(left, left, np.concatenate([moving / 500, 2 * rest]), np.ones(1))
     gain, p = mended.gain_over(given)
     assert gain > 2 and p < 1e-3
     assert given.gain_over(mended)[1] > 0.9
