@@ -188,7 +188,7 @@ def start_state(
 
 
 def reweight_and_fit(
-    problem: Problem, fit: Fit, iterations: int
+    problem: Problem, fit: Fit, iterations: int, *, tries_multiples: bool = True
 ) -> tuple[Problem, ScoredFit]:
     """The problem weighted by a fit's residuals, and the fit repeated there.
 
@@ -199,10 +199,13 @@ def reweight_and_fit(
         problem: that was fitted.
         fit: its fit.
         iterations: of Gauss-Newton, at most.
+        tries_multiples: whether values are looked at farther off first.
     """
     reweighted = reweight_residuals(problem, fit)
     jacobian = problem.transfer_jacobian(reweighted, fit.jacobian)
-    start = search_multiples(reweighted, fit.terms, fit.values)
+    start = fit.values
+    if tries_multiples:
+        start = search_multiples(reweighted, fit.terms, start)
     scored = fit_and_score(
         reweighted, fit.terms, start, iterations=iterations, jacobian=jacobian
     )

@@ -61,7 +61,9 @@ def search_backward(
         fit = _extend_drive_models(problem, fit, state.candidates)
     tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(problem, fit, state.nominal_count)
-    state = state.with_fit(*reweight_and_fit(problem, fit, 4))
+    # each multiple of each value is a simulation, and here values are many
+    reweighted = reweight_and_fit(problem, fit, 4, tries_multiples=False)
+    state = state.with_fit(*reweighted)
     state, _ = remove_and_exchange(state)
     return keep_significant(state, tried, rng)
 
