@@ -265,7 +265,7 @@ def keep_significant(
 
 
 def predicts_better(state: SearchState, other: SearchState) -> bool:
-    """Whether one search predicts better, or as well by effects that are more usual.
+    """Whether one search predicts better, or as well by fewer or more usual effects.
 
     Both fits are repeated and compared in the segments of the first one.
     """
@@ -280,12 +280,12 @@ def predicts_better(state: SearchState, other: SearchState) -> bool:
     )
     if first.error < SELECTION.exchange_error_ratio * second.error:
         return True
-    is_simpler = _rank_rarity(state) < _rank_rarity(other)
+    is_simpler = _rank_simplicity(state) < _rank_simplicity(other)
     return is_simpler and is_as_good(problem, first, second)
 
 
-def _rank_rarity(state: SearchState) -> tuple[int, int, int]:
-    """Sort key of searches that the data do not rank, the most usual names first."""
+def _rank_simplicity(state: SearchState) -> tuple[int, int, int]:
+    """Sort key of searches that the data do not rank: few names, and usual ones."""
     rarity = sum(t.effect.rarity for t in state.named)
     unusual = sum(not t.effect.is_usual(t) for t in state.named)
-    return rarity, unusual, len(state.named)
+    return len(state.named), rarity, unusual
