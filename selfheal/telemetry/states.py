@@ -90,7 +90,9 @@ class States:
 
     def find_known(self) -> np.ndarray:
         """(N) whether all positions, rates and accelerations are known in a row."""
-        known = np.ones(len(self.series.episode), bool)
+        known = np.full(len(self.series.episode), not self.reason)
+        if self.reason:
+            return known
         read = [self.series.signals[j.position] for j in self.joints.values()]
         read += [self.series.signals[n] for pose in self.bases.values() for n in pose]
         for columns in read:

@@ -1,6 +1,7 @@
 """Recordings that hold little, or nothing of sense, are examined without harm."""
 
 import itertools
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from selfheal.recording import Episode, Recording, Signal
 from selfheal.telemetry import examine_telemetry
+from tests.support.recorded_robots import ROBOTS, record
 
 ARM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 <body pos="0 0 1"><joint name="a" axis="0 1 0" range="-1 1" limited="true"/>
@@ -63,3 +65,17 @@ def test_odd_recordings_do_no_harm(model, change):
             names = tuple("ab"[: compiled.nu])
             episodes[str(number)] = Episode(time, ctrl, names, signals)
         examine_telemetry(Recording(episodes), compiled)
+
+
+def test_poses_without_encoders_have_no_balance_of_torques(tmp_path):
+    robot = ROBOTS["arm"]
+    signals = {
+        f"{body}_{kind}": (f"body_{kind}", body, unit)
+        for body in ("upper", "lower")
+        for kind, unit in (("position", "m"), ("orientation", "quaternion"))
+    }
+    recording = record(replace(robot, signals=signals), episodes=3, seconds=2.0)
+    model = mujoco.MjModel.from_xml_string(robot.xml)
+    telemetry = examine_telemetry(recording, model)
+    assert not telemetry.faults
+    assert any("is not read" in line for line in telemetry.unchecked)
