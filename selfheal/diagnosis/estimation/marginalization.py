@@ -13,7 +13,7 @@ integrated out. With S = U diag(z) V' it is the squared sum of marginalized resi
     (I + S S')^-1/2 r = (I - U diag(1 - 1 / sqrt(1 + z^2)) U') r.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +50,24 @@ def is_horizon_informative(
     return response < min(
         FIT.max_state_response, FIT.max_state_response_growth * response_if_shorter
     )
+
+
+def keep_informative(
+    problems: Iterable[Problem], terms: Sequence[Term], values: Floats
+) -> list[Problem]:
+    """The first problems, each with segments that still inform beside the one before.
+
+    Args:
+        problems: in longer and longer segments; the shortest ones always inform.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+    """
+    kept: list[Problem] = []
+    for problem in problems:
+        if kept and not is_horizon_informative(problem, kept[-1], terms, values):
+            break
+        kept.append(problem)
+    return kept
 
 
 def _measure_state_response(

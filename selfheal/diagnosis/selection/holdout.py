@@ -15,7 +15,7 @@ from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
-    is_horizon_informative,
+    keep_informative,
     marginalize_initial_states,
 )
 from ..estimation.noise import noise_ratio
@@ -76,14 +76,11 @@ def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list
     """
     first = hypotheses[0]
     sigma, fit = downweight_unscored(first.problem, first.final.fit), first.final.fit
-    problems: list[Problem] = []
-    for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS):
-        held_out = _build_held_out(dataset, sigma, seconds)
-        if problems and not is_horizon_informative(
-            held_out, problems[-1], fit.terms, fit.values
-        ):
-            break
-        problems.append(held_out)
+    held_out = (
+        _build_held_out(dataset, sigma, seconds)
+        for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
+    )
+    problems = keep_informative(held_out, fit.terms, fit.values)
     errors = np.array([
         [squared_error_with_own_states(p, h.final.fit) for p in problems]
         for h in hypotheses

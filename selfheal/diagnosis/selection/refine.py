@@ -9,7 +9,7 @@ from ..effects.base import Term
 from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
 from ..estimation.marginalization import (
-    is_horizon_informative,
+    keep_informative,
     marginalize_initial_states,
 )
 from ..estimation.noise import noise_ratio
@@ -39,19 +39,21 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
     least, most = SELECTION.screening_steps[-1], SELECTION.refit_steps
     steps = int(np.clip(wanted, least, most))
-    problem = None
     # an effect that sets in does so where a segment begins
     has_onset = any(n.term.onset for n in hypothesis.named)
-    for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if has_onset else None]):
-        segments = cut_readable_segments(dataset.training, seconds)
-        whole = Problem(dataset.training, segments, sigma)
-        other = subsample_problem(whole, steps, rng)
-        if problem and not is_horizon_informative(
-            other, problem, fit.terms, fit.values
-        ):
-            break
-        problem = other
-    assert problem is not None  # the first one always is
+    problems = (
+        subsample_problem(
+            Problem(
+                dataset.training,
+                cut_readable_segments(dataset.training, seconds),
+                sigma,
+            ),
+            steps,
+            rng,
+        )
+        for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if has_onset else None])
+    )
+    problem = keep_informative(problems, fit.terms, fit.values)[-1]
     return _refit(
         marginalize_initial_states(problem, fit.terms, fit.values), hypothesis
     )

@@ -83,9 +83,9 @@ def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term])
     found = [t for t in candidates if t.effect.is_in_drive_model(t)]
     if not found:
         return fit
-    most = {t.effect.name: len(t.targets) for t in found}
+    most: dict[str, int] = {}
     for t in found:  # what all drives may share is fitted as one value
-        most[t.effect.name] = max(most[t.effect.name], len(t.targets))
+        most[t.effect.name] = max(most.get(t.effect.name, 0), len(t.targets))
     more = [
         start_beside(t, fit.terms, fit.values)
         for t in found
