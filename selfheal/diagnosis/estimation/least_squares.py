@@ -198,6 +198,7 @@ def fit_parameters(
     *,
     iterations: int = FIT.iterations,
     jacobian: Floats | None = None,
+    only_updates: bool = False,
 ) -> Fit:
     """Fit the values of terms by damped Gauss-Newton iterations within bounds.
 
@@ -207,9 +208,13 @@ def fit_parameters(
         start: (P) values to begin with [units of the parameters].
         iterations: of them, at most.
         jacobian: (R, P) a Jacobian near the start; None: by differences.
+        only_updates: whether that Jacobian is only updated, which costs next to
+            nothing.
     """
     terms = tuple(terms)
-    compute = partial(_run_gauss_newton, problem, terms, start, iterations, jacobian)
+    compute = partial(
+        _run_gauss_newton, problem, terms, start, iterations, jacobian, only_updates
+    )
     values, residuals, last = problem.simulator.load_or_compute(compute)
     return Fit(terms, values, residuals, last)
 
@@ -218,13 +223,15 @@ def fit_parameters(
 class _Iterate:
     """Where an iteration begins: values (P), residuals (R) and Jacobian (R, P).
 
-    `is_stale` says whether differences at the values may give another Jacobian.
+    `is_stale` says whether differences at the values may give another Jacobian;
+    `is_coarse` whether it serves for further steps only.
     """
 
     values: Floats
     residuals: Floats
     jacobian: Floats
     is_stale: bool
+    is_coarse: bool = False
 
 
 def _run_gauss_newton(
@@ -233,13 +240,15 @@ def _run_gauss_newton(
     start: Floats,
     iterations: int,
     jacobian: Floats | None,
+    only_updates: bool,
 ) -> Arrays:
     """Values, residuals and Jacobian of a fit; arguments as of `fit_parameters`.
 
     Each iteration proposes damped steps from the linearization and simulates them. The
-    best one is accepted and linearized. If none lowers the cost the Jacobian is
-    differenced once more, where it was only updated or given. The iterations stop where
-    they save little, or no step saves anything.
+    best one is accepted, and the Jacobian there updated or differenced. An update costs
+    next to nothing and counts as half an iteration. The Jacobian is also differenced
+    where steps from one that was updated or given save little, and at the end. The
+    iterations stop where they save little, or no step saves anything.
     """
     low, high, _ = stack_bounds(terms)
     x = np.clip(np.asarray(start, float), low, high)
@@ -248,18 +257,26 @@ def _run_gauss_newton(
         now = _linearize(problem, terms, x, r)
     else:
         now = _Iterate(x, r, jacobian, is_stale=True)
-    for _ in range(iterations if len(x) else 0):
+    left = float(iterations if len(x) else 0)
+    while left > 0:
         cost = penalized_cost(terms, now.values, now.residuals)
         trial = _search_step(problem, terms, now, cost)
+        if trial is None and (only_updates or not now.is_stale):
+            break
         if trial is None:
-            if not now.is_stale:
-                break
             now = _linearize(problem, terms, now.values, now.residuals)
+            left -= 1
             continue
         gain = cost - trial.cost
-        now = _accept(problem, terms, now, trial, gain < FIT.broyden_gain * cost)
+        is_short = only_updates or gain < FIT.broyden_gain * cost
+        now = _accept(problem, terms, now, trial, is_short)
+        left -= 0.5 if now.is_coarse else 1
         if gain < FIT.min_iteration_gain * cost:
-            break
+            if not now.is_coarse:
+                break
+            now = _linearize(problem, terms, now.values, now.residuals)
+    if now.is_coarse:
+        now = _linearize(problem, terms, now.values, now.residuals)
     return now.values, now.residuals, now.jacobian
 
 
@@ -318,9 +335,10 @@ def _accept(
 ) -> _Iterate:
     """The iterate at a trial, its Jacobian updated or differenced.
 
-    Where the step was short, or the linear prediction good, Broyden's update does. In
-    contact it also does for nominal values, which are most of the columns; those of
-    effects, which are most of the error, are differenced.
+    Where the step was short, or the linear prediction good, Broyden's update does. It
+    also does for further steps where the prediction was wrong by little of what the
+    step gained. In contact it does for nominal values, which are most of the columns;
+    those of effects, which are most of the error, are differenced.
 
     Args:
         problem: of the residuals.
@@ -333,13 +351,16 @@ def _accept(
     _, _, scale = stack_bounds(terms)
     step, change = x - old.values, r - old.residuals
     error = change - old.jacobian @ step
+    updated = update_broyden(old.jacobian, step, change, scale)
     if is_short or error @ error < FIT.broyden_error * (r @ r):
-        updated = update_broyden(old.jacobian, step, change, scale)
-        return _Iterate(x, r, updated, old.is_stale)
+        return _Iterate(x, r, updated, old.is_stale, old.is_coarse)
     if not problem.regime.is_nonsmooth:
+        gain = old.residuals @ old.residuals - r @ r
+        if error @ error < FIT.secant_error * gain:
+            return _Iterate(x, r, updated, is_stale=True, is_coarse=True)
         return _linearize(problem, terms, x, r)
     count = int(np.count_nonzero(prior_precision(terms)))
-    updated = update_broyden(old.jacobian, step, change, scale)[:, :count]
+    updated = updated[:, :count]
     differenced = compute_jacobian(problem, terms, x, r, count)
     return _Iterate(x, r, np.hstack([updated, differenced]), is_stale=True)
 

@@ -85,6 +85,11 @@ class FitSettings:
     Broyden's update is good enough. Chosen: the prediction is then right to a tenth of
     a residual."""
 
+    secant_error: float = 0.1
+    """Squared error of the linear prediction over the fall of the cost, below which the
+    next step is taken with an updated Jacobian. Chosen: at this rate each such step
+    removes nine tenths of what is left to gain, and costs one simulation."""
+
     # Undamped refinement
 
     undamped_iterations: int = 3

@@ -116,7 +116,10 @@ def exchange_term(
     base = LinearizedFit.from_fit(problem, fit_without(problem, old.fit, term))
     tried = [fit_candidate(base, other) for other in others]
     tried.sort(key=lambda f: predict_held_out(problem, f).sum())
+    limit = (1 + SELECTION.max_uncertain_removal) * old.fit.cost
     for fit in tried[: SELECTION.max_exchange_trials]:
+        if fit.cost > limit:
+            continue
         new = fit_and_score(
             problem, fit.terms, fit.values, iterations=6, jacobian=fit.jacobian
         )
@@ -140,14 +143,23 @@ def is_simpler(new: Term, old: Term) -> bool:
 def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
     """Fit all terms but one, from a fit with all of them.
 
+    Where that leaves much more it is clear with an updated Jacobian already.
+
     Args:
         problem: that was fitted.
         fit: with all terms.
         term: to leave out.
     """
-    return fit_parameters(
+    less = fit_parameters(
         problem,
         *fit.without_terms(term),
         iterations=3,
         jacobian=fit.jacobian_without(term),
+        only_updates=True,
     )
+    low, high = SELECTION.removal_tolerance, SELECTION.max_uncertain_removal
+    if (1 + low) * fit.cost < less.cost < (1 + high) * fit.cost:
+        less = fit_parameters(
+            problem, less.terms, less.values, iterations=3, jacobian=less.jacobian
+        )
+    return less

@@ -37,9 +37,7 @@ def select_hard_segments(
     problem, fit = base.problem, base.fit
     size = len(problem.segments)
     mean_steps = problem.segments.lengths.mean()
-    is_long = (
-        mean_steps * problem.simulator.timestep >= SELECTION.long_screening_segment
-    )
+    is_long = _mean_seconds(problem) >= SELECTION.long_screening_segment
     is_first = steps <= SELECTION.screening_steps[0]
     least = (
         SELECTION.min_first_screening_segments
@@ -55,6 +53,11 @@ def select_hard_segments(
     return base.select(np.sort(np.append(worst[:hard], others[: count // 2])))
 
 
+def _mean_seconds(problem: Problem) -> float:
+    """Mean length of the segments [s]."""
+    return float(problem.segments.lengths.mean() * problem.simulator.timestep)
+
+
 def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.ndarray:
     """Draw segments that have about so many simulation steps in sum.
 
@@ -68,7 +71,11 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
     """
     size = len(problem.segments)
     wanted = steps / problem.segments.lengths.mean()
-    count = int(np.clip(wanted, SELECTION.min_search_segments, size))
+    least, seconds = SELECTION.min_search_segments, _mean_seconds(problem)
+    if seconds >= SELECTION.long_screening_segment:
+        least = int(SELECTION.min_search_seconds / seconds)
+        least = max(least, SELECTION.min_screening_segments)
+    count = int(np.clip(wanted, min(least, size), size))
     if count >= SELECTION.nearly_all_segments * size:
         return np.arange(size)
     return np.sort(rng.permutation(size)[:count])

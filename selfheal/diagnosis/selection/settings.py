@@ -52,10 +52,16 @@ class SelectionSettings:
     save less than a fifth."""
 
     min_search_segments: int = 24
-    """Segments of a search, at least: as many as the cross-validation has blocks."""
+    """Segments of a search, at least, if they are short: as many as the
+    cross-validation has blocks."""
+
+    min_search_seconds: float = 16.0
+    """[s] of motion in a search, at least, of long segments (`long_screening_segment`).
+    Chosen: 8 of 2 s have as many steps as 32 of half a second."""
 
     min_screening_segments: int = 4
-    """Segments of a trial, at least. Chosen: two with large residuals, two others."""
+    """Segments of a trial, at least, and of a search in long segments. Chosen: two with
+    large residuals, two others."""
 
     min_first_screening_segments: int = 2
     """Segments of a trial in the first round, at least, if they are long. Chosen:
@@ -157,6 +163,11 @@ class SelectionSettings:
     removal_tolerance: float = 0.02
     """Share by which the error may grow where an effect is removed. Chosen: as much as
     a name must remove where nothing touches (`Regime.min_gain`)."""
+
+    max_uncertain_removal: float = 0.3
+    """Growth of the cost without an effect, or with another one in its place, above
+    which a closer fit would not change the answer. Chosen: fifteen times
+    `removal_tolerance`."""
 
     exchange_error_ratio: float = 0.97
     """Ratio of errors below which another hypothesis is better. Chosen: a gain of 3 %,

@@ -16,7 +16,7 @@ from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import noise_ratio
+from ..estimation.noise import expected_cost, noise_ratio
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
 from .backward import eliminate_backward
@@ -57,7 +57,8 @@ def search_backward(
     values = np.concatenate([given, *(t.initial_values[0] for t in usual)])
     fit = fit_parameters(problem, terms, values, iterations=5)
     problem, fit = fit_longer(problem, fit, longer)
-    if noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio:
+    is_noisy = noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio
+    if is_noisy and fit.cost > expected_cost(problem, fit):
         fit = _extend_drive_models(problem, fit, state.candidates)
     tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(problem, fit, state.nominal_count)
