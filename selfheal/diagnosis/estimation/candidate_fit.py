@@ -19,7 +19,6 @@ from .least_squares import (
     Trial,
     compute_jacobian,
     search_dampings,
-    update_broyden,
 )
 from .problem import Problem
 from .quadratic_model import (
@@ -27,6 +26,7 @@ from .quadratic_model import (
     prior_precision,
     solve_bounded_step,
     stack_bounds,
+    update_broyden,
 )
 from .settings import FIT
 

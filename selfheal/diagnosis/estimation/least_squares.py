@@ -29,6 +29,7 @@ from .quadratic_model import (
     penalized_cost,
     prior_precision,
     stack_bounds,
+    update_broyden,
 )
 from .settings import FIT
 
@@ -114,29 +115,6 @@ def compute_jacobian(
     points[:, first:] += np.diag(steps)
     changes = problem.compute_residuals(terms, points) - residuals
     return (changes / steps[:, None]).T
-
-
-def update_broyden(
-    jacobian: Floats, step: Floats, change: Floats, scale: Floats
-) -> Floats:
-    """Broyden's (1965) update of a Jacobian, with parameters in their scales.
-
-        J + (change - J step) (step / scale^2)' / |step / scale|^2
-
-    Args:
-        jacobian: (R, P) before the step.
-        step: (P) [units of the parameters].
-        change: (R) of the residuals by the step.
-        scale: (P) of the parameters.
-
-    Returns:
-        (R, P), of all matrices that predict the change the nearest one.
-    """
-    scaled = step / scale
-    if not scaled.any():
-        return jacobian
-    error = change - jacobian @ step
-    return jacobian + np.outer(error, scaled / scale / (scaled @ scaled))
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,3 +144,26 @@ class QuadraticModel:
     def predict_change(self, step: Floats) -> float:
         """Change of the cost [1] by a step (P) [units of the parameters]."""
         return float((2 * self.gradient + self.curvature @ step) @ step)
+
+
+def update_broyden(
+    jacobian: Floats, step: Floats, change: Floats, scale: Floats
+) -> Floats:
+    """Broyden's (1965) update of a Jacobian, with parameters in their scales.
+
+        J + (change - J step) (step / scale^2)' / |step / scale|^2
+
+    Args:
+        jacobian: (R, P) before the step.
+        step: (P) [units of the parameters].
+        change: (R) of the residuals by the step.
+        scale: (P) of the parameters.
+
+    Returns:
+        (R, P), of all matrices that predict the change the nearest one.
+    """
+    scaled = step / scale
+    if not scaled.any():
+        return jacobian
+    error = change - jacobian @ step
+    return jacobian + np.outer(error, scaled / scale / (scaled @ scaled))

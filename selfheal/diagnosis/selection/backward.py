@@ -14,6 +14,7 @@ from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.problem import Problem
 from ..estimation.quadratic_model import stack_bounds
+from ..simulation.model_variants import split_values
 from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
 from .evidence import is_as_good
@@ -58,6 +59,12 @@ def compute_removal_costs(
     return costs
 
 
+def find_negligible(fit: Fit) -> set[Term]:
+    """Terms of a fit whose values are as good as nominal."""
+    each = zip(fit.terms, split_values(fit.terms, fit.values), strict=True)
+    return {t for t, values in each if t.is_negligible(values)}
+
+
 def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
     """Remove effects that together cost next to nothing, up to half of them at a time.
 
@@ -73,13 +80,15 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
     while len(fit.terms) > nominal_count:
         base = LinearizedFit.from_fit(problem, fit)
         most = max(1, (len(fit.terms) - nominal_count) // 2)
+        negligible = find_negligible(fit)
         removed: list[Term] = []
         while len(removed) < most:
             costs = compute_removal_costs(base, nominal_count, removed)
-            cheapest = min(costs, key=lambda t: costs[t])
-            if costs[cheapest] * fit.cost > limit:
+            needless = [t for t in costs if costs[t] * fit.cost <= limit]
+            if not needless:
                 break
-            removed.append(cheapest)
+            # of two that do the same, the one goes that is as good as absent
+            removed.append(min(needless, key=lambda t: (t not in negligible, costs[t])))
         if not removed:
             break
         fit = fit_parameters(

@@ -13,15 +13,14 @@ from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import fit_parameters
-from ..estimation.marginalization import (
-    marginalize_initial_states,
-)
+from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import assign_blocks
 from ..estimation.reweighting import downweight_unscored, reestimate_initial_states
 from .backward import (
     compute_removal_costs,
     eliminate_backward,
     exchange_term,
+    find_negligible,
     fit_without,
 )
 from .criteria import (
@@ -219,7 +218,8 @@ def remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
                 break  # most of them go anyway
         if not trials:
             break
-        term, best = min(trials, key=lambda x: x[1].error)
+        negligible = find_negligible(best.fit)
+        term, best = min(trials, key=lambda x: (x[0] not in negligible, x[1].error))
         state = state.with_fit(problem, best)
         removed.append(term)
     named = () if problem.regime.has_single_readings else state.named

@@ -13,6 +13,7 @@ WEIGHT_POSES = 8  # in which torques of weight are looked for; chosen
 # rounding of mj_rne
 MIN_WEIGHT_SHARE = 1e-6
 MAX_GRAVCOMP = 2.0  # [1] of a controller that takes masses for twice what they are
+MIN_CHANGE = 0.15  # [1] below which masses may be wrong as well; chosen
 
 
 class GravityCompensation(WorldEffect):
@@ -40,8 +41,9 @@ class GravityCompensation(WorldEffect):
             return []
         now = float(model.body_gravcomp[place["bodies"][0]])
         parameter = self.make_parameter(
-            "gravcomp", nominal=now, low=0.0, high=MAX_GRAVCOMP, scale=0.3
-        )
+            "gravcomp", nominal=now, low=0.0, high=MAX_GRAVCOMP, scale=0.3,
+            resolution=MIN_CHANGE,
+        )  # fmt: skip
         return [self.make_term((parameter,), ((1.0 if now < 0.5 else 0.0,),), place)]
 
     def find_place(self, model, finding) -> Place:
