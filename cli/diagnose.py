@@ -25,8 +25,9 @@ _STAGES = {
 }
 _MEANS = (
     "Normalized error on held-out recordings; 1 is as far off as a constant. given: "
-    "the model as it is; refit: what it states, fitted anew; patched: with the "
-    "findings too; floor: what noise alone leaves."
+    "the model as it is; refit: what it states, fitted anew; plain: with all usual "
+    "effects of drives, none of them chosen; patched: with the findings; floor: what "
+    "noise alone leaves."
 )
 
 
@@ -149,7 +150,7 @@ def _print_fit(fit: Mapping[str, Any]) -> None:
         share = "\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %"
         return [label, *(format_short(errors.get(key)) for key in keys), share]
 
-    keys = ("given", "refit", "patched", "floor")
+    keys = ("given", "refit", "plain", "patched", "floor")
     rows = [make_row("held-out error", fit)]
     rows += [make_row(format_horizon(h), h) for h in fit.get("horizons", ())]
     print_table(("", *keys, "explainable removed"), rows)

@@ -24,7 +24,12 @@ from .selection.change_point import (
     detect_change_point,
     set_onset,
 )
-from .selection.holdout import choose_hypothesis, drop_refuted, keep_competitive
+from .selection.holdout import (
+    choose_hypothesis,
+    drop_refuted,
+    hand_over_plain,
+    keep_competitive,
+)
 from .selection.hypotheses import Hypothesis, name_effects, start_search
 from .selection.quantization import name_quantization
 from .selection.refine import prefer_simpler_names, refine_hypothesis
@@ -210,9 +215,13 @@ def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> 
     hypothesis, refuted = choose_hypothesis(
         dataset, [drop_refuted(dataset, hypothesis) for hypothesis in hypotheses]
     )
+    plain = hand_over_plain(dataset, (hypothesis, refuted))
+    hypothesis, refuted = plain or (hypothesis, refuted)
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
+    if plain and verdict == "explained":  # the search did not find all of it
+        verdict = "partly"
     scores = HeldOutScores.compute(dataset, hypothesis)
     is_worse = bool(hypothesis.named) and makes_replay_worse(
         dataset, hypothesis, scores

@@ -178,15 +178,18 @@ def _list_experiments(diagnosis: Diagnosis) -> list[str]:
 
 
 def _make_errors_section(diagnosis: Diagnosis) -> Section:
-    """Four numbers."""
+    """The errors on held-out recordings, and over longer and longer segments."""
     fit = diagnosis.document["fit"]
     rows = {
         "model as given": "given",
         "what it states, re-fitted": "refit",
+        "with all usual effects of drives": "plain",
         "with the findings": "patched",
         "floor": "floor",
     }
-    errors = {label: parse_number(fit.get(key)) for label, key in rows.items()}
+    errors = {
+        label: parse_number(fit[key]) for label, key in rows.items() if key in fit
+    }
     drawn = make_bars(
         (label, format_short(error), error) for label, error in errors.items()
     )

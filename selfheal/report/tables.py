@@ -360,15 +360,16 @@ def format_held_out(signals: Sequence[SignalFit]) -> Html:
 
 def format_horizons(horizons: Sequence[Mapping[str, Any]]) -> Html:
     """A row for each length of replayed segments: errors, and what is removed."""
-    head = ["replayed", "as given", "re-fitted", "with the findings", "floor"]
+    head = ["replayed", "as given", "re-fitted", "with all usual effects"]
+    head += ["with the findings", "floor", "explainable removed"]
     rows = []
     for horizon in horizons:
-        keys = ("given", "refit", "patched", "floor")
+        keys = ("given", "refit", "plain", "patched", "floor")
         errors = [format_short(horizon.get(key)) for key in keys]
         removed = parse_number(horizon.get("explainable_removed"))
         share = format_percent(removed) if isfinite(removed) else _DASH
         rows.append([format_horizon(horizon), *errors, share])
-    return make_table([*head, "explainable removed"], rows, "lrrrrr")
+    return make_table(head, rows, "lrrrrrr")
 
 
 def format_horizon(horizon: Mapping[str, Any]) -> str:

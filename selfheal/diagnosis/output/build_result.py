@@ -239,7 +239,7 @@ def _fit_signals(
 
     Args:
         dataset: with the held-out episodes.
-        squares: sums of squared errors of the models "given", "refit" and "patched".
+        squares: sums of squared errors of each model.
         count: readings that they sum over.
     """
     simulator, noise = dataset.held_out, score.compute_noise_floor(dataset.held_out)
@@ -249,8 +249,8 @@ def _fit_signals(
             c.is_scored,
             floor=float(noise[s]),
             **{
-                k: score.bootstrap_interval(simulator, x, count, s)
-                for k, x in squares.items()
+                k: score.bootstrap_interval(simulator, squares[k], count, s)
+                for k in ("given", "refit", "patched")
             },
         )
         for s, c in enumerate(simulator.channels)

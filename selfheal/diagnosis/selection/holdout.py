@@ -33,7 +33,9 @@ from .backward import fit_without
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis, NamedEffect
+from .search_state import SearchState
 from .settings import SELECTION
+from .stepwise import keep_significant
 
 # a hypothesis, and labels of the names that were refuted
 Tested = tuple[Hypothesis, tuple[str, ...]]
@@ -98,6 +100,38 @@ def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
     """
     segments = cut_readable_segments(dataset.held_out, seconds)
     return Problem(dataset.held_out, segments, sigma)
+
+
+def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
+    """All usual effects that stand on evidence, where their fit predicts better.
+
+    The fit of all usual effects at once is what an engineer would try first. Where it
+    predicts held-out episodes better than a hypothesis, the search missed something.
+
+    Args:
+        dataset: with the held-out episodes.
+        tested: a hypothesis, and what was refuted.
+
+    Returns:
+        The other hypothesis; None where the first one is about as good or better.
+    """
+    hypothesis, plain = tested[0], tested[0].plain
+    if plain is None:
+        return None
+    problem, count = hypothesis.problem, len(hypothesis.nominal.fit.terms)
+    all_usual = replace(hypothesis, final=ScoredFit.from_fit(problem, plain))
+    limit, error = _held_out_errors(dataset, [hypothesis, all_usual])
+    limit /= SELECTION.worse_replay_ratio**2
+    if error >= limit:
+        return None
+    state = SearchState(problem, all_usual.final, count, ())
+    state = keep_significant(state, state.named, np.random.default_rng(4))
+    names = [NamedEffect(t, state.claims[t.key].evidence, ()) for t in state.named]
+    other = replace(hypothesis, final=state.best, named=tuple(names))
+    other, refuted = drop_refuted(dataset, other)
+    if _held_out_errors(dataset, [hypothesis, other])[1] >= limit:
+        return None
+    return other, (*tested[1], *refuted)
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:

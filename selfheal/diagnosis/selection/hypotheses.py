@@ -4,12 +4,13 @@ Two stepwise searches (`stepwise`): one from nothing, one from all usual effects
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
+from ..estimation.least_squares import Fit
 from ..estimation.problem import Problem
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
@@ -23,7 +24,7 @@ from .screening import (
 from .search_state import SearchState, start_state
 from .settings import SELECTION
 from .stepwise import predicts_better, search_forward
-from .whole_drives import lengthen_segments, search_backward
+from .whole_drives import fit_usual_effects, lengthen_segments, search_backward
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ class Hypothesis:
         named: the effects.
         ranking: candidates of the first screening, each with the cost that it leaves,
             as a share of the cost without it.
+        plain: the fit of all usual effects, of which none was chosen; None: not made.
     """
 
     problem: Problem
@@ -59,6 +61,7 @@ class Hypothesis:
     final: ScoredFit
     named: tuple[NamedEffect, ...]
     ranking: tuple[tuple[Term, float], ...]
+    plain: Fit | None
 
 
 def start_search(
@@ -134,12 +137,14 @@ def name_effects(
     longer = [subsample_problem(p, steps, rng) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:
-        return [_finish_search(start, problem)]
+        plain = fit_usual_effects(start, progress)
+        return [_finish_search(replace(start, plain=plain), problem)]
     if problem.regime.has_rough_cost:
         states = _search_in_contact(start, longer, rng, progress)
     else:
         states = _search_both_ways(start, longer, rng, progress)
-    return [_finish_search(s, problem) for s in states]
+    plain = states[0].plain or states[-1].plain
+    return [_finish_search(replace(s, plain=plain), problem) for s in states]
 
 
 def _search_both_ways(
@@ -163,7 +168,8 @@ def _search_both_ways(
     """
     backward = search_backward(start, longer, rng, progress)
     if backward is None or not backward.named:
-        return [_search_to_end(start, longer, rng, progress)]
+        plain = backward.plain if backward else None
+        return [_search_to_end(replace(start, plain=plain), longer, rng, progress)]
     count = len(backward.named)
     if count > SELECTION.max_rivals:  # a few others would have to do as much
         forward = search_forward(start, rng, progress, 1)
@@ -200,7 +206,7 @@ def _search_in_contact(
     """
     forward = _search_to_end(start, longer, rng, progress)
     if forward.is_explained:
-        return [forward]
+        return [replace(forward, plain=fit_usual_effects(start, progress))]
     # what the first search set aside for a name, this one tries in its place
     kept = {t.key for t in forward.candidates}
     likely = [t for t in start.candidates if t.key in kept or t.effect.is_usual(t)]
@@ -250,4 +256,6 @@ def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
         NamedEffect(t, c.evidence, set_onset(r, t.onset))
         for (t, c), r in zip(claims, rivals, strict=True)
     )
-    return Hypothesis(state.problem, nominal, state.best, named, state.first_round)
+    return Hypothesis(
+        state.problem, nominal, state.best, named, state.first_round, state.plain
+    )

@@ -80,7 +80,12 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
         final = refine_undamped(problem, final)
     scored = ScoredFit.from_fit(problem, final)
     scored_alone = ScoredFit.from_fit(problem, alone) if hypothesis.named else scored
-    return replace(hypothesis, problem=problem, nominal=scored_alone, final=scored)
+    plain = hypothesis.plain
+    if plain:
+        plain = fit_parameters(problem, plain.terms, plain.values, iterations=2)
+    return replace(
+        hypothesis, problem=problem, nominal=scored_alone, final=scored, plain=plain
+    )
 
 
 def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:

@@ -37,8 +37,9 @@ class HorizonScores:
 
     Attributes:
         seconds: length of the segments [s].
-        numbers: score of each model ("given", "refit", "patched"), and the "floor"
-            that noise, initial states and time step leave.
+        numbers: score of each model ("given", "refit", "patched", and "plain" with all
+            usual effects), and the "floor" that noise, initial states and time step
+            leave.
     """
 
     seconds: float
@@ -81,6 +82,7 @@ class HeldOutScores:
         some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
         fits = [
             hypothesis.nominal.fit,
+            *([hypothesis.plain] if hypothesis.plain else ()),
             *([hypothesis.final.fit] if hypothesis.named else ()),
         ]
         refits = [
@@ -89,12 +91,15 @@ class HeldOutScores:
             )
             for fit in fits
         ]
-        nominal, patched = refits[0], refits[-1]
+        nominal = refits[0]
+        patched = refits[-1] if hypothesis.named else nominal
+        plain = refits[1:2] if hypothesis.plain else []
         segments = score.cut_replay_segments(simulator)
         count = score.count_readings(simulator, segments)
         models: Models = {
             "given": ((), np.zeros(0)),
             "refit": (nominal.terms, nominal.values),
+            **{"plain": (fit.terms, fit.values) for fit in plain},
             "patched": (patched.terms, patched.values),
         }
         squares = {

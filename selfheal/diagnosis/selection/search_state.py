@@ -41,6 +41,7 @@ class SearchState:
         claims: what speaks for each effect ever named, by the key of its term.
         first_round: candidates of the first screening, each with the cost that it
             leaves, as a share of the cost without it.
+        plain: the fit of all usual effects, of which none was chosen; None: not made.
     """
 
     problem: Problem
@@ -49,6 +50,7 @@ class SearchState:
     candidates: Sequence[Term]
     claims: Mapping[tuple, Claim] = field(default_factory=dict)
     first_round: tuple[tuple[Term, float], ...] = ()
+    plain: Fit | None = None
 
     def with_fit(self, problem: Problem, best: ScoredFit) -> "SearchState":
         """The state with another fit, and the problem that it solves."""

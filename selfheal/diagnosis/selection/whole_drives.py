@@ -47,16 +47,11 @@ def search_backward(
     Returns:
         The state at the end; None where no effect is usual.
     """
-    usual = [t for t in state.candidates if t.effect.is_usual(t)]
-    if not usual:
+    plain = fit_usual_effects(state, progress)
+    if plain is None:
         return None
-    progress(f"fitting {len(usual)} usual effects at once", 0.0)
-    problem, terms = state.problem, (*state.best.fit.terms, *usual)
-    # a fit without these effects drove the nominal values far from where they are
-    given = np.ones(state.nominal_count)
-    values = np.concatenate([given, *(t.initial_values[0] for t in usual)])
-    fit = fit_parameters(problem, terms, values, iterations=5)
-    problem, fit = fit_longer(problem, fit, longer)
+    problem, fit = fit_longer(state.problem, plain, longer)
+    state = replace(state, plain=fit)
     is_noisy = noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio
     if is_noisy and fit.cost > expected_cost(problem, fit):
         fit = _extend_drive_models(problem, fit, state.candidates)
@@ -67,6 +62,30 @@ def search_backward(
     state = state.with_fit(*reweighted)
     state, _ = remove_and_exchange(state)
     return keep_significant(state, tried, rng)
+
+
+def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
+    """Fit all usual effects at once, from the values as given; None: there are none.
+
+    A fit without them may have driven the nominal values far from where they are; one
+    that explains all has not.
+
+    Args:
+        state: in which nothing has a name.
+        progress: called with a message and a share (0 to 1).
+    """
+    usual = [t for t in state.candidates if t.effect.is_usual(t)]
+    if not usual:
+        return None
+    progress(f"fitting {len(usual)} usual effects at once", 0.0)
+    nominal = np.ones(state.nominal_count)
+    values = [t.initial_values[0] for t in usual]
+    if state.is_explained:
+        nominal = state.best.fit.values
+        values = [tuple(p.nominal for p in t.parameters) for t in usual]
+    start = np.concatenate([nominal, *values])
+    terms = (*state.best.fit.terms, *usual)
+    return fit_parameters(state.problem, terms, start, iterations=5)
 
 
 def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
