@@ -109,6 +109,40 @@ class LinearizedFit:
         step = model.solve()
         return -model.predict_change(step), step
 
+    @cached_property
+    def by_column(self) -> tuple[Floats, Floats, Floats]:
+        """Of each column of readings (C): r'r (C), J'r (C, P) and J'J (C, P, P)."""
+        width = self.problem.segments.readings.shape[1]
+        r = self.fit.residuals.reshape(-1, width)
+        jacobian = self.fit.jacobian.reshape(len(r), width, -1).transpose(1, 2, 0)
+        gradients = np.stack([j @ x for j, x in zip(jacobian, r.T, strict=True)])
+        curvatures = np.stack([j @ j.T for j in jacobian])
+        return (r**2).sum(axis=0), gradients, curvatures
+
+    def move(self, held: np.ndarray, change: Floats) -> Floats:
+        """The step (P) of all values where some are changed and the others refitted.
+
+        To first order, and within the bounds of the others.
+
+        Args:
+            held: (n) numbers of the changed parameters, which have no prior.
+            change: (n) of them [units of the parameters].
+        """
+        low, high, scale = stack_bounds(self.fit.terms)
+        values = self.fit.values
+        gradient = self.gradient + self.curvature[:, held] @ change
+        free = np.setdiff1d(np.arange(len(values)), held)
+        step = np.zeros(len(values))
+        step[held] = change
+        step[free] = solve_bounded_step(
+            self.curvature[np.ix_(free, free)],
+            gradient[free],
+            (low - values)[free],
+            (high - values)[free],
+            scale[free],
+        )
+        return step
+
     def minimize(
         self, residuals: Floats, hold: np.ndarray | None = None
     ) -> tuple[float, Floats]:

@@ -8,6 +8,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from ...recording.data import Floats
+from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
@@ -26,12 +28,10 @@ def compute_removal_costs(
 ) -> dict[Term, float]:
     """Cost without each effect, as a share of the cost with all, to first order.
 
-    The effect's values x_i move to their nominal ones while all others are re-fitted:
-
-        r' = r + J_i (nominal - x_i)
-        cost' = min over steps of the others of |r' + J step|^2 + prior penalty
-
-    A value that is nominal at infinity (a limit) moves to its bound.
+    The effect's values move to their nominal ones while all others are re-fitted. A
+    value that is nominal at infinity (a limit) moves to its bound. Of the cost of all
+    columns and those of each scored column, the one that grows most counts: what one
+    joint lacks hardly shows among the readings of many.
 
     Args:
         base: the fit with all effects.
@@ -41,7 +41,7 @@ def compute_removal_costs(
     Returns:
         [1] of each other effect.
     """
-    fit = base.fit
+    fit, (squares, gradients, curvatures) = base.fit, base.by_column
     ends = np.cumsum([0, *(len(t.parameters) for t in fit.terms)])
     low, high, _ = stack_bounds(fit.terms)
     absent = np.concatenate([[p.nominal for p in t.parameters] for t in fit.terms])
@@ -53,10 +53,40 @@ def compute_removal_costs(
         if term in removed:
             continue
         held = np.array([*without, *columns[term]], int)
-        moved = fit.residuals + fit.jacobian[:, held] @ change[held]
-        cost, _ = base.minimize(moved, hold=held)
-        costs[term] = cost / fit.cost
+        step = base.move(held, change[held])
+        after = squares + 2 * gradients @ step + curvatures @ step @ step
+        penalty = base.prior @ (fit.values + step - 1) ** 2
+        costs[term] = max(
+            float(after.sum() + penalty) / fit.cost,
+            _worst_growth(base.problem, squares, after),
+        )
     return costs
+
+
+def is_needless(problem: Problem, fit: ScoredFit, less: ScoredFit) -> bool:
+    """Whether a fit without an effect predicts as well, in each scored column too.
+
+    Args:
+        problem: that both were fitted to.
+        fit: with the effect.
+        less: without it.
+    """
+    growth = compute_worst_growth(problem, fit.fit.residuals, less.fit.residuals)
+    limit = 1 + SELECTION.removal_tolerance
+    return less.error < limit * fit.error and growth < limit
+
+
+def compute_worst_growth(problem: Problem, before: Floats, after: Floats) -> float:
+    """Largest ratio of squared residuals (R) after and before, of scored columns."""
+    width = problem.segments.readings.shape[1]
+    squares = [(r.reshape(-1, width) ** 2).sum(axis=0) for r in (before, after)]
+    return _worst_growth(problem, *squares)
+
+
+def _worst_growth(problem: Problem, before: Floats, after: Floats) -> float:
+    """Largest ratio of the costs after and before, of all scored columns (C); or 0."""
+    scored = repeat_by_column(problem.simulator.channels, "is_scored") & (before > 0)
+    return float((after[scored] / before[scored]).max(initial=0.0))
 
 
 def find_negligible(fit: Fit) -> set[Term]:

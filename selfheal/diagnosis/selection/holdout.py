@@ -29,7 +29,7 @@ from ..simulation.dataset import (
     cut_readable_segments,
 )
 from ..simulation.model_variants import split_values
-from .backward import fit_without
+from .backward import compute_worst_growth, fit_without
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis, NamedEffect
@@ -168,10 +168,11 @@ def _find_weakest(
 ) -> tuple[NamedEffect, Fit] | None:
     """The name that helps least in held-out episodes, if it does not help enough.
 
-    Where more than noise is left, it must not be a trifle beside all names together. A
-    name that brings nominal values back to the prior need not help. Nor is a name
-    refuted whose absence changes held-out predictions far less than fitted ones, as a
-    rotor's inertia where nothing moves fast.
+    Where more than noise is left, it must not be a trifle beside all names together,
+    unless it helps one scored column. A name that brings nominal values back to the
+    prior need not help. Nor is a name refuted whose absence changes held-out
+    predictions far less than fitted ones, as a rotor's inertia where nothing moves
+    fast.
 
     Args:
         hypothesis: with names.
@@ -201,6 +202,9 @@ def _find_weakest(
             continue
         change = float(((without - predicted) ** 2).sum()) / error
         if change < SELECTION.min_held_out_effect * (less.cost / fit.cost - 1):
+            continue
+        growth = compute_worst_growth(held_out, predicted, without)
+        if gain > 0 and growth > 1 + SELECTION.removal_tolerance:
             continue
         if gain < smallest:
             weakest, smallest = (name, less), gain

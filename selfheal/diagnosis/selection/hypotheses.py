@@ -61,7 +61,7 @@ class Hypothesis:
     final: ScoredFit
     named: tuple[NamedEffect, ...]
     ranking: tuple[tuple[Term, float], ...]
-    plain: Fit | None
+    plain: Fit | None = None
 
 
 def start_search(

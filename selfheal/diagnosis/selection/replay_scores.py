@@ -80,27 +80,24 @@ class HeldOutScores:
         simulator = dataset.held_out
         rng = np.random.default_rng(3)
         some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
-        fits = [
-            hypothesis.nominal.fit,
-            *([hypothesis.plain] if hypothesis.plain else ()),
-            *([hypothesis.final.fit] if hypothesis.named else ()),
-        ]
-        refits = [
-            refit_native_timestep(
+        fits = {"refit": hypothesis.nominal.fit}
+        if hypothesis.plain:
+            fits["plain"] = hypothesis.plain
+        if hypothesis.named:
+            fits["patched"] = hypothesis.final.fit
+        refits = {
+            name: refit_native_timestep(
                 LinearizedFit.from_fit(hypothesis.problem, fit).select(some)
             )
-            for fit in fits
-        ]
-        nominal = refits[0]
-        patched = refits[-1] if hypothesis.named else nominal
-        plain = refits[1:2] if hypothesis.plain else []
+            for name, fit in fits.items()
+        }
+        nominal = refits["refit"]
+        patched = refits.setdefault("patched", nominal)
         segments = score.cut_replay_segments(simulator)
         count = score.count_readings(simulator, segments)
         models: Models = {
             "given": ((), np.zeros(0)),
-            "refit": (nominal.terms, nominal.values),
-            **{"plain": (fit.terms, fit.values) for fit in plain},
-            "patched": (patched.terms, patched.values),
+            **{name: (fit.terms, fit.values) for name, fit in refits.items()},
         }
         squares = {
             k: score.sum_squared_errors(simulator, segments, terms, values)

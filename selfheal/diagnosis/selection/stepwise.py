@@ -22,6 +22,7 @@ from .backward import (
     exchange_term,
     find_negligible,
     fit_without,
+    is_needless,
 )
 from .criteria import (
     Claim,
@@ -212,7 +213,7 @@ def remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
         cheapest = sorted(state.named, key=lambda t: costs[t])
         for term in cheapest[: SELECTION.max_removal_trials]:
             less = ScoredFit.from_fit(problem, fit_without(problem, best.fit, term))
-            if less.error < (1 + SELECTION.removal_tolerance) * best.error:
+            if is_needless(problem, best, less):
                 trials.append((term, less))
             if trials and len(state.named) > SELECTION.max_effects:
                 break  # most of them go anyway
