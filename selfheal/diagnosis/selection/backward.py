@@ -77,7 +77,13 @@ def is_needless(problem: Problem, fit: ScoredFit, less: ScoredFit) -> bool:
 
 
 def compute_worst_growth(problem: Problem, before: Floats, after: Floats) -> float:
-    """Largest ratio of squared residuals (R) after and before, of scored columns."""
+    """Largest ratio of squared residuals after and before, of scored columns [1].
+
+    Args:
+        problem: of the residuals.
+        before: (R) [standard deviations].
+        after: (R) [standard deviations].
+    """
     width = problem.segments.readings.shape[1]
     squares = [(r.reshape(-1, width) ** 2).sum(axis=0) for r in (before, after)]
     return _worst_growth(problem, *squares)
