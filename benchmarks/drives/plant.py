@@ -68,10 +68,10 @@ class Plant:
         self._there = mujoco.MjData(self._weightless)
 
     def _ask_torque(self, held: np.ndarray, speed: np.ndarray, data: Any) -> np.ndarray:
-        """Torques (n) [N m or N] that the drives ask for, before their lag.
+        """Torques (n) [N m or N] of the drives.
 
         Args:
-            held: (n) command.
+            held: (n) command that they follow, after their lag.
             speed: (n) [rad/s or m/s] of the goal.
             data: state.
         """
@@ -141,6 +141,7 @@ class Plant:
         sent = _Line(times, commands, self.truth.delay)
         held, speed = sent.read(start - 1.0, data)
         torque, rows, k = self._ask_torque(held, speed, data), [], 0
+        followed = np.array([held, speed])
         for i in range(int((times[-1] - start) / STEP) + 2):
             now = start + i * STEP
             while k < len(times) and times[k] < now + STEP - 1e-9:
@@ -150,9 +151,9 @@ class Plant:
                 k += 1
             if k == len(times):
                 break
-            held, speed = sent.read(now + STEP / 2, data)
-            asked = self._ask_torque(held, speed, data)
-            torque = torque + self._follow * (asked - torque)
+            sent_now = np.array(sent.read(now + STEP / 2, data))
+            followed = followed + self._follow * (sent_now - followed)
+            torque = self._ask_torque(followed[0], followed[1], data)
             data.qfrc_applied[self._at] = self._drive.gain * torque
             self._set_friction(torque, data)
             mujoco.mj_step(self.model, data)

@@ -20,7 +20,7 @@ class Drive:
         load: [1] friction for each N m that the gear passes on.
         stiction: [N m] by which dry friction at rest exceeds that in motion.
         slip_speed: [rad/s] at which that excess has fallen to 1/e.
-        lag: [s] time constant of the torque.
+        lag: [s] time constant with which the drive follows its command.
         gain: [1] torque over the torque that its model and its log say.
         feed_forward: [1] share of the servo's damping that the goal's speed has too.
         dead_band: [rad] of the servo's error, in which its stiffness does nothing.

@@ -27,6 +27,8 @@ MOVES = 20.0
 # share of a column's spread over the whole log that it has in an episode that counts;
 # chosen: what stands still says nothing
 LIVELY = 0.3
+# times as far off, a velocity that is no derivative, as in episodes where it is; chosen
+FAR_OFF = 2.0
 LATE_SAME = 0.85  # correlation over the whole log of what is late; chosen
 INDEPENDENT_KERNELS = 4.0  # between independent rows; the width of a Gaussian's overlap
 
@@ -120,10 +122,42 @@ def find_disagreements(comparison: Comparison, series: Series) -> list[Disagreem
     # joints of an exchange may look flipped where both move alike
     exchanged = {j for k in found if k[0] == "exchange" for j in k[1:]}
     found = {
-        k: n for k, n in found.items() if k[0] == "exchange" or k[1] not in exchanged
+        k: n
+        for k, n in found.items()
+        if k[0] == "exchange"
+        or (
+            k[1] not in exchanged
+            and not _is_as_far_off_elsewhere(k, n, comparison, series)
+        )
     }
     made = [_make(key, set(n), comparison, series) for key, n in found.items()]
     return [d for d in made if d is not None]
+
+
+def _is_as_far_off_elsewhere(
+    key: tuple[str, str, str],
+    numbers: list[int],
+    comparison: Comparison,
+    series: Series,
+) -> bool:
+    """Whether a velocity is as far from the slope in the other episodes as in these.
+
+    Slow noise then hides a small motion in these.
+
+    Args:
+        key: kind, joint and partner of a disagreement.
+        numbers: of the episodes in which it was seen.
+        comparison: of the columns.
+        series: with the episodes.
+    """
+    if key[0] != "derivative":
+        return False
+    is_here = np.isin(series.episode, numbers)
+    squares = (comparison.second[key[1]] - comparison.first[key[1]]) ** 2
+    if not np.isfinite(squares[~is_here]).any():
+        return False
+    here, elsewhere = (np.nanmean(squares[rows]) for rows in (is_here, ~is_here))
+    return bool(here < FAR_OFF**2 * elsewhere)
 
 
 def _is_late(relation: Relation, comparison: Comparison) -> bool:

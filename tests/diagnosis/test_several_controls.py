@@ -15,7 +15,10 @@ from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation.batch import center_damping
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
-from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.diagnosis.simulation.model_variants import (
+    ModelCompiler,
+    compute_inverse_inertias,
+)
 from selfheal.diagnosis.simulation.score import cut_replay_segments
 from tests.support.diagnosis_folder import write_empty_diagnosis
 from tests.support.effect_robots import (
@@ -172,7 +175,7 @@ def test_what_is_known_of_an_actuator_is_the_same_behind_another():
         model = mujoco.MjModel.from_xml_string(xml)
         place, joint = locate_target(model, servo), model.joint("bend").id
         inertia = min_stable_inertia(model, joint)
-        center_damping(model, 1e-4)
+        center_damping(model, 1e-4, compute_inverse_inertias(model))
         known.append((place["gear"], inertia, model.dof_armature[place["dof"]]))
         assert place["controls"] == (place["goal"],) == (model.nu - 1,)
         find_effect("torque_saturation").edit_model(model, place, np.array([3.0]))

@@ -26,7 +26,7 @@ from .settings import SELECTION
 def compute_removal_costs(
     base: LinearizedFit, nominal_count: int, removed: Collection[Term] = ()
 ) -> dict[Term, float]:
-    """Cost without each effect, as a share of the cost with all, to first order.
+    """Penalized cost without each effect, as a share of that with all, to first order.
 
     The effect's values move to their nominal ones while all others are re-fitted. A
     value that is nominal at infinity (a limit) moves to its bound. Of the cost of all
@@ -57,7 +57,7 @@ def compute_removal_costs(
         after = squares + 2 * gradients @ step + curvatures @ step @ step
         penalty = base.prior @ (fit.values + step - 1) ** 2
         costs[term] = max(
-            float(after.sum() + penalty) / fit.cost,
+            float(after.sum() + penalty) / (fit.cost + fit.prior_penalty),
             _worst_growth(base.problem, squares, after),
         )
     return costs
@@ -112,7 +112,7 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         fit: with all effects.
         nominal_count: number of nominal terms, which stand first.
     """
-    limit = (1 + SELECTION.removal_tolerance) * fit.cost
+    limit = (1 + SELECTION.removal_tolerance) * (fit.cost + fit.prior_penalty)
     while len(fit.terms) > nominal_count:
         base = LinearizedFit.from_fit(problem, fit)
         most = max(1, (len(fit.terms) - nominal_count) // 2)
@@ -120,7 +120,8 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         removed: list[Term] = []
         while len(removed) < most:
             costs = compute_removal_costs(base, nominal_count, removed)
-            needless = [t for t in costs if costs[t] * fit.cost <= limit]
+            cost = fit.cost + fit.prior_penalty
+            needless = [t for t in costs if costs[t] * cost <= limit]
             if not needless:
                 break
             # of two that do the same, the one goes that is as good as absent

@@ -16,10 +16,9 @@ from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import expected_cost, noise_ratio
 from ..estimation.problem import Problem
-from ..estimation.settings import FIT
 from .backward import eliminate_backward
+from .cross_validation import ScoredFit
 from .screening import Progress
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
@@ -52,8 +51,9 @@ def search_backward(
         return None
     problem, fit = fit_longer(state.problem, plain, longer)
     state = replace(state, plain=fit)
-    is_noisy = noise_ratio(problem, fit.residuals) > FIT.strictly_unexplained_ratio
-    if is_noisy and fit.cost > expected_cost(problem, fit):
+    reached = state.with_fit(problem, ScoredFit.from_fit(problem, fit))
+    # slow noise, as estimated, may be what the usual effects leave
+    if not (reached.is_white or reached.is_explained_by_timestep):
         fit = _extend_drive_models(problem, fit, state.candidates)
     tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(problem, fit, state.nominal_count)
@@ -103,13 +103,8 @@ def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term])
     found = [t for t in candidates if t.effect.is_in_drive_model(t)]
     if not found:
         return fit
-    most: dict[str, int] = {}
-    for t in found:  # what all drives may share is fitted as one value
-        most[t.effect.name] = max(most.get(t.effect.name, 0), len(t.targets))
     more = [
-        start_beside(t, fit.terms, fit.values)
-        for t in found
-        if len(t.targets) == most[t.effect.name]
+        start_beside(t, fit.terms, fit.values) for t in found if len(t.targets) == 1
     ]
     other_forms = [t for t in fit.terms if not is_distinct(t, more)]
     terms, values = fit.without_terms(*other_forms)
@@ -122,7 +117,11 @@ def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term])
     ]  # fmt: skip
     residuals = problem.compute_residuals(terms, np.array(starts))
     best = starts[int(np.argmin((residuals**2).sum(axis=1)))]
-    new = fit_parameters(problem, terms, best, iterations=6)
+    new = fit_parameters(problem, terms, best, iterations=2)
+    if new.cost < fit.cost:
+        new = fit_parameters(
+            problem, terms, new.values, iterations=6, jacobian=new.jacobian
+        )
     return new if new.cost < SELECTION.exchange_error_ratio * fit.cost else fit
 
 

@@ -12,8 +12,8 @@ from ..effects.base import Term
 from .model_variants import ModelVariant, read_model_field
 from .sensors import SensorReader
 
-# share of a joint's inertia that centered damping may take away, at most; chosen: a
-# lighter joint could not be simulated
+# share of the inertia of a motion that centered damping may take away, at most; chosen:
+# lighter joints could not be simulated
 MAX_INERTIA_LOSS = 0.5
 
 
@@ -60,7 +60,7 @@ class BatchState:
     history: Floats | None
 
 
-def center_damping(model, step: float) -> None:
+def center_damping(model, step: float, inverse_inertias: Floats) -> None:
     """Make damping act on the mean of a step's two velocities, by a change of inertia.
 
     With inertia M, damping D, force f and step h, the damping acts
@@ -73,9 +73,13 @@ def center_damping(model, step: float) -> None:
     implicit integrators. It does the second to servos under Euler, and to joints where
     the model disables their implicit damping (MuJoCo, numerical integration).
 
+    What is taken from the joints' inertia is limited where joints that move together
+    would be left with next to none.
+
     Args:
         model: compiled; its armature is changed.
         step: of the simulation [s].
+        inverse_inertias: (k, nv, nv) of the joints in k poses.
     """
     motor = np.zeros(model.nv)
     for a in range(model.nactuator):
@@ -91,7 +95,24 @@ def center_damping(model, step: float) -> None:
     elif not model.opt.disableflags & explicit:
         joint = -joint
     change = step / 2 * (joint + motor)
-    model.dof_armature += np.maximum(change, -MAX_INERTIA_LOSS * model.dof_M0)
+    model.dof_armature += np.maximum(change, 0)
+    model.dof_armature -= _limit_loss(np.maximum(-change, 0), inverse_inertias)
+
+
+def _limit_loss(loss: Floats, inverse_inertias: Floats) -> Floats:
+    """A loss L (nv) that leaves at least half of the inertia M of each motion.
+
+    M - diag(L) >= M / 2 where the eigenvalues of L^1/2 M^-1 L^1/2 are at most 1/2, and
+    none is larger than their sum, the trace. A joint that is light beside what it loses
+    is limited alone first.
+    """
+    diagonals = np.diagonal(inverse_inertias, axis1=1, axis2=2).max(axis=0, initial=0.0)
+    loss = np.minimum(loss, MAX_INERTIA_LOSS / np.maximum(diagonals, 1e-12))
+    if loss @ diagonals <= MAX_INERTIA_LOSS:
+        return loss
+    root = np.sqrt(loss)
+    shares = np.linalg.eigvalsh(inverse_inertias * root * root[:, None])
+    return loss * min(1.0, MAX_INERTIA_LOSS / shares.max())
 
 
 def make_batch(

@@ -21,6 +21,7 @@ _RK4, _IMPLICITFAST = 1, 3  # mujoco.mjtIntegrator
 _JOINT_KEYS = ("joint",)
 _DOF_KEYS = ("dof", "other_dof")
 _QPOS_KEYS = ("qpos", "other_qpos")
+INERTIA_POSES = 8  # in which joints' inertia is looked at; chosen
 # what fields of MjModel begin with that effects edit
 _EDITED_FIELDS = tuple("actuator_ body_ dof_ geom_ jnt_ qpos site_ opt.".split())
 
@@ -109,6 +110,11 @@ class ModelVariant:
         return mujoco.MjData(self.model)
 
     @cached_property
+    def inverse_inertias(self) -> Floats:
+        """(k, nv, nv) of the joints in k poses; see `compute_inverse_inertias`."""
+        return compute_inverse_inertias(self.model)
+
+    @cached_property
     def nominal_fields(self) -> dict[str, bytes]:
         """Bytes of each field of the model that an effect's edit may change."""
         from mujoco.batch import MODEL_FIELDS
@@ -119,6 +125,22 @@ class ModelVariant:
             if name.startswith(_EDITED_FIELDS)
         }
         return {k: v.tobytes() for k, v in values.items() if v is not None and v.size}
+
+
+def compute_inverse_inertias(model) -> Floats:
+    """(k, nv, nv) inverse of the joints' inertia matrix, in k poses."""
+    import mujoco
+
+    data, rng, found = mujoco.MjData(model), np.random.default_rng(0), []
+    for size in (0.0, *(INERTIA_POSES - 1) * [1.0]):
+        data.qpos[:] = model.qpos0
+        offset = size * rng.normal(size=model.nv)
+        mujoco.mj_integratePos(model, data.qpos, offset, 1.0)
+        mujoco.mj_fwdPosition(model, data)
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        found.append(np.linalg.inv(inertia))
+    return np.array(found)
 
 
 def read_model_field(model, name: str):

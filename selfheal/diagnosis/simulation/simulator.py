@@ -222,7 +222,7 @@ class Simulator(RecordedSystem):
         centered = centered and variant.is_single_stage
         if centered:
             for model in models:
-                center_damping(model, self.timestep)
+                center_damping(model, self.timestep, variant.inverse_inertias)
         changes = collect_reading_changes(terms, term_values, self.channels)
         return Hypotheses(
             variant, models, terms, values, term_values, changes, centered
