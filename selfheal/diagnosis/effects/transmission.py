@@ -39,7 +39,8 @@ class Armature(TransmissionEffect):
 
     def make_parameters(self, robot, joint):
         now = float(robot.model.dof_armature[joint.dof])
-        high, scale = now * 10 + 20 * joint.inertia, 0.3 * joint.inertia
+        # behind a gear of 200 a rotor weighs a hundred times as much as a light link
+        high, scale = now * 10 + 300 * joint.inertia, 0.3 * joint.inertia
         return (
             self.make_parameter(
                 "armature", joint, nominal=now, low=0.0, high=high, scale=scale
@@ -51,6 +52,7 @@ class Armature(TransmissionEffect):
         return (
             (p.nominal + 0.3 * p.scale,),
             (p.nominal + 2 * p.scale,),
+            (p.nominal + 30 * p.scale,),
             (p.nominal / 2,),
         )
 

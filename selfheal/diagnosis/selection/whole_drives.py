@@ -4,11 +4,12 @@ A real drive lacks several effects at every joint at once. They are fitted toget
 removed backward, in segments as long as the robot can be predicted.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
 from ..estimation.least_squares import Fit, fit_parameters
@@ -49,7 +50,13 @@ def search_backward(
     plain = fit_usual_effects(state, progress)
     if plain is None:
         return None
-    problem, fit = fit_longer(state.problem, plain, longer)
+    problem, fit = state.problem, plain
+    for _ in range(
+        SELECTION.reweightings_of_all
+    ):  # as given, one joint may hide all else
+        problem, scored = reweight_and_fit(problem, fit, 6, tries_multiples=False)
+        fit = scored.fit
+    problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=fit)
     reached = state.with_fit(problem, ScoredFit.from_fit(problem, fit))
     # slow noise, as estimated, may be what the usual effects leave
@@ -78,14 +85,42 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
     if not usual:
         return None
     progress(f"fitting {len(usual)} usual effects at once", 0.0)
-    nominal = np.ones(state.nominal_count)
-    values = [t.initial_values[0] for t in usual]
     if state.is_explained:
-        nominal = state.best.fit.values
-        values = [tuple(p.nominal for p in t.parameters) for t in usual]
-    start = np.concatenate([nominal, *values])
+        absent = [p.nominal for t in usual for p in t.parameters]
+        start = np.concatenate([state.best.fit.values, absent])
+    else:
+        start = _search_start(state, usual)
     terms = (*state.best.fit.terms, *usual)
     return fit_parameters(state.problem, terms, start, iterations=5)
+
+
+def _search_start(state: SearchState, usual: Sequence[Term]) -> Floats:
+    """Values (P) to begin at: those as given, and the best of each effect's initial ones.
+
+    All joints begin alike, one effect after the other: light or heavy rotors, little or
+    much friction.
+
+    Args:
+        state: in which nothing has a name.
+        usual: terms, each with initial values.
+    """
+    terms = (*state.best.fit.terms, *usual)
+    chosen = {t.effect.name: 0 for t in usual}
+
+    def stack(choice: Mapping[str, int]) -> Floats:
+        """Values (P) with numbers of initial values by effect."""
+        each = (t.initial_values for t in usual)
+        names = (t.effect.name for t in usual)
+        picked = [x[choice[n] % len(x)] for n, x in zip(names, each, strict=True)]
+        return np.concatenate([np.ones(state.nominal_count), *picked])
+
+    for name in chosen:
+        most = max(len(t.initial_values) for t in usual if t.effect.name == name)
+        choices = [{**chosen, name: i} for i in range(most)]
+        points = np.array([stack(c) for c in choices])
+        residuals = state.problem.compute_residuals(terms, points)
+        chosen = choices[int(np.argmin((residuals**2).sum(axis=1)))]
+    return stack(chosen)
 
 
 def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
