@@ -152,7 +152,8 @@ class Plant:
             if k == len(times):
                 break
             sent_now = np.array(sent.read(now + STEP / 2, data))
-            followed = followed + self._follow * (sent_now - followed)
+            share = self._follow[: sent_now.shape[1]]
+            followed = followed + share * (sent_now - followed)
             torque = self._ask_torque(followed[0], followed[1], data)
             data.qfrc_applied[self._at] = self._drive.gain * torque
             self._set_friction(torque, data)

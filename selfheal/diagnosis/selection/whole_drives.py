@@ -95,7 +95,7 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
 
 
 def _search_start(state: SearchState, usual: Sequence[Term]) -> Floats:
-    """Values (P) to begin at: those as given, and the best of each effect's initial ones.
+    """Values (P) to begin at: those as given, and the best initial ones of effects.
 
     All joints begin alike, one effect after the other: light or heavy rotors, little or
     much friction.
