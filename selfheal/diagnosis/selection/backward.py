@@ -196,16 +196,19 @@ def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
         fit: with all terms.
         term: to leave out.
     """
+    kept, start = fit.without_terms(term)
+    jacobian = fit.jacobian_without(term)
     less = fit_parameters(
-        problem,
-        *fit.without_terms(term),
-        iterations=3,
-        jacobian=fit.jacobian_without(term),
-        only_updates=True,
+        problem, kept, start, iterations=3, jacobian=jacobian, only_updates=True
     )
-    low, high = SELECTION.removal_tolerance, SELECTION.max_uncertain_removal
-    if (1 + low) * fit.cost < less.cost < (1 + high) * fit.cost:
+    limit = (1 + SELECTION.removal_tolerance) * fit.cost
+    if less.cost <= limit:
+        return less
+    base = LinearizedFit.from_fit(problem, fit)
+    count = fit.terms.index(term)
+    predicted = compute_removal_costs(base, count)[term] * fit.cost
+    if min(less.cost, predicted) < (1 + SELECTION.max_uncertain_removal) * fit.cost:
         less = fit_parameters(
-            problem, less.terms, less.values, iterations=3, jacobian=less.jacobian
+            problem, kept, less.values, iterations=3, jacobian=less.jacobian
         )
     return less

@@ -152,11 +152,7 @@ def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term])
     ]  # fmt: skip
     residuals = problem.compute_residuals(terms, np.array(starts))
     best = starts[int(np.argmin((residuals**2).sum(axis=1)))]
-    new = fit_parameters(problem, terms, best, iterations=2)
-    if new.cost < fit.cost:
-        new = fit_parameters(
-            problem, terms, new.values, iterations=6, jacobian=new.jacobian
-        )
+    new = fit_parameters(problem, terms, best, iterations=6)
     return new if new.cost < SELECTION.exchange_error_ratio * fit.cost else fit
 
 

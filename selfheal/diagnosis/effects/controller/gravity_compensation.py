@@ -13,6 +13,7 @@ WEIGHT_POSES = 8  # in which torques of weight are looked for; chosen
 # rounding of mj_rne
 MIN_WEIGHT_SHARE = 1e-6
 MAX_GRAVCOMP = 2.0  # [1] of a controller that takes masses for twice what they are
+MIN_USUAL_BODIES = 3  # of a robot whose controller often carries them; chosen
 MIN_CHANGE = 0.15  # [1] below which masses may be wrong as well; chosen
 
 
@@ -52,6 +53,10 @@ class GravityCompensation(WorldEffect):
     @staticmethod
     def _make_place(model) -> Place:
         return {"bodies": find_compensated_bodies(model)}
+
+    def is_usual(self, term):
+        """Of few bodies, masses and rotors that are a little off do as much."""
+        return len(term.places[0]["bodies"]) >= MIN_USUAL_BODIES
 
     def edit_model(self, model, place, values):
         model.body_gravcomp[list(place["bodies"])] = values[0]
