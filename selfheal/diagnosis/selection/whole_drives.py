@@ -18,7 +18,8 @@ from ..estimation.marginalization import (
     marginalize_initial_states,
 )
 from ..estimation.problem import Problem
-from .backward import eliminate_backward
+from ..simulation.model_variants import split_values
+from .backward import eliminate_backward, find_negligible
 from .cross_validation import ScoredFit
 from .screening import Progress
 from .search_state import SearchState, reweight_and_fit
@@ -51,13 +52,13 @@ def search_backward(
     if plain is None:
         return None
     problem, fit = state.problem, plain
-    for _ in range(
-        SELECTION.reweightings_of_all
-    ):  # as given, one joint may hide all else
+    # by the errors of the model as given one joint would outweigh all others
+    for _ in range(SELECTION.reweightings_of_all):
         problem, scored = reweight_and_fit(problem, fit, 6, tries_multiples=False)
         fit = scored.fit
     problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=fit)
+    fit = _exchange_forms(problem, fit, state.candidates)
     reached = state.with_fit(problem, ScoredFit.from_fit(problem, fit))
     # slow noise, as estimated, may be what the usual effects leave
     if not (reached.is_white or reached.is_explained_by_timestep):
@@ -121,6 +122,34 @@ def _search_start(state: SearchState, usual: Sequence[Term]) -> Floats:
         residuals = state.problem.compute_residuals(terms, points)
         chosen = choices[int(np.argmin((residuals**2).sum(axis=1)))]
     return stack(chosen)
+
+
+def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+    """The fit with a lag of all drives in place of their delays, if that leaves less.
+
+    What one drive does not tell, all of them together may.
+
+    Args:
+        problem: that was fitted.
+        fit: with the usual effects.
+        candidates: terms that may earn a name.
+    """
+    negligible = find_negligible(fit)
+    values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
+    for form in dict.fromkeys(t.effect for t in candidates if t.effect.resembles):
+        old = [t for t in fit.terms if t.effect.name == form.resembles]
+        places = {t.targets: t for t in candidates if t.effect is form}
+        if all(t in negligible for t in old) or not all(
+            t.targets in places for t in old
+        ):
+            continue
+        new = [places[t.targets] for t in old]
+        kept, start = fit.without_terms(*old)
+        start = np.concatenate([start, *(values[t] for t in old)])
+        other = fit_parameters(problem, (*kept, *new), start, iterations=5)
+        if other.cost + other.prior_penalty < fit.cost + fit.prior_penalty:
+            fit = other
+    return fit
 
 
 def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
