@@ -3,12 +3,21 @@
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.data.robot_summary import repeat_by_column
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
-from selfheal.diagnosis.selection.backward import compute_removal_costs, exchange_term
+from selfheal.diagnosis.selection.backward import (
+    compute_removal_costs,
+    eliminate_backward,
+    exchange_term,
+    fit_without,
+)
 from selfheal.diagnosis.selection.cross_validation import fit_and_score
+from selfheal.diagnosis.selection.settings import SELECTION
 from tests.support.problems import make_problem
+
+MORE_OIL = 8e-4  # [N m s/rad]; one column of readings just shows it
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.05])
@@ -38,3 +47,34 @@ def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
             compute_removal_costs(LinearizedFit.from_fit(problem, found), 0)[limit]
         )
     assert prices[0] == pytest.approx(1) and 1 < prices[1] < np.inf
+
+
+def test_what_one_column_needs_stays_however_little_it_is_among_all(arm):
+    """The friction of one joint hardly changes the sum over many noisy readings."""
+    terms = tuple(find_effect("viscous_friction").propose_terms(arm.robot))
+    given = np.array([t.parameters[0].nominal for t in terms])
+    problem = make_problem(arm, terms, given + [MORE_OIL, 0.0])
+    found = fit_parameters(problem, terms, given, iterations=20)
+    base = LinearizedFit.from_fit(problem, found)
+    step = base.move(np.array([0]), given[:1] - found.values[:1])
+    width = problem.segments.readings.shape[1]
+    before, after = (
+        (r.reshape(-1, width) ** 2).sum(axis=0)
+        for r in (found.residuals, problem.residuals_at(terms, found.values + step))
+    )
+    scored = repeat_by_column(problem.simulator.channels, "is_scored")
+    cost = compute_removal_costs(base, 0)[terms[0]]
+    assert cost == pytest.approx((after / before)[scored].max(), rel=1e-3)
+    limit = 1 + SELECTION.removal_tolerance
+    assert cost > limit > after.sum() / before.sum()
+    assert eliminate_backward(problem, found, 0).terms == terms[:1]
+
+
+def test_a_fit_without_an_effect_is_close_where_it_may_be_needless(arm):
+    """What a heavier rotor does, a lighter link does nearly, far from its own value."""
+    dry, other = find_effect("coulomb_friction").propose_terms(arm.robot)
+    problem = make_problem(arm, (dry,), (0.1,))
+    both = fit_parameters(problem, (dry, other), np.array([0.1, 0.0]))
+    alone = fit_parameters(problem, (dry,), np.array([0.1]), iterations=20)
+    assert fit_without(problem, both, other).cost == pytest.approx(alone.cost, rel=1e-3)
+    assert fit_without(problem, both, dry).cost > 2 * both.cost

@@ -10,7 +10,11 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.evidence import Evidence
-from selfheal.diagnosis.selection.holdout import choose_hypothesis, try_equivalents
+from selfheal.diagnosis.selection.holdout import (
+    choose_hypothesis,
+    hand_over_plain,
+    try_equivalents,
+)
 from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
 from tests.support.problems import make_problem, name_effect
 
@@ -61,3 +65,26 @@ def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(
         assert (
             choose_hypothesis(case, [far, (naming(0.009, *says), ())])[0] is not far[0]
         )
+
+
+def test_the_fit_of_all_usual_effects_is_handed_over_only_where_it_predicts_better(arm):
+    terms = tuple(find_effect("viscous_friction").propose_terms(arm.robot))
+    given = np.array([t.parameters[0].nominal for t in terms])
+    # the held-out segments are those of the model as given
+    problem, case = make_problem(arm), SimpleNamespace(held_out=arm.simulator)
+    nominal = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+
+    def at(values) -> Hypothesis:
+        final = fit_parameters(problem, terms, np.array(values), iterations=0)
+        scored = ScoredFit.from_fit(problem, final)
+        return Hypothesis(problem, nominal, scored, tuple(map(name_effect, terms)), ())
+
+    right, wrong = at(given), at(3 * given)
+    better = replace(wrong, plain=right.final.fit)
+    assert hand_over_plain(case, (wrong, ())) is None
+    assert hand_over_plain(case, (right, ())) is None
+    assert hand_over_plain(case, (replace(right, plain=wrong.final.fit), ())) is None
+    handed = hand_over_plain(case, (better, ("a name",)))
+    assert handed is not None
+    # nothing in it stands on evidence, for the robot is as given
+    assert handed[0].named == () and handed[1][0] == "a name"
