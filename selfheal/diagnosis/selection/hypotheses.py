@@ -12,6 +12,7 @@ from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
 from ..estimation.least_squares import Fit
 from ..estimation.problem import Problem
+from ..estimation.settings import FIT
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import Evidence
@@ -181,7 +182,12 @@ def _search_both_ways(
         forward = _search_to_end(start, longer, rng, progress)
     backward = backward.with_history_of(forward)
     if not backward.is_explained and not forward.is_explained:
-        backward = search_forward(backward, rng, progress)
+        # beside many names each round is dear, and little is left to gain
+        is_near = count > SELECTION.max_rivals and (
+            backward.noise_ratio < FIT.unexplained_ratio
+        )
+        most = 1 if is_near else SELECTION.max_effects
+        backward = search_forward(backward, rng, progress, most)
     return _rank(backward, forward)
 
 
