@@ -39,8 +39,8 @@ class Armature(TransmissionEffect):
 
     def make_parameters(self, robot, joint):
         now = float(robot.model.dof_armature[joint.dof])
-        # behind a gear of 200 a rotor weighs a hundred times as much as a light link
-        high, scale = now * 10 + 300 * joint.inertia, 0.3 * joint.inertia
+        # behind a gear of 200 a rotor weighs hundreds of times as much as a light link
+        high, scale = now * 10 + 1000 * joint.inertia, 0.3 * joint.inertia
         return (
             self.make_parameter(
                 "armature", joint, nominal=now, low=0.0, high=high, scale=scale
@@ -52,7 +52,7 @@ class Armature(TransmissionEffect):
         return (
             (p.nominal + 0.3 * p.scale,),
             (p.nominal + 2 * p.scale,),
-            (p.nominal + 30 * p.scale,),
+            (p.nominal + 100 * p.scale,),
             (p.nominal / 2,),
         )
 
