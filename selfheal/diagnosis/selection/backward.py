@@ -5,6 +5,7 @@ regression (Efroymson 1960).
 """
 
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
 from ..estimation.quadratic_model import stack_bounds
+from ..estimation.settings import FIT
 from ..simulation.model_variants import split_values
 from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
@@ -30,8 +33,8 @@ def compute_removal_costs(
 
     The effect's values move to their nominal ones while all others are re-fitted. A
     value that is nominal at infinity (a limit) moves to its bound. Of the cost of all
-    columns and those of each scored column, the one that grows most counts: what one
-    joint lacks hardly shows among the readings of many.
+    columns and, near the noise, those of each scored column, the one that grows most
+    counts: what one joint lacks hardly shows among the readings of many.
 
     Args:
         base: the fit with all effects.
@@ -58,7 +61,7 @@ def compute_removal_costs(
         penalty = base.prior @ (fit.values + step - 1) ** 2
         costs[term] = max(
             float(after.sum() + penalty) / (fit.cost + fit.prior_penalty),
-            _worst_growth(base.problem, squares, after),
+            _worst_growth(base.problem, fit.residuals, after),
         )
     return costs
 
@@ -85,12 +88,17 @@ def compute_worst_growth(problem: Problem, before: Floats, after: Floats) -> flo
         after: (R) [standard deviations].
     """
     width = problem.segments.readings.shape[1]
-    squares = [(r.reshape(-1, width) ** 2).sum(axis=0) for r in (before, after)]
-    return _worst_growth(problem, *squares)
+    return _worst_growth(problem, before, (after.reshape(-1, width) ** 2).sum(axis=0))
 
 
-def _worst_growth(problem: Problem, before: Floats, after: Floats) -> float:
-    """Largest ratio of the costs after and before, of all scored columns (C); or 0."""
+def _worst_growth(problem: Problem, residuals: Floats, after: Floats) -> float:
+    """Largest ratio of the costs after (C) and of residuals (R), of scored columns.
+
+    0 where more than noise is left: an effect may stand for what is missing in one.
+    """
+    if noise_ratio(problem, residuals) > FIT.strictly_unexplained_ratio:
+        return 0.0
+    before = (residuals.reshape(-1, len(after)) ** 2).sum(axis=0)
     scored = repeat_by_column(problem.simulator.channels, "is_scored") & (before > 0)
     return float((after[scored] / before[scored]).max(initial=0.0))
 
@@ -162,13 +170,15 @@ def exchange_term(
     base = LinearizedFit.from_fit(problem, fit_without(problem, old.fit, term))
     tried = [fit_candidate(base, other) for other in others]
     tried.sort(key=lambda f: predict_held_out(problem, f).sum())
-    limit = (1 + SELECTION.max_uncertain_removal) * old.fit.cost
     for fit in tried[: SELECTION.max_exchange_trials]:
-        if fit.cost > limit:
-            continue
-        new = fit_and_score(
-            problem, fit.terms, fit.values, iterations=6, jacobian=fit.jacobian
+        fit_from = partial(fit_and_score, problem, fit.terms, jacobian=fit.jacobian)
+        quick = fit_from(fit.values, iterations=3, only_updates=True)
+        is_promising = quick.error < old.error or (
+            is_simpler(quick.candidate, term) and is_as_good(problem, quick, old)
         )
+        if not is_promising and fit.cost > old.fit.cost:
+            continue
+        new = fit_from(quick.fit.values, iterations=6)
         if not new.candidate.effect.is_consistent(new.values):
             continue
         if new.error < SELECTION.exchange_error_ratio * old.error:

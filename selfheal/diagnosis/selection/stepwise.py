@@ -275,9 +275,16 @@ def predicts_better(state: SearchState, other: SearchState) -> bool:
     problem = marginalize_initial_states(
         problem, state.best.fit.terms, state.best.fit.values
     )
+    known = state.problem.transfer_jacobian(problem, state.best.fit.jacobian)
     first, second = (
-        fit_and_score(problem, s.best.fit.terms, s.best.fit.values, iterations=2)
-        for s in (state, other)
+        fit_and_score(
+            problem,
+            s.best.fit.terms,
+            s.best.fit.values,
+            iterations=2,
+            jacobian=jacobian,
+        )
+        for s, jacobian in ((state, known), (other, None))
     )
     if first.error < SELECTION.exchange_error_ratio * second.error:
         return True
