@@ -190,11 +190,10 @@ def test_the_document_is_the_contracts(name, request):
     fit = document["fit"]
     assert set(fit) == {
         "held_out", "given", "refit", "patched", "floor", "explainable_removed",
-        "horizons"
+        "horizons", "plain"
     }  # fmt: skip
-    assert all(
-        isinstance(fit[k], float) for k in ("given", "refit", "patched", "floor")
-    )
+    numbers = "given", "refit", "patched", "floor", "plain"
+    assert all(isinstance(fit[k], float) for k in numbers)
     assert fit["floor"] <= fit["patched"]
 
 
