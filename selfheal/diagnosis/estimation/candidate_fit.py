@@ -128,51 +128,42 @@ class LinearizedFit:
             held: (n) numbers of the changed parameters, which have no prior.
             change: (n) of them [units of the parameters].
         """
-        low, high, scale = stack_bounds(self.fit.terms)
-        values = self.fit.values
-        gradient = self.gradient + self.curvature[:, held] @ change
-        free = np.setdiff1d(np.arange(len(values)), held)
-        step = np.zeros(len(values))
+        free = np.setdiff1d(np.arange(len(self.fit.values)), held)
+        step = np.zeros(len(self.fit.values))
         step[held] = change
-        step[free] = solve_bounded_step(
-            self.curvature[np.ix_(free, free)],
-            gradient[free],
-            (low - values)[free],
-            (high - values)[free],
-            scale[free],
-        )
+        gradient = self.gradient + self.curvature[:, held] @ change
+        step[free] = self._solve(gradient, free)
         return step
 
-    def minimize(
-        self, residuals: Floats, hold: np.ndarray | None = None
-    ) -> tuple[float, Floats]:
+    def minimize(self, residuals: Floats) -> tuple[float, Floats]:
         """Minimize the penalized cost of other residuals over the values of the fit.
 
         The residuals answer linearly, by the Jacobian of the fit.
 
         Args:
             residuals: (R) with the values of the fit [standard deviations].
-            hold: (n) numbers of parameters that stay.
 
         Returns:
             The lowest cost [1], and the step (P) to it [units of the parameters].
         """
+        values, gradient = self.fit.values, self.gradient_at(residuals)
+        step = self._solve(gradient, np.arange(len(values)))
+        cost = (
+            residuals @ residuals + 2 * gradient @ step + step @ self.curvature @ step
+        )
+        return float(cost + self.prior @ (values - 1) ** 2), step
+
+    def _solve(self, gradient: Floats, free: np.ndarray) -> Floats:
+        """The step (n) of the parameters `free` (n) within their bounds."""
         low, high, scale = stack_bounds(self.fit.terms)
         values = self.fit.values
-        gradient = self.gradient_at(residuals)
-        free = np.setdiff1d(np.arange(len(values)), () if hold is None else hold)
-        step = np.zeros(len(values))
-        step[free] = solve_bounded_step(
+        return solve_bounded_step(
             self.curvature[np.ix_(free, free)],
             gradient[free],
             (low - values)[free],
             (high - values)[free],
             scale[free],
         )
-        cost = (
-            residuals @ residuals + 2 * gradient @ step + step @ self.curvature @ step
-        )
-        return float(cost + self.prior @ (values - 1) ** 2), step
 
 
 def fit_candidate(

@@ -4,7 +4,7 @@ Backward elimination and exchange, the steps that follow each forward step of a 
 regression (Efroymson 1960).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -27,7 +27,7 @@ from .settings import SELECTION
 
 
 def compute_removal_costs(
-    base: LinearizedFit, nominal_count: int, removed: Collection[Term] = ()
+    base: LinearizedFit, terms: Iterable[Term], removed: Iterable[Term] = ()
 ) -> dict[Term, float]:
     """Penalized cost without each effect, as a share of that with all, to first order.
 
@@ -38,11 +38,11 @@ def compute_removal_costs(
 
     Args:
         base: the fit with all effects.
-        nominal_count: number of nominal terms, which stand first.
+        terms: the effects to take away, one at a time.
         removed: effects that are without in any case.
 
     Returns:
-        [1] of each other effect.
+        [1] of each of the terms.
     """
     fit, (squares, gradients, curvatures) = base.fit, base.by_column
     ends = np.cumsum([0, *(len(t.parameters) for t in fit.terms)])
@@ -51,17 +51,16 @@ def compute_removal_costs(
     change = np.clip(absent, low, high) - fit.values
     columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(fit.terms)}
     without = [c for t in removed for c in columns[t]]
+    counted = _find_counted_columns(base.problem, fit.residuals)
     costs = {}
-    for term in fit.terms[nominal_count:]:
-        if term in removed:
-            continue
+    for term in terms:
         held = np.array([*without, *columns[term]], int)
         step = base.move(held, change[held])
         after = squares + 2 * gradients @ step + curvatures @ step @ step
         penalty = base.prior @ (fit.values + step - 1) ** 2
         costs[term] = max(
             float(after.sum() + penalty) / (fit.cost + fit.prior_penalty),
-            _worst_growth(base.problem, fit.residuals, after),
+            float((after[counted] / squares[counted]).max(initial=0.0)),
         )
     return costs
 
@@ -80,27 +79,29 @@ def is_needless(problem: Problem, fit: ScoredFit, less: ScoredFit) -> bool:
 
 
 def compute_worst_growth(problem: Problem, before: Floats, after: Floats) -> float:
-    """Largest ratio of squared residuals after and before, of scored columns [1].
+    """Largest ratio of squared residuals after and before, of counted columns [1].
 
     Args:
         problem: of the residuals.
         before: (R) [standard deviations].
         after: (R) [standard deviations].
     """
-    width = problem.segments.readings.shape[1]
-    return _worst_growth(problem, before, (after.reshape(-1, width) ** 2).sum(axis=0))
+    counted = _find_counted_columns(problem, before)
+    old, new = (
+        (r.reshape(-1, len(counted)) ** 2).sum(axis=0)[counted] for r in (before, after)
+    )
+    return float((new / old).max(initial=0.0))
 
 
-def _worst_growth(problem: Problem, residuals: Floats, after: Floats) -> float:
-    """Largest ratio of the costs after (C) and of residuals (R), of scored columns.
+def _find_counted_columns(problem: Problem, residuals: Floats) -> np.ndarray:
+    """(C) whether a column's error counts for itself: a scored one, near the noise.
 
-    0 where more than noise is left: an effect may stand for what is missing in one.
+    Where more than noise is left, an effect may stand for what is missing in one.
     """
-    if noise_ratio(problem, residuals) > FIT.strictly_unexplained_ratio:
-        return 0.0
-    before = (residuals.reshape(-1, len(after)) ** 2).sum(axis=0)
-    scored = repeat_by_column(problem.simulator.channels, "is_scored") & (before > 0)
-    return float((after[scored] / before[scored]).max(initial=0.0))
+    scored = repeat_by_column(problem.simulator.channels, "is_scored")
+    is_far = noise_ratio(problem, residuals) > FIT.strictly_unexplained_ratio
+    squares = (residuals.reshape(-1, len(scored)) ** 2).sum(axis=0)
+    return scored & (squares > 0) & (not is_far)
 
 
 def find_negligible(fit: Fit) -> set[Term]:
@@ -127,7 +128,8 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         negligible = find_negligible(fit)
         removed: list[Term] = []
         while len(removed) < most:
-            costs = compute_removal_costs(base, nominal_count, removed)
+            left = [t for t in fit.terms[nominal_count:] if t not in removed]
+            costs = compute_removal_costs(base, left, removed)
             cost = fit.cost + fit.prior_penalty
             needless = [t for t in costs if costs[t] * cost <= limit]
             if not needless:
@@ -167,7 +169,8 @@ def exchange_term(
     ]
     if not others:
         return old
-    base = LinearizedFit.from_fit(problem, fit_without(problem, old.fit, term))
+    less = fit_without(LinearizedFit.from_fit(problem, old.fit), term)
+    base = LinearizedFit.from_fit(problem, less)
     tried = [fit_candidate(base, other) for other in others]
     tried.sort(key=lambda f: predict_held_out(problem, f).sum())
     for fit in tried[: SELECTION.max_exchange_trials]:
@@ -196,16 +199,16 @@ def is_simpler(new: Term, old: Term) -> bool:
     return len(new.parameters) < len(old.parameters)
 
 
-def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
+def fit_without(base: LinearizedFit, term: Term) -> Fit:
     """Fit all terms but one, from a fit with all of them.
 
     Where that leaves much more it is clear with an updated Jacobian already.
 
     Args:
-        problem: that was fitted.
-        fit: with all terms.
+        base: the fit with all terms.
         term: to leave out.
     """
+    problem, fit = base.problem, base.fit
     kept, start = fit.without_terms(term)
     jacobian = fit.jacobian_without(term)
     less = fit_parameters(
@@ -214,9 +217,7 @@ def fit_without(problem: Problem, fit: Fit, term: Term) -> Fit:
     limit = (1 + SELECTION.removal_tolerance) * fit.cost
     if less.cost <= limit:
         return less
-    base = LinearizedFit.from_fit(problem, fit)
-    count = fit.terms.index(term)
-    predicted = compute_removal_costs(base, count)[term] * fit.cost
+    predicted = compute_removal_costs(base, [term])[term] * fit.cost
     if min(less.cost, predicted) < (1 + SELECTION.max_uncertain_removal) * fit.cost:
         less = fit_parameters(
             problem, kept, less.values, iterations=3, jacobian=less.jacobian

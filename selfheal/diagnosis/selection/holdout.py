@@ -191,8 +191,9 @@ def _find_weakest(
         least = max(least, SELECTION.min_held_out_share * (before - error))
     values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
     weakest, smallest = None, least
+    base = LinearizedFit.from_fit(hypothesis.problem, fit)
     for name in hypothesis.named:
-        less = fit_without(hypothesis.problem, fit, name.term)
+        less = fit_without(base, name.term)
         without = held_out.residuals_at(less.terms, less.values)
         gain = squared_error_reestimated(held_out, less, without) - error
         if name.term.is_negligible(values[name.term]):

@@ -207,12 +207,11 @@ def remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
     removed: list[Term] = []
     while len(state.named) > 1:
         trials = []
-        costs = compute_removal_costs(
-            LinearizedFit.from_fit(problem, best.fit), state.nominal_count
-        )
+        base = LinearizedFit.from_fit(problem, best.fit)
+        costs = compute_removal_costs(base, state.named)
         cheapest = sorted(state.named, key=lambda t: costs[t])
         for term in cheapest[: SELECTION.max_removal_trials]:
-            less = ScoredFit.from_fit(problem, fit_without(problem, best.fit, term))
+            less = ScoredFit.from_fit(problem, fit_without(base, term))
             if is_needless(problem, best, less):
                 trials.append((term, less))
             if trials and len(state.named) > SELECTION.max_effects:
@@ -247,7 +246,8 @@ def keep_significant(
     untested = [t for t in state.named if t.key in keys or t.key not in state.claims]
     for term in untested:
         best = state.best
-        less = ScoredFit.from_fit(problem, fit_without(problem, best.fit, term))
+        base = LinearizedFit.from_fit(problem, best.fit)
+        less = ScoredFit.from_fit(problem, fit_without(base, term))
         p_value = improvement_p_value(problem, less, best, len(tried))
         if p_value >= SELECTION.max_p_value:
             state = state.with_fit(problem, less)

@@ -44,7 +44,9 @@ def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
     for value in (limit.high, 0.05 * limit.high):
         found = fit_parameters(problem, (limit,), value, iterations=0)
         prices.append(
-            compute_removal_costs(LinearizedFit.from_fit(problem, found), 0)[limit]
+            compute_removal_costs(LinearizedFit.from_fit(problem, found), [limit])[
+                limit
+            ]
         )
     assert prices[0] == pytest.approx(1) and 1 < prices[1] < np.inf
 
@@ -63,7 +65,7 @@ def test_what_one_column_needs_stays_however_little_it_is_among_all(arm):
         for r in (found.residuals, problem.residuals_at(terms, found.values + step))
     )
     scored = repeat_by_column(problem.simulator.channels, "is_scored")
-    cost = compute_removal_costs(base, 0)[terms[0]]
+    cost = compute_removal_costs(base, terms[:1])[terms[0]]
     assert cost == pytest.approx((after / before)[scored].max(), rel=1e-3)
     limit = 1 + SELECTION.removal_tolerance
     assert cost > limit > after.sum() / before.sum()
@@ -71,10 +73,11 @@ def test_what_one_column_needs_stays_however_little_it_is_among_all(arm):
 
 
 def test_a_fit_without_an_effect_is_close_where_it_may_be_needless(arm):
-    """What a heavier rotor does, a lighter link does nearly, far from its own value."""
+    """Here the other joint has no dry friction."""
     dry, other = find_effect("coulomb_friction").propose_terms(arm.robot)
     problem = make_problem(arm, (dry,), (0.1,))
     both = fit_parameters(problem, (dry, other), np.array([0.1, 0.0]))
     alone = fit_parameters(problem, (dry,), np.array([0.1]), iterations=20)
-    assert fit_without(problem, both, other).cost == pytest.approx(alone.cost, rel=1e-3)
-    assert fit_without(problem, both, dry).cost > 2 * both.cost
+    base = LinearizedFit.from_fit(problem, both)
+    assert fit_without(base, other).cost == pytest.approx(alone.cost, rel=1e-3)
+    assert fit_without(base, dry).cost > 2 * both.cost
