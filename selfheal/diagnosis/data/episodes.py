@@ -117,15 +117,15 @@ def build_channels(
                 continue
             readings = np.ones_like(readings)
         scatter = np.sqrt(_pool_scatter(episodes, name))
-        channels.append(
-            Channel(
-                name, kind, target, unit, width, first,
-                spread=float(np.sqrt(np.nanvar(readings, axis=0).sum())) or MIN_SPREAD,
-                max_abs=float(np.nanmax(np.abs(readings))) or MIN_SPREAD,
-                quantum=_find_quantum(readings) if width == 1 else 0.0,
-                scatter=scatter, noise=scatter, ar1=np.zeros(width),
-            )
+        channel = Channel(
+            name, kind, target, unit, width, first,
+            spread=float(np.sqrt(np.nanvar(readings, axis=0).sum())) or MIN_SPREAD,
+            max_abs=float(np.nanmax(np.abs(readings))) or MIN_SPREAD,
+            quantum=_find_quantum(readings) if width == 1 else 0.0,
+            scatter=scatter, noise=scatter, ar1=np.zeros(width),
         )  # fmt: skip
+        noise = np.maximum(scatter, channel.rounding_noise)
+        channels.append(replace(channel, noise=noise))
         first += width
     return tuple(channels)
 

@@ -40,7 +40,8 @@ class Channel:
         quantum: to whose multiples its readings are rounded [unit]; 0: to none.
         scatter: (c) standard deviation of readings about local parabolas [unit].
         noise: (c) standard deviation of a reading's noise [unit]. It is larger than
-            the scatter where the noise is slow: a parabola takes that for motion.
+            the scatter where the noise is slow: a parabola takes that for motion. So
+            it is where a joint hardly moves and its readings are rounded.
         ar1: (c) correlation of the noise with that of the sample before [1]; 0: it
             is white.
     """
@@ -67,6 +68,11 @@ class Channel:
     def free_columns(self) -> int:
         """How many columns are free: a quaternion or direction has a unit norm."""
         return self.width - (self.width > 1 and self.unit in ("1", "quaternion"))
+
+    @property
+    def rounding_noise(self) -> float:
+        """Standard deviation of the error of rounding, which is uniform [unit]."""
+        return self.quantum / np.sqrt(12)
 
     @property
     def is_scored(self) -> bool:

@@ -11,6 +11,11 @@ from .base import Term
 from .places import add_keys
 
 
+# initial values of a term whose places share its values, at most; chosen: joints of one
+# robot differ by a factor of a thousand at most, and a fit moves by ten
+MAX_SHARED_STARTS = 6
+
+
 def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
     """Whether no kept term has the term's effect at one of its targets."""
     return not any(
@@ -69,6 +74,68 @@ def start_beside(term: Term, terms: Sequence[Term], values: Floats) -> Term:
         if set(other.effect.overrides) & set(term.effect.overrides):
             return term.effect.start_from(term, float(values[first]))
     return term
+
+
+def share_values(terms: Sequence[Term]) -> list[Term]:
+    """One term in place of those of one effect whose values have the same units.
+
+    Its places share its values, as the joints of a robot with equal drives do. Its
+    bounds hold all of theirs.
+
+    Args:
+        terms: each at its own places.
+    """
+    groups: dict[tuple, list[Term]] = {}
+    for t in terms:
+        units = tuple(p.unit for p in t.parameters)
+        groups.setdefault((t.effect.name, *t.finding_fields, units), []).append(t)
+    return [_share_values_of_one_effect(group) for group in groups.values()]
+
+
+def _share_values_of_one_effect(terms: Sequence[Term]) -> Term:
+    """The term that takes the place of all; its initial values are spread over theirs."""
+    starts = sorted({start for t in terms for start in t.initial_values})
+    count = min(len(starts), MAX_SHARED_STARTS)
+    chosen = np.linspace(0, len(starts) - 1, count).round().astype(int)
+    parameters = tuple(
+        replace(
+            alike[0],
+            low=min(p.low for p in alike),
+            high=max(p.high for p in alike),
+            scale=float(np.median([p.scale for p in alike])),
+        )
+        for alike in zip(*(t.parameters for t in terms), strict=True)
+    )
+    return replace(
+        terms[0],
+        targets=tuple(target for t in terms for target in t.targets),
+        places=tuple(place for t in terms for place in t.places),
+        parameters=parameters,
+        initial_values=tuple(starts[i] for i in chosen),
+    )
+
+
+def spread_values(
+    shared: Sequence[Term], values: Floats, terms: Sequence[Term]
+) -> list[Floats]:
+    """Values (p) of each term as its shared term has them, within its own bounds.
+
+    Args:
+        shared: terms that hold the targets of all others.
+        values: (P) of the shared terms [units of the parameters].
+        terms: of the same effects.
+    """
+    ends = np.cumsum([len(t.parameters) for t in shared])[:-1]
+    split = np.split(values, ends)
+    of = {
+        (t.effect.name, *t.finding_fields, target): x
+        for t, x in zip(shared, split, strict=True)
+        for target in t.targets
+    }
+    return [
+        np.clip(of[t.effect.name, *t.finding_fields, t.targets[0]], t.low, t.high)
+        for t in terms
+    ]
 
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:

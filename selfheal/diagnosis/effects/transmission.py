@@ -39,8 +39,10 @@ class Armature(TransmissionEffect):
 
     def make_parameters(self, robot, joint):
         now = float(robot.model.dof_armature[joint.dof])
-        # behind a gear of 200 a rotor weighs hundreds of times as much as a light link
-        high, scale = now * 10 + 1000 * joint.inertia, 0.3 * joint.inertia
+        # behind a gear of 200 a rotor weighs hundreds of times as much as a light link;
+        # a wrist may have the drive of a shoulder
+        alike = [j.inertia for j in robot.joints if j.unit == joint.unit]
+        high, scale = now * 10 + 300 * max(alike), 0.3 * joint.inertia
         return (
             self.make_parameter(
                 "armature", joint, nominal=now, low=0.0, high=high, scale=scale

@@ -34,7 +34,8 @@ def update_noise_model(problem: Problem, residuals: Floats) -> Simulator:
     scatter = np.concatenate([c.scatter for c in simulator.channels])
     rms = residual_rms(problem, residuals) / np.sqrt(_noise_share_left(problem))
     white = np.where(rms < FIT.min_scatter_ratio * scatter, rms, scatter)
-    noise = np.fmax(white, np.sqrt(variance))
+    rounding = repeat_by_column(simulator.channels, "rounding_noise")
+    noise = np.maximum(np.fmax(white, np.sqrt(variance)), rounding)
     channels = tuple(
         replace(c, ar1=ar1[c.columns], noise=noise[c.columns])
         for c in simulator.channels
@@ -138,17 +139,9 @@ def expected_noise_by_segment(problem: Problem) -> Floats:
 
 
 def _normalized_noise(problem: Problem) -> Floats:
-    """(C) noise of each column [standard deviations of its residuals].
-
-    At least that of rounding, whose error is uniform: quantum / sqrt(12).
-    """
-    noise = np.concatenate(
-        [
-            np.maximum(np.nan_to_num(c.noise), c.quantum / np.sqrt(12))
-            for c in problem.simulator.channels
-        ]
-    )
-    return noise / problem.sigma
+    """(C) noise of each column [standard deviations of its residuals]."""
+    noise = np.concatenate([c.noise for c in problem.simulator.channels])
+    return np.nan_to_num(noise) / problem.sigma
 
 
 def noise_ratio(problem: Problem, residuals: Floats) -> float:

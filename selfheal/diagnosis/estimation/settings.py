@@ -99,6 +99,20 @@ class FitSettings:
     """[scales] over which a Jacobian of standard errors is differenced. Chosen:
     readings hardly bend over it."""
 
+    max_difference: float = 0.1
+    """Change of the residuals by a difference over the residuals, above which it is
+    repeated over a smaller step. Chosen: a step of the fit changes them by as much as
+    they are, and its slope should be right to a tenth."""
+
+    min_difference_step_share: float = 0.02
+    """Least share of a step that it is made smaller to. Chosen: a smaller one is near
+    the solver's own tolerance."""
+
+    min_difference_share: float = 0.05
+    """Share of a value that counts as its scale in differences, if larger. Chosen: a
+    value a thousand scales large would drown in rounding, and one of 20 or less is
+    differenced by its scale."""
+
     undamped_min_gain: float = 0.05
     """Fall of the cost that the quadratic model must predict for another undamped step.
     Chosen: values then move by a fifth of a standard error."""

@@ -4,14 +4,19 @@ A real drive lacks several effects at every joint at once. They are fitted toget
 removed backward, in segments as long as the robot can be predicted.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import is_distinct, start_beside
+from ..effects.terms import (
+    is_distinct,
+    share_values,
+    spread_values,
+    start_beside,
+)
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     is_horizon_informative,
@@ -48,14 +53,11 @@ def search_backward(
     Returns:
         The state at the end; None where no effect is usual.
     """
-    plain = fit_usual_effects(state, progress)
-    if plain is None:
+    usual = [t for t in state.candidates if t.effect.is_usual(t)]
+    if not usual:
         return None
-    problem, fit = state.problem, plain
-    # by the errors of the model as given one joint would outweigh all others
-    for _ in range(SELECTION.reweightings_of_all):
-        problem, scored = reweight_and_fit(problem, fit, 6, tries_multiples=False)
-        fit = scored.fit
+    problem, fit = _fit_at_once(state, usual, progress)
+    problem, fit = _reweight_repeatedly(problem, fit)
     problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=fit)
     fit = _exchange_forms(problem, fit, state.candidates)
@@ -73,55 +75,84 @@ def search_backward(
 
 
 def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
-    """Fit all usual effects at once, from the values as given; None: there are none.
-
-    A fit without them may have driven the nominal values far from where they are; one
-    that explains all has not.
+    """Fit all usual effects at once; None: there are none.
 
     Args:
         state: in which nothing has a name.
         progress: called with a message and a share (0 to 1).
     """
     usual = [t for t in state.candidates if t.effect.is_usual(t)]
-    if not usual:
-        return None
-    progress(f"fitting {len(usual)} usual effects at once", 0.0)
-    if state.is_explained:
-        absent = [p.nominal for t in usual for p in t.parameters]
-        start = np.concatenate([state.best.fit.values, absent])
-    else:
-        start = _search_start(state, usual)
-    terms = (*state.best.fit.terms, *usual)
-    return fit_parameters(state.problem, terms, start, iterations=5)
+    return _fit_at_once(state, usual, progress)[1] if usual else None
 
 
-def _search_start(state: SearchState, usual: Sequence[Term]) -> Floats:
-    """Values (P) to begin at: those as given, and the best initial ones of effects.
+def _fit_at_once(
+    state: SearchState, usual: Sequence[Term], progress: Progress
+) -> tuple[Problem, Fit]:
+    """The problem, weighted by what equal drives leave, and a fit of all effects.
 
-    All joints begin alike, one effect after the other: light or heavy rotors, little or
-    much friction.
+    A fit without them may have driven the nominal values far from where they are; one
+    that explains all has not.
 
     Args:
         state: in which nothing has a name.
-        usual: terms, each with initial values.
+        usual: terms, one or more.
+        progress: called with a message and a share (0 to 1).
     """
-    terms = (*state.best.fit.terms, *usual)
-    chosen = {t.effect.name: 0 for t in usual}
+    progress(f"fitting {len(usual)} usual effects at once", 0.0)
+    if state.is_explained:
+        problem, nominal = state.problem, state.best.fit.values
+        values = np.array([p.nominal for t in usual for p in t.parameters])
+    else:
+        problem, values = _fit_equal_drives(state.problem, usual)
+        nominal = np.ones(state.nominal_count)
+    terms, start = (*state.best.fit.terms, *usual), np.concatenate([nominal, values])
+    return problem, fit_parameters(problem, terms, start, iterations=5)
 
-    def stack(choice: Mapping[str, int]) -> Floats:
-        """Values (P) with numbers of initial values by effect."""
-        each = (t.initial_values for t in usual)
-        names = (t.effect.name for t in usual)
-        picked = [x[choice[n] % len(x)] for n, x in zip(names, each, strict=True)]
-        return np.concatenate([np.ones(state.nominal_count), *picked])
 
-    for name in chosen:
-        most = max(len(t.initial_values) for t in usual if t.effect.name == name)
-        choices = [{**chosen, name: i} for i in range(most)]
-        points = np.array([stack(c) for c in choices])
-        residuals = state.problem.compute_residuals(terms, points)
-        chosen = choices[int(np.argmin((residuals**2).sum(axis=1)))]
-    return stack(chosen)
+def _fit_equal_drives(
+    problem: Problem, usual: Sequence[Term]
+) -> tuple[Problem, Floats]:
+    """The problem weighted anew, and values (P) of effects that all joints share.
+
+    They are a few numbers, which are found from far away.
+
+    Args:
+        problem: to be fitted.
+        usual: terms at single places, each with initial values.
+    """
+    shared = share_values(usual)
+    fit = fit_parameters(problem, shared, _search_initial_values(problem, shared))
+    problem, fit = _reweight_repeatedly(problem, fit)
+    return problem, np.concatenate(spread_values(shared, fit.values, usual))
+
+
+def _reweight_repeatedly(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+    """The problem weighted by residuals that get smaller, and the fit there.
+
+    By the errors of the model as given one joint would outweigh all others.
+    """
+    for _ in range(SELECTION.reweightings_of_all):
+        problem, scored = reweight_and_fit(problem, fit, 6, tries_multiples=False)
+        fit = scored.fit
+    return problem, fit
+
+
+def _search_initial_values(problem: Problem, terms: Sequence[Term]) -> Floats:
+    """The best initial values (P) of terms, or nominal ones, one term after the other.
+
+    Args:
+        problem: whose residuals are compared.
+        terms: each with initial values.
+    """
+    chosen = [tuple(p.nominal for p in t.parameters) for t in terms]
+    for _ in range(SELECTION.sweeps_of_initial_values):
+        for i, term in enumerate(terms):
+            tried = dict.fromkeys([chosen[i], *term.initial_values])
+            choices = [[*chosen[:i], x, *chosen[i + 1 :]] for x in tried]
+            points = np.array([np.concatenate(c) for c in choices])
+            residuals = problem.compute_residuals(terms, points)
+            chosen = choices[int(np.argmin((residuals**2).sum(axis=1)))]
+    return np.concatenate(chosen)
 
 
 def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
