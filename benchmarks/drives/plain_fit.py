@@ -46,6 +46,8 @@ def apply_fit(model: Any, fit: DriveFit, dofs: np.ndarray) -> Any:
     changed.dof_frictionloss[dofs] = fit.coulomb
     changed.dof_damping[dofs] = fit.viscous
     changed.dof_armature[dofs] = fit.armature
+    # how firmly dry friction holds follows from the inertia with the rotors
+    mujoco.mj_setConst(changed, mujoco.MjData(changed))
     return changed
 
 

@@ -54,6 +54,8 @@ class Plant:
         self._drive = Drive(*np.array(columns).T)
         model.dof_damping[self._at] = self._drive.viscous
         model.dof_armature[self._at] = self._drive.armature
+        # how firmly dry friction holds follows from the inertia with the rotors
+        mujoco.mj_setConst(model, mujoco.MjData(model))
         self._kp = np.array([link.kp for link in robot.links])
         self._kv = np.array([link.kv for link in robot.links])
         limits = np.array([link.limit for link in truth.links])

@@ -10,7 +10,6 @@ from ...recording.data import Floats
 from .base import Term
 from .places import add_keys
 
-
 # initial values of a term whose places share its values, at most; chosen: joints of one
 # robot differ by a factor of a thousand at most, and a fit moves by ten
 MAX_SHARED_STARTS = 6
@@ -87,13 +86,14 @@ def share_values(terms: Sequence[Term]) -> list[Term]:
     """
     groups: dict[tuple, list[Term]] = {}
     for t in terms:
+        fields = tuple(t.finding_fields.items())
         units = tuple(p.unit for p in t.parameters)
-        groups.setdefault((t.effect.name, *t.finding_fields, units), []).append(t)
+        groups.setdefault((t.effect.name, fields, units), []).append(t)
     return [_share_values_of_one_effect(group) for group in groups.values()]
 
 
 def _share_values_of_one_effect(terms: Sequence[Term]) -> Term:
-    """The term that takes the place of all; its initial values are spread over theirs."""
+    """The term in place of all; its initial values are spread over theirs."""
     starts = sorted({start for t in terms for start in t.initial_values})
     count = min(len(starts), MAX_SHARED_STARTS)
     chosen = np.linspace(0, len(starts) - 1, count).round().astype(int)
@@ -116,26 +116,25 @@ def _share_values_of_one_effect(terms: Sequence[Term]) -> Term:
 
 
 def spread_values(
-    shared: Sequence[Term], values: Floats, terms: Sequence[Term]
-) -> list[Floats]:
-    """Values (p) of each term as its shared term has them, within its own bounds.
+    shared: Sequence[Term], values: Floats, among: Sequence[Term]
+) -> dict[Term, Floats]:
+    """Terms of single places that shared ones stand for, and their values (p).
 
     Args:
-        shared: terms that hold the targets of all others.
+        shared: whose places share values.
         values: (P) of the shared terms [units of the parameters].
-        terms: of the same effects.
+        among: terms to choose from; each gets values within its own bounds.
     """
     ends = np.cumsum([len(t.parameters) for t in shared])[:-1]
-    split = np.split(values, ends)
-    of = {
-        (t.effect.name, *t.finding_fields, target): x
-        for t, x in zip(shared, split, strict=True)
-        for target in t.targets
+    return {
+        own: np.clip(x, own.low, own.high)
+        for t, x in zip(shared, np.split(values, ends), strict=True)
+        for own in among
+        if own.effect is t.effect
+        and own.finding_fields == t.finding_fields
+        and len(own.targets) == 1
+        and own.targets[0] in t.targets
     }
-    return [
-        np.clip(of[t.effect.name, *t.finding_fields, t.targets[0]], t.low, t.high)
-        for t in terms
-    ]
 
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:

@@ -1,7 +1,8 @@
 """What whole drives lack: takes the state of a search, gives it with usual effects.
 
-A real drive lacks several effects at every joint at once. They are fitted together and
-removed backward, in segments as long as the robot can be predicted.
+A real drive lacks several effects at every joint at once. They are fitted together,
+first as if all drives were equal, then those of each joint, and removed backward, in
+segments as long as the robot can be predicted.
 """
 
 from collections.abc import Sequence
@@ -11,21 +12,14 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import (
-    is_distinct,
-    share_values,
-    spread_values,
-    start_beside,
-)
+from ..effects.terms import share_values, spread_values, start_beside
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
 from ..estimation.problem import Problem
-from ..simulation.model_variants import split_values
-from .backward import eliminate_backward, find_negligible
-from .cross_validation import ScoredFit
+from .backward import eliminate_backward
 from .screening import Progress
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
@@ -53,18 +47,16 @@ def search_backward(
     Returns:
         The state at the end; None where no effect is usual.
     """
-    usual = [t for t in state.candidates if t.effect.is_usual(t)]
+    usual = _list_usual(state)
     if not usual:
         return None
-    problem, fit = _fit_at_once(state, usual, progress)
+    progress(f"fitting {len(usual)} usual effects at once", 0.0)
+    problem, equal = _fit_equal_drives(state.problem, usual)
+    richer = _enrich_equal_drives(problem, equal, state.candidates)
+    fit = _free_each_joint(problem, state, richer)
     problem, fit = _reweight_repeatedly(problem, fit)
     problem, fit = fit_longer(problem, fit, longer)
-    state = replace(state, plain=fit)
-    fit = _exchange_forms(problem, fit, state.candidates)
-    reached = state.with_fit(problem, ScoredFit.from_fit(problem, fit))
-    # slow noise, as estimated, may be what the usual effects leave
-    if not (reached.is_white or reached.is_explained_by_timestep):
-        fit = _extend_drive_models(problem, fit, state.candidates)
+    state = replace(state, plain=_fit_plain(problem, fit, equal, usual))
     tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(problem, fit, state.nominal_count)
     # each multiple of each value is a simulation, and here values are many
@@ -77,44 +69,36 @@ def search_backward(
 def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
     """Fit all usual effects at once; None: there are none.
 
-    Args:
-        state: in which nothing has a name.
-        progress: called with a message and a share (0 to 1).
-    """
-    usual = [t for t in state.candidates if t.effect.is_usual(t)]
-    return _fit_at_once(state, usual, progress)[1] if usual else None
-
-
-def _fit_at_once(
-    state: SearchState, usual: Sequence[Term], progress: Progress
-) -> tuple[Problem, Fit]:
-    """The problem, weighted by what equal drives leave, and a fit of all effects.
-
     A fit without them may have driven the nominal values far from where they are; one
     that explains all has not.
 
     Args:
         state: in which nothing has a name.
-        usual: terms, one or more.
         progress: called with a message and a share (0 to 1).
     """
+    usual = _list_usual(state)
+    if not usual:
+        return None
     progress(f"fitting {len(usual)} usual effects at once", 0.0)
-    if state.is_explained:
-        problem, nominal = state.problem, state.best.fit.values
-        values = np.array([p.nominal for t in usual for p in t.parameters])
-    else:
-        problem, values = _fit_equal_drives(state.problem, usual)
-        nominal = np.ones(state.nominal_count)
-    terms, start = (*state.best.fit.terms, *usual), np.concatenate([nominal, values])
-    return problem, fit_parameters(problem, terms, start, iterations=5)
+    if not state.is_explained:
+        problem, equal = _fit_equal_drives(state.problem, usual)
+        return _free_each_joint(problem, state, equal)
+    absent = [p.nominal for t in usual for p in t.parameters]
+    start = np.concatenate([state.best.fit.values, absent])
+    terms = (*state.best.fit.terms, *usual)
+    return fit_parameters(state.problem, terms, start, iterations=5)
 
 
-def _fit_equal_drives(
-    problem: Problem, usual: Sequence[Term]
-) -> tuple[Problem, Floats]:
-    """The problem weighted anew, and values (P) of effects that all joints share.
+def _list_usual(state: SearchState) -> list[Term]:
+    """The candidates that most robots have."""
+    return [t for t in state.candidates if t.effect.is_usual(t)]
 
-    They are a few numbers, which are found from far away.
+
+def _fit_equal_drives(problem: Problem, usual: Sequence[Term]) -> tuple[Problem, Fit]:
+    """The problem weighted anew, and a fit of effects whose values all joints share.
+
+    They are a few numbers, which are found from far away. What the model states is as
+    given.
 
     Args:
         problem: to be fitted.
@@ -122,8 +106,32 @@ def _fit_equal_drives(
     """
     shared = share_values(usual)
     fit = fit_parameters(problem, shared, _search_initial_values(problem, shared))
-    problem, fit = _reweight_repeatedly(problem, fit)
-    return problem, np.concatenate(spread_values(shared, fit.values, usual))
+    return _reweight_repeatedly(problem, fit)
+
+
+def _search_initial_values(problem: Problem, terms: Sequence[Term]) -> Floats:
+    """The best initial values (P) of terms, or nominal ones, one term after the other.
+
+    Args:
+        problem: whose residuals are compared.
+        terms: each with initial values.
+    """
+    chosen = [np.array([p.nominal for p in t.parameters]) for t in terms]
+    for _ in range(SELECTION.sweeps_of_initial_values):
+        for i, term in enumerate(terms):
+            choices = [
+                [*chosen[:i], np.array(x), *chosen[i + 1 :]]
+                for x in dict.fromkeys([tuple(chosen[i]), *term.initial_values])
+            ]
+            points = np.array([np.concatenate(c) for c in choices])
+            chosen = choices[_find_best(problem, terms, points)]
+    return np.concatenate(chosen)
+
+
+def _find_best(problem: Problem, terms: Sequence[Term], points: Floats) -> int:
+    """Which of the points (n, P) leaves the least."""
+    residuals = problem.compute_residuals(terms, points)
+    return int(np.argmin((residuals**2).sum(axis=1)))
 
 
 def _reweight_repeatedly(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
@@ -137,83 +145,86 @@ def _reweight_repeatedly(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     return problem, fit
 
 
-def _search_initial_values(problem: Problem, terms: Sequence[Term]) -> Floats:
-    """The best initial values (P) of terms, or nominal ones, one term after the other.
+def _enrich_equal_drives(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+    """The fit with richer models of equal drives, one after the other, if they explain.
 
-    Args:
-        problem: whose residuals are compared.
-        terms: each with initial values.
-    """
-    chosen = [tuple(p.nominal for p in t.parameters) for t in terms]
-    for _ in range(SELECTION.sweeps_of_initial_values):
-        for i, term in enumerate(terms):
-            tried = dict.fromkeys([chosen[i], *term.initial_values])
-            choices = [[*chosen[:i], x, *chosen[i + 1 :]] for x in tried]
-            points = np.array([np.concatenate(c) for c in choices])
-            residuals = problem.compute_residuals(terms, points)
-            chosen = choices[int(np.argmin((residuals**2).sum(axis=1)))]
-    return np.concatenate(chosen)
-
-
-def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
-    """The fit with a lag of all drives in place of their delays, if that leaves less.
-
-    What one drive does not tell, all of them together may.
+    Friction with a Stribeck curve and of both sides of the gear, and a lag, as in
+    nested models of drives (Rhoban's BAM, M1 to M6).
 
     Args:
         problem: that was fitted.
-        fit: with the usual effects.
+        fit: of equal drives with the usual effects.
         candidates: terms that may earn a name.
     """
-    negligible = find_negligible(fit)
-    values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
-    for form in dict.fromkeys(t.effect for t in candidates if t.effect.resembles):
-        old = [t for t in fit.terms if t.effect.name == form.resembles]
-        places = {t.targets: t for t in candidates if t.effect is form}
-        if all(t in negligible for t in old) or not all(
-            t.targets in places for t in old
-        ):
-            continue
-        new = [places[t.targets] for t in old]
-        kept, start = fit.without_terms(*old)
-        start = np.concatenate([start, *(values[t] for t in old)])
-        other = fit_parameters(problem, (*kept, *new), start, iterations=5)
-        if other.cost + other.prior_penalty < fit.cost + fit.prior_penalty:
-            fit = other
+    in_models = [t for t in candidates if t.effect.is_in_drive_model(t)]
+    forms = share_values([t for t in in_models if len(t.targets) == 1])
+    while forms:
+        tried = [_fit_form(problem, fit, form) for form in forms]
+        best = int(np.argmin([f.cost for f in tried]))
+        if tried[best].cost > SELECTION.exchange_error_ratio * fit.cost:
+            break
+        fit = tried[best]
+        del forms[best]
     return fit
 
 
-def _extend_drive_models(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
-    """The fit with richer models of all drives at once, if these explain more.
-
-    Friction with a Stribeck curve and of both sides of the gear, and a lag, as in
-    nested models of drives (Rhoban's BAM, M1 to M6). One at a time none of them may
-    explain anything: each is seen beside the others only.
+def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
+    """The fit with one more form of drives, in place of what this overrides.
 
     Args:
         problem: that was fitted.
-        fit: with the usual effects.
-        candidates: terms that may earn a name.
+        fit: of equal drives.
+        form: term at all of their joints.
     """
-    found = [t for t in candidates if t.effect.is_in_drive_model(t)]
-    if not found:
+    form = start_beside(form, fit.terms, fit.values)
+    overridden = set(form.effect.overrides)
+    kept, values = fit.without_terms(*(
+        t
+        for t in fit.terms
+        if overridden & set(t.effect.overrides) and set(t.targets) <= set(form.targets)
+    ))  # fmt: skip
+    terms = (*kept, form)
+    starts = np.array([[*values, *x] for x in form.initial_values])
+    best = _find_best(problem, terms, starts)
+    return fit_parameters(problem, terms, starts[best], iterations=4)
+
+
+def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
+    """The fit of what the model states and of each joint's own values.
+
+    Args:
+        problem: weighted as the fit of equal drives.
+        state: in which nothing has a name.
+        equal: fit of equal drives, where they begin.
+    """
+    own = spread_values(equal.terms, equal.values, state.candidates)
+    terms = (*state.best.fit.terms, *own)
+    start = np.concatenate([np.ones(state.nominal_count), *own.values()])
+    return fit_parameters(problem, terms, start, iterations=5)
+
+
+def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) -> Fit:
+    """The fit of all usual effects, and of no other.
+
+    Args:
+        problem: that was fitted.
+        fit: with other effects beside them, or in place of some.
+        equal: fit of equal drives with the usual effects.
+        usual: terms of each joint.
+    """
+    beside = [t for t in fit.terms if t.effect.name != "stated" and t not in usual]
+    if not beside:
         return fit
-    more = [
-        start_beside(t, fit.terms, fit.values) for t in found if len(t.targets) == 1
-    ]
-    other_forms = [t for t in fit.terms if not is_distinct(t, more)]
-    terms, values = fit.without_terms(*other_forms)
-    terms = (*terms, *more)
-    starts = [
-        np.concatenate([
-            values, *(t.initial_values[i % len(t.initial_values)] for t in more)
-        ])
-        for i in range(max(len(t.initial_values) for t in more))
-    ]  # fmt: skip
-    residuals = problem.compute_residuals(terms, np.array(starts))
-    best = starts[int(np.argmin((residuals**2).sum(axis=1)))]
-    new = fit_parameters(problem, terms, best, iterations=6)
-    return new if new.cost < SELECTION.exchange_error_ratio * fit.cost else fit
+    terms, values = fit.without_terms(*beside)
+    missing = [t for t in usual if t not in terms]
+    begun = spread_values(equal.terms, equal.values, missing)
+    return fit_parameters(
+        problem,
+        (*terms, *begun),
+        np.concatenate([values, *begun.values()]),
+        iterations=4,
+        jacobian=None if missing else fit.jacobian_without(*beside),
+    )
 
 
 def fit_longer(
