@@ -14,12 +14,8 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import find_overridden
 from ..simulation.checkpoint import Arrays
-from .least_squares import (
-    Fit,
-    Trial,
-    compute_jacobian,
-    search_dampings,
-)
+from .jacobian import compute_jacobian
+from .least_squares import Fit, Trial, search_dampings
 from .problem import Problem
 from .quadratic_model import (
     QuadraticModel,

@@ -108,9 +108,9 @@ class FitSettings:
     """Least share of a step that it is made smaller to. Chosen: a smaller one is near
     the solver's own tolerance."""
 
-    min_difference_share: float = 0.05
+    min_difference_share: float = 0.01
     """Share of a value that counts as its scale in differences, if larger. Chosen: a
-    value a thousand scales large would drown in rounding, and one of 20 or less is
+    value a thousand scales large would drown in rounding, and one of 100 or less is
     differenced by its scale."""
 
     undamped_min_gain: float = 0.05

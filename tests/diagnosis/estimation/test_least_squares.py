@@ -8,7 +8,8 @@ import pytest
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.covariance import standard_errors
-from selfheal.diagnosis.estimation.least_squares import compute_jacobian, fit_parameters
+from selfheal.diagnosis.estimation.jacobian import compute_jacobian
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.estimation.quadratic_model import (
     solve_bounded_step,
@@ -94,6 +95,20 @@ def test_the_jacobian_predicts_small_changes(arm):
     move = 1e-3 * rng.normal(size=len(x))
     change = problem.compute_residuals(terms, (x + move)[None])[0] - r
     assert np.linalg.norm(change - jac @ move) < 0.05 * np.linalg.norm(change)
+
+
+def test_differences_are_as_small_as_the_residuals_ask(arm):
+    """Over a whole step readings would bend."""
+    (rotor, _) = find_effect("armature").propose_terms(arm.robot)
+    truth = np.array([200 * rotor.scale[0]])
+    problem = make_problem(arm, (rotor,), truth, noise=1e-9)
+    x = 1.0001 * truth
+    r = problem.residuals_at((rotor,), x)
+    fine = compute_jacobian(problem, (rotor,), x, r, difference_step=1e-4)
+    found = compute_jacobian(problem, (rotor,), x, r)
+    wide = compute_jacobian(problem, (rotor,), x, r, difference_step=0.5)
+    error, most = (np.linalg.norm(j - fine) for j in (found, wide))
+    assert error < 0.1 * most and error < 0.01 * np.linalg.norm(fine)
 
 
 @pytest.mark.parametrize("name", ["arm", "pendulum"])

@@ -53,6 +53,17 @@ def test_errors_of_most_single_readings_are_their_noise(arm):
     assert robust_noise(problem, r.ravel()) == pytest.approx(noise, rel=0.3)
 
 
+def test_readings_that_are_rounded_have_the_noise_of_rounding(arm):
+    """Of a joint that hardly moves they scatter less."""
+    problem = make_problem(arm)
+    quantum = 100 * NOISE
+    channels = tuple(replace(c, quantum=quantum) for c in problem.simulator.channels)
+    rounded = replace(problem, simulator=problem.simulator.with_channels(channels))
+    residuals = np.zeros(problem.segments.readings.size)
+    for channel in update_noise_model(rounded, residuals).channels:
+        assert (channel.noise >= quantum / np.sqrt(12)).all()
+
+
 SIZE = 1e-3
 
 
@@ -72,7 +83,12 @@ def _left(b, residuals, memory: float) -> tuple[Problem, np.ndarray]:
     )
     scatter = SIZE * np.sqrt(ar1_error_factors(memory, m)[2])
     signals = tuple(
-        replace(c, scatter=np.full(c.width, scatter), noise=np.full(c.width, scatter))
+        replace(
+            c,
+            quantum=0.0,
+            scatter=np.full(c.width, scatter),
+            noise=np.full(c.width, scatter),
+        )
         for c in b.simulator.channels
     )
     left = residuals(segments.readings.shape)

@@ -6,7 +6,8 @@ import numpy as np
 
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.estimation.least_squares import compute_jacobian, fit_parameters
+from selfheal.diagnosis.estimation.jacobian import compute_jacobian
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.noise import expected_cost
 from selfheal.diagnosis.estimation.problem import assign_blocks
