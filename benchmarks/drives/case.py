@@ -19,6 +19,7 @@ from selfheal.files import atomic_path
 from selfheal.recording import Episode, Recording, Signal, write
 
 FARTHEST = 4.0  # swings; a robot that goes farther was unstable; chosen
+LEAST = 0.2  # swings from end to end; a joint that moves less is stuck; chosen
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def simulate_episode(draft: Draft, plant: Plant, rng: Rng) -> tuple[Rollout, str
         What it did, and the name of the motion.
 
     Raises:
-        UnfitDraw: the robot was unstable.
+        UnfitDraw: the robot was unstable, or a joint stuck.
     """
     robot, log, n = draft.robot, draft.log, len(draft.robot.links)
     motion = str(rng.choice(list(MOTIONS))) if robot.actuators else "release"
@@ -108,8 +109,10 @@ def simulate_episode(draft: Draft, plant: Plant, rng: Rng) -> tuple[Rollout, str
     k = len(before)
     run = Rollout(times, run.ctrl[k:], run.qpos[k:], run.qvel[k:], run.torque[k:],
                   run.whole[k:])  # fmt: skip
-    far = np.abs(run.qpos[:, _find_columns(robot)] - robot.home) / robot.swings
-    if not np.isfinite(run.qpos).all() or (follows and far.max() > FARTHEST):
+    moved = (run.qpos[:, _find_columns(robot)] - robot.home) / robot.swings
+    if not np.isfinite(run.qpos).all() or np.ptp(moved, axis=0).min() < LEAST:
+        raise UnfitDraw
+    if follows and np.abs(moved).max() > FARTHEST:
         raise UnfitDraw
     return run, motion
 
@@ -191,7 +194,7 @@ def _record(draft: Draft, rng: Rng, name: str) -> Case:
         name: of the case.
 
     Raises:
-        UnfitDraw: the robot was unstable.
+        UnfitDraw: the robot was unstable, or a joint stuck.
     """
     log, made = draft.log, dict[str, dict[str, Episode]](recording={}, test={})
     plant = Plant(draft.robot, draft.truth)

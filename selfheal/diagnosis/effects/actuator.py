@@ -87,6 +87,7 @@ class ActuatorLag(ActuatorEffect):
     phrase = "{at} follows its commands with a time constant of {timeconst} {lacks}"
     parameters = (ParameterSpec("timeconst", "s", nominal=0.0, nonnegative=True),)
     is_of_drives = True
+    resembles = "command_delay"
     is_shared = True
     holds_previous_command = True
 

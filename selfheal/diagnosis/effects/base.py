@@ -147,6 +147,8 @@ class Effect:
             M2 to M6 of BAM do), so that it is tried at all of them at once.
         rarity: a rank of how seldom a model lacks it, 0 to 2; chosen: people measure
             lengths (2) better than loads (1), and those better than friction (0).
+        resembles: name of the common effect that does nearly the same, with one
+            parameter of the same unit.
         restates_nominal: whether it says that a value or law of the model is wrong.
         overrides: names of nominal parameters at its target whose place it takes, so
             that they have no influence beside it.
@@ -179,6 +181,7 @@ class Effect:
     # how likely it is before any data
     is_common = False
     is_of_drives = False
+    resembles = ""
     rarity = 0
     restates_nominal = False
     overrides: tuple[str, ...] = ()

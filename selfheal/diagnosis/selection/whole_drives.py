@@ -19,7 +19,8 @@ from ..estimation.marginalization import (
     marginalize_initial_states,
 )
 from ..estimation.problem import Problem
-from .backward import eliminate_backward
+from ..simulation.model_variants import split_values
+from .backward import eliminate_backward, find_negligible
 from .screening import Progress
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
@@ -57,6 +58,7 @@ def search_backward(
     problem, fit = _reweight_repeatedly(problem, fit)
     problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=_fit_plain(problem, fit, equal, usual))
+    fit = _exchange_forms(problem, fit, state.candidates)
     tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(problem, fit, state.nominal_count)
     # each multiple of each value is a simulation, and here values are many
@@ -201,6 +203,36 @@ def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
     terms = (*state.best.fit.terms, *own)
     start = np.concatenate([np.ones(state.nominal_count), *own.values()])
     return fit_parameters(problem, terms, start, iterations=5)
+
+
+def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+    """The fit with a lag of all drives in place of their delays, if that leaves less.
+
+    What one drive does not tell, all of them together may.
+
+    Args:
+        problem: that was fitted.
+        fit: with the usual effects.
+        candidates: terms that may earn a name.
+    """
+    negligible = find_negligible(fit)
+    values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
+    for form in dict.fromkeys(t.effect for t in candidates if t.effect.resembles):
+        old = [t for t in fit.terms if t.effect.name == form.resembles]
+        places = {
+            t.targets: t for t in candidates if t.effect is form and t not in fit.terms
+        }
+        if all(t in negligible for t in old) or not all(
+            t.targets in places for t in old
+        ):
+            continue
+        new = [places[t.targets] for t in old]
+        kept, start = fit.without_terms(*old)
+        start = np.concatenate([start, *(values[t] for t in old)])
+        other = fit_parameters(problem, (*kept, *new), start, iterations=5)
+        if other.cost + other.prior_penalty < fit.cost + fit.prior_penalty:
+            fit = other
+    return fit
 
 
 def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) -> Fit:
