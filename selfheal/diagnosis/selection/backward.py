@@ -22,7 +22,7 @@ from ..estimation.settings import FIT
 from ..simulation.model_variants import split_values
 from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
-from .evidence import is_as_good
+from .evidence import improvement_p_value, is_as_good
 from .settings import SELECTION
 
 
@@ -183,6 +183,11 @@ def exchange_term(
             continue
         new = fit_from(quick.fit.values, iterations=6)
         if not new.candidate.effect.is_consistent(new.values):
+            continue
+        grows = len(new.fit.values) > len(old.fit.values)
+        if grows and (
+            improvement_p_value(problem, old, new, len(others)) >= SELECTION.max_p_value
+        ):
             continue
         if new.error < SELECTION.exchange_error_ratio * old.error:
             if is_rare_or_restating(term) or is_plausible(problem, old, new):

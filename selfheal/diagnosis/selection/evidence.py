@@ -74,6 +74,34 @@ def improvement_p_value(
     return float(min(1.0, tests * tried * chi2.sf(2 * max(nats, 0.0), degrees)))
 
 
+def most_blocks_p_value(
+    problem: Problem, old: ScoredFit, new: ScoredFit, tried: float
+) -> float:
+    """p-value that a fit predicts most blocks of segments better than another one.
+
+    A paired t test of the logarithms of the blocks' held-out errors, in which no block
+    counts more than another: where a robot is hard to predict, one can have most of the
+    error.
+
+    Args:
+        problem: that both were fitted to.
+        old: the fit with fewer parameters.
+        new: the fit with more of them.
+        tried: number of independent candidates of which `new` is one (Bonferroni).
+    """
+    from scipy.stats import ttest_1samp
+
+    block = assign_blocks(problem)
+    before, after = (
+        np.log(np.maximum(np.bincount(block, f.held_out_errors), FIT.tiny))
+        for f in (old, new)
+    )
+    if len(before) < 2 or np.ptp(before - after) == 0:
+        return 1.0
+    test = ttest_1samp(before - after, 0, alternative="greater")
+    return float(min(1.0, tried * test.pvalue))
+
+
 def _significant_nats(
     problem: Problem, old: ScoredFit, new: ScoredFit, used: np.ndarray
 ) -> float:

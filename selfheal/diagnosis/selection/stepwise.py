@@ -32,7 +32,12 @@ from .criteria import (
     fit_parameterless,
 )
 from .cross_validation import ScoredFit, fit_and_score, refit_without_folds
-from .evidence import Evidence, improvement_p_value, is_as_good
+from .evidence import (
+    Evidence,
+    improvement_p_value,
+    is_as_good,
+    most_blocks_p_value,
+)
 from .screening import Progress, screen_candidates, select_hard_segments
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
@@ -249,6 +254,10 @@ def keep_significant(
         base = LinearizedFit.from_fit(problem, best.fit)
         less = ScoredFit.from_fit(problem, fit_without(base, term))
         p_value = improvement_p_value(problem, less, best, len(tried))
+        if less.error > (1 + SELECTION.max_uncertain_removal) * best.error:
+            # few blocks can have most of the error, and speak for all
+            other = most_blocks_p_value(problem, less, best, len(tried))
+            p_value = 2 * min(p_value, other)
         if p_value >= SELECTION.max_p_value:
             state = state.with_fit(problem, less)
             continue

@@ -13,6 +13,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import share_values, spread_values, start_beside
+from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     is_horizon_informative,
@@ -180,15 +181,19 @@ def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
     """
     form = start_beside(form, fit.terms, fit.values)
     overridden = set(form.effect.overrides)
-    kept, values = fit.without_terms(*(
+    replaced = [
         t
         for t in fit.terms
         if overridden & set(t.effect.overrides) and set(t.targets) <= set(form.targets)
-    ))  # fmt: skip
+    ]
+    kept, values = fit.without_terms(*replaced)
     terms = (*kept, form)
     starts = np.array([[*values, *x] for x in form.initial_values])
-    best = _find_best(problem, terms, starts)
-    return fit_parameters(problem, terms, starts[best], iterations=4)
+    start = starts[_find_best(problem, terms, starts)]
+    residuals = problem.residuals_at(terms, start)
+    new = compute_jacobian(problem, terms, start, residuals, first=len(values))
+    known = np.hstack([fit.jacobian_without(*replaced), new])
+    return fit_parameters(problem, terms, start, iterations=4, jacobian=known)
 
 
 def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
