@@ -80,7 +80,7 @@ def most_blocks_p_value(
     """p-value that a fit predicts most blocks of segments better than another one.
 
     A paired t test of the logarithms of the blocks' held-out errors, in which no block
-    counts more than another: where a robot is hard to predict, one can have most of the
+    counts more than another. Where a robot is hard to predict, one can have most of the
     error.
 
     Args:
