@@ -8,7 +8,12 @@ import pytest
 from selfheal.diagnosis.estimation.covariance import effective_sample_size
 from selfheal.diagnosis.estimation.noise import expected_noise
 from selfheal.diagnosis.selection.cross_validation import ScoredFit, predict_held_out
-from selfheal.diagnosis.selection.evidence import bic, improvement_p_value, is_as_good
+from selfheal.diagnosis.selection.evidence import (
+    bic,
+    improvement_p_value,
+    is_as_good,
+    most_blocks_p_value,
+)
 from tests.support.problems import make_linear_problem, make_pose_problem, make_problem
 
 
@@ -67,6 +72,19 @@ def test_one_segment_does_not_cancel_a_gain(arm):
     worse = 1.5 * now.held_out_errors
     worse[0] = 0.0
     assert improvement_p_value(problem, now, ScoredFit(more.fit, worse), 1) == 1.0
+
+
+def test_most_blocks_speak_for_an_effect_though_one_has_all_the_error(arm):
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    sizes = np.exp(np.random.default_rng(1).normal(size=len(problem.segments)))
+    sizes[0] = 1e4 * sizes.sum()
+    now = ScoredFit(found, sizes)
+    more = replace(found, values=np.zeros(4))
+    better = ScoredFit(more, 0.3 * sizes * np.where(sizes < sizes.max(), 1, 3.4))
+    assert better.error > now.error
+    assert most_blocks_p_value(problem, now, better, 1) < 0.01
+    assert most_blocks_p_value(problem, better, now, 1) == pytest.approx(1, abs=0.01)
+    assert most_blocks_p_value(problem, now, now, 1) == 1.0
 
 
 @pytest.mark.parametrize("left", [1.0, 3.0])
