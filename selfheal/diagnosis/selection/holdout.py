@@ -169,10 +169,10 @@ def _find_weakest(
     """The name that helps least in held-out episodes, if it does not help enough.
 
     Where more than noise is left, it must not be a trifle beside all names together,
-    unless it helps one scored column. A name that brings nominal values back to the
-    prior need not help. Nor is a name refuted whose absence changes held-out
-    predictions far less than fitted ones, as a rotor's inertia where nothing moves
-    fast.
+    unless it removes a tenth of the error, or helps one scored column. A name that
+    brings nominal values back to the prior need not help. Nor is a name refuted whose
+    absence changes held-out predictions far less than fitted ones, as a rotor's inertia
+    where nothing moves fast.
 
     Args:
         hypothesis: with names.
@@ -188,7 +188,8 @@ def _find_weakest(
     least = SELECTION.min_held_out_gain * error
     if noise_ratio(held_out, predicted) > FIT.unexplained_ratio:
         before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
-        least = max(least, SELECTION.min_held_out_share * (before - error))
+        trifle = SELECTION.min_held_out_share * (before - error)
+        least = max(least, min(trifle, SELECTION.max_trifle * error))
     values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
     weakest, smallest = None, least
     base = LinearizedFit.from_fit(hypothesis.problem, fit)

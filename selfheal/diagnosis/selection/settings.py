@@ -260,6 +260,10 @@ class SelectionSettings:
     """Share of the error in held-out episodes that a name must remove. Chosen: half of
     what it must remove where it was fitted."""
 
+    max_trifle: float = 0.1
+    """Share of the held-out error that is no trifle, however much all names explain.
+    Chosen: as much as a drive's effect removes that is worth a name."""
+
     min_held_out_share: float = 0.003
     """Share of what all names together remove in held-out episodes that one of them
     must remove where more than noise is left. Chosen: less is a trifle beside them."""
