@@ -1,5 +1,6 @@
 """The last fit: takes a hypothesis, gives it with values fitted to more segments."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,10 +54,30 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
         )
         for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if has_onset else None])
     )
-    problem = keep_informative(problems, fit.terms, fit.values)[-1]
-    return _refit(
-        marginalize_initial_states(problem, fit.terms, fit.values), hypothesis
-    )
+    informative = keep_informative(problems, fit.terms, fit.values)
+    return _refit(_find_longest_predicted(informative, hypothesis), hypothesis)
+
+
+def _find_longest_predicted(
+    problems: Sequence[Problem], hypothesis: Hypothesis
+) -> Problem:
+    """The longest segments that are predicted about as well as those of the search.
+
+    Over longer ones errors of the time step, or of what is still missing, can grow so
+    far that they decide the fit.
+
+    Args:
+        problems: in longer and longer segments.
+        hypothesis: with a fit to the segments of the search.
+    """
+    fit = hypothesis.final.fit
+    usual = max(1.0, noise_ratio(hypothesis.problem, fit.residuals))
+    for problem in reversed(problems):
+        longest = marginalize_initial_states(problem, fit.terms, fit.values)
+        residuals = longest.residuals_at(fit.terms, fit.values)
+        if noise_ratio(longest, residuals) < SELECTION.max_horizon_growth * usual:
+            break
+    return longest
 
 
 def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:

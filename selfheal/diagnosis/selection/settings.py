@@ -172,6 +172,11 @@ class SelectionSettings:
     """Fits of all usual effects with weights set anew. Chosen: errors fall by a hundred
     in the first, and hardly in a third."""
 
+    max_horizon_growth: float = 3.0
+    """Ratio of errors over noise in longer segments to that in those of the search,
+    above which the longer ones are not fitted. Chosen: errors that grow with time alone
+    do so by about the ratio of lengths, four, and then hide what the shorter tell."""
+
     max_uncertain_removal: float = 0.3
     """Growth of the cost without an effect, or with another one in its place, above
     which a closer fit would not change the answer. Chosen: fifteen times
