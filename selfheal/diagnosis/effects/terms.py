@@ -1,6 +1,6 @@
 """What several terms are to each other, and terms changed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -116,24 +116,22 @@ def _share_values_of_one_effect(terms: Sequence[Term]) -> Term:
 
 
 def spread_values(
-    shared: Sequence[Term], values: Floats, among: Sequence[Term]
+    shared: Mapping[Term, Floats], among: Sequence[Term]
 ) -> dict[Term, Floats]:
     """Terms of single places that shared ones stand for, and their values (p).
 
     Args:
-        shared: whose places share values.
-        values: (P) of the shared terms [units of the parameters].
+        shared: terms whose places share values, and the values (p) of each.
         among: terms to choose from; each gets values within its own bounds.
     """
-    ends = np.cumsum([len(t.parameters) for t in shared])[:-1]
     return {
-        own: np.clip(x, own.low, own.high)
-        for t, x in zip(shared, np.split(values, ends), strict=True)
+        own: np.clip(values, own.low, own.high)
+        for term, values in shared.items()
         for own in among
-        if own.effect is t.effect
-        and own.finding_fields == t.finding_fields
+        if own.effect is term.effect
+        and own.finding_fields == term.finding_fields
         and len(own.targets) == 1
-        and own.targets[0] in t.targets
+        and own.targets[0] in term.targets
     }
 
 

@@ -204,10 +204,15 @@ def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
         state: in which nothing has a name.
         equal: fit of equal drives, where they begin.
     """
-    own = spread_values(equal.terms, equal.values, state.candidates)
+    own = spread_values(_split_by_term(equal), state.candidates)
     terms = (*state.best.fit.terms, *own)
     start = np.concatenate([np.ones(state.nominal_count), *own.values()])
     return fit_parameters(problem, terms, start, iterations=5)
+
+
+def _split_by_term(fit: Fit) -> dict[Term, Floats]:
+    """Values (p) of each term of a fit."""
+    return dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
 
 
 def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
@@ -221,7 +226,7 @@ def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> F
         candidates: terms that may earn a name.
     """
     negligible = find_negligible(fit)
-    values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
+    values = _split_by_term(fit)
     for form in dict.fromkeys(t.effect for t in candidates if t.effect.resembles):
         old = [t for t in fit.terms if t.effect.name == form.resembles]
         places = {
@@ -254,7 +259,7 @@ def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) ->
         return fit
     terms, values = fit.without_terms(*beside)
     missing = [t for t in usual if t not in terms]
-    begun = spread_values(equal.terms, equal.values, missing)
+    begun = spread_values(_split_by_term(equal), missing)
     return fit_parameters(
         problem,
         (*terms, *begun),

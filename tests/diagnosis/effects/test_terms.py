@@ -21,7 +21,6 @@ def test_shared_values_reach_every_place_within_its_own_bounds(arm):
             (term.low <= start).all() and (start <= term.high).all()
             for start in map(np.array, term.initial_values)
         )
-    values = np.array([t.high[0] for t in shared])
-    spread = spread_values(shared, values, own[1:])
+    spread = spread_values({t: t.high for t in shared}, own[1:])
     assert set(spread) == set(own[1:])
     assert all((v == t.high).all() for t, v in spread.items())
