@@ -255,5 +255,5 @@ def _add_quantization(dataset: Dataset, tested: _Tested) -> _Tested:
         tested,
         hypothesis=hypothesis,
         verdict=raised.get(tested.verdict, tested.verdict),
-        scores=HeldOutScores.compute(dataset, hypothesis),
+        scores=tested.scores.with_quantization(dataset, hypothesis),
     )

@@ -5,6 +5,7 @@ answer linearly: they are always where the linearization has its minimum. That i
 variable projection (Golub and Pereyra 1973), with the Jacobian of the fit held fixed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -130,6 +131,45 @@ class LinearizedFit:
         gradient = self.gradient + self.curvature[:, held] @ change
         step[free] = self._solve(gradient, free)
         return step
+
+    def estimate_gain(self, residuals: Floats) -> float:
+        """By how much changes that make other residuals (n, R) can lower the cost.
+
+        To first order in their sizes, with all values of the fit at their best: a score
+        test (Rao 1948). With D the changes as unit vectors, H = J'J + Lambda and g the
+        gradient,
+
+            gain = s' (D'D - D'J H^-1 J'D)^+ s,   s = D'r - D'J H^-1 g.
+        """
+        changes = (residuals - self.fit.residuals).T
+        changes = changes / np.maximum(np.linalg.norm(changes, axis=0), FIT.tiny)
+        cross = self.fit.jacobian.T @ changes
+        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))[:, None]
+        scaled = self.curvature / size / size.T
+        solved = np.linalg.lstsq(scaled, cross / size, rcond=None)[0] / size
+        score = changes.T @ self.fit.residuals - solved.T @ self.gradient
+        rest = changes.T @ changes - cross.T @ solved
+        own = np.linalg.pinv(rest, rcond=FIT.min_column_share, hermitian=True)
+        return float(score @ own @ score)
+
+    def step_without(self, removed: Sequence[Term]) -> Floats:
+        """The step (P) of all values to the fit without some terms, to first order.
+
+        Theirs go to nominal ones, or to a bound where these are infinite.
+        """
+        columns, change = self._changes_to_nominal
+        held = np.concatenate([columns[t] for t in removed])
+        return self.move(held, change[held])
+
+    @cached_property
+    def _changes_to_nominal(self) -> tuple[dict[Term, np.ndarray], Floats]:
+        """Columns of each term, and by how much each value (P) is not nominal."""
+        terms, values = self.fit.terms, self.fit.values
+        ends = np.cumsum([0, *(len(t.parameters) for t in terms)])
+        columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(terms)}
+        low, high, _ = stack_bounds(terms)
+        nominal = np.concatenate([[p.nominal for p in t.parameters] for t in terms])
+        return columns, np.clip(nominal, low, high) - values
 
     def minimize(self, residuals: Floats) -> tuple[float, Floats]:
         """Minimize the penalized cost of other residuals over the values of the fit.

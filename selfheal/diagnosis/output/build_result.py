@@ -61,7 +61,7 @@ def build_diagnosis(
         refuted: effects that the held-out recordings took back, as text.
         begun: time.monotonic() at the beginning [s].
     """
-    patched, numbers = proof.patched, proof.numbers
+    patched, numbers = proof.refits["patched"], proof.numbers
     located, where = localize_findings(dataset, hypothesis)
     problem = hypothesis.problem
     errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
@@ -91,7 +91,7 @@ def build_diagnosis(
         edits,
         text,
         diff,
-        _make_traces(dataset, proof.segments, proof.nominal, patched),
+        _make_traces(dataset, proof.segments, proof.refits["refit"], patched),
         located,
         _fit_signals(dataset, proof.squares, proof.count),
         _list_candidates(hypothesis),

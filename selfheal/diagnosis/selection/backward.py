@@ -5,6 +5,7 @@ regression (Efroymson 1960).
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +18,6 @@ from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
-from ..estimation.quadratic_model import stack_bounds
 from ..estimation.settings import FIT
 from ..simulation.model_variants import split_values
 from .criteria import is_plausible, is_rare_or_restating
@@ -45,17 +45,10 @@ def compute_removal_costs(
         [1] of each of the terms.
     """
     fit, (squares, gradients, curvatures) = base.fit, base.by_column
-    ends = np.cumsum([0, *(len(t.parameters) for t in fit.terms)])
-    low, high, _ = stack_bounds(fit.terms)
-    absent = np.concatenate([[p.nominal for p in t.parameters] for t in fit.terms])
-    change = np.clip(absent, low, high) - fit.values
-    columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(fit.terms)}
-    without = [c for t in removed for c in columns[t]]
     counted = _find_counted_columns(base.problem, fit.residuals)
     costs = {}
     for term in terms:
-        held = np.array([*without, *columns[term]], int)
-        step = base.move(held, change[held])
+        step = base.step_without([*removed, term])
         after = squares + 2 * gradients @ step + curvatures @ step @ step
         penalty = base.prior @ (fit.values + step - 1) ** 2
         costs[term] = max(
@@ -167,6 +160,7 @@ def exchange_term(
         for t in others
         if is_distinct(t, kept)
     ]
+    others = _keep_promising(problem, old.fit, term, others)
     if not others:
         return old
     less = fit_without(LinearizedFit.from_fit(problem, old.fit), term)
@@ -197,6 +191,37 @@ def exchange_term(
     return old
 
 
+def _keep_promising(
+    problem: Problem, fit: Fit, term: Term, others: Sequence[Term]
+) -> list[Term]:
+    """Those of some terms that are simpler than a term, or may predict better.
+
+    In its place none can lower the cost by more than beside it. That is estimated by a
+    score test (Rao 1948), from the responses to its initial values and around them.
+
+    Args:
+        problem: that was fitted.
+        fit: with the term.
+        term: that may be exchanged.
+        others: terms that may take its place.
+    """
+    base = LinearizedFit.from_fit(problem, fit)
+    kept, values = fit.without_terms(term)
+    least = SELECTION.min_score_gain * (1 - SELECTION.exchange_error_ratio) * fit.cost
+    promising = []
+    for other in others:
+        if not is_simpler(other, term):
+            first = np.array(other.initial_values[0])
+            around = np.clip(first + np.diag(other.scale), other.low, other.high)
+            starts = np.vstack([other.initial_values, around])
+            points = np.hstack([np.tile(values, (len(starts), 1)), starts])
+            residuals = problem.compute_residuals((*kept, other), points)
+            if base.estimate_gain(residuals) < least:
+                continue
+        promising.append(other)
+    return promising
+
+
 def is_simpler(new: Term, old: Term) -> bool:
     """Whether a term is less rare, or as rare with fewer parameters."""
     if new.effect.rarity != old.effect.rarity:
@@ -214,15 +239,22 @@ def fit_without(base: LinearizedFit, term: Term) -> Fit:
         term: to leave out.
     """
     problem, fit = base.problem, base.fit
-    kept, start = fit.without_terms(term)
     jacobian = fit.jacobian_without(term)
+    predicted = compute_removal_costs(base, [term])[term] * fit.cost
+    if predicted > SELECTION.clear_removal_error_ratio * fit.cost:
+        moved = replace(fit, values=fit.values + base.step_without([term]))
+        kept, start = moved.without_terms(term)
+        residuals = problem.residuals_at(kept, start)
+        less = Fit(kept, start, residuals, jacobian)
+        if less.cost > SELECTION.clear_removal_error_ratio * fit.cost:
+            return less
+    kept, start = fit.without_terms(term)
     less = fit_parameters(
         problem, kept, start, iterations=3, jacobian=jacobian, only_updates=True
     )
     limit = (1 + SELECTION.removal_tolerance) * fit.cost
     if less.cost <= limit:
         return less
-    predicted = compute_removal_costs(base, [term])[term] * fit.cost
     if min(less.cost, predicted) < (1 + SELECTION.max_uncertain_removal) * fit.cost:
         less = fit_parameters(
             problem, kept, less.values, iterations=3, jacobian=less.jacobian

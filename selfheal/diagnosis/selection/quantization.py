@@ -7,6 +7,7 @@ import numpy as np
 
 from ..data.robot_summary import Channel, RobotSummary
 from ..effects.base import Effect, Term
+from ..estimation.least_squares import Fit
 from ..estimation.noise import residual_rms
 from .evidence import Evidence
 from .hypotheses import Hypothesis, NamedEffect
@@ -45,16 +46,25 @@ def name_quantization(
         nats = -np.log(2 * SELECTION.quantization_tolerance)
         evidence = Evidence(nats, float(np.exp(-nats * readings)), 1.0)
         named = NamedEffect(_bound_step(term, channel), evidence, ())
-        fit = final.fit
-        fit = replace(
-            fit,
-            terms=(*fit.terms, named.term),
-            values=np.append(fit.values, channel.quantum),
-            jacobian=np.column_stack([fit.jacobian, np.zeros(len(fit.residuals))]),
-        )
-        final = replace(final, fit=fit)
+        final = replace(final, fit=append_step(final.fit, named.term, channel.quantum))
         hypothesis = replace(hypothesis, final=final, named=(*hypothesis.named, named))
     return hypothesis
+
+
+def append_step(fit: Fit, term: Term, step: float) -> Fit:
+    """The fit with the step of a quantized signal, which it does not see.
+
+    Args:
+        fit: to readings before they were rounded.
+        term: of the signal.
+        step: [unit of the signal].
+    """
+    return replace(
+        fit,
+        terms=(*fit.terms, term),
+        values=np.append(fit.values, step),
+        jacobian=np.column_stack([fit.jacobian, np.zeros(len(fit.residuals))]),
+    )
 
 
 def _bound_step(term: Term, channel: Channel) -> Term:

@@ -86,7 +86,10 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     alone = fit_parameters(problem, nominal.terms, nominal.values, iterations=6)
     final = alone
     if hypothesis.named:
-        start = search_multiples(problem, old.terms, old.values)
+        start = old.values
+        residuals = problem.residuals_at(old.terms, start)
+        if noise_ratio(problem, residuals) > FIT.unexplained_ratio:
+            start = search_multiples(problem, old.terms, start)
         final = fit_parameters(problem, old.terms, start, iterations=6)
         if problem.regime.is_nonsmooth:  # the cost has many minima
             final = replace(final, values=search_along_valleys(problem, final))

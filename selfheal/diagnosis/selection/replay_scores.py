@@ -24,6 +24,7 @@ from ..simulation.dataset import (
     cut_readable_segments,
 )
 from .hypotheses import Hypothesis
+from .quantization import append_step
 from .refine import refit_native_timestep
 from .screening import draw_segments
 from .settings import SELECTION
@@ -56,8 +57,7 @@ class HeldOutScores:
     """Errors of a replay of the held-out episodes.
 
     Attributes:
-        nominal: the re-fitted nominal model, as MuJoCo steps it.
-        patched: the same with the named effects.
+        refits: of each model but the given one, by its name, as MuJoCo steps it.
         segments: that were replayed.
         count: (E, S) readings of each episode and signal.
         squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
@@ -66,8 +66,7 @@ class HeldOutScores:
             the robot can be predicted.
     """
 
-    nominal: Fit
-    patched: Fit
+    refits: dict[str, Fit]
     segments: Segments
     count: Floats
     squares: dict[str, Floats]
@@ -77,7 +76,6 @@ class HeldOutScores:
     @classmethod
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Replay the model as given, re-fitted, and with the named effects."""
-        simulator = dataset.held_out
         rng = np.random.default_rng(3)
         some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
         fits = {"refit": hypothesis.nominal.fit}
@@ -91,8 +89,27 @@ class HeldOutScores:
             )
             for name, fit in fits.items()
         }
-        nominal = refits["refit"]
-        patched = refits.setdefault("patched", nominal)
+        refits.setdefault("patched", refits["refit"])
+        return cls._replay(dataset, refits)
+
+    def with_quantization(
+        self, dataset: Dataset, hypothesis: Hypothesis
+    ) -> "HeldOutScores":
+        """The scores with the quantized signals that a hypothesis names last.
+
+        No fit sees how readings are rounded.
+        """
+        patched = self.refits["patched"]
+        found = hypothesis.final.fit
+        added = found.terms[len(patched.terms) :], found.values[len(patched.values) :]
+        for term, step in zip(*added, strict=True):
+            patched = append_step(patched, term, step)
+        return self._replay(dataset, {**self.refits, "patched": patched})
+
+    @classmethod
+    def _replay(cls, dataset: Dataset, refits: dict[str, Fit]) -> "HeldOutScores":
+        """The scores of models fitted to their own time step, and of the given one."""
+        simulator, patched = dataset.held_out, refits["patched"]
         segments = score.cut_replay_segments(simulator)
         count = score.count_readings(simulator, segments)
         models: Models = {
@@ -110,7 +127,7 @@ class HeldOutScores:
             _measure_floor(dataset, segments, patched)[0], numbers["patched"]
         )
         horizons = _score_horizons(dataset, models, patched)
-        return cls(nominal, patched, segments, count, squares, numbers, horizons)
+        return cls(refits, segments, count, squares, numbers, horizons)
 
 
 def _score_horizons(

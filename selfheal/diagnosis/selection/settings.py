@@ -182,6 +182,14 @@ class SelectionSettings:
     which a closer fit would not change the answer. Chosen: fifteen times
     `removal_tolerance`."""
 
+    clear_removal_error_ratio: float = 2.0
+    """Cost without an effect over that with it, to first order and simulated there,
+    above which no closer fit is made. Chosen: far above `max_uncertain_removal`."""
+
+    min_score_gain: float = 0.5
+    """Share of the gain that an exchange needs, which a score test has to promise.
+    Chosen: half, for the test is linear."""
+
     exchange_error_ratio: float = 0.97
     """Ratio of errors below which another hypothesis is better. Chosen: a gain of 3 %,
     more than `removal_tolerance`."""
