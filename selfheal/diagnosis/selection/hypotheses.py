@@ -156,6 +156,7 @@ def _search_both_ways(
 ) -> list[SearchState]:
     """Search backward from all usual effects at once, and forward from none.
 
+    One name that leaves noise alone ends the search: no other hypothesis is simpler.
     What the backward search leaves is searched forward, too, if nothing explains all.
 
     Args:
@@ -167,19 +168,23 @@ def _search_both_ways(
     Returns:
         The states at the end, the likelier first.
     """
+    forward = search_forward(start, rng, progress, 1)
+    if forward.named and forward.is_complete:
+        extended = lengthen_segments(forward, longer)
+        if extended.is_complete:
+            return [extended]
     backward = search_backward(start, longer, rng, progress)
     if backward is None or not backward.named:
         plain = backward.plain if backward else None
-        return [_search_to_end(replace(start, plain=plain), longer, rng, progress)]
+        return [_search_to_end(replace(forward, plain=plain), longer, rng, progress)]
     count = len(backward.named)
     if count > SELECTION.max_rivals:  # a few others would have to do as much
-        forward = search_forward(start, rng, progress, 1)
         if not backward.is_explained and predicts_better(forward, backward):
             forward = _search_to_end(forward, longer, rng, progress)
     elif backward.is_explained:  # only as many others, or fewer, can be likelier
-        forward = search_forward(start, rng, progress, count)
+        forward = search_forward(forward, rng, progress, count - 1)
     else:
-        forward = _search_to_end(start, longer, rng, progress)
+        forward = _search_to_end(forward, longer, rng, progress)
     backward = backward.with_history_of(forward)
     if not backward.is_explained and not forward.is_explained:
         # beside many names each round is dear, and little is left to gain
