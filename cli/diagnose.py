@@ -1,8 +1,11 @@
 """`selfheal diagnose`, `replay`, `effects`: a model and recordings in, findings out."""
 
 import os
+import signal
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,6 +63,9 @@ def diagnose(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where the same run was killed.")
     ] = False,
+    minutes: Annotated[
+        float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
+    ] = 30.0,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
@@ -76,9 +82,11 @@ def diagnose(
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
         try:
-            found = find(model, recordings, held_out=held_out or (),
-                         no_check=no_check or (), seed=seed, memory=memory,
-                         progress=_StageProgress(live))  # fmt: skip
+            with _catch_first_interrupt(live) as was_interrupted:
+                found = find(model, recordings, held_out=held_out or (),
+                             no_check=no_check or (), seed=seed, memory=memory,
+                             progress=_StageProgress(live), minutes=minutes,
+                             stop=was_interrupted)  # fmt: skip
         except KeyboardInterrupt:
             if memory.exists():
                 print_line("selfheal: --resume goes on where this was", is_error=True)
@@ -89,6 +97,26 @@ def diagnose(
         print_json({**found.document, **extra})
     else:
         _print_diagnosis(found, out)
+
+
+@contextmanager
+def _catch_first_interrupt(live: ProgressBar) -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts."""
+    pressed = threading.Event()
+    earlier = signal.getsignal(signal.SIGINT)
+
+    def note(number: int, frame: Any) -> None:
+        """Take the first one as the wish for an answer."""
+        pressed.set()
+        signal.signal(signal.SIGINT, earlier)
+        live.say("Ctrl-C: testing the best answer so far; once more ends it at once")
+
+    if earlier is signal.default_int_handler:  # a job in the background ignores it
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, earlier)
 
 
 class _StageProgress:

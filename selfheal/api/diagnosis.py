@@ -1,5 +1,6 @@
 """What Python users call: a model and recordings in, a Diagnosis out."""
 
+import math
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -26,6 +27,8 @@ def diagnose(
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
+    minutes: float = math.inf,
+    stop: Callable[[], bool] = lambda: False,
 ) -> "Diagnosis":
     """Where a model and recordings differ, and which physics the model lacks.
 
@@ -43,12 +46,17 @@ def diagnose(
         memory: folder in which what is worked out is kept. The same diagnosis asked
             again with it goes on where it was killed; remove it in the end.
         progress: told what is being done and how much of that is done (0 to 1).
+        minutes: [min] in which the search, the last fit and the tests have to be done,
+            about: the best answer so far is given then, and says what it left out.
+        stop: asked before each batch of simulations; once True, that answer is given as
+            soon as it is tested.
 
     Returns:
         The verdict, the findings and their proof; `save` and `simulate` use them.
 
     Raises:
-        InputError: a file is missing or given twice, or a name fits none or several.
+        InputError: a file is missing or given twice, a name fits none or several, or
+            the minutes are not positive.
         ModelError: MuJoCo cannot load the model.
         RecordingError: a recording breaks the contract, does not fit the model, or is
             too short or too quiet to decide anything.
@@ -58,6 +66,8 @@ def diagnose(
     from ..report.diagnose import make_diagnosis_page
 
     check_seed(seed)
+    if not minutes > 0:
+        raise InputError(f"minutes are {minutes:g}; would fit: more than 0")
     check_file(model)
     entries = [os.fspath(entry) for entry in _to_list(held_out)]
     files = [entry for entry in entries if _is_file(entry)]
@@ -68,7 +78,8 @@ def diagnose(
     names = [name for entry in entries for name in _resolve_held_out(entry, read)]
     say = progress or (lambda what, share: None)
     noted = _check_logs(model, read, no_check)
-    found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say)
+    found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
+                 minutes=minutes, stop=stop)  # fmt: skip
     found = replace(found, remarks=(*noted, *found.remarks))
     say("drawing the report", 0.0)
     return replace(

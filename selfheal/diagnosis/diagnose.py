@@ -1,5 +1,6 @@
 """A model and recordings in, a diagnosis out: read, fit, choose, test, answer."""
 
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -30,10 +31,16 @@ from .selection.holdout import (
     hand_over_plain,
     keep_competitive,
 )
-from .selection.hypotheses import Hypothesis, name_effects, start_search
+from .selection.hypotheses import (
+    Hypothesis,
+    finish_early,
+    name_effects,
+    start_search,
+)
 from .selection.quantization import name_quantization
 from .selection.refine import prefer_simpler_names, refine_hypothesis
 from .selection.replay_scores import HeldOutScores
+from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
 from .selection.verdict import (
     RemainingStructure,
@@ -45,6 +52,7 @@ from .selection.verdict import (
     makes_replay_worse,
     removes_too_little,
 )
+from .simulation.cache import OutOfTime
 from .simulation.checks import check_dataset
 from .simulation.dataset import (
     SHORT_SEGMENT,
@@ -53,6 +61,9 @@ from .simulation.dataset import (
 )
 
 Progress = Callable[[str, float], None]
+# shares of the time at which search and last fit are stopped; chosen: the tests of what
+# was found take a fifth to a quarter of a whole diagnosis
+SEARCH_SHARE, FIT_SHARE = 0.55, 0.75
 
 
 def diagnose(
@@ -63,6 +74,8 @@ def diagnose(
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
+    minutes: float = math.inf,
+    stop: Callable[[], bool] = lambda: False,
 ) -> Diagnosis:
     """Where simulation and reality differ, and which physics was left out.
 
@@ -73,6 +86,8 @@ def diagnose(
         seed: of the segments that candidates are first tried on.
         memory: folder of what was worked out, in which a killed run goes on.
         progress: called with a message and a share (0 to 1).
+        minutes: [min] after which the best answer so far is given, about.
+        stop: asked often; once True, that answer is given at once.
 
     Raises:
         ModelError: MuJoCo cannot load the model, or it diverges.
@@ -88,11 +103,17 @@ def diagnose(
         if later:  # what is held out now could not show it
             return diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
-                progress=progress,
+                progress=progress, minutes=minutes, stop=stop,
             )  # fmt: skip
-    dataset, hypotheses = _choose_effects(dataset, problem, state, rng, say)
+    record = SearchRecord(say)
+
+    def is_over(share: float) -> bool:
+        """Whether so much of the time is over, or the answer is asked for."""
+        return stop() or time.monotonic() - begun > share * 60 * minutes
+
+    dataset, hypotheses = _choose_effects(dataset, problem, state, rng, record, is_over)
     tested = _test(dataset, hypotheses, say)
-    return build_diagnosis(
+    found = build_diagnosis(
         dataset,
         tested.hypothesis,
         tested.verdict,
@@ -100,6 +121,11 @@ def diagnose(
         tested.structure,
         tested.refuted,
         begun,
+    )
+    return (
+        found
+        if not record.stopped
+        else found.with_stop(record.stopped, record.list_untried(state.candidates))
     )
 
 
@@ -160,28 +186,44 @@ def _choose_effects(
     problem: Problem,
     state: SearchState,
     rng: np.random.Generator,
-    say: Progress,
+    record: SearchRecord,
+    is_over: Callable[[float], bool],
 ) -> tuple[Dataset, list[Hypothesis]]:
     """Stage 3: one or two hypotheses of what is missing, and their last fits.
+
+    Where time is over, what the search found so far, or as the search fitted it.
 
     Args:
         dataset: with the recordings.
         problem: all segments.
         state: of a search in which nothing has a name.
         rng: draws segments and resamples.
-        say: called with a message and a share (0 to 1).
+        record: of the search.
+        is_over: whether a share of the time is over.
 
     Returns:
         The dataset, which knows the noise that the fits tell, and the hypotheses.
     """
     longer = build_longer_problems(dataset, problem)
-    hypotheses = name_effects(state, problem, longer, rng=rng, progress=say)
+    counter = problem.simulator.counter
+    try:
+        with counter.limit(lambda: is_over(SEARCH_SHARE)):
+            hypotheses = name_effects(state, problem, longer, rng=rng, record=record)
+    except OutOfTime:
+        record.stop()
+        hypotheses = finish_early(record, state, problem, rng)
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
-    say("fitting everything once more", 0.0)
-    return dataset, [
-        prefer_simpler_names(refine_hypothesis(dataset, hypothesis))
-        for hypothesis in keep_competitive(dataset, hypotheses)
-    ]
+    hypotheses = keep_competitive(dataset, hypotheses)
+    record("fitting everything once more", 0.0)
+    try:
+        with counter.limit(lambda: is_over(FIT_SHARE)):
+            return dataset, [
+                prefer_simpler_names(refine_hypothesis(dataset, hypothesis))
+                for hypothesis in hypotheses
+            ]
+    except OutOfTime:
+        record.stop()
+        return dataset, hypotheses
 
 
 @dataclass(frozen=True, eq=False)

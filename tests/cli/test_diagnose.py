@@ -1,6 +1,7 @@
 """`diagnose`, `replay`, `effects`: JSON, files, tables; refusals before any work."""
 
 import json
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -35,9 +36,19 @@ class Doctor:
     def __init__(self) -> None:
         self.asked: list[dict] = []
         self.answer = make_diagnosis(findings=(FINDING, DELAY))
+        self.interrupts = 0  # times that Ctrl-C is pressed
 
     def diagnose(
-        self, model, recordings, *, held_out=(), seed=0, memory=None, progress=None
+        self,
+        model,
+        recordings,
+        *,
+        held_out=(),
+        seed=0,
+        memory=None,
+        progress=None,
+        minutes=np.inf,
+        stop=lambda: False,
     ):
         self.asked.append(
             {"model": model, "files": [r.file for r in recordings],
@@ -49,8 +60,11 @@ class Doctor:
         (self.memory / "answer").touch()
         progress("trying coulomb_friction at joint:knee", 0.2)
         progress("trying backlash at joint:knee", 0.4)
+        for _ in range(self.interrupts):
+            signal.raise_signal(signal.SIGINT)
         if isinstance(self.answer, BaseException):
             raise self.answer
+        self.minutes, self.stopped = minutes, stop()
         text = Path(model).read_text()
         return replace(self.answer, model=str(model), patched=text)
 
@@ -286,6 +300,26 @@ def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
     assert _run(*words, "--resume").exit_code == 0
     assert doctor.found == ["answer"]
     assert set(_names(tmp_path)) - set(before) == {"out"}
+
+
+def test_the_first_interrupt_asks_for_the_answer_and_the_second_ends(
+    doctor, files, tmp_path
+):
+    words = ["diagnose", *files, "--out", tmp_path / "out"]
+    assert _run(*words, "--minutes", "7").exit_code == 0
+    assert doctor.minutes == 7 and not doctor.stopped
+    doctor.interrupts = 1
+    result = _run(*words, "--force")
+    assert result.exit_code == 0 and doctor.stopped
+    assert "once more" in result.stderr
+    doctor.interrupts = 2
+    assert _run(*words, "--force").exit_code == 130
+
+
+@pytest.mark.parametrize("minutes", ["0", "-1", "nan"])
+def test_minutes_that_are_none_are_refused(minutes, files, tmp_path):
+    given = ["--out", tmp_path / "out", f"--minutes={minutes}"]
+    assert "more than 0" in _refused(_run("diagnose", *files, *given))
 
 
 def test_without_resume_a_diagnosis_begins_anew(doctor, files, tmp_path):

@@ -87,12 +87,43 @@ def _claimed(diagnosis) -> list[tuple[str, str]]:
     return [(f["effect"], f["target"]) for f in diagnosis.document["findings"]]
 
 
+@pytest.fixture(scope="module", params=["refitting", "trying", "fitting everything"])
+def stopped(request, model):
+    """The same, stopped before the search, in it or after it."""
+    said: list[str] = []
+    found = diagnose(
+        model,
+        [long(change=_dry)],
+        progress=lambda what, share: said.append(what),
+        stop=lambda: any(what.startswith(request.param) for what in said),
+    )
+    return request.param, found
+
+
 # what is found
 
 
 def test_dry_friction_is_named_first_at_its_joint(dry):
     assert dry.document["verdict"] == "explained"
     assert _claimed(dry)[0] == ("coulomb_friction", "joint:hinge")
+
+
+def test_a_diagnosis_that_is_stopped_says_what_it_left_out(stopped, dry):
+    stage, found = stopped
+    said = found.document["stopped"]
+    assert said["while"] and said["while"] in found.remarks[0]
+    assert bool(said["not_tried"]) == (stage != "fitting everything")
+    assert "stopped" not in dry.document
+
+
+def test_a_diagnosis_that_is_stopped_claims_what_it_proved(stopped, dry):
+    stage, found = stopped
+    if stage == "fitting everything":
+        assert _claimed(found) == _claimed(dry)
+    else:
+        assert not _claimed(found) and found.document["verdict"] == "unlisted"
+    fit = found.document["fit"]
+    assert fit["patched"] <= fit["refit"] * (1 + 1e-9)
 
 
 def test_its_interval_holds_the_truth(dry):

@@ -3,12 +3,13 @@
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
 from ...mjcf.edit import Edit, apply_edits
+from ...printable import join_names
 from ...recording import Recording, open_recording
 from ...recording.data import Floats
 from .storage import check_folder, write_diagnosis
@@ -131,6 +132,22 @@ class Diagnosis:
     simulations: int
     page: str = ""
     more_than_noise: bool = False
+
+    def with_stop(self, stage: str, untried: Sequence[str]) -> "Diagnosis":
+        """The result of a search that was stopped before its end.
+
+        Args:
+            stage: what was being done.
+            untried: names of the effects that were not tried everywhere.
+        """
+        left = f"; not tried everywhere: {join_names(untried)}" if untried else ""
+        remark = f"Stopped before the end, while {stage}: the best answer so far{left}."
+        stopped = {"while": stage, "not_tried": list(untried)}
+        return replace(
+            self,
+            document={**self.document, "stopped": stopped},
+            remarks=(remark, *self.remarks),
+        )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write diagnosis.json, patched.xml and report.html, all or nothing.

@@ -13,6 +13,7 @@ from ..effects.base import Effect, Term
 from ..estimation.least_squares import Fit
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
+from .backward import eliminate_backward
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import Evidence
@@ -22,9 +23,10 @@ from .screening import (
     find_overlooked_segments,
     subsample_problem,
 )
+from .search_record import SearchRecord
 from .search_state import SearchState, start_state
 from .settings import SELECTION
-from .stepwise import predicts_better, search_forward
+from .stepwise import keep_significant, predicts_better, search_forward
 from .whole_drives import fit_usual_effects, lengthen_segments, search_backward
 
 
@@ -113,7 +115,7 @@ def name_effects(
     longer: Sequence[Problem],
     *,
     rng: np.random.Generator,
-    progress: Progress = lambda what, share: None,
+    record: SearchRecord,
 ) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
@@ -125,34 +127,65 @@ def name_effects(
         problem: all segments that may be used.
         longer: longer and longer segments, in which slow effects show.
         rng: draws segments and resamples.
-        progress: called with a message and a share (0 to 1).
+        record: of what was tried and found.
 
     Returns:
         One hypothesis, or what both searches found, the likelier first.
     """
     if problem.regime.has_single_readings:  # poses do not show what most robots have
-        return [_finish_search(search_forward(start, rng, progress), problem)]
+        return [_finish_search(search_forward(start, rng, record), problem)]
     steps = _count_search_steps(start.nominal_count)
     if any(t.onset for t in start.candidates):  # it is where a segment begins
         longer = longer[:1]
     longer = [subsample_problem(p, steps, rng) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:
-        plain = fit_usual_effects(start, progress)
+        plain = fit_usual_effects(start, record)
         return [_finish_search(replace(start, plain=plain), problem)]
     if problem.regime.has_rough_cost:
-        states = _search_in_contact(start, longer, rng, progress)
+        states = _search_in_contact(start, longer, rng, record)
     else:
-        states = _search_both_ways(start, longer, rng, progress)
+        states = _search_both_ways(start, longer, rng, record)
     plain = states[0].plain or states[-1].plain
     return [_finish_search(replace(s, plain=plain), problem) for s in states]
+
+
+def finish_early(
+    record: SearchRecord,
+    start: SearchState,
+    problem: Problem,
+    rng: np.random.Generator,
+) -> list[Hypothesis]:
+    """What a search that was stopped had found, with all of its names tested.
+
+    Args:
+        record: of the search.
+        start: state in which nothing had a name yet.
+        problem: all segments that may be used.
+        rng: draws resamples.
+
+    Returns:
+        A hypothesis for each direction of the search, the last one first.
+    """
+    states = list(record.states.values())[::-1] or [start]
+    return [_finish_search(_test_untested(state, rng), problem) for state in states]
+
+
+def _test_untested(state: SearchState, rng: np.random.Generator) -> SearchState:
+    """The state without the names that no test was made of and that fail it."""
+    untested = [t for t in state.named if t.key not in state.claims]
+    if not untested:
+        return state
+    fit = eliminate_backward(state.problem, state.best.fit, state.nominal_count)
+    scored = ScoredFit.from_fit(state.problem, fit)
+    return keep_significant(state.with_fit(state.problem, scored), untested, rng)
 
 
 def _search_both_ways(
     start: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
-    progress: Progress,
+    record: SearchRecord,
 ) -> list[SearchState]:
     """Search backward from all usual effects at once, and forward from none.
 
@@ -163,28 +196,28 @@ def _search_both_ways(
         start: state in which nothing has a name yet.
         longer: longer and longer segments.
         rng: draws segments and resamples.
-        progress: called with a message and a share (0 to 1).
+        record: of what was tried and found.
 
     Returns:
         The states at the end, the likelier first.
     """
-    forward = search_forward(start, rng, progress, 1)
+    forward = search_forward(start, rng, record, 1)
     if forward.named and forward.is_complete:
         extended = lengthen_segments(forward, longer)
         if extended.is_complete:
             return [extended]
-    backward = search_backward(start, longer, rng, progress)
+    backward = search_backward(start, longer, rng, record)
     if backward is None or not backward.named:
         plain = backward.plain if backward else None
-        return [_search_to_end(replace(forward, plain=plain), longer, rng, progress)]
+        return [_search_to_end(replace(forward, plain=plain), longer, rng, record)]
     count = len(backward.named)
     if count > SELECTION.max_rivals:  # a few others would have to do as much
         if not backward.is_explained and predicts_better(forward, backward):
-            forward = _search_to_end(forward, longer, rng, progress)
+            forward = _search_to_end(forward, longer, rng, record)
     elif backward.is_explained:  # only as many others, or fewer, can be likelier
-        forward = search_forward(forward, rng, progress, count - 1)
+        forward = search_forward(forward, rng, record, count - 1)
     else:
-        forward = _search_to_end(forward, longer, rng, progress)
+        forward = _search_to_end(forward, longer, rng, record)
     backward = backward.with_history_of(forward)
     if not backward.is_explained and not forward.is_explained:
         # beside many names each round is dear, and little is left to gain
@@ -192,7 +225,7 @@ def _search_both_ways(
             backward.noise_ratio < FIT.unexplained_ratio
         )
         most = 1 if is_near else SELECTION.max_effects
-        backward = search_forward(backward, rng, progress, most)
+        backward = search_forward(backward, rng, record, most)
     return _rank(backward, forward)
 
 
@@ -200,7 +233,7 @@ def _search_in_contact(
     start: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
-    progress: Progress,
+    record: SearchRecord,
 ) -> list[SearchState]:
     """Search forward; backward only where that leaves something.
 
@@ -210,21 +243,21 @@ def _search_in_contact(
         start: state in which nothing has a name yet.
         longer: longer and longer segments.
         rng: draws segments and resamples.
-        progress: called with a message and a share (0 to 1).
+        record: of what was tried and found.
 
     Returns:
         The states at the end, the likelier first.
     """
-    forward = _search_to_end(start, longer, rng, progress)
+    forward = _search_to_end(start, longer, rng, record)
     if forward.is_explained:
-        return [replace(forward, plain=fit_usual_effects(start, progress))]
+        return [replace(forward, plain=fit_usual_effects(start, record))]
     # what the first search set aside for a name, this one tries in its place
     kept = {t.key for t in forward.candidates}
     likely = [t for t in start.candidates if t.key in kept or t.effect.is_usual(t)]
-    backward = search_backward(start.with_candidates(likely), longer, rng, progress)
+    backward = search_backward(start.with_candidates(likely), longer, rng, record)
     if backward is None:
         return [forward]
-    backward = search_forward(backward.with_history_of(forward), rng, progress)
+    backward = search_forward(backward.with_history_of(forward), rng, record)
     return _rank(backward, forward)
 
 
@@ -232,15 +265,15 @@ def _search_to_end(
     state: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
-    progress: Progress,
+    record: SearchRecord,
 ) -> SearchState:
     """Search forward, and go on in longer segments while these show something more."""
-    state = search_forward(state, rng, progress)
+    state = search_forward(state, rng, record)
     for _ in longer:
         extended = lengthen_segments(state, longer)
         if extended is state or extended.is_explained:
             break
-        state = search_forward(extended, rng, progress)
+        state = search_forward(extended, rng, record)
     return state
 
 

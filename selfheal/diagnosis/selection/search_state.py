@@ -42,6 +42,7 @@ class SearchState:
         first_round: candidates of the first screening, each with the cost that it
             leaves, as a share of the cost without it.
         plain: the fit of all usual effects, of which none was chosen; None: not made.
+        direction: of the search, "forward" or "backward".
     """
 
     problem: Problem
@@ -51,6 +52,7 @@ class SearchState:
     claims: Mapping[tuple, Claim] = field(default_factory=dict)
     first_round: tuple[tuple[Term, float], ...] = ()
     plain: Fit | None = None
+    direction: str = "forward"
 
     def with_fit(self, problem: Problem, best: ScoredFit) -> "SearchState":
         """The state with another fit, and the problem that it solves."""

@@ -38,7 +38,8 @@ from .evidence import (
     is_as_good,
     most_blocks_p_value,
 )
-from .screening import Progress, screen_candidates, select_hard_segments
+from .screening import screen_candidates, select_hard_segments
+from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
 
@@ -46,7 +47,7 @@ from .settings import SELECTION
 def search_forward(
     state: SearchState,
     rng: np.random.Generator,
-    progress: Progress,
+    record: SearchRecord,
     most: int = SELECTION.max_effects,
 ) -> SearchState:
     """Add effects that earn a name until none does, or nothing is left.
@@ -56,21 +57,21 @@ def search_forward(
     Args:
         state: to begin with.
         rng: draws the segments on which candidates are tried first.
-        progress: called with a message and a share (0 to 1).
+        record: of what was tried and found.
         most: effects that may be added.
     """
     tabu: set[tuple] = set()
     for _ in range(most):
         if state.is_complete:
             break
-        state, winner = _select_next(state, tabu, rng, progress)
+        state, winner = _select_next(state, tabu, rng, record)
         if winner is None and tabu:
             tabu = set()
             continue
         if winner is None:
             break
         best, claim = winner
-        progress(f"fitting {best.candidate.label}", 0.0)
+        record(f"fitting {best.candidate.label}", 0.0)
         before = state.named
         state, removed = _admit(state.with_claim(best.candidate, claim), best)
         if best.candidate in state.named and not state.is_complete:
@@ -81,6 +82,7 @@ def search_forward(
             if term.key not in state.claims:  # it took the place of another one
                 exchanged = Claim(claim.evidence, replaced, replaced)
                 state = state.with_claim(term, exchanged)
+        record.keep(state)
     return state
 
 
@@ -88,7 +90,7 @@ def _select_next(
     state: SearchState,
     tabu: Set[tuple],
     rng: np.random.Generator,
-    progress: Progress,
+    record: SearchRecord,
 ) -> tuple[SearchState, tuple[ScoredFit, Claim] | None]:
     """The candidate that earns a name beside those named; None: no one does.
 
@@ -96,7 +98,7 @@ def _select_next(
         state: of the search.
         tabu: keys of candidates that may not be tried.
         rng: draws segments.
-        progress: called with a message and a share (0 to 1).
+        record: of what was tried and found.
 
     Returns:
         The state, in which only the best candidates stay open, and the winner.
@@ -110,7 +112,8 @@ def _select_next(
     ]
     base = LinearizedFit.from_fit(state.problem, state.best.fit)
     bases = [select_hard_segments(base, n, rng) for n in SELECTION.screening_steps]
-    fits, independent, retried = screen_candidates(bases, open_terms, progress)
+    fits, independent, retried = screen_candidates(bases, open_terms, record)
+    record.add_tried(open_terms)
     part = bases[-1]
     has_single_readings = part.problem.regime.has_single_readings
     if len(open_terms) > SELECTION.max_retried_candidates and not has_single_readings:
@@ -120,10 +123,10 @@ def _select_next(
     if not state.first_round:
         ranking = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
         state = replace(state, first_round=ranking)
-    finalists = fit_finalists(part.problem, fits, progress)
+    finalists = fit_finalists(part.problem, fits, record)
     if has_single_readings:
         finalists = refit_without_folds(part, finalists, open_terms)
-    parameterless = fit_parameterless(part, state.nominal_count, open_terms, progress)
+    parameterless = fit_parameterless(part, state.nominal_count, open_terms, record)
     fitted = {s.candidate.key for s in parameterless}
     finalists = [
         *parameterless,
@@ -133,7 +136,7 @@ def _select_next(
     winner = choose_winner(part.problem, before, finalists, independent)
     if winner is None and state.is_prior_violated:
         restating = [t for t in state.restating_candidates if t.key not in taken]
-        winner = find_relieving(part, before, restating, progress)
+        winner = find_relieving(part, before, restating, record)
     return state, winner
 
 

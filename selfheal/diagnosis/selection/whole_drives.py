@@ -22,7 +22,9 @@ from ..estimation.marginalization import (
 from ..estimation.problem import Problem
 from ..simulation.model_variants import split_values
 from .backward import eliminate_backward, find_negligible
+from .cross_validation import ScoredFit
 from .screening import Progress
+from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
 from .stepwise import keep_significant, remove_and_exchange
@@ -32,7 +34,7 @@ def search_backward(
     state: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
-    progress: Progress,
+    record: SearchRecord,
 ) -> SearchState | None:
     """Fit all usual effects at once, and remove those that the data do not ask for.
 
@@ -44,7 +46,7 @@ def search_backward(
         state: in which nothing has a name.
         longer: the problem in longer and longer segments.
         rng: draws resamples.
-        progress: called with a message and a share (0 to 1).
+        record: of what was tried and found.
 
     Returns:
         The state at the end; None where no effect is usual.
@@ -52,11 +54,14 @@ def search_backward(
     usual = _list_usual(state)
     if not usual:
         return None
-    progress(f"fitting {len(usual)} usual effects at once", 0.0)
+    record(f"fitting {len(usual)} usual effects at once", 0.0)
     problem, equal = _fit_equal_drives(state.problem, usual)
     richer = _enrich_equal_drives(problem, equal, state.candidates)
     fit = _free_each_joint(problem, state, richer)
     problem, fit = _reweight_repeatedly(problem, fit)
+    state = replace(state, direction="backward")
+    record.add_tried(usual)
+    record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
     problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=_fit_plain(problem, fit, equal, usual))
     fit = _exchange_forms(problem, fit, state.candidates)
@@ -65,8 +70,11 @@ def search_backward(
     # each multiple of each value is a simulation, and here values are many
     reweighted = reweight_and_fit(problem, fit, 4, tries_multiples=False)
     state = state.with_fit(*reweighted)
+    record.keep(state)
     state, _ = remove_and_exchange(state)
-    return keep_significant(state, tried, rng)
+    state = keep_significant(state, tried, rng)
+    record.keep(state)
+    return state
 
 
 def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:

@@ -1,6 +1,7 @@
 """What simulations share: values that no hypothesis changes, and how many were run."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -85,8 +86,12 @@ def count_numbers(value: Any) -> int:
     return int(np.size(value))
 
 
+class OutOfTime(Exception):
+    """The time that was given is over; what was found so far counts."""
+
+
 class SimulationCounter:
-    """Counts the segments simulated, by all simulators that share it.
+    """Counts the segments simulated by all simulators that share it, within a limit.
 
     Attributes:
         count: how many so far.
@@ -94,7 +99,23 @@ class SimulationCounter:
 
     def __init__(self) -> None:
         self.count = 0
+        self._is_over: Callable[[], bool] = lambda: False
 
     def add(self, count: int) -> None:
-        """Count some more."""
+        """Count some more.
+
+        Raises:
+            OutOfTime: the time of `limit` is over.
+        """
+        if self._is_over():
+            raise OutOfTime
         self.count += count
+
+    @contextmanager
+    def limit(self, is_over: Callable[[], bool]) -> Iterator[None]:
+        """Ask before each batch of simulations, while entered, whether time is over."""
+        self._is_over = is_over
+        try:
+            yield
+        finally:
+            self._is_over = lambda: False

@@ -1,0 +1,59 @@
+"""What a search has found so far, for whoever watches it or stops it."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from ..effects.base import Term
+from .screening import Progress
+from .search_state import SearchState
+
+
+class SearchRecord:
+    """Passes progress on, with what is believed so far, and keeps the states reached.
+
+    Attributes:
+        stage: what is being done.
+        states: the last one of each direction of the search, by its name.
+        tried: keys of the terms that were tried.
+        stopped: what was being done when time was over; empty where it was not.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        """`progress`: called with a message and a share (0 to 1)."""
+        self._progress = progress
+        self.stage = "beginning the search"
+        self.states: dict[str, SearchState] = {}
+        self.tried: set[tuple] = set()
+        self.stopped = ""
+
+    def __call__(self, what: str, share: float) -> None:
+        """Say what is being done, how much of it is done, and what is believed."""
+        self.stage = what
+        self._progress(what + self._describe_belief(), share)
+
+    def stop(self) -> None:
+        """Know that time is over; what is stopped first counts."""
+        self.stopped = self.stopped or self.stage
+
+    def keep(self, state: SearchState) -> None:
+        """Keep a state as the last one of its direction."""
+        self.states.pop(state.direction, None)
+        self.states[state.direction] = state
+
+    def add_tried(self, terms: Iterable[Term]) -> None:
+        """Know that terms were tried."""
+        self.tried |= {t.key for t in terms}
+
+    def list_untried(self, candidates: Sequence[Term]) -> list[str]:
+        """Names of the effects of which some candidate was never tried."""
+        left = (t.effect.name for t in candidates if t.key not in self.tried)
+        return sorted(set(left))
+
+    def _describe_belief(self) -> str:
+        """The effects of the last state, each with the number of its places."""
+        if not self.states:
+            return ""
+        last = list(self.states.values())[-1]
+        count = Counter(t.effect.name for t in last.named)
+        each = [name if n == 1 else f"{n} {name}" for name, n in count.items()]
+        return f" (so far: {', '.join(each)})" if each else ""
