@@ -202,6 +202,11 @@ class LinearizedFit:
         )
 
 
+def spread_around(term: Term, start: Floats) -> Floats:
+    """Points (p, p), each one scale of one parameter from a start (p), in bounds."""
+    return np.clip(start + np.diag(term.scale), term.low, term.high)
+
+
 def fit_candidate(
     base: LinearizedFit, term: Term, *, iterations: int = FIT.candidate_iterations
 ) -> Fit:

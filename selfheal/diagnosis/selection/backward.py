@@ -14,7 +14,7 @@ from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import LinearizedFit, fit_candidate, spread_around
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
@@ -211,8 +211,7 @@ def _keep_promising(
     promising = []
     for other in others:
         if not is_simpler(other, term):
-            first = np.array(other.initial_values[0])
-            around = np.clip(first + np.diag(other.scale), other.low, other.high)
+            around = spread_around(other, np.array(other.initial_values[0]))
             starts = np.vstack([other.initial_values, around])
             points = np.hstack([np.tile(values, (len(starts), 1)), starts])
             residuals = problem.compute_residuals((*kept, other), points)

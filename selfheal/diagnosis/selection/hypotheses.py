@@ -27,7 +27,12 @@ from .search_record import SearchRecord
 from .search_state import SearchState, start_state
 from .settings import SELECTION
 from .stepwise import keep_significant, predicts_better, search_forward
-from .whole_drives import fit_usual_effects, lengthen_segments, search_backward
+from .whole_drives import (
+    estimate_usual_gain,
+    fit_usual_effects,
+    lengthen_segments,
+    search_backward,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +194,8 @@ def _search_both_ways(
 ) -> list[SearchState]:
     """Search backward from all usual effects at once, and forward from none.
 
-    One name that leaves noise alone ends the search: no other hypothesis is simpler.
+    One name ends the search if it leaves noise alone, to which all usual effects could
+    add little: no other hypothesis is simpler.
     What the backward search leaves is searched forward, too, if nothing explains all.
 
     Args:
@@ -202,7 +208,11 @@ def _search_both_ways(
         The states at the end, the likelier first.
     """
     forward = search_forward(start, rng, record, 1)
-    if forward.named and forward.is_complete:
+    if (
+        forward.named
+        and forward.is_complete
+        and estimate_usual_gain(forward) < SELECTION.max_usual_gain
+    ):
         extended = lengthen_segments(forward, longer)
         if extended.is_complete:
             return [extended]
