@@ -81,16 +81,11 @@ def diagnose(
     ):
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
-        try:
-            with _catch_first_interrupt(live) as was_interrupted:
-                found = find(model, recordings, held_out=held_out or (),
-                             no_check=no_check or (), seed=seed, memory=memory,
-                             progress=_StageProgress(live), minutes=minutes,
-                             stop=was_interrupted)  # fmt: skip
-        except KeyboardInterrupt:
-            if memory.exists():
-                print_line("selfheal: --resume goes on where this was", is_error=True)
-            raise
+        with _heed_interrupts(live, memory) as is_wanted:
+            found = find(model, recordings, held_out=held_out or (),
+                         no_check=no_check or (), seed=seed, memory=memory,
+                         progress=_StageProgress(live), minutes=minutes,
+                         stop=is_wanted)  # fmt: skip
         found.save(out, force=force)
     if as_json:
         extra = {"seconds": round(found.seconds, 1), "folder": str(out)}
@@ -100,8 +95,13 @@ def diagnose(
 
 
 @contextmanager
-def _catch_first_interrupt(live: ProgressBar) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts."""
+def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts.
+
+    Args:
+        live: says so.
+        memory: folder in which the same run goes on, if it is there.
+    """
     pressed = threading.Event()
     earlier = signal.getsignal(signal.SIGINT)
 
@@ -115,6 +115,10 @@ def _catch_first_interrupt(live: ProgressBar) -> Iterator[Callable[[], bool]]:
         signal.signal(signal.SIGINT, note)
     try:
         yield pressed.is_set
+    except KeyboardInterrupt:
+        if memory.exists():
+            print_line("selfheal: --resume goes on where this was", is_error=True)
+        raise
     finally:
         signal.signal(signal.SIGINT, earlier)
 

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -66,25 +67,46 @@ def diagnose(
     from ..report.diagnose import make_diagnosis_page
 
     check_seed(seed)
-    if not minutes > 0:
-        raise InputError(f"minutes are {minutes:g}; would fit: more than 0")
     check_file(model)
-    entries = [os.fspath(entry) for entry in _to_list(held_out)]
-    files = [entry for entry in entries if _is_file(entry)]
-    given = _to_list(recordings)
-    if not given:
-        raise InputError("no recording was given; would fit: at least one")
-    read = _open_recordings([*given, *files], spare=len(files))
-    names = [name for entry in entries for name in _resolve_held_out(entry, read)]
+    is_over = _make_clock(minutes, stop)
+    read, names = _read_all(_to_list(recordings), _to_list(held_out))
     say = progress or (lambda what, share: None)
     noted = _check_logs(model, read, no_check)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
-                 minutes=minutes, stop=stop)  # fmt: skip
+                 is_over=is_over)  # fmt: skip
     found = replace(found, remarks=(*noted, *found.remarks))
     say("drawing the report", 0.0)
     return replace(
         found, page=make_diagnosis_page(found, str(model), [r.file for r in read])
     )
+
+
+def _make_clock(minutes: float, stop: Callable[[], bool]) -> Callable[[float], bool]:
+    """Whether a share of some minutes from now is over, or an answer is asked for.
+
+    Raises:
+        InputError: the minutes are not positive.
+    """
+    if not minutes > 0:
+        raise InputError(f"minutes are {minutes:g}; would fit: more than 0")
+    begun = time.monotonic()
+    return lambda share: stop() or time.monotonic() - begun > share * 60 * minutes
+
+
+def _read_all(
+    given: Sequence[RecordingLike], held_out: Sequence[str | os.PathLike[str]]
+) -> tuple[list[Recording], list[str]]:
+    """Every recording, and the full names of what is held out.
+
+    Raises:
+        InputError: none was given, one is given twice, or a name fits several.
+    """
+    entries = [os.fspath(entry) for entry in held_out]
+    files = [entry for entry in entries if _is_file(entry)]
+    if not given:
+        raise InputError("no recording was given; would fit: at least one")
+    read = _open_recordings([*given, *files], spare=len(files))
+    return read, [name for entry in entries for name in _resolve_held_out(entry, read)]
 
 
 def _check_logs(

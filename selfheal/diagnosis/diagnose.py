@@ -1,6 +1,5 @@
 """A model and recordings in, a diagnosis out: read, fit, choose, test, answer."""
 
-import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -74,8 +73,7 @@ def diagnose(
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
-    minutes: float = math.inf,
-    stop: Callable[[], bool] = lambda: False,
+    is_over: Callable[[float], bool] = lambda share: False,
 ) -> Diagnosis:
     """Where simulation and reality differ, and which physics was left out.
 
@@ -86,8 +84,8 @@ def diagnose(
         seed: of the segments that candidates are first tried on.
         memory: folder of what was worked out, in which a killed run goes on.
         progress: called with a message and a share (0 to 1).
-        minutes: [min] after which the best answer so far is given, about.
-        stop: asked often; once True, that answer is given at once.
+        is_over: whether a share (0 to 1) of the time is over, so that what was found so
+            far is the answer.
 
     Raises:
         ModelError: MuJoCo cannot load the model, or it diverges.
@@ -103,14 +101,9 @@ def diagnose(
         if later:  # what is held out now could not show it
             return diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
-                progress=progress, minutes=minutes, stop=stop,
+                progress=progress, is_over=is_over,
             )  # fmt: skip
     record = SearchRecord(say)
-
-    def is_over(share: float) -> bool:
-        """Whether so much of the time is over, or the answer is asked for."""
-        return stop() or time.monotonic() - begun > share * 60 * minutes
-
     dataset, hypotheses = _choose_effects(dataset, problem, state, rng, record, is_over)
     tested = _test(dataset, hypotheses, say)
     found = build_diagnosis(
@@ -122,11 +115,9 @@ def diagnose(
         tested.refuted,
         begun,
     )
-    return (
-        found
-        if not record.stopped
-        else found.with_stop(record.stopped, record.list_untried(state.candidates))
-    )
+    if not record.stopped:
+        return found
+    return found.with_stop(record.stopped, record.list_untried(state.candidates))
 
 
 def _read(

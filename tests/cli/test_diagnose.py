@@ -1,20 +1,16 @@
 """`diagnose`, `replay`, `effects`: JSON, files, tables; refusals before any work."""
 
 import json
-import signal
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.recording import read, shorten_names, write
 from selfheal.telemetry import Fault
-from tests.support.made_up_diagnosis import DELAY, FINDING, make_diagnosis
+from tests.support.made_up_diagnosis import FINDING, make_diagnosis
 
 
 def _run(*arguments):
@@ -28,80 +24,6 @@ def _refused(result) -> str:
     assert result.stderr.count("\n") == 1 and "Traceback" not in result.stderr
     assert result.stderr.startswith("selfheal: ")
     return result.stderr
-
-
-class Doctor:
-    """Stands in for the diagnoser: says what it is told to, and what it was asked."""
-
-    def __init__(self) -> None:
-        self.asked: list[dict] = []
-        self.answer = make_diagnosis(findings=(FINDING, DELAY))
-        self.interrupts = 0  # times that Ctrl-C is pressed
-
-    def diagnose(
-        self,
-        model,
-        recordings,
-        *,
-        held_out=(),
-        seed=0,
-        memory=None,
-        progress=None,
-        minutes=np.inf,
-        stop=lambda: False,
-    ):
-        self.asked.append(
-            {"model": model, "files": [r.file for r in recordings],
-             "held_out": list(held_out), "seed": seed}
-        )  # fmt: skip
-        self.memory = Path(memory)
-        self.found = sorted(p.name for p in self.memory.glob("*"))
-        self.memory.mkdir(exist_ok=True)
-        (self.memory / "answer").touch()
-        progress("trying coulomb_friction at joint:knee", 0.2)
-        progress("trying backlash at joint:knee", 0.4)
-        for _ in range(self.interrupts):
-            signal.raise_signal(signal.SIGINT)
-        if isinstance(self.answer, BaseException):
-            raise self.answer
-        self.minutes, self.stopped = minutes, stop()
-        text = Path(model).read_text()
-        return replace(self.answer, model=str(model), patched=text)
-
-    memory, found = Path(), ()  # of the last diagnosis: where, and what was there
-
-    def replay_recording(self, folder, recording, *, model=None):
-        self.asked.append({"folder": folder, "file": recording.file, "model": model})
-        filled = {}
-        for name, episode in recording.episodes.items():
-            signals = {
-                k: replace(s, values=np.zeros_like(s.values))
-                for k, s in episode.signals.items()
-                if s.kind == "joint_position"
-            }
-            filled[name] = replace(episode, signals=signals)
-        return replace(recording, episodes=filled)
-
-
-@pytest.fixture
-def doctor(monkeypatch):
-    """The stand-in, in its place."""
-    stand_in = Doctor()
-    for name, function in (
-        ("diagnose", "diagnose"), ("output.replay", "replay_recording"),
-    ):  # fmt: skip
-        module = ModuleType(f"selfheal.diagnosis.{name}")
-        setattr(module, function, getattr(stand_in, function))
-        monkeypatch.setitem(sys.modules, module.__name__, module)
-    return stand_in
-
-
-@pytest.fixture
-def files(recording, model, tmp_path):
-    """A model, two recordings."""
-    for name in ("a.h5", "b.h5"):
-        write(recording, tmp_path / name)
-    return model, tmp_path / "a.h5", tmp_path / "b.h5"
 
 
 def _names(folder) -> list[str]:
@@ -306,14 +228,18 @@ def test_the_first_interrupt_asks_for_the_answer_and_the_second_ends(
     doctor, files, tmp_path
 ):
     words = ["diagnose", *files, "--out", tmp_path / "out"]
-    assert _run(*words, "--minutes", "7").exit_code == 0
-    assert doctor.minutes == 7 and not doctor.stopped
+    assert _run(*words).exit_code == 0 and not doctor.is_over
     doctor.interrupts = 1
     result = _run(*words, "--force")
-    assert result.exit_code == 0 and doctor.stopped
+    assert result.exit_code == 0 and doctor.is_over
     assert "once more" in result.stderr
     doctor.interrupts = 2
     assert _run(*words, "--force").exit_code == 130
+
+
+def test_the_answer_is_asked_for_when_the_minutes_are_over(doctor, files, tmp_path):
+    words = ["diagnose", *files, "--out", tmp_path / "out", "--minutes", "1e-9"]
+    assert _run(*words).exit_code == 0 and doctor.is_over
 
 
 @pytest.mark.parametrize("minutes", ["0", "-1", "nan"])

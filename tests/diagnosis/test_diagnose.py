@@ -95,7 +95,7 @@ def stopped(request, model):
         model,
         [long(change=_dry)],
         progress=lambda what, share: said.append(what),
-        stop=lambda: any(what.startswith(request.param) for what in said),
+        is_over=lambda share: any(what.startswith(request.param) for what in said),
     )
     return request.param, found
 
