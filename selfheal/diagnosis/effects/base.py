@@ -113,8 +113,11 @@ class Term:
 
     @property
     def label(self) -> str:
-        """Effect and targets in one line, for messages."""
-        return f"{self.effect.name} at {', '.join(self.targets)}"
+        """Effect and targets in one line, for messages; of many targets the first."""
+        shown = ", ".join(self.targets)
+        if len(self.targets) > 2:
+            shown = f"{self.targets[0]} and {len(self.targets) - 1} others"
+        return f"{self.effect.name} at {shown}"
 
 
 class Effect:

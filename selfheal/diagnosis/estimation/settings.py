@@ -99,6 +99,11 @@ class FitSettings:
     """[scales] over which a Jacobian of standard errors is differenced. Chosen:
     readings hardly bend over it."""
 
+    max_tree_coupling: float = 1e-6
+    """Change of the residuals of other kinematic trees, of that of the own one, up to
+    which values of several trees are differenced together. Chosen: far below the share
+    by which a Jacobian of differences is wrong."""
+
     max_difference: float = 0.1
     """Change of the residuals by a difference over the residuals, above which it is
     repeated over a smaller step. Chosen: a step of the fit changes them by as much as

@@ -1,0 +1,77 @@
+"""Jacobians: values of trees that nothing couples are differenced together."""
+
+import numpy as np
+import pytest
+
+from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.estimation.jacobian import compute_jacobian
+from tests.support.problems import list_nominal_terms, make_problem
+from tests.support.recorded_robots import Robot, bench
+
+TWO_ARMS = """<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="left" pos="0 0.5 1">
+      <joint name="a" axis="0 1 0" damping="0.03" armature="0.002"/>
+      <geom name="left" type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
+    </body>
+    <body name="right" pos="0 -0.5 1">
+      <joint name="b" axis="0 1 0" damping="0.05" armature="0.004"/>
+      <geom name="right" type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02" mass="0.4"/>
+    </body>
+  </worldbody>
+  {coupling}
+  <actuator>
+    <position name="servo_a" joint="a" kp="3" kv="0.1"/>
+    <position name="servo_b" joint="b" kp="4" kv="0.1"/>
+  </actuator>
+</mujoco>
+"""
+COUPLED = '<equality><joint joint1="a" joint2="b"/></equality>'
+SIGNALS = {joint: ("joint_position", joint, "rad") for joint in "ab"}
+
+
+def _command(t, rng):
+    return np.sin(np.outer(t, rng.uniform(2, 6, 2)))
+
+
+def _begin(rng):
+    return rng.normal(size=1).repeat(2), np.zeros(2)
+
+
+def _make_problem(folder, coupling: str):
+    """Arms side by side, what they state, and dry friction of both."""
+    robot = Robot(TWO_ARMS.format(coupling=coupling), SIGNALS, _command, _begin)
+    arms = bench(robot, folder, episodes=2, seconds=1.0, seed=1)
+    dry = find_effect("coulomb_friction").propose_terms(arms.robot)
+    terms = (*list_nominal_terms(arms), *dry)
+    values = np.append(np.ones(len(terms) - 2), [0.02, 0.01])
+    return make_problem(arms, dry, (0.03, 0.02)), terms, values
+
+
+def _count(problem, compute):
+    """What is computed, and how many simulations it took."""
+    counter, before = problem.simulator.counter, problem.simulator.counter.count
+    found = compute()
+    return found, (counter.count - before) / len(problem.segments)
+
+
+@pytest.mark.parametrize("coupling", ["", COUPLED])
+def test_the_jacobian_is_that_of_each_value_alone(coupling, tmp_path):
+    problem, terms, values = _make_problem(tmp_path, coupling)
+    residuals = problem.residuals_at(terms, values)
+    step = 1e-3  # the same for all, so that only the grouping differs
+    found, simulated = _count(
+        problem,
+        lambda: compute_jacobian(
+            problem, terms, values, residuals, difference_step=step
+        ),
+    )
+    moved = np.tile(values, (len(values), 1))
+    scale = np.concatenate([t.scale for t in terms])
+    reach = step * np.maximum(scale, 0.01 * np.abs(values))
+    moved[np.diag_indices(len(values))] += reach
+    each = (problem.compute_residuals(terms, moved) - residuals).T / reach
+    assert np.allclose(found, each, rtol=1e-6, atol=1e-6 * np.abs(each).max())
+    few = len(values) / 2 + 3  # one of each arm at a time, and the test of coupling
+    assert (simulated <= few) == (not coupling)
