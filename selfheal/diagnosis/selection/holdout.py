@@ -35,7 +35,7 @@ from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis, NamedEffect
 from .search_state import SearchState
 from .settings import SELECTION
-from .stepwise import keep_significant
+from .stepwise import vet_untested
 
 # a hypothesis, and labels of the names that were refuted
 Tested = tuple[Hypothesis, tuple[str, ...]]
@@ -125,7 +125,7 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
     if error >= limit:
         return None
     state = SearchState(problem, all_usual.final, count, ())
-    state = keep_significant(state, state.named, np.random.default_rng(4))
+    state = vet_untested(state, np.random.default_rng(4))
     names = [NamedEffect(t, state.claims[t.key].evidence, ()) for t in state.named]
     other = replace(hypothesis, final=state.best, named=tuple(names))
     other, refuted = drop_refuted(dataset, other)

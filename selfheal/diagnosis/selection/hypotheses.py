@@ -13,7 +13,6 @@ from ..effects.base import Effect, Term
 from ..estimation.least_squares import Fit
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
-from .backward import eliminate_backward
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import Evidence
@@ -26,7 +25,7 @@ from .screening import (
 from .search_record import SearchRecord
 from .search_state import SearchState, start_state
 from .settings import SELECTION
-from .stepwise import keep_significant, predicts_better, search_forward
+from .stepwise import predicts_better, search_forward, vet_untested
 from .whole_drives import (
     estimate_usual_gain,
     fit_usual_effects,
@@ -173,17 +172,7 @@ def finish_early(
         A hypothesis for each direction of the search, the last one first.
     """
     states = list(record.states.values())[::-1] or [start]
-    return [_finish_search(_test_untested(state, rng), problem) for state in states]
-
-
-def _test_untested(state: SearchState, rng: np.random.Generator) -> SearchState:
-    """The state without the names that no test was made of and that fail it."""
-    untested = [t for t in state.named if t.key not in state.claims]
-    if not untested:
-        return state
-    fit = eliminate_backward(state.problem, state.best.fit, state.nominal_count)
-    scored = ScoredFit.from_fit(state.problem, fit)
-    return keep_significant(state.with_fit(state.problem, scored), untested, rng)
+    return [_finish_search(vet_untested(state, rng), problem) for state in states]
 
 
 def _search_both_ways(

@@ -277,6 +277,16 @@ def keep_significant(
     return state
 
 
+def vet_untested(state: SearchState, rng: np.random.Generator) -> SearchState:
+    """The state without the names that no test was made of and that fail it."""
+    untested = [t for t in state.named if t.key not in state.claims]
+    if not untested:
+        return state
+    fit = eliminate_backward(state.problem, state.best.fit, state.nominal_count)
+    scored = ScoredFit.from_fit(state.problem, fit)
+    return keep_significant(state.with_fit(state.problem, scored), untested, rng)
+
+
 def predicts_better(state: SearchState, other: SearchState) -> bool:
     """Whether one search predicts better, or as well by fewer or more usual effects.
 
