@@ -229,9 +229,9 @@ def is_simpler(new: Term, old: Term) -> bool:
 
 
 def fit_without(base: LinearizedFit, term: Term) -> Fit:
-    """Fit all terms but one, from a fit with all of them.
+    """Fit all terms but one, from where the linearization of all of them leads.
 
-    Where that leaves much more it is clear with an updated Jacobian already.
+    Where that leaves much more, a closer fit would not change the answer.
 
     Args:
         base: the fit with all terms.
@@ -240,14 +240,12 @@ def fit_without(base: LinearizedFit, term: Term) -> Fit:
     problem, fit = base.problem, base.fit
     jacobian = fit.jacobian_without(term)
     predicted = compute_removal_costs(base, [term])[term] * fit.cost
+    moved = replace(fit, values=fit.values + base.step_without([term]))
+    kept, start = moved.without_terms(term)
     if predicted > SELECTION.clear_removal_error_ratio * fit.cost:
-        moved = replace(fit, values=fit.values + base.step_without([term]))
-        kept, start = moved.without_terms(term)
-        residuals = problem.residuals_at(kept, start)
-        less = Fit(kept, start, residuals, jacobian)
+        less = Fit(kept, start, problem.residuals_at(kept, start), jacobian)
         if less.cost > SELECTION.clear_removal_error_ratio * fit.cost:
             return less
-    kept, start = fit.without_terms(term)
     less = fit_parameters(
         problem, kept, start, iterations=3, jacobian=jacobian, only_updates=True
     )
