@@ -74,6 +74,35 @@ def improvement_p_value(
     return float(min(1.0, tests * tried * chi2.sf(2 * max(nats, 0.0), degrees)))
 
 
+def weigh_name(
+    problem: Problem,
+    less: ScoredFit,
+    best: ScoredFit,
+    tried: int,
+    rng: np.random.Generator,
+) -> Evidence:
+    """What speaks for a name, by the error with it and without it.
+
+    Args:
+        problem: whose segments' errors are compared.
+        less: the fit without it.
+        best: the fit with it.
+        tried: number of names that were tried together (Bonferroni).
+        rng: draws resamples of the blocks.
+    """
+    p_value = improvement_p_value(problem, less, best, tried)
+    if less.error > (1 + SELECTION.max_uncertain_removal) * best.error:
+        # few blocks can have most of the error, and speak for all
+        others = most_blocks_p_value(problem, less, best, tried)
+        p_value = min(1.0, 2 * min(p_value, others))
+    gains = np.bincount(
+        assign_blocks(problem), less.held_out_errors - best.held_out_errors
+    )
+    draws = rng.integers(len(gains), size=(SELECTION.bootstrap_resamples, len(gains)))
+    stability = float((gains[draws].sum(axis=1) > 0).mean())
+    return Evidence(gain_nats(less, best), p_value, stability)
+
+
 def most_blocks_p_value(
     problem: Problem, old: ScoredFit, new: ScoredFit, tried: float
 ) -> float:

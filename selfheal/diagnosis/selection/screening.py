@@ -37,7 +37,7 @@ def select_hard_segments(
     problem, fit = base.problem, base.fit
     size = len(problem.segments)
     mean_steps = problem.segments.lengths.mean()
-    is_long = _mean_seconds(problem) >= SELECTION.long_screening_segment
+    is_long = mean_seconds(problem) >= SELECTION.long_screening_segment
     is_first = steps <= SELECTION.screening_steps[0]
     least = (
         SELECTION.min_first_screening_segments
@@ -53,7 +53,7 @@ def select_hard_segments(
     return base.select(np.sort(np.append(worst[:hard], others[: count // 2])))
 
 
-def _mean_seconds(problem: Problem) -> float:
+def mean_seconds(problem: Problem) -> float:
     """Mean length of the segments [s]."""
     return float(problem.segments.lengths.mean() * problem.simulator.timestep)
 
@@ -71,7 +71,7 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
     """
     size = len(problem.segments)
     wanted = steps / problem.segments.lengths.mean()
-    least, seconds = SELECTION.min_search_segments, _mean_seconds(problem)
+    least, seconds = SELECTION.min_search_segments, mean_seconds(problem)
     if seconds >= SELECTION.long_screening_segment:
         least = int(SELECTION.min_search_seconds / seconds)
         least = max(least, SELECTION.min_screening_segments)

@@ -14,7 +14,6 @@ from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.problem import assign_blocks
 from ..estimation.reweighting import downweight_unscored, reestimate_initial_states
 from .backward import (
     compute_removal_costs,
@@ -32,12 +31,7 @@ from .criteria import (
     fit_parameterless,
 )
 from .cross_validation import ScoredFit, fit_and_score, refit_without_folds
-from .evidence import (
-    Evidence,
-    improvement_p_value,
-    is_as_good,
-    most_blocks_p_value,
-)
+from .evidence import is_as_good, weigh_name
 from .screening import screen_candidates, select_hard_segments
 from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit
@@ -256,24 +250,11 @@ def keep_significant(
         best = state.best
         base = LinearizedFit.from_fit(problem, best.fit)
         less = ScoredFit.from_fit(problem, fit_without(base, term))
-        p_value = improvement_p_value(problem, less, best, len(tried))
-        if less.error > (1 + SELECTION.max_uncertain_removal) * best.error:
-            # few blocks can have most of the error, and speak for all
-            other = most_blocks_p_value(problem, less, best, len(tried))
-            p_value = 2 * min(p_value, other)
-        if p_value >= SELECTION.max_p_value:
+        evidence = weigh_name(problem, less, best, len(tried), rng)
+        if evidence.p_value >= SELECTION.max_p_value:
             state = state.with_fit(problem, less)
-            continue
-        gains = np.bincount(
-            assign_blocks(problem), less.held_out_errors - best.held_out_errors
-        )
-        draws = rng.integers(
-            len(gains), size=(SELECTION.bootstrap_resamples, len(gains))
-        )
-        nats = 0.5 * np.log(less.error / max(best.error, 1e-300))
-        stability = float((gains[draws].sum(axis=1) > 0).mean())
-        evidence = Evidence(float(nats), p_value, stability)
-        state = state.with_claim(term, Claim(evidence))
+        else:
+            state = state.with_claim(term, Claim(evidence))
     return state
 
 
