@@ -133,9 +133,9 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
 
 
 def _keep_proven(dataset: Dataset, hypothesis: Hypothesis, tried: int) -> Tested:
-    """The names that a likelihood-ratio test in held-out episodes proves.
+    """The names that a likelihood-ratio test proves, in fitted or in held-out segments.
 
-    What the fitted segments hardly tell, as friction under a load that is rare there,
+    What the fitted ones hardly tell, as friction under a load that is rare there,
     others can.
 
     Args:
@@ -151,7 +151,12 @@ def _keep_proven(dataset: Dataset, hypothesis: Hypothesis, tried: int) -> Tested
     for term in fit.terms[len(hypothesis.nominal.fit.terms) :]:
         less = fit_without(LinearizedFit.from_fit(problem, fit), term)
         without = _score_held_out(held_out, less)
-        evidence = weigh_name(held_out, without, best, tried, rng)
+        old, new = (ScoredFit.from_fit(problem, f) for f in (less, fit))
+        evidence = min(
+            weigh_name(problem, old, new, 2 * tried, rng),
+            weigh_name(held_out, without, best, 2 * tried, rng),
+            key=lambda e: e.p_value,
+        )
         if evidence.p_value < SELECTION.max_p_value:
             names.append(NamedEffect(term, evidence, ()))
         else:
