@@ -84,3 +84,11 @@ def files(recording, model, tmp_path):
     for name in ("a.h5", "b.h5"):
         write(recording, tmp_path / name)
     return model, tmp_path / "a.h5", tmp_path / "b.h5"
+
+
+@pytest.fixture
+def heeded_interrupts():
+    """Ctrl-C heeded, as it is not where tests run in the background."""
+    earlier = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, earlier)

@@ -225,7 +225,7 @@ def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
 
 
 def test_the_first_interrupt_asks_for_the_answer_and_the_second_ends(
-    doctor, files, tmp_path
+    doctor, files, tmp_path, heeded_interrupts
 ):
     words = ["diagnose", *files, "--out", tmp_path / "out"]
     assert _run(*words).exit_code == 0 and not doctor.is_over
