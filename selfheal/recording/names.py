@@ -62,7 +62,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     try:
         model = compile_model(name)
     except (ValueError, OSError) as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(error).split()) or f"no reason was given for {name}"
         if "package:/" in reason:
             reason += (
                 '; would fit: <mujoco><compiler strippath="true" meshdir="..."/>'
