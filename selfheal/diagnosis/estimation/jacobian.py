@@ -11,6 +11,10 @@ from .problem import Problem
 from .quadratic_model import stack_bounds
 from .settings import FIT
 
+# parameters from which on fewer simulations can do, that of coupling counted: three in
+# each of two trees, or two in each of three
+LEAST_TOGETHER = 6
+
 
 def compute_jacobian(
     problem: Problem,
@@ -118,9 +122,11 @@ def _find_independent_trees(
     Returns:
         (P - first) numbers of trees, `NO_TREE` of what has to be stepped alone.
     """
+    alone = np.full(sum(len(t.parameters) for t in terms) - first, NO_TREE)
+    if len(alone) < LEAST_TOGETHER:
+        return alone, {}
     of_value, of_column = find_trees(problem.simulator, terms)
     of_value = of_value[first:]
-    alone = np.full(len(of_value), NO_TREE)
     trees = [int(t) for t in np.unique(of_value) if t != NO_TREE]
     columns = [np.flatnonzero(of_value == t) for t in trees]
     together = max((len(c) for c in columns), default=0)
