@@ -23,6 +23,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
+from ..simulation.model_variants import split_values
 from .jacobian import compute_jacobian
 from .problem import Problem
 from .quadratic_model import (
@@ -64,6 +65,12 @@ class Fit:
     def prior_penalty(self) -> float:
         """(x - 1)' Lambda (x - 1) [variances]: how far values are from their prior."""
         return float(prior_precision(self.terms) @ (self.values - 1) ** 2)
+
+    @property
+    def values_by_term(self) -> dict[Term, Floats]:
+        """Values (p) of each term [units of its parameters]."""
+        split = split_values(self.terms, self.values)
+        return dict(zip(self.terms, split, strict=True))
 
     def without_terms(self, *removed: Term) -> tuple[tuple[Term, ...], Floats]:
         """The terms without some, and their values (P) [units of the parameters]."""

@@ -19,7 +19,6 @@ from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
-from ..simulation.model_variants import split_values
 from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
 from .evidence import improvement_p_value, is_as_good
@@ -99,8 +98,7 @@ def _find_counted_columns(problem: Problem, residuals: Floats) -> np.ndarray:
 
 def find_negligible(fit: Fit) -> set[Term]:
     """Terms of a fit whose values are as good as nominal."""
-    each = zip(fit.terms, split_values(fit.terms, fit.values), strict=True)
-    return {t for t, values in each if t.is_negligible(values)}
+    return {t for t, values in fit.values_by_term.items() if t.is_negligible(values)}
 
 
 def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:

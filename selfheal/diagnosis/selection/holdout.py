@@ -28,7 +28,6 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
-from ..simulation.model_variants import split_values
 from .backward import compute_worst_growth, eliminate_backward, fit_without
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
@@ -228,7 +227,7 @@ def _find_weakest(
         before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
         trifle = SELECTION.min_held_out_share * (before - error)
         least = max(least, min(trifle, SELECTION.max_trifle * error))
-    values = dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
+    values = fit.values_by_term
     weakest, smallest = None, least
     base = LinearizedFit.from_fit(hypothesis.problem, fit)
     for name in hypothesis.named:

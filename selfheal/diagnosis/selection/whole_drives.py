@@ -22,7 +22,6 @@ from ..estimation.marginalization import (
 )
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
-from ..simulation.model_variants import split_values
 from .backward import eliminate_backward, find_negligible
 from .cross_validation import ScoredFit
 from .screening import Progress
@@ -237,15 +236,10 @@ def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
         state: in which nothing has a name.
         equal: fit of equal drives, where they begin.
     """
-    own = spread_values(_split_by_term(equal), state.candidates)
+    own = spread_values(equal.values_by_term, state.candidates)
     terms = (*state.best.fit.terms, *own)
     start = np.concatenate([np.ones(state.nominal_count), *own.values()])
     return fit_parameters(problem, terms, start, iterations=5)
-
-
-def _split_by_term(fit: Fit) -> dict[Term, Floats]:
-    """Values (p) of each term of a fit."""
-    return dict(zip(fit.terms, split_values(fit.terms, fit.values), strict=True))
 
 
 def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
@@ -259,7 +253,7 @@ def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> F
         candidates: terms that may earn a name.
     """
     negligible = find_negligible(fit)
-    values = _split_by_term(fit)
+    values = fit.values_by_term
     for form in dict.fromkeys(t.effect for t in candidates if t.effect.resembles):
         old = [t for t in fit.terms if t.effect.name == form.resembles]
         places = {
@@ -292,7 +286,7 @@ def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) ->
         return fit
     terms, values = fit.without_terms(*beside)
     missing = [t for t in usual if t not in terms]
-    begun = spread_values(_split_by_term(equal), missing)
+    begun = spread_values(equal.values_by_term, missing)
     return fit_parameters(
         problem,
         (*terms, *begun),
