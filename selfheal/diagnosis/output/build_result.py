@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -66,7 +67,8 @@ def build_diagnosis(
     problem = hypothesis.problem
     errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
     refit = doc.build_refit(patched, errors)
-    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
+    unproven = doc.build_unproven(hypothesis, errors)
+    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, unproven)
     text, diff, edits, unpatched = patch_or_nominal(dataset, patched)
     document = {
         "format": "selfheal-diagnosis",
@@ -82,6 +84,8 @@ def build_diagnosis(
                     for h in proof.horizons
                 ]},
     }  # fmt: skip
+    if unproven:
+        document["unproven"] = unproven  # a replay needs them too
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
@@ -273,6 +277,7 @@ def _write_remarks(
     structure: RemainingStructure,
     refuted: Sequence[str],
     refit: Sequence[Mapping[str, Any]],
+    unproven: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
     """Sentences that a reader should know before believing the rest.
 
@@ -282,6 +287,7 @@ def _write_remarks(
         structure: what a torque of free form would still explain.
         refuted: effects that the held-out recordings took back, as text.
         refit: entries of diagnosis.json's "refit".
+        unproven: entries of diagnosis.json's "unproven".
     """
     found = [
         f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
@@ -300,6 +306,15 @@ def _write_remarks(
         found.append(
             f"What also fitted, {'; '.join(refuted)}, did not help in the "
             "held-out episodes, so it is not named."
+        )
+    if unproven:
+        kinds = Counter(e["effect"].replace("_", " ") for e in unproven)
+        found.append(
+            "The patched model has effects that predict the held-out episodes better "
+            "together, though nothing proves them one by one "
+            '("unproven" in diagnosis.json): '
+            + ", ".join(f"{what} ({n})" for what, n in kinds.items())
+            + "."
         )
     if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
         found.append(

@@ -102,52 +102,59 @@ def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
 
 
 def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
-    """All usual effects that stand on evidence, where their fit predicts better.
+    """All usual effects, where their fit predicts better, and names that are proved.
 
     The fit of all usual effects at once is what an engineer would try first. Where it
     predicts held-out episodes better than a hypothesis, the search missed something.
+    Values that nothing proves one by one stay in the fit without a name, for together
+    they predict better; but not those that it can do without.
 
     Args:
         dataset: with the held-out episodes.
         tested: a hypothesis, and what was refuted.
 
     Returns:
-        The other hypothesis; None where the first one is about as good or better.
+        The other hypothesis; None where the first one is about as good or better, or
+        where the other one has no name that is proved.
     """
     hypothesis, plain = tested[0], tested[0].plain
     if plain is None:
         return None
     problem, count = hypothesis.problem, len(hypothesis.nominal.fit.terms)
-    all_usual = replace(hypothesis, final=ScoredFit.from_fit(problem, plain))
-    limit, error = _held_out_errors(dataset, [hypothesis, all_usual])
-    limit /= SELECTION.worse_replay_ratio**2
-    if error >= limit:
+    every = replace(hypothesis, final=ScoredFit.from_fit(problem, plain))
+    limit, error = _held_out_errors(dataset, [hypothesis, every])
+    if error >= limit / SELECTION.worse_replay_ratio**2:
         return None
-    fit = eliminate_backward(problem, plain, count)
-    other = replace(hypothesis, final=ScoredFit.from_fit(problem, fit))
-    other, refuted = _keep_proven(dataset, other, len(plain.terms) - count)
-    if _held_out_errors(dataset, [hypothesis, other])[1] >= limit:
+    fewer = ScoredFit.from_fit(problem, eliminate_backward(problem, plain, count))
+    named = _find_proven(dataset, problem, fewer.fit, count, len(plain.terms) - count)
+    if not named:
         return None
-    return other, (*tested[1], *refuted)
+    some = replace(hypothesis, final=fewer)
+    best = some if _held_out_errors(dataset, [hypothesis, some])[1] <= error else every
+    return replace(best, named=named), tested[1]
 
 
-def _keep_proven(dataset: Dataset, hypothesis: Hypothesis, tried: int) -> Tested:
-    """The names that a likelihood-ratio test proves, in fitted or in held-out segments.
+def _find_proven(
+    dataset: Dataset, problem: Problem, fit: Fit, nominal_count: int, tried: int
+) -> tuple[NamedEffect, ...]:
+    """The effects that a likelihood-ratio test proves, in fitted or held-out segments.
 
-    What the fitted ones hardly tell, as friction under a load that is rare there,
-    others can.
+    One after the other: what fails is taken out of the fit before the next is tested,
+    for of two that do the same one has to stay. What the fitted segments hardly tell,
+    as friction under a load that is rare there, held-out ones can.
 
     Args:
         dataset: with the held-out episodes.
-        hypothesis: whose terms beside the nominal ones are to be tested.
+        problem: that was fitted.
+        fit: whose terms beside the nominal ones are to be tested.
+        nominal_count: number of nominal terms, which stand first.
         tried: number of effects that were fitted together.
     """
-    problem, fit = hypothesis.problem, hypothesis.final.fit
     held_out = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
     held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
     best, rng = _score_held_out(held_out, fit), np.random.default_rng(4)
-    names, failed = [], []
-    for term in fit.terms[len(hypothesis.nominal.fit.terms) :]:
+    named = []
+    for term in fit.terms[nominal_count:]:
         less = fit_without(LinearizedFit.from_fit(problem, fit), term)
         without = _score_held_out(held_out, less)
         old, new = (ScoredFit.from_fit(problem, f) for f in (less, fit))
@@ -157,12 +164,10 @@ def _keep_proven(dataset: Dataset, hypothesis: Hypothesis, tried: int) -> Tested
             key=lambda e: e.p_value,
         )
         if evidence.p_value < SELECTION.max_p_value:
-            names.append(NamedEffect(term, evidence, ()))
+            named.append(NamedEffect(term, evidence, ()))
         else:
             fit, best = less, without
-            failed.append(term.label)
-    scored = ScoredFit.from_fit(problem, fit)
-    return replace(hypothesis, final=scored, named=tuple(names)), tuple(failed)
+    return tuple(named)
 
 
 def _score_held_out(held_out: Problem, fit: Fit) -> ScoredFit:
