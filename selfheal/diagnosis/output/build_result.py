@@ -34,6 +34,10 @@ MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
 MAX_TRACES = 4  # stretches that a page may draw; chosen
 # share of what is left that a torque of free form has to explain for a remark; chosen
 MIN_FREE_FORM_SHARE = 0.05
+UNPROVEN = (
+    "The patched model has effects that predict the held-out episodes better together, "
+    'though nothing proves them one by one ("unproven" in diagnosis.json): {}.'
+)
 UNPATCHED = (
     "patched.xml is the model as given, for its text cannot say what was found; "
     "selfheal replay applies all of it. {}. Of a model without such elements, as "
@@ -62,7 +66,7 @@ def build_diagnosis(
         refuted: effects that the held-out recordings took back, as text.
         begun: time.monotonic() at the beginning [s].
     """
-    patched, numbers = proof.refits["patched"], proof.numbers
+    patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
     problem = hypothesis.problem
     errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
@@ -76,14 +80,14 @@ def build_diagnosis(
         "verdict": verdict,
         "findings": doc.build_findings(hypothesis, errors, where),
         "refit": refit,
-        "fit": {"held_out": list(dataset.held_out_names), **numbers,
-                "explainable_removed": explainable_removed(numbers),
-                "horizons": [
-                    {"seconds": h.seconds, **h.numbers,
-                     "explainable_removed": explainable_removed(h.numbers)}
-                    for h in proof.horizons
-                ]},
-    }  # fmt: skip
+        "fit": {
+            "held_out": list(dataset.held_out_names),
+            **_with_share(proof.numbers),
+            "horizons": [
+                {"seconds": h.seconds, **_with_share(h.numbers)} for h in proof.horizons
+            ],
+        },
+    }
     if unproven:
         document["unproven"] = unproven  # a replay needs them too
     if unpatched:
@@ -104,6 +108,11 @@ def build_diagnosis(
         int(dataset.training.counter.count + dataset.held_out.counter.count),
         more_than_noise=structure.is_significant,
     )
+
+
+def _with_share(numbers: dict[str, float]) -> dict[str, float | None]:
+    """Scores of the models, and the share of the explainable error that is removed."""
+    return {**numbers, "explainable_removed": explainable_removed(numbers)}
 
 
 def explain_unpatchable(model: str | os.PathLike[str]) -> str:
@@ -309,13 +318,8 @@ def _write_remarks(
         )
     if unproven:
         kinds = Counter(e["effect"].replace("_", " ") for e in unproven)
-        found.append(
-            "The patched model has effects that predict the held-out episodes better "
-            "together, though nothing proves them one by one "
-            '("unproven" in diagnosis.json): '
-            + ", ".join(f"{what} ({n})" for what, n in kinds.items())
-            + "."
-        )
+        shown = ", ".join(f"{what} ({count})" for what, count in kinds.items())
+        found.append(UNPROVEN.format(shown))
     if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
         found.append(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
