@@ -80,13 +80,7 @@ def build_diagnosis(
         "verdict": verdict,
         "findings": doc.build_findings(hypothesis, errors, where),
         "refit": refit,
-        "fit": {
-            "held_out": list(dataset.held_out_names),
-            **_with_share(proof.numbers),
-            "horizons": [
-                {"seconds": h.seconds, **_with_share(h.numbers)} for h in proof.horizons
-            ],
-        },
+        "fit": _build_fit(dataset, proof),
     }
     if unproven:
         document["unproven"] = unproven  # a replay needs them too
@@ -110,9 +104,19 @@ def build_diagnosis(
     )
 
 
-def _with_share(numbers: dict[str, float]) -> dict[str, float | None]:
-    """Scores of the models, and the share of the explainable error that is removed."""
-    return {**numbers, "explainable_removed": explainable_removed(numbers)}
+def _build_fit(dataset: Dataset, proof: HeldOutScores) -> dict[str, Any]:
+    """Errors in held-out episodes: replayed as a user would, and over each horizon."""
+
+    def with_share(numbers: dict[str, float]) -> dict[str, float | None]:
+        return {**numbers, "explainable_removed": explainable_removed(numbers)}
+
+    return {
+        "held_out": list(dataset.held_out_names),
+        **with_share(proof.numbers),
+        "horizons": [
+            {"seconds": h.seconds, **with_share(h.numbers)} for h in proof.horizons
+        ],
+    }
 
 
 def explain_unpatchable(model: str | os.PathLike[str]) -> str:
