@@ -56,7 +56,11 @@ class ScoredFit:
 
 
 def predict_held_out(
-    problem: Problem, fit: Fit, folds: np.ndarray | None = None
+    problem: Problem,
+    fit: Fit,
+    folds: np.ndarray | None = None,
+    *,
+    linearly: bool = False,
 ) -> Floats:
     """Squared residuals of each fold, with the values that the other folds ask for.
 
@@ -75,6 +79,7 @@ def predict_held_out(
         fit: its fit.
         folds: (R) number of the fold of each residual; by default those of
             `assign_folds`.
+        linearly: whether no fold is simulated.
 
     Returns:
         (W) [1] sums over each segment, in squared standard deviations.
@@ -88,7 +93,7 @@ def predict_held_out(
         _, step = base.drop_residuals(rows)
         segments = np.unique(problem.segment_of_residual[rows])
         is_whole = np.isin(problem.segment_of_residual, segments).sum() == rows.sum()
-        if is_whole and not problem.regime.has_single_readings:
+        if is_whole and not (linearly or problem.regime.has_single_readings):
             part = problem.select(segments)
             squares[rows] = part.residuals_at(fit.terms, values + step) ** 2
         else:

@@ -11,8 +11,10 @@ from itertools import chain
 import numpy as np
 
 from ...recording.data import Floats
+from ..effects.base import Term
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.marginalization import (
     keep_informative,
@@ -30,7 +32,7 @@ from ..simulation.dataset import (
 )
 from .backward import compute_worst_growth, eliminate_backward, fit_without
 from .criteria import significant_prior_penalty
-from .cross_validation import ScoredFit
+from .cross_validation import ScoredFit, predict_held_out
 from .evidence import weigh_name
 from .hypotheses import Hypothesis, NamedEffect
 from .screening import mean_seconds
@@ -141,7 +143,9 @@ def _find_proven(
 
     One after the other: what fails is taken out of the fit before the next is tested,
     for of two that do the same one has to stay. What the fitted segments hardly tell,
-    as friction under a load that is rare there, held-out ones can.
+    as friction under a load that is rare there, held-out ones can. Residuals answer
+    linearly: those of an effect that matters little do, and one that does not cannot
+    fail.
 
     Args:
         dataset: with the held-out episodes.
@@ -152,29 +156,38 @@ def _find_proven(
     """
     held_out = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
     held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
-    best, rng = _score_held_out(held_out, fit), np.random.default_rng(4)
-    named = []
+    predicted = held_out.residuals_at(fit.terms, fit.values)
+    slopes = compute_jacobian(held_out, fit.terms, fit.values, predicted)
+    seen = LinearizedFit.from_fit(problem, fit)
+
+    def score_without(removed: Sequence[Term]) -> tuple[ScoredFit, ScoredFit]:
+        """The fit without some effects, in fitted and in held-out segments."""
+        step = seen.step_without(removed) if removed else np.zeros(len(fit.values))
+        kept, values = replace(fit, values=fit.values + step).without_terms(*removed)
+        residuals = fit.residuals + fit.jacobian @ step
+        less = Fit(kept, values, residuals, fit.jacobian_without(*removed))
+        unseen = replace(less, residuals=predicted + slopes @ step)
+        return (
+            ScoredFit(less, predict_held_out(problem, less, linearly=True)),
+            ScoredFit(unseen, held_out.sum_by_segment(unseen.residuals**2)),
+        )
+
+    best, rng = score_without([]), np.random.default_rng(4)
+    named: list[NamedEffect] = []
+    removed: list[Term] = []
     for term in fit.terms[nominal_count:]:
-        less = fit_without(LinearizedFit.from_fit(problem, fit), term)
-        without = _score_held_out(held_out, less)
-        old, new = (ScoredFit.from_fit(problem, f) for f in (less, fit))
+        less = score_without([*removed, term])
         evidence = min(
-            weigh_name(problem, old, new, 2 * tried, rng),
-            weigh_name(held_out, without, best, 2 * tried, rng),
+            weigh_name(problem, less[0], best[0], 2 * tried, rng),
+            weigh_name(held_out, less[1], best[1], 2 * tried, rng),
             key=lambda e: e.p_value,
         )
         if evidence.p_value < SELECTION.max_p_value:
             named.append(NamedEffect(term, evidence, ()))
         else:
-            fit, best = less, without
+            removed.append(term)
+            best = less
     return tuple(named)
-
-
-def _score_held_out(held_out: Problem, fit: Fit) -> ScoredFit:
-    """A fit with the residuals and errors of segments that it was not fitted to."""
-    residuals = held_out.residuals_at(fit.terms, fit.values)
-    errors = held_out.sum_by_segment(residuals**2)
-    return ScoredFit(replace(fit, residuals=residuals), errors)
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:

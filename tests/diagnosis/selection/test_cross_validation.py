@@ -46,6 +46,11 @@ def test_whole_held_out_segments_are_simulated(arm):
     wrong, of = replace(found, jacobian=jac), problem.segment_of_residual
     predicted, right = (predict_held_out(problem, f, of)[1] for f in (wrong, found))
     assert predicted == pytest.approx(right, rel=1e-3)
+    # unless the Jacobian is to be believed
+    believed, same = (
+        predict_held_out(problem, f, of, linearly=True)[1] for f in (wrong, found)
+    )
+    assert same == pytest.approx(right, rel=1e-3) and believed > 2 * right
 
 
 def test_long_segments_are_divided_into_blocks(arm):
