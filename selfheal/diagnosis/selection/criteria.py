@@ -12,9 +12,9 @@ import numpy as np
 
 from ..effects.base import Term, implements
 from ..effects.terms import find_overridden
-from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem

@@ -11,8 +11,9 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.settings import FIT
 from .settings import SELECTION

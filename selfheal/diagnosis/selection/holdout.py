@@ -13,9 +13,10 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import is_distinct
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import fit_candidate
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,
@@ -30,9 +31,14 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
-from .backward import compute_worst_growth, eliminate_backward, fit_without
+from .backward import (
+    compute_worst_growth,
+    eliminate_backward,
+    estimate_without,
+    fit_without,
+)
 from .criteria import significant_prior_penalty
-from .cross_validation import ScoredFit, predict_held_out
+from .cross_validation import ScoredFit
 from .evidence import weigh_name
 from .hypotheses import Hypothesis, NamedEffect
 from .screening import mean_seconds
@@ -162,15 +168,10 @@ def _find_proven(
 
     def score_without(removed: Sequence[Term]) -> tuple[ScoredFit, ScoredFit]:
         """The fit without some effects, in fitted and in held-out segments."""
-        step = seen.step_without(removed) if removed else np.zeros(len(fit.values))
-        kept, values = replace(fit, values=fit.values + step).without_terms(*removed)
-        residuals = fit.residuals + fit.jacobian @ step
-        less = Fit(kept, values, residuals, fit.jacobian_without(*removed))
-        unseen = replace(less, residuals=predicted + slopes @ step)
-        return (
-            ScoredFit(less, predict_held_out(problem, less, linearly=True)),
-            ScoredFit(unseen, held_out.sum_by_segment(unseen.residuals**2)),
-        )
+        less, step = estimate_without(seen, removed)
+        unseen = predicted + slopes @ step
+        errors = held_out.sum_by_segment(unseen**2)
+        return less, ScoredFit(replace(less.fit, residuals=unseen), errors)
 
     best, rng = score_without([]), np.random.default_rng(4)
     named: list[NamedEffect] = []

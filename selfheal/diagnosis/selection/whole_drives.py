@@ -13,9 +13,10 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import is_distinct, share_values, spread_values, start_beside
-from ..estimation.candidate_fit import LinearizedFit, spread_around
+from ..estimation.candidate_fit import spread_around
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
