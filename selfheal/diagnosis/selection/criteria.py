@@ -64,12 +64,19 @@ def fit_finalists(
     for i in range(min(SELECTION.max_finalists, len(scored))):
         old = scored[i]
         progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
-        start, jacobian = old.fit.values, old.fit.jacobian
-        new = fit_and_score(
-            problem, old.fit.terms, start, iterations=3, jacobian=jacobian
-        )
+        new = _fit_on(problem, old)
+        if new.error < new.fit.cost:  # no fit that converged predicts so well
+            new = _fit_on(problem, new)
         scored[i] = _score_reestimated(problem, new if new.error < old.error else old)
     return scored
+
+
+def _fit_on(problem: Problem, scored: ScoredFit) -> ScoredFit:
+    """A fit after three more iterations, scored."""
+    fit = scored.fit
+    return fit_and_score(
+        problem, fit.terms, fit.values, iterations=3, jacobian=fit.jacobian
+    )
 
 
 def _score_reestimated(problem: Problem, old: ScoredFit) -> ScoredFit:
