@@ -200,7 +200,8 @@ def _search_both_ways(
     if (
         forward.named
         and forward.is_complete
-        and estimate_usual_gain(forward) < SELECTION.max_usual_gain
+        and estimate_usual_gain(forward.with_candidates(start.candidates))
+        < SELECTION.max_usual_gain
     ):
         extended = lengthen_segments(forward, longer)
         if extended.is_complete:

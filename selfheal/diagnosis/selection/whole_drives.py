@@ -105,7 +105,8 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
 def estimate_usual_gain(state: SearchState) -> float:
     """Share of the cost [1] that all usual effects at once could remove.
 
-    A score test: from the responses to one scale of each of their parameters.
+    A score test: from the responses to one scale of each of their parameters. What the
+    time step's error explains, they need not.
 
     Args:
         state: with names beside which they are tried.
@@ -122,7 +123,10 @@ def estimate_usual_gain(state: SearchState) -> float:
     if not responses:
         return 0.0
     base = LinearizedFit.from_fit(problem, fit)
-    return base.estimate_gain(np.vstack(responses)) / max(fit.cost, FIT.tiny)
+    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
+    by_timestep = fit.residuals + error[None]
+    gain = base.estimate_gain(np.vstack([by_timestep, *responses]))
+    return (gain - base.estimate_gain(by_timestep)) / max(fit.cost, FIT.tiny)
 
 
 def _list_usual(state: SearchState) -> list[Term]:
