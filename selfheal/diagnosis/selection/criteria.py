@@ -65,7 +65,8 @@ def fit_finalists(
         old = scored[i]
         progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
         new = _fit_on(problem, old)
-        if new.error < new.fit.cost:  # no fit that converged predicts so well
+        # no fit that converged predicts so well, unless the cost is rough
+        if new.error < new.fit.cost and not problem.regime.has_rough_cost:
             new = _fit_on(problem, new)
         scored[i] = _score_reestimated(problem, new if new.error < old.error else old)
     return scored

@@ -32,6 +32,7 @@ from ..simulation.dataset import (
     cut_readable_segments,
 )
 from .backward import (
+    compute_removal_costs,
     compute_worst_growth,
     eliminate_backward,
     estimate_without,
@@ -147,11 +148,11 @@ def _find_proven(
 ) -> tuple[NamedEffect, ...]:
     """The effects that a likelihood-ratio test proves, in fitted or held-out segments.
 
-    One after the other: what fails is taken out of the fit before the next is tested,
-    for of two that do the same one has to stay. What the fitted segments hardly tell,
-    as friction under a load that is rare there, held-out ones can. Residuals answer
-    linearly: those of an effect that matters little do, and one that does not cannot
-    fail.
+    One after the other, what costs least first: what fails is taken out of the fit
+    before the next is tested, for of two that do the same one has to stay. What the
+    fitted segments hardly tell, as friction under a load that is rare there, held-out
+    ones can. Residuals answer linearly: those of an effect that matters little do, and
+    one that does not cannot fail.
 
     Args:
         dataset: with the held-out episodes.
@@ -176,7 +177,10 @@ def _find_proven(
     best, rng = score_without([]), np.random.default_rng(4)
     named: list[NamedEffect] = []
     removed: list[Term] = []
-    for term in fit.terms[nominal_count:]:
+    untested = list(fit.terms[nominal_count:])
+    costs = compute_removal_costs(seen, untested)
+    while untested:
+        untested.remove(term := min(untested, key=costs.__getitem__))
         less = score_without([*removed, term])
         evidence = min(
             weigh_name(problem, less[0], best[0], 2 * tried, rng),
@@ -187,7 +191,7 @@ def _find_proven(
             named.append(NamedEffect(term, evidence, ()))
         else:
             removed.append(term)
-            best = less
+            best, costs = less, compute_removal_costs(seen, untested, removed)
     return tuple(named)
 
 

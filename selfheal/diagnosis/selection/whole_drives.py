@@ -59,10 +59,13 @@ def search_backward(
     record(f"fitting {len(usual)} usual effects at once", 0.0)
     problem, equal = _fit_equal_drives(state.problem, usual)
     richer = _enrich_equal_drives(problem, equal, state.candidates)
-    fit = _free_each_joint(problem, state, richer)
-    problem, fit = _reweight_repeatedly(problem, fit)
     state = replace(state, direction="backward")
     record.add_tried(usual)
+    fit = _free_each_joint(problem, state, richer, 1)
+    record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
+    start, known = (fit.terms, fit.values), fit.jacobian
+    fit = fit_parameters(problem, *start, iterations=4, jacobian=known)
+    problem, fit = _reweight_repeatedly(problem, fit)
     record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
     problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=_fit_plain(problem, fit, equal, usual))
@@ -95,7 +98,7 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
     progress(f"fitting {len(usual)} usual effects at once", 0.0)
     if not state.is_explained:
         problem, equal = _fit_equal_drives(state.problem, usual)
-        return _free_each_joint(problem, state, equal)
+        return _free_each_joint(problem, state, equal, 5)
     absent = [p.nominal for t in usual for p in t.parameters]
     start = np.concatenate([state.best.fit.values, absent])
     terms = (*state.best.fit.terms, *usual)
@@ -233,18 +236,21 @@ def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
     return fit_parameters(problem, terms, start, iterations=4, jacobian=known)
 
 
-def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
+def _free_each_joint(
+    problem: Problem, state: SearchState, equal: Fit, iterations: int
+) -> Fit:
     """The fit of what the model states and of each joint's own values.
 
     Args:
         problem: weighted as the fit of equal drives.
         state: in which nothing has a name.
         equal: fit of equal drives, where they begin.
+        iterations: of the fit, at most.
     """
     own = spread_values(equal.values_by_term, state.candidates)
     terms = (*state.best.fit.terms, *own)
     start = np.concatenate([np.ones(state.nominal_count), *own.values()])
-    return fit_parameters(problem, terms, start, iterations=5)
+    return fit_parameters(problem, terms, start, iterations=iterations)
 
 
 def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
