@@ -6,12 +6,12 @@ help there.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 
 import numpy as np
 
 from ...recording.data import Floats
-from ..effects.base import Term
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import fit_candidate
 from ..estimation.jacobian import compute_jacobian
@@ -40,7 +40,7 @@ from .backward import (
 )
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
-from .evidence import weigh_name
+from .evidence import Evidence, weigh_name
 from .hypotheses import Hypothesis, NamedEffect
 from .screening import mean_seconds
 from .settings import SELECTION
@@ -151,8 +151,7 @@ def _find_proven(
     One after the other, what costs least first: what fails is taken out of the fit
     before the next is tested, for of two that do the same one has to stay. What the
     fitted segments hardly tell, as friction under a load that is rare there, held-out
-    ones can. Residuals answer linearly: those of an effect that matters little do, and
-    one that does not cannot fail.
+    ones can. What is clearly proved to first order is not fitted without.
 
     Args:
         dataset: with the held-out episodes.
@@ -163,36 +162,69 @@ def _find_proven(
     """
     held_out = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
     held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
+    weigh = partial(
+        _weigh_in_both, problem, held_out, 2 * tried, np.random.default_rng(4)
+    )
     predicted = held_out.residuals_at(fit.terms, fit.values)
     slopes = compute_jacobian(held_out, fit.terms, fit.values, predicted)
-    seen = LinearizedFit.from_fit(problem, fit)
-
-    def score_without(removed: Sequence[Term]) -> tuple[ScoredFit, ScoredFit]:
-        """The fit without some effects, in fitted and in held-out segments."""
-        less, step = estimate_without(seen, removed)
-        unseen = predicted + slopes @ step
-        errors = held_out.sum_by_segment(unseen**2)
-        return less, ScoredFit(replace(less.fit, residuals=unseen), errors)
-
-    best, rng = score_without([]), np.random.default_rng(4)
+    unseen = Fit(fit.terms, fit.values, predicted, slopes)
+    base, scored = (
+        LinearizedFit.from_fit(problem, fit),
+        ScoredFit.from_fit(problem, fit),
+    )
     named: list[NamedEffect] = []
-    removed: list[Term] = []
     untested = list(fit.terms[nominal_count:])
-    costs = compute_removal_costs(seen, untested)
+    costs = compute_removal_costs(base, untested)
     while untested:
         untested.remove(term := min(untested, key=costs.__getitem__))
-        less = score_without([*removed, term])
-        evidence = min(
-            weigh_name(problem, less[0], best[0], 2 * tried, rng),
-            weigh_name(held_out, less[1], best[1], 2 * tried, rng),
-            key=lambda e: e.p_value,
-        )
+        (less, step), (whole, _) = (estimate_without(base, x) for x in ([term], []))
+        predicted = unseen.residuals + unseen.jacobian @ step
+        evidence = weigh(less, predicted, whole, unseen.residuals)
+        if evidence.p_value > SELECTION.clear_p_value:
+            less = ScoredFit.from_fit(problem, fit_without(base, term))
+            predicted = held_out.residuals_at(less.fit.terms, less.fit.values)
+            evidence = weigh(less, predicted, scored, unseen.residuals)
         if evidence.p_value < SELECTION.max_p_value:
             named.append(NamedEffect(term, evidence, ()))
         else:
-            removed.append(term)
-            best, costs = less, compute_removal_costs(seen, untested, removed)
+            slopes, scored = unseen.jacobian_without(term), less
+            unseen = Fit(less.fit.terms, less.fit.values, predicted, slopes)
+            base = LinearizedFit.from_fit(problem, less.fit)
+            costs = compute_removal_costs(base, untested)
     return tuple(named)
+
+
+def _weigh_in_both(
+    problem: Problem,
+    held_out: Problem,
+    tried: int,
+    rng: np.random.Generator,
+    less: ScoredFit,
+    unseen_less: Floats,
+    whole: ScoredFit,
+    unseen: Floats,
+) -> Evidence:
+    """What speaks for an effect, in the segments that show it better.
+
+    Args:
+        problem: that was fitted.
+        held_out: segments that were not.
+        tried: number of tests.
+        rng: draws resamples.
+        less: the fit without the effect.
+        unseen_less: (R) its held-out residuals [standard deviations].
+        whole: the fit with it.
+        unseen: (R) its held-out residuals [standard deviations].
+    """
+    old, new = (
+        ScoredFit(replace(s.fit, residuals=r), held_out.sum_by_segment(r**2))
+        for s, r in ((less, unseen_less), (whole, unseen))
+    )
+    return min(
+        weigh_name(problem, less, whole, tried, rng),
+        weigh_name(held_out, old, new, tried, rng),
+        key=lambda e: e.p_value,
+    )
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:

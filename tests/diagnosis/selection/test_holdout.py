@@ -9,6 +9,7 @@ import pytest
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.output.document import build_unproven
 from selfheal.diagnosis.selection.cross_validation import ScoredFit
@@ -108,6 +109,7 @@ def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(tm
     sigma = make_problem(training).sigma
     problem = Problem(training.simulator, segments, sigma)
     start = np.concatenate([t.initial_values[0] for t in terms])
+    problem = marginalize_initial_states(problem, terms, start)
     plain = fit_parameters(problem, tuple(terms), start)
     nominal = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
     missed = Hypothesis(problem, nominal, nominal, (), (), plain)
