@@ -115,8 +115,8 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
 
     The fit of all usual effects at once is what an engineer would try first. Where it
     predicts held-out episodes better than a hypothesis, the search missed something.
-    Values that nothing proves one by one stay in the fit without a name, for together
-    they predict better; but not those that it can do without.
+    Values that nothing proves one by one stay in the fit without a name, if together
+    they predict better by 5 %; but not those that it can do without.
 
     Args:
         dataset: with the held-out episodes.
@@ -129,23 +129,31 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
     hypothesis, plain = tested[0], tested[0].plain
     if plain is None:
         return None
+    residuals = hypothesis.final.fit.residuals
+    if noise_ratio(hypothesis.problem, residuals) <= FIT.unexplained_ratio:
+        return None  # what leaves little but noise misses nothing
     problem, count = hypothesis.problem, len(hypothesis.nominal.fit.terms)
     every = replace(hypothesis, final=ScoredFit.from_fit(problem, plain))
     limit, error = _held_out_errors(dataset, [hypothesis, every])
     if error >= limit / SELECTION.worse_replay_ratio**2:
         return None
     fewer = ScoredFit.from_fit(problem, eliminate_backward(problem, plain, count))
-    named = _find_proven(dataset, problem, fewer.fit, count, len(plain.terms) - count)
+    named, proven = _find_proven(
+        dataset, problem, fewer.fit, count, len(plain.terms) - count
+    )
     if not named:
         return None
-    some = replace(hypothesis, final=fewer)
-    best = some if _held_out_errors(dataset, [hypothesis, some])[1] <= error else every
-    return replace(best, named=named), tested[1]
+    chosen = every
+    for final, tolerance in ((fewer, 1.0), (proven, SELECTION.worse_replay_ratio**2)):
+        other = replace(hypothesis, final=final)
+        if _held_out_errors(dataset, [hypothesis, other])[1] <= tolerance * error:
+            chosen = other
+    return replace(chosen, named=named), tested[1]
 
 
 def _find_proven(
     dataset: Dataset, problem: Problem, fit: Fit, nominal_count: int, tried: int
-) -> tuple[NamedEffect, ...]:
+) -> tuple[tuple[NamedEffect, ...], ScoredFit]:
     """The effects that a likelihood-ratio test proves, in fitted or held-out segments.
 
     One after the other, what costs least first: what fails is taken out of the fit
@@ -159,6 +167,9 @@ def _find_proven(
         fit: whose terms beside the nominal ones are to be tested.
         nominal_count: number of nominal terms, which stand first.
         tried: number of effects that were fitted together.
+
+    Returns:
+        The effects, and the fit without all others.
     """
     held_out = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
     held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
@@ -191,7 +202,7 @@ def _find_proven(
             unseen = Fit(less.fit.terms, less.fit.values, predicted, slopes)
             base = LinearizedFit.from_fit(problem, less.fit)
             costs = compute_removal_costs(base, untested)
-    return tuple(named)
+    return tuple(named), scored
 
 
 def _weigh_in_both(

@@ -70,6 +70,12 @@ class Hypothesis:
     ranking: tuple[tuple[Term, float], ...]
     plain: Fit | None = None
 
+    @property
+    def has_unnamed(self) -> bool:
+        """Whether the fit has effects that have no name."""
+        count = len(self.nominal.fit.terms) + len(self.named)
+        return len(self.final.fit.terms) > count
+
 
 def start_search(
     problem: Problem,
