@@ -253,7 +253,7 @@ def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> 
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
-    if plain and verdict == "explained":  # the search did not find all of it
+    if verdict == "explained" and hypothesis.has_unnamed:
         verdict = "partly"
     scores = HeldOutScores.compute(dataset, hypothesis)
     is_worse = bool(hypothesis.named) and makes_replay_worse(

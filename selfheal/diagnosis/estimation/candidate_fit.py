@@ -5,201 +5,23 @@ answer linearly: they are always where the linearization has its minimum. That i
 variable projection (Golub and Pereyra 1973), with the Jacobian of the fit held fixed.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_overridden
 from ..simulation.checkpoint import Arrays
 from .jacobian import compute_jacobian
 from .least_squares import Fit, Trial, search_dampings
-from .problem import Problem
+from .linearized_fit import LinearizedFit
 from .quadratic_model import (
     QuadraticModel,
-    prior_precision,
-    solve_bounded_step,
     stack_bounds,
     update_broyden,
 )
 from .settings import FIT
-
-
-@dataclass(frozen=True, eq=False)
-class LinearizedFit:
-    """A fit and the quadratic model of its cost, beside which other terms are tried.
-
-    Attributes:
-        problem: that was fitted.
-        fit: of its P values.
-        prior: (P) diagonal of Lambda, the prior's precision.
-        curvature: (P, P) J'J + Lambda.
-    """
-
-    problem: Problem
-    fit: Fit
-    prior: Floats
-    curvature: Floats
-
-    @classmethod
-    def from_fit(cls, problem: Problem, fit: Fit) -> "LinearizedFit":
-        """Linearize a fit of a problem by its Jacobian."""
-        prior = prior_precision(fit.terms)
-        curvature = fit.jacobian.T @ fit.jacobian + np.diag(prior)
-        return cls(problem, fit, prior, curvature)
-
-    def select(self, chosen: np.ndarray) -> "LinearizedFit":
-        """The fit in segments `chosen` (w), with its values as they are."""
-        segments, fit = self.problem.segments, self.fit
-        width = segments.readings.shape[1]
-        rows = segments.find_sample_rows(chosen)[:, None] * width + np.arange(width)
-        residuals, jacobian = fit.residuals[rows.ravel()], fit.jacobian[rows.ravel()]
-        return LinearizedFit.from_fit(
-            self.problem.select(chosen),
-            Fit(fit.terms, fit.values, residuals, jacobian),
-        )
-
-    def release_overridden(self, term: Term) -> "LinearizedFit":
-        """The fit in which nominal values that a term overrides have no effect."""
-        overridden = find_overridden(term, self.fit.terms)
-        if not overridden:
-            return self
-        jacobian = self.fit.jacobian.copy()
-        jacobian[:, overridden] = 0.0
-        return LinearizedFit.from_fit(
-            self.problem, replace(self.fit, jacobian=jacobian)
-        )
-
-    @cached_property
-    def gradient(self) -> Floats:
-        """(P) half the gradient of the penalized cost at the fit."""
-        return self.gradient_at(self.fit.residuals)
-
-    def gradient_at(self, residuals: Floats) -> Floats:
-        """(P) J'r + Lambda (x - 1) at other residuals r (R)."""
-        return self.fit.jacobian.T @ residuals + self.prior * (self.fit.values - 1)
-
-    def drop_residuals(self, rows: np.ndarray) -> tuple[float, Floats]:
-        """Predict the fit without some residuals, by one Gauss-Newton step.
-
-        Their share of the curvature and of the gradient is subtracted (downdating).
-
-        Args:
-            rows: (R) whether each residual is dropped.
-
-        Returns:
-            By how much the cost of the other residuals falls [1], and the step (P)
-            [units of the parameters].
-        """
-        low, high, scale = stack_bounds(self.fit.terms)
-        values, jacobian = self.fit.values, self.fit.jacobian[rows]
-        model = QuadraticModel(
-            self.curvature - jacobian.T @ jacobian,
-            self.gradient - jacobian.T @ self.fit.residuals[rows],
-            low - values,
-            high - values,
-            scale,
-        )
-        step = model.solve()
-        return -model.predict_change(step), step
-
-    @cached_property
-    def by_column(self) -> tuple[Floats, Floats, Floats]:
-        """Of each column of readings (C): r'r (C), J'r (C, P) and J'J (C, P, P)."""
-        width = self.problem.segments.readings.shape[1]
-        r = self.fit.residuals.reshape(-1, width)
-        jacobian = self.fit.jacobian.reshape(len(r), width, -1).transpose(1, 2, 0)
-        gradients = np.stack([j @ x for j, x in zip(jacobian, r.T, strict=True)])
-        curvatures = np.stack([j @ j.T for j in jacobian])
-        return (r**2).sum(axis=0), gradients, curvatures
-
-    def move(self, held: np.ndarray, change: Floats) -> Floats:
-        """The step (P) of all values where some are changed and the others refitted.
-
-        To first order, and within the bounds of the others.
-
-        Args:
-            held: (n) numbers of the changed parameters, which have no prior.
-            change: (n) of them [units of the parameters].
-        """
-        free = np.setdiff1d(np.arange(len(self.fit.values)), held)
-        step = np.zeros(len(self.fit.values))
-        step[held] = change
-        gradient = self.gradient + self.curvature[:, held] @ change
-        step[free] = self._solve(gradient, free)
-        return step
-
-    def estimate_gain(self, residuals: Floats) -> float:
-        """By how much changes that make other residuals (n, R) can lower the cost.
-
-        To first order in their sizes, with all values of the fit at their best: a score
-        test (Rao 1948). With D the changes as unit vectors, H = J'J + Lambda and g the
-        gradient,
-
-            gain = s' (D'D - D'J H^-1 J'D)^+ s,   s = D'r - D'J H^-1 g.
-        """
-        changes = (residuals - self.fit.residuals).T
-        changes = changes / np.maximum(np.linalg.norm(changes, axis=0), FIT.tiny)
-        cross = self.fit.jacobian.T @ changes
-        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))[:, None]
-        scaled = self.curvature / size / size.T
-        solved = np.linalg.lstsq(scaled, cross / size, rcond=None)[0] / size
-        score = changes.T @ self.fit.residuals - solved.T @ self.gradient
-        rest = changes.T @ changes - cross.T @ solved
-        own = np.linalg.pinv(rest, rcond=FIT.min_column_share, hermitian=True)
-        return float(score @ own @ score)
-
-    def step_without(self, removed: Sequence[Term]) -> Floats:
-        """The step (P) of all values to the fit without some terms, to first order.
-
-        Theirs go to nominal ones, or to a bound where these are infinite.
-        """
-        columns, change = self._changes_to_nominal
-        held = np.concatenate([columns[t] for t in removed])
-        return self.move(held, change[held])
-
-    @cached_property
-    def _changes_to_nominal(self) -> tuple[dict[Term, np.ndarray], Floats]:
-        """Columns of each term, and by how much each value (P) is not nominal."""
-        terms, values = self.fit.terms, self.fit.values
-        ends = np.cumsum([0, *(len(t.parameters) for t in terms)])
-        columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(terms)}
-        low, high, _ = stack_bounds(terms)
-        nominal = np.concatenate([[p.nominal for p in t.parameters] for t in terms])
-        return columns, np.clip(nominal, low, high) - values
-
-    def minimize(self, residuals: Floats) -> tuple[float, Floats]:
-        """Minimize the penalized cost of other residuals over the values of the fit.
-
-        The residuals answer linearly, by the Jacobian of the fit.
-
-        Args:
-            residuals: (R) with the values of the fit [standard deviations].
-
-        Returns:
-            The lowest cost [1], and the step (P) to it [units of the parameters].
-        """
-        values, gradient = self.fit.values, self.gradient_at(residuals)
-        step = self._solve(gradient, np.arange(len(values)))
-        cost = (
-            residuals @ residuals + 2 * gradient @ step + step @ self.curvature @ step
-        )
-        return float(cost + self.prior @ (values - 1) ** 2), step
-
-    def _solve(self, gradient: Floats, free: np.ndarray) -> Floats:
-        """The step (n) of the parameters `free` (n) within their bounds."""
-        low, high, scale = stack_bounds(self.fit.terms)
-        values = self.fit.values
-        return solve_bounded_step(
-            self.curvature[np.ix_(free, free)],
-            gradient[free],
-            (low - values)[free],
-            (high - values)[free],
-            scale[free],
-        )
 
 
 def spread_around(term: Term, start: Floats) -> Floats:
@@ -232,6 +54,44 @@ def fit_candidate(
         residuals + old.jacobian @ others_step,
         np.hstack([old.jacobian, jacobian]),
     )
+
+
+def estimate_candidate(base: LinearizedFit, term: Term) -> tuple[float, Floats]:
+    """What one more term could do, from the responses to its initial values alone.
+
+    These answer linearly in their sizes, as all values of the fit do. Of a periodic
+    term each frequency counts for itself.
+
+    Args:
+        base: the fit without the term.
+        term: with initial values.
+
+    Returns:
+        The lowest penalized cost [1], and the change (R) of the residuals there.
+    """
+    base = base.release_overridden(term)
+    cost, change = base.problem.simulator.load_or_compute(
+        partial(_estimate_candidate, base, term)
+    )
+    return float(cost), change
+
+
+def _estimate_candidate(base: LinearizedFit, term: Term) -> Arrays:
+    """The lowest penalized cost (), and the change (R) of the residuals there."""
+    residuals = _CandidateProblem(base, term).compute_residuals(stack_starts(term))
+    together = 2 if term.effect.is_periodic else len(residuals)
+    best, best_change = np.inf, np.zeros(len(base.fit.residuals))
+    for k in range(0, len(residuals), together):
+        response = base.estimate_response(residuals[k : k + together])
+        cost, others_step = base.minimize(base.fit.residuals + response)
+        if cost < best:
+            best, best_change = cost, response + base.fit.jacobian @ others_step
+    return np.array(best), best_change
+
+
+def stack_starts(term: Term) -> Floats:
+    """(n, p) the initial values of a term [units of its parameters]."""
+    return np.array(term.initial_values, float).reshape(len(term.initial_values), -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,7 +213,7 @@ def _fit_candidate(base: LinearizedFit, term: Term, iterations: int) -> Arrays:
 def _find_start(candidate: _CandidateProblem) -> tuple[Trial, bool]:
     """The best of a term's initial values, and whether all of them diverge."""
     base, term = candidate.base, candidate.term
-    points = np.array(term.initial_values, float).reshape(len(term.initial_values), -1)
+    points = stack_starts(term)
     residuals = candidate.compute_residuals(points)
     if term.effect.is_periodic and len(points) > 1:
         best = _find_best_sinusoid(base, points, residuals)

@@ -12,8 +12,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
-from .candidate_fit import LinearizedFit
 from .least_squares import Fit
+from .linearized_fit import LinearizedFit
 from .marginalization import marginalize_initial_states
 from .problem import Problem
 from .quadratic_model import prior_precision, solve_bounded_step, stack_bounds

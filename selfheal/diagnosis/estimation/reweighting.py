@@ -15,8 +15,8 @@ from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from ..simulation.simulator import Simulator
-from .candidate_fit import LinearizedFit
 from .least_squares import Fit, fit_parameters
+from .linearized_fit import LinearizedFit
 from .marginalization import marginalize_initial_states
 from .noise import noise_ratio, residual_rms, update_noise_model
 from .problem import Problem

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,10 @@ MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
 MAX_TRACES = 4  # stretches that a page may draw; chosen
 # share of what is left that a torque of free form has to explain for a remark; chosen
 MIN_FREE_FORM_SHARE = 0.05
+UNPROVEN = (
+    "The patched model has effects that predict the held-out episodes better together, "
+    'though nothing proves them one by one ("unproven" in diagnosis.json): {}.'
+)
 UNPATCHED = (
     "patched.xml is the model as given, for its text cannot say what was found; "
     "selfheal replay applies all of it. {}. Of a model without such elements, as "
@@ -61,12 +66,13 @@ def build_diagnosis(
         refuted: effects that the held-out recordings took back, as text.
         begun: time.monotonic() at the beginning [s].
     """
-    patched, numbers = proof.refits["patched"], proof.numbers
+    patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
     problem = hypothesis.problem
     errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
     refit = doc.build_refit(patched, errors)
-    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
+    unproven = doc.build_unproven(hypothesis, errors)
+    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, unproven)
     text, diff, edits, unpatched = patch_or_nominal(dataset, patched)
     document = {
         "format": "selfheal-diagnosis",
@@ -74,14 +80,10 @@ def build_diagnosis(
         "verdict": verdict,
         "findings": doc.build_findings(hypothesis, errors, where),
         "refit": refit,
-        "fit": {"held_out": list(dataset.held_out_names), **numbers,
-                "explainable_removed": explainable_removed(numbers),
-                "horizons": [
-                    {"seconds": h.seconds, **h.numbers,
-                     "explainable_removed": explainable_removed(h.numbers)}
-                    for h in proof.horizons
-                ]},
-    }  # fmt: skip
+        "fit": _build_fit(dataset, proof),
+    }
+    if unproven:
+        document["unproven"] = unproven  # a replay needs them too
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
@@ -100,6 +102,21 @@ def build_diagnosis(
         int(dataset.training.counter.count + dataset.held_out.counter.count),
         more_than_noise=structure.is_significant,
     )
+
+
+def _build_fit(dataset: Dataset, proof: HeldOutScores) -> dict[str, Any]:
+    """Errors in held-out episodes: replayed as a user would, and over each horizon."""
+
+    def with_share(numbers: dict[str, float]) -> dict[str, float | None]:
+        return {**numbers, "explainable_removed": explainable_removed(numbers)}
+
+    return {
+        "held_out": list(dataset.held_out_names),
+        **with_share(proof.numbers),
+        "horizons": [
+            {"seconds": h.seconds, **with_share(h.numbers)} for h in proof.horizons
+        ],
+    }
 
 
 def explain_unpatchable(model: str | os.PathLike[str]) -> str:
@@ -273,6 +290,7 @@ def _write_remarks(
     structure: RemainingStructure,
     refuted: Sequence[str],
     refit: Sequence[Mapping[str, Any]],
+    unproven: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
     """Sentences that a reader should know before believing the rest.
 
@@ -282,6 +300,7 @@ def _write_remarks(
         structure: what a torque of free form would still explain.
         refuted: effects that the held-out recordings took back, as text.
         refit: entries of diagnosis.json's "refit".
+        unproven: entries of diagnosis.json's "unproven".
     """
     found = [
         f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
@@ -301,6 +320,10 @@ def _write_remarks(
             f"What also fitted, {'; '.join(refuted)}, did not help in the "
             "held-out episodes, so it is not named."
         )
+    if unproven:
+        kinds = Counter(e["effect"].replace("_", " ") for e in unproven)
+        shown = ", ".join(f"{what} ({count})" for what, count in kinds.items())
+        found.append(UNPROVEN.format(shown))
     if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
         found.append(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "

@@ -28,22 +28,17 @@ def build_findings(
         where: what each named effect acts on (contract's "where"), by its number.
     """
     fit, out = hypothesis.final.fit, []
-    errors_of_terms = split_values(fit.terms, errors)
-    values_of_terms = split_values(fit.terms, fit.values)
+    parameters = _list_by_term(fit, errors)
     for n, named in enumerate(hypothesis.named):
-        i = next(k for k, t in enumerate(fit.terms) if t is named.term)
         effect = named.term.effect
         for target in named.term.targets:
-            parameters = list_parameters(
-                named.term, values_of_terms[i], errors_of_terms[i]
-            )
             out.append({
                 "effect": effect.name,
                 "target": target,
                 **named.term.finding_fields,
                 "equivalent": _list_equivalents(named),
                 "separate_by": effect.separate_by,
-                "parameters": parameters,
+                "parameters": parameters[named.term],
                 "where": where[n],
                 "evidence": {
                     "heldout_nll_gain": named.evidence.gain,
@@ -53,6 +48,44 @@ def build_findings(
                 "native": effect.is_native,
             })  # fmt: skip
     return out
+
+
+def build_unproven(hypothesis: Hypothesis, errors: Floats) -> list[dict[str, Any]]:
+    """One entry for each effect and target that is in the fit without a name.
+
+    Args:
+        hypothesis: with the named effects and their fit.
+        errors: (P) standard errors of the fit's values [each parameter's unit].
+    """
+    named = {n.term for n in hypothesis.named}
+    added = hypothesis.final.fit.terms[len(hypothesis.nominal.fit.terms) :]
+    parameters = _list_by_term(hypothesis.final.fit, errors)
+    return [
+        {
+            "effect": term.effect.name,
+            "target": target,
+            **term.finding_fields,
+            "parameters": parameters[term],
+            "native": term.effect.is_native,
+        }
+        for term in added
+        if term not in named
+        for target in term.targets
+    ]
+
+
+def _list_by_term(fit: Fit, errors: Floats) -> dict[Term, list[dict[str, Any]]]:
+    """The parameters of each term of a fit, as a finding lists them.
+
+    Args:
+        fit: with terms and values.
+        errors: (P) standard errors of its values.
+    """
+    split = (split_values(fit.terms, x) for x in (fit.values, errors))
+    return {
+        term: list_parameters(term, values, error)
+        for term, values, error in zip(fit.terms, *split, strict=True)
+    }
 
 
 def _list_equivalents(named: NamedEffect) -> list[str]:

@@ -29,8 +29,13 @@ def check_entries(path: object, document: Mapping[str, Any]) -> None:
     Raises:
         InputError: the first one, by file and entry, and what would fit.
     """
-    for key, check in (("findings", _check_finding), ("refit", _check_refit)):
-        entries = document.get(key)
+    checks = {
+        "findings": _check_finding,
+        "unproven": _check_finding,
+        "refit": _check_refit,
+    }
+    for key, check in checks.items():
+        entries = document.get(key, [] if key == "unproven" else None)
         if not isinstance(entries, list):
             raise InputError(f"{path}: {key} is no list; would fit: a list of entries")
         for i, entry in enumerate(entries):

@@ -14,8 +14,9 @@ from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate, spread_around
+from ..estimation.candidate_fit import fit_candidate, spread_around
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
@@ -224,6 +225,18 @@ def is_simpler(new: Term, old: Term) -> bool:
     if new.effect.rarity != old.effect.rarity:
         return new.effect.rarity < old.effect.rarity
     return len(new.parameters) < len(old.parameters)
+
+
+def estimate_without(
+    base: LinearizedFit, removed: Sequence[Term]
+) -> tuple[ScoredFit, Floats]:
+    """The fit without some terms to first order, and the step (P) to it."""
+    fit = base.fit
+    step = base.step_without(removed) if removed else np.zeros(len(fit.values))
+    kept, values = replace(fit, values=fit.values + step).without_terms(*removed)
+    residuals = fit.residuals + fit.jacobian @ step
+    less = Fit(kept, values, residuals, fit.jacobian_without(*removed))
+    return ScoredFit(less, predict_held_out(base.problem, less, linearly=True)), step
 
 
 def fit_without(base: LinearizedFit, term: Term) -> Fit:

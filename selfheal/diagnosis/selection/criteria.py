@@ -12,9 +12,9 @@ import numpy as np
 
 from ..effects.base import Term, implements
 from ..effects.terms import find_overridden
-from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem
@@ -64,12 +64,20 @@ def fit_finalists(
     for i in range(min(SELECTION.max_finalists, len(scored))):
         old = scored[i]
         progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
-        start, jacobian = old.fit.values, old.fit.jacobian
-        new = fit_and_score(
-            problem, old.fit.terms, start, iterations=3, jacobian=jacobian
-        )
+        new = _fit_on(problem, old)
+        # no fit that converged predicts so well, unless the cost is rough
+        if new.error < new.fit.cost and not problem.regime.has_rough_cost:
+            new = _fit_on(problem, new)
         scored[i] = _score_reestimated(problem, new if new.error < old.error else old)
     return scored
+
+
+def _fit_on(problem: Problem, scored: ScoredFit) -> ScoredFit:
+    """A fit after three more iterations, scored."""
+    fit = scored.fit
+    return fit_and_score(
+        problem, fit.terms, fit.values, iterations=3, jacobian=fit.jacobian
+    )
 
 
 def _score_reestimated(problem: Problem, old: ScoredFit) -> ScoredFit:

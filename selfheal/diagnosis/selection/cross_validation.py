@@ -11,8 +11,9 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import fit_candidate
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.settings import FIT
 from .settings import SELECTION
@@ -56,7 +57,11 @@ class ScoredFit:
 
 
 def predict_held_out(
-    problem: Problem, fit: Fit, folds: np.ndarray | None = None
+    problem: Problem,
+    fit: Fit,
+    folds: np.ndarray | None = None,
+    *,
+    linearly: bool = False,
 ) -> Floats:
     """Squared residuals of each fold, with the values that the other folds ask for.
 
@@ -75,6 +80,7 @@ def predict_held_out(
         fit: its fit.
         folds: (R) number of the fold of each residual; by default those of
             `assign_folds`.
+        linearly: whether no fold is simulated.
 
     Returns:
         (W) [1] sums over each segment, in squared standard deviations.
@@ -88,7 +94,7 @@ def predict_held_out(
         _, step = base.drop_residuals(rows)
         segments = np.unique(problem.segment_of_residual[rows])
         is_whole = np.isin(problem.segment_of_residual, segments).sum() == rows.sum()
-        if is_whole and not problem.regime.has_single_readings:
+        if is_whole and not (linearly or problem.regime.has_single_readings):
             part = problem.select(segments)
             squares[rows] = part.residuals_at(fit.terms, values + step) ** 2
         else:

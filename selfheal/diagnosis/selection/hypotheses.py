@@ -70,6 +70,12 @@ class Hypothesis:
     ranking: tuple[tuple[Term, float], ...]
     plain: Fit | None = None
 
+    @property
+    def has_unnamed(self) -> bool:
+        """Whether the fit has effects that have no name."""
+        count = len(self.nominal.fit.terms) + len(self.named)
+        return len(self.final.fit.terms) > count
+
 
 def start_search(
     problem: Problem,
@@ -200,7 +206,8 @@ def _search_both_ways(
     if (
         forward.named
         and forward.is_complete
-        and estimate_usual_gain(forward) < SELECTION.max_usual_gain
+        and estimate_usual_gain(forward.with_candidates(start.candidates))
+        < SELECTION.max_usual_gain
     ):
         extended = lengthen_segments(forward, longer)
         if extended.is_complete:

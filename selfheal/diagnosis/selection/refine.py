@@ -7,8 +7,8 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,

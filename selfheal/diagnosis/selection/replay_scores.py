@@ -12,8 +12,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Term
-from ..estimation.candidate_fit import LinearizedFit
 from ..estimation.least_squares import Fit
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.problem import build_initial_state_offsets
 from ..estimation.settings import FIT
 from ..simulation import score

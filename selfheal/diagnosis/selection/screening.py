@@ -11,8 +11,9 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import estimate_candidate, fit_candidate
 from ..estimation.least_squares import Fit
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
@@ -139,6 +140,8 @@ def screen_candidates(
 ) -> tuple[list[Fit], float, list[Term]]:
     """Try candidates one at a time beside a fit, while its values answer linearly.
 
+    Many are first sorted out by a score test (Rao 1948).
+
     Args:
         bases: the same fit in more and more segments; fewer and fewer candidates are
             tried in them.
@@ -153,6 +156,10 @@ def screen_candidates(
     fits: list[Fit] = []
     responses: list[Floats] = []
     retried: list[Term] = []
+    if len(candidates) > SELECTION.screening_scored:
+        candidates, responses = _score_candidates(bases[0], candidates, progress)
+        retried = candidates[: SELECTION.max_retried_candidates]
+        candidates = candidates[: SELECTION.screening_scored]
     for base, iterations, keep in zip(
         bases,
         SELECTION.screening_iterations,
@@ -162,14 +169,10 @@ def screen_candidates(
         fits = []
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
-            fit = fit_candidate(base, term, iterations=iterations)
-            # hundreds of Jacobians would fill the memory; the first ones are not used
-            fits.append(fit if iterations > 1 else replace(fit, jacobian=np.empty(0)))
+            fits.append(fit_candidate(base, term, iterations=iterations))
         responses = responses or [base.fit.residuals - f.residuals for f in fits]
         fits = _sort_by_bic(fits, base.fit.residuals)
-        retried = retried or [
-            f.terms[-1] for f in fits[: SELECTION.max_retried_candidates]
-        ]
+        retried = retried or [f.terms[-1] for f in fits]
         fits = fits[:keep] if iterations == 1 else _drop_unpromising(base, fits)[:keep]
         count = len(base.fit.values)
         candidates = [
@@ -179,16 +182,42 @@ def screen_candidates(
     return fits, _count_independent(np.array(responses)), retried
 
 
+def _score_candidates(
+    base: LinearizedFit, candidates: Sequence[Term], progress: Progress
+) -> tuple[list[Term], list[Floats]]:
+    """The candidates by a score test, the best first, and what each would change.
+
+    Args:
+        base: the fit without a candidate.
+        candidates: terms to be tried.
+        progress: called with a message and a share (0 to 1).
+    """
+    penalty = _penalize_parameter(base.fit.residuals)
+    costs, responses = [], []
+    for i, term in enumerate(candidates):
+        progress(f"trying {term.label}", i / len(candidates))
+        cost, response = estimate_candidate(base, term)
+        costs.append(cost * penalty ** len(term.parameters))
+        responses.append(response)
+    order = np.argsort(costs, kind="stable")
+    return [candidates[i] for i in order], responses
+
+
 def _sort_by_bic(fits: list[Fit], residuals: Floats) -> list[Fit]:
-    """Fits with one candidate each, sorted by BIC (Schwarz 1978).
+    """Fits with one candidate each, sorted by BIC beside a fit with residuals (R)."""
+    penalty = _penalize_parameter(residuals)
+    return sorted(fits, key=lambda f: f.cost * penalty ** len(f.terms[-1].parameters))
+
+
+def _penalize_parameter(residuals: Floats) -> float:
+    """The factor of the cost for each new parameter by BIC (Schwarz 1978).
 
     n log(cost) + p log(n) with n residuals (R) that are not missing and p new
     parameters, here as cost * n^(p / n). Few residuals alone would not hold back a
     candidate with many parameters.
     """
     count = np.count_nonzero(residuals)
-    penalty = count ** (1 / count) if count else 1.0
-    return sorted(fits, key=lambda f: f.cost * penalty ** len(f.terms[-1].parameters))
+    return count ** (1 / count) if count else 1.0
 
 
 def _drop_unpromising(base: LinearizedFit, fits: list[Fit]) -> list[Fit]:

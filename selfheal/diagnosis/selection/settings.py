@@ -18,6 +18,10 @@ class SelectionSettings:
     """[simulation steps] of one trial in each round of the screening. Chosen: the
     screening of one joint's candidates takes about a minute."""
 
+    screening_scored: int = 40
+    """Candidates that are fitted after all were scored. Chosen: three times as many as
+    the first round keeps."""
+
     screening_iterations: tuple[int, ...] = (1, 3, 2)
     """Gauss-Newton iterations of one trial in each round of the screening. Chosen: the
     first round only ranks."""
@@ -108,6 +112,10 @@ class SelectionSettings:
     max_p_value: float = 0.01
     """p-value, corrected for the number of candidates, below which an effect earns its
     name. Chosen: a fifth of the 5 % of false names that nulls may have."""
+
+    clear_p_value: float = 1e-6
+    """p-value by a linearized fit below which no other fit is made. Chosen: a factor of
+    ten thousand is what linearizing may be wrong by."""
 
     min_gain_standard_errors: float = 1.0
     """[standard errors over the blocks] that a gain must exceed. Chosen: one, as in the

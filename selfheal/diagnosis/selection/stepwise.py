@@ -11,13 +11,15 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import fit_candidate
 from ..estimation.least_squares import fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.reweighting import downweight_unscored, reestimate_initial_states
 from .backward import (
     compute_removal_costs,
     eliminate_backward,
+    estimate_without,
     exchange_term,
     find_negligible,
     fit_without,
@@ -237,6 +239,8 @@ def keep_significant(
 ) -> SearchState:
     """The state without those of some effects that a likelihood-ratio test refutes.
 
+    What it clearly proves to first order is not fitted without.
+
     Args:
         state: of the search.
         tried: effects that were fitted together, by whose number p-values are
@@ -249,8 +253,12 @@ def keep_significant(
     for term in untested:
         best = state.best
         base = LinearizedFit.from_fit(problem, best.fit)
-        less = ScoredFit.from_fit(problem, fit_without(base, term))
-        evidence = weigh_name(problem, less, best, len(tried), rng)
+        (less, _), (whole, _) = (estimate_without(base, x) for x in ([term], []))
+        evidence = weigh_name(problem, less, whole, len(tried), rng)
+        is_rough = problem.regime.has_rough_cost  # a Jacobian is, too
+        if is_rough or evidence.p_value > SELECTION.clear_p_value:
+            less = ScoredFit.from_fit(problem, fit_without(base, term))
+            evidence = weigh_name(problem, less, best, len(tried), rng)
         if evidence.p_value >= SELECTION.max_p_value:
             state = state.with_fit(problem, less)
         else:

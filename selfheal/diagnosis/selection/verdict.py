@@ -10,8 +10,9 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.free_form import FreeFormTorque
-from ..estimation.candidate_fit import LinearizedFit, fit_candidate
+from ..estimation.candidate_fit import fit_candidate
 from ..estimation.least_squares import fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import (
     expected_cost,

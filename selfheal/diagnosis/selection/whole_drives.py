@@ -13,9 +13,10 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import is_distinct, share_values, spread_values, start_beside
-from ..estimation.candidate_fit import LinearizedFit, spread_around
+from ..estimation.candidate_fit import spread_around
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
@@ -58,10 +59,13 @@ def search_backward(
     record(f"fitting {len(usual)} usual effects at once", 0.0)
     problem, equal = _fit_equal_drives(state.problem, usual)
     richer = _enrich_equal_drives(problem, equal, state.candidates)
-    fit = _free_each_joint(problem, state, richer)
-    problem, fit = _reweight_repeatedly(problem, fit)
     state = replace(state, direction="backward")
     record.add_tried(usual)
+    fit = _free_each_joint(problem, state, richer, 1)
+    record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
+    start, known = (fit.terms, fit.values), fit.jacobian
+    fit = fit_parameters(problem, *start, iterations=4, jacobian=known)
+    problem, fit = _reweight_repeatedly(problem, fit)
     record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
     problem, fit = fit_longer(problem, fit, longer)
     state = replace(state, plain=_fit_plain(problem, fit, equal, usual))
@@ -94,7 +98,7 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
     progress(f"fitting {len(usual)} usual effects at once", 0.0)
     if not state.is_explained:
         problem, equal = _fit_equal_drives(state.problem, usual)
-        return _free_each_joint(problem, state, equal)
+        return _free_each_joint(problem, state, equal, 5)
     absent = [p.nominal for t in usual for p in t.parameters]
     start = np.concatenate([state.best.fit.values, absent])
     terms = (*state.best.fit.terms, *usual)
@@ -104,7 +108,8 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
 def estimate_usual_gain(state: SearchState) -> float:
     """Share of the cost [1] that all usual effects at once could remove.
 
-    A score test: from the responses to one scale of each of their parameters.
+    A score test: from the responses to one scale of each of their parameters. What the
+    time step's error explains, they need not.
 
     Args:
         state: with names beside which they are tried.
@@ -121,7 +126,10 @@ def estimate_usual_gain(state: SearchState) -> float:
     if not responses:
         return 0.0
     base = LinearizedFit.from_fit(problem, fit)
-    return base.estimate_gain(np.vstack(responses)) / max(fit.cost, FIT.tiny)
+    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
+    by_timestep = fit.residuals + error[None]
+    gain = base.estimate_gain(np.vstack([by_timestep, *responses]))
+    return (gain - base.estimate_gain(by_timestep)) / max(fit.cost, FIT.tiny)
 
 
 def _list_usual(state: SearchState) -> list[Term]:
@@ -228,18 +236,21 @@ def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
     return fit_parameters(problem, terms, start, iterations=4, jacobian=known)
 
 
-def _free_each_joint(problem: Problem, state: SearchState, equal: Fit) -> Fit:
+def _free_each_joint(
+    problem: Problem, state: SearchState, equal: Fit, iterations: int
+) -> Fit:
     """The fit of what the model states and of each joint's own values.
 
     Args:
         problem: weighted as the fit of equal drives.
         state: in which nothing has a name.
         equal: fit of equal drives, where they begin.
+        iterations: of the fit, at most.
     """
     own = spread_values(equal.values_by_term, state.candidates)
     terms = (*state.best.fit.terms, *own)
     start = np.concatenate([np.ones(state.nominal_count), *own.values()])
-    return fit_parameters(problem, terms, start, iterations=5)
+    return fit_parameters(problem, terms, start, iterations=iterations)
 
 
 def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:

@@ -7,9 +7,13 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.terms import find_overridden
-from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
+from selfheal.diagnosis.estimation.candidate_fit import (
+    estimate_candidate,
+    fit_candidate,
+)
 from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.estimation.settings import FIT
 from tests.support.problems import Explosion, list_nominal_terms, make_problem
@@ -54,6 +58,10 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     )
     tried = fit_candidate(base, term)
     assert tried.cost < base.fit.cost
+    # the responses to its initial values alone tell that it would
+    estimated, change = estimate_candidate(base, term)
+    assert estimated < base.fit.cost - 0.3 * (base.fit.cost - tried.cost)
+    assert ((base.fit.residuals + change) ** 2).sum() <= estimated + 1e-6
     found = fit_parameters(rough, tried.terms, tried.values, iterations=6)
     found = fit_parameters(problem, found.terms, found.values, iterations=6)
     error = (

@@ -5,8 +5,8 @@ import pytest
 
 from selfheal.diagnosis.data.robot_summary import repeat_by_column
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.selection.backward import (
     compute_removal_costs,
     eliminate_backward,

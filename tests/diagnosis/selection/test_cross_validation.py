@@ -7,8 +7,9 @@ import pytest
 
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
+from selfheal.diagnosis.estimation.candidate_fit import fit_candidate
 from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.cross_validation import (
     ScoredFit,
@@ -46,6 +47,11 @@ def test_whole_held_out_segments_are_simulated(arm):
     wrong, of = replace(found, jacobian=jac), problem.segment_of_residual
     predicted, right = (predict_held_out(problem, f, of)[1] for f in (wrong, found))
     assert predicted == pytest.approx(right, rel=1e-3)
+    # unless the Jacobian is to be believed
+    believed, same = (
+        predict_held_out(problem, f, of, linearly=True)[1] for f in (wrong, found)
+    )
+    assert same == pytest.approx(right, rel=1e-3) and believed > 2 * right
 
 
 def test_long_segments_are_divided_into_blocks(arm):

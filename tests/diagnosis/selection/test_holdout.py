@@ -6,17 +6,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
+from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.output.document import build_unproven
 from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.evidence import Evidence
 from selfheal.diagnosis.selection.holdout import (
     choose_hypothesis,
     hand_over_plain,
+    squared_error,
     try_equivalents,
 )
 from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
-from tests.support.problems import make_problem, name_effect
+from tests.support.problems import STEPS, make_problem, name_effect
+from tests.support.recorded_robots import bench
 
 
 def test_what_held_out_segments_refute_gives_way_to_what_they_support(arm):
@@ -80,11 +86,45 @@ def test_the_fit_of_all_usual_effects_is_handed_over_only_where_it_predicts_bett
         return Hypothesis(problem, nominal, scored, tuple(map(name_effect, terms)), ())
 
     right, wrong = at(given), at(3 * given)
-    better = replace(wrong, plain=right.final.fit)
     assert hand_over_plain(case, (wrong, ())) is None
     assert hand_over_plain(case, (right, ())) is None
     assert hand_over_plain(case, (replace(right, plain=wrong.final.fit), ())) is None
-    handed = hand_over_plain(case, (better, ("a name",)))
-    assert handed is not None
     # nothing in it stands on evidence, for the robot is as given
-    assert handed[0].named == () and handed[1][0] == "a name"
+    assert hand_over_plain(case, (replace(wrong, plain=right.final.fit), ())) is None
+
+
+def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(tmp_path):
+    def change(model):
+        model.dof_frictionloss[1] = 0.1
+
+    how = {"episodes": 4, "seconds": 2.0, "seed": 3, "finer": 1}
+    real = bench("arm", tmp_path, change=change, **how)
+    held, training = (
+        replace(real, simulator=replace(real.simulator, episodes=episodes))
+        for episodes in (real.simulator.episodes[:1], real.simulator.episodes[1:])
+    )
+    usual = ("coulomb_friction", "viscous_friction", "armature")
+    terms = [t for name in usual for t in find_effect(name).propose_terms(real.robot)]
+    segments = cut_segments(training.simulator.episodes, STEPS)
+    sigma = make_problem(training).sigma
+    problem = Problem(training.simulator, segments, sigma)
+    start = np.concatenate([t.initial_values[0] for t in terms])
+    problem = marginalize_initial_states(problem, terms, start)
+    plain = fit_parameters(problem, tuple(terms), start)
+    nominal = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    missed = Hypothesis(problem, nominal, nominal, (), (), plain)
+    handed = hand_over_plain(SimpleNamespace(held_out=held.simulator), (missed, ("x",)))
+    assert handed is not None and handed[1] == ("x",)
+    found = handed[0]
+    assert [n.term for n in found.named] == [terms[1]]
+    assert set(found.final.fit.terms) <= set(terms)
+    unseen = Problem(
+        held.simulator, cut_segments(held.simulator.episodes, STEPS), sigma
+    )
+    assert squared_error(unseen, found.final.fit) <= 1.02 * squared_error(unseen, plain)
+    # what is in the fit without a name is listed with its values
+    listed = build_unproven(found, np.ones(len(found.final.fit.values)))
+    others = [t for t in found.final.fit.terms if t is not terms[1]]
+    assert [(e["effect"], e["target"]) for e in listed] == [
+        (t.effect.name, target) for t in others for target in t.targets
+    ]

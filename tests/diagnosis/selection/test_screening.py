@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.estimation.candidate_fit import LinearizedFit, fit_candidate
+from selfheal.diagnosis.effects import find_effect, load_catalogue
+from selfheal.diagnosis.estimation.candidate_fit import fit_candidate
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.settings import FIT
 from selfheal.diagnosis.selection.screening import (
     find_overlooked_segments,
     screen_candidates,
 )
 from selfheal.diagnosis.selection.search_state import start_state
+from selfheal.diagnosis.selection.settings import SELECTION
 from tests.support.problems import Explosion, list_nominal_terms, make_problem
 
 
@@ -35,6 +37,24 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
     # what gains nothing is not tried a third time
     assert 1 <= count <= 2 and len(messages) == 5
     assert [t.label for t in again] == [dry.label, boom.label]
+
+
+def test_many_candidates_are_sorted_out_before_they_are_fitted(arm):
+    robot = arm.robot
+    (_, dry) = find_effect("coulomb_friction").propose_terms(robot)
+    problem = make_problem(arm, (dry,), (0.1,))
+    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    effects = [e for e in load_catalogue().values() if not e.rounds_readings]
+    proposed = [t for effect in effects for t in effect.propose_terms(robot)]
+    assert len(proposed) > SELECTION.screening_scored
+    messages: list[str] = []
+    fits, _, again = screen_candidates(
+        [base] * 3, proposed, lambda what, share: messages.append(what)
+    )
+    assert fits[0].terms[-1].key == dry.key
+    most = SELECTION.screening_scored + sum(SELECTION.screening_kept)
+    assert len(messages) <= len(proposed) + most
+    assert len(again) == min(len(proposed), SELECTION.max_retried_candidates)
 
 
 def test_a_segment_that_shows_an_effect_is_not_overlooked(arm):
