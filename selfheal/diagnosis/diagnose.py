@@ -29,6 +29,7 @@ from .selection.holdout import (
     drop_refuted,
     hand_over_plain,
     keep_competitive,
+    keep_predictive,
 )
 from .selection.hypotheses import (
     Hypothesis,
@@ -209,8 +210,10 @@ def _choose_effects(
     try:
         with counter.limit(lambda: is_over(FIT_SHARE)):
             return dataset, [
-                prefer_simpler_names(refine_hypothesis(dataset, hypothesis))
-                for hypothesis in hypotheses
+                prefer_simpler_names(
+                    keep_predictive(dataset, refine_hypothesis(dataset, h), h)
+                )
+                for h in hypotheses
             ]
     except OutOfTime:
         record.stop()
