@@ -57,9 +57,9 @@ def solve_bounded_step(
 
         2 g'u + u'(H + D) u,   D = damping diag(H) + step_penalty I,
 
-    by a Cholesky factor of H + D; where the minimum is beyond a bound, by
-    bounded-variable least squares (Stark and Parker 1995). Damping by the diagonal is
-    Marquardt's (1963).
+    where the minimum is beyond a bound by a dual active-set method (DAQP: Arnstrom,
+    Bemporad, Axehill 2022) in units of each value's curvature. Damping by the diagonal
+    is Marquardt's (1963).
 
     Args:
         curvature: (P, P) H, half the second derivative of the cost.
@@ -72,7 +72,7 @@ def solve_bounded_step(
     Returns:
         (P) step [units of the parameters].
     """
-    from scipy.optimize import lsq_linear
+    import daqp
 
     if not len(gradient):
         return gradient
@@ -81,14 +81,12 @@ def solve_bounded_step(
     diagonal = np.diag(h)
     least = FIT.solver_damping * max(diagonal.max(), FIT.min_curvature)
     h = h + np.diag(damping * diagonal + least + FIT.step_penalty)
-    root = np.linalg.cholesky(h).T
-    target = -np.linalg.solve(root.T, g)
+    step = np.linalg.solve(h, -g)
     a, b = np.minimum(low / scale, 0), np.maximum(high / scale, 0)
-    step = np.linalg.solve(root, target)
     if (step < a).any() or (step > b).any():
-        b = np.maximum(b, a + FIT.min_bound_gap)
-        iterations = FIT.bounded_solver_iterations
-        step = lsq_linear(root, target, (a, b), method="bvls", max_iter=iterations).x
+        size = np.sqrt(np.diag(h))
+        h, no_others = h / np.outer(size, size), np.zeros((0, len(g)))
+        step = daqp.solve(h, g / size, no_others, b * size, a * size)[0] / size
     return np.clip(step, a, b) * scale
 
 

@@ -44,19 +44,11 @@ class FitSettings:
 
     solver_damping: float = 1e-9
     """[1] share of each diagonal element, and of the largest one, added to a curvature.
-    Chosen: it keeps the Cholesky factor real where columns are collinear."""
+    Chosen: it keeps the curvature regular where columns are collinear."""
 
     min_curvature: float = 1e-12
     """Least scaled curvature that `solver_damping` takes its share of. Chosen: it only
     matters where no reading shows anything."""
-
-    min_bound_gap: float = 1e-12
-    """[scales] least distance of the bounds of a step. Chosen: the solver with bounds
-    takes no equal ones."""
-
-    bounded_solver_iterations: int = 200
-    """Iterations of the solver with bounds. Chosen: about three for each of the 70
-    parameters of a quadruped."""
 
     # Gauss-Newton iterations of a fit
 
