@@ -117,6 +117,11 @@ def keep_predictive(
 
     Over long segments a small error of the model, as of its time step, can grow so far
     that the values make up for it.
+
+    Args:
+        dataset: with the held-out episodes.
+        refined: the hypothesis after its last fit.
+        searched: the same one as the search fitted it.
     """
     new, old = _held_out_errors(dataset, [refined, searched])
     return searched if old < new / SELECTION.worse_replay_ratio**2 else refined

@@ -17,6 +17,7 @@ from selfheal.diagnosis.selection.evidence import Evidence
 from selfheal.diagnosis.selection.holdout import (
     choose_hypothesis,
     hand_over_plain,
+    keep_predictive,
     squared_error,
     try_equivalents,
 )
@@ -64,6 +65,11 @@ def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(
     assert choose_hypothesis(case, [far, near]) is near
     assert choose_hypothesis(case, [near, far]) is near
     assert choose_hypothesis(case, [near, alike]) is alike
+    # the last fit stands unless the search's predicts clearly better
+    for refined, searched, kept in (far, near, near), (near, far, near):
+        assert keep_predictive(case, refined[0], searched[0]) is kept[0]
+    slightly = naming(0.00999, dry)
+    assert keep_predictive(case, near[0], slightly) is near[0]
     # nor more things, nor rarer ones, for next to nothing
     rare = find_effect("com_shift").propose_terms(arm.robot)[0]
     for says in (dry, dry), (rare,):
