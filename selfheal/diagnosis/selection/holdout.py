@@ -160,11 +160,13 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
     )
     if not named:
         return None
-    chosen = every
-    for final, tolerance in ((fewer, 1.0), (proven, SELECTION.worse_replay_ratio**2)):
-        other = replace(hypothesis, final=final)
-        if _held_out_errors(dataset, [hypothesis, other])[1] <= tolerance * error:
-            chosen = other
+    less, least = (replace(hypothesis, final=final) for final in (fewer, proven))
+    _, error_of_less, error_of_least = _held_out_errors(
+        dataset, [hypothesis, less, least]
+    )
+    chosen = less if error_of_less <= error else every
+    if error_of_least <= SELECTION.worse_replay_ratio**2 * error:
+        chosen = least
     return replace(chosen, named=named), tested[1]
 
 
