@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
-_FILES = ("diagnosis.json", "patched.xml", "report.html")
+_FILES = ("diagnosis.json", "patched.xml", "patched.diff", "report.html")
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
 # what is said of a stage, by the first word of what is being done
 _STAGES = {
@@ -42,9 +42,7 @@ def diagnose(
         list[Path],
         typer.Argument(metavar="RECORDING.h5...", help="What the real robot did."),
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="Where the three files go.")
-    ],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where its files go.")],
     held_out: Annotated[
         list[str] | None,
         typer.Option(

@@ -3,6 +3,7 @@
 import difflib
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -91,12 +92,23 @@ def _format_digits(value: float) -> str:
     return next(close, f"{value:.9g}")
 
 
-def unified_diff(given: str, new: str) -> str:
-    """Unified diff of two texts; empty where they are equal."""
-    lines = difflib.unified_diff(
-        given.splitlines(), new.splitlines(), "given", "patched.xml", lineterm=""
+def unified_diff(given: str, new: str, name: str) -> str:
+    """Unified diff of two versions of a file, as `git apply` and `patch -p1` take it.
+
+    Args:
+        given: the file's text.
+        new: its changed text.
+        name: of the file.
+
+    Returns:
+        The diff; empty where the texts are equal.
+    """
+    texts = (re.findall(r"[^\n]*\n|[^\n]+", text) for text in (given, new))
+    lines = difflib.unified_diff(*texts, f"a/{name}", f"b/{name}")
+    return "".join(
+        line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
+        for line in lines
     )
-    return "\n".join(lines)
 
 
 def apply_edits(

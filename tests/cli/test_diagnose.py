@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from selfheal.cli import app
+from selfheal.diagnosis.output.storage import FILES
 from selfheal.recording import read, shorten_names, write
 from selfheal.telemetry import Fault
 from tests.support.made_up_diagnosis import FINDING, make_diagnosis
@@ -60,9 +61,9 @@ def test_a_log_that_contradicts_the_model_is_refused_unless_let_pass(
     assert "joint_range" in _refused(_run(*arguments, "--force", "--no-check", "x"))
 
 
-def test_a_diagnosis_leaves_three_files(doctor, files, tmp_path):
+def test_a_diagnosis_leaves_its_files(doctor, files, tmp_path):
     _run("diagnose", *files, "--out", tmp_path / "out")
-    assert _names(tmp_path / "out") == ["diagnosis.json", "patched.xml", "report.html"]
+    assert _names(tmp_path / "out") == sorted(FILES)
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Diagnosis of arm.xml" in page and str(files[2]) in page
 
@@ -204,7 +205,7 @@ def test_the_folder_one_stands_in_is_taken_and_stays(
     for extra in ([], ["--force"]):
         result = _run("diagnose", *files, "--out", ".", *extra)
         assert result.exit_code == 0, result.output
-        assert _names(Path()) == ["diagnosis.json", "patched.xml", "report.html"]
+        assert _names(Path()) == sorted(FILES)
     assert _names(tmp_path) == ["a.h5", "arm.xml", "b.h5", "here"]
 
 

@@ -1,6 +1,8 @@
 """Edits of a model's text: what changes is what was asked for, and nothing else."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import mujoco
@@ -29,7 +31,21 @@ from tests.support.mjcf_models import (
 def test_no_edits_give_the_same_text(arm, tmp_path):
     assert apply_edits(arm, [], tmp_path) == ARM
     assert apply_edits(arm, [], tmp_path / "elsewhere") == ARM
-    assert unified_diff(ARM, ARM) == ""
+    assert unified_diff(ARM, ARM, "arm.xml") == ""
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="no git to apply a diff")
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+@pytest.mark.parametrize("last", ["", "\n"], ids=["no last line end", "last line end"])
+def test_a_diff_is_what_git_applies(ends, last, tmp_path):
+    given = ARM.strip().replace("\n", ends) + last.replace("\n", ends)
+    arm = write_file(tmp_path / "arm.xml", given)
+    new = apply_edits(arm, [Set("joint", "hip", {"armature": "0.02"})], tmp_path)
+    diff = unified_diff(given, new, "arm.xml")
+    (tmp_path / "patched.diff").write_bytes(diff.encode())
+    command = ["git", "apply", "--whitespace=nowarn", "patched.diff"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    assert arm.read_bytes().decode() == new != given
 
 
 def test_values_that_are_there_keep_their_spelling(arm, tmp_path):

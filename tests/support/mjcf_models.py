@@ -76,7 +76,7 @@ def list_changed_fields(one: mujoco.MjModel, other: mujoco.MjModel) -> set[str]:
 
 def list_changed_lines(given: str, new: str) -> list[str]:
     """The lines that a diff removes and adds."""
-    diff = unified_diff(given, new).splitlines()
+    diff = unified_diff(given, new, "model.xml").splitlines()
     return [line for line in diff if re.match(r"[-+](?![-+]{2} )", line)]
 
 

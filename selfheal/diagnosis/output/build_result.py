@@ -163,7 +163,7 @@ def build_patch(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
     changes = build_edits(ModelSource(path), variant, found.terms, found.values)
     compile_patched(path, changes)
     text = apply_edits(path, changes, home)
-    return text, unified_diff(apply_edits(path, (), home), text), changes
+    return text, unified_diff(apply_edits(path, (), home), text, path.name), changes
 
 
 def _make_traces(

@@ -106,7 +106,7 @@ class Diagnosis:
         document: diagnosis.json, contract section 2.
         edits: of the model's text, which make it patched.xml.
         patched: text of patched.xml, as it would stand beside the model.
-        diff: of the given model's text to the patched one's.
+        diff: unified, of the given model's text to the patched one's.
         traces: the worst stretches, worst first.
         located: where the re-fitted model is wrong.
         signals: held-out errors, one for each signal.
@@ -150,7 +150,7 @@ class Diagnosis:
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write diagnosis.json, patched.xml and report.html, all or nothing.
+        """Write diagnosis.json, patched.xml and .diff, and report.html, all or nothing.
 
         Args:
             folder: made where it is missing; meshes and textures still lead from it to
@@ -168,7 +168,7 @@ class Diagnosis:
                 f"{given} is no longer the model that was diagnosed; diagnose it again"
             )
         patched = apply_edits(given, self.edits, folder)
-        write_diagnosis(folder, self.document, patched, self.page)
+        write_diagnosis(folder, self.document, patched, self.diff, self.page)
 
     def simulate(
         self,

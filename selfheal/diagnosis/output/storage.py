@@ -16,7 +16,7 @@ from ...schema import load_json
 from .document import format_document
 from .schema import check_entries
 
-FILES = ("diagnosis.json", "patched.xml", "report.html")
+FILES = ("diagnosis.json", "patched.xml", "patched.diff", "report.html")
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -103,14 +103,15 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def write_diagnosis(
-    folder: Path, document: Mapping[str, Any], patched: str, page: str
+    folder: Path, document: Mapping[str, Any], patched: str, diff: str, page: str
 ) -> None:
-    """Write diagnosis.json, patched.xml and report.html, all or nothing.
+    """Write the files of a diagnosis, all or nothing.
 
     Args:
         folder: that `check_folder` let pass, where a link to it leads.
         document: diagnosis.json.
         patched: text of patched.xml, whose paths lead from the folder.
+        diff: patched.diff, from the given model to the patched one beside it.
         page: report.html.
 
     Raises:
@@ -121,6 +122,7 @@ def write_diagnosis(
         new.mkdir(parents=True)
         (new / "diagnosis.json").write_text(format_document(document), encoding="utf-8")
         (new / "patched.xml").write_bytes(encode_text(patched))
+        (new / "patched.diff").write_bytes(encode_text(diff))
         (new / "report.html").write_text(page, encoding="utf-8")
         _replace_folder(new, folder)
     except OSError as error:
