@@ -103,8 +103,8 @@ def unified_diff(given: str, new: str, name: str) -> str:
     Returns:
         The diff; empty where the texts are equal.
     """
-    texts = (re.findall(r"[^\n]*\n|[^\n]+", text) for text in (given, new))
-    lines = difflib.unified_diff(*texts, f"a/{name}", f"b/{name}")
+    old, now = (re.findall(r"[^\n]*\n|[^\n]+", text) for text in (given, new))
+    lines = difflib.unified_diff(old, now, f"a/{name}", f"b/{name}")
     return "".join(
         line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
         for line in lines
