@@ -61,6 +61,12 @@ def diagnose(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where the same run was killed.")
     ] = False,
+    findings_only: Annotated[
+        bool,
+        typer.Option(
+            "--findings-only", help="Patch no value that the model already states."
+        ),
+    ] = False,
     minutes: Annotated[
         float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
     ] = 30.0,
@@ -83,7 +89,7 @@ def diagnose(
             found = find(model, recordings, held_out=held_out or (),
                          no_check=no_check or (), seed=seed, memory=memory,
                          progress=_StageProgress(live), minutes=minutes,
-                         stop=is_wanted)  # fmt: skip
+                         stop=is_wanted, findings_only=findings_only)  # fmt: skip
         found.save(out, force=force)
     if as_json:
         extra = {"seconds": round(found.seconds, 1), "folder": str(out)}

@@ -30,6 +30,7 @@ def diagnose(
     progress: Callable[[str, float], None] | None = None,
     minutes: float = math.inf,
     stop: Callable[[], bool] = lambda: False,
+    findings_only: bool = False,
 ) -> "Diagnosis":
     """Where a model and recordings differ, and which physics the model lacks.
 
@@ -51,6 +52,8 @@ def diagnose(
             about: the best answer so far is given then, and says what it left out.
         stop: asked before each batch of simulations; once True, that answer is given as
             soon as it is tested.
+        findings_only: whether the patched model keeps every value that the model
+            states, and has the findings alone.
 
     Returns:
         The verdict, the findings and their proof; `save` and `simulate` use them.
@@ -73,7 +76,7 @@ def diagnose(
     say = progress or (lambda what, share: None)
     noted = _check_logs(model, read, no_check)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
-                 is_over=is_over)  # fmt: skip
+                 is_over=is_over, findings_only=findings_only)  # fmt: skip
     found = replace(found, remarks=(*noted, *found.remarks))
     say("drawing the report", 0.0)
     return replace(

@@ -42,6 +42,7 @@ from .selection.refine import prefer_simpler_names, refine_hypothesis
 from .selection.replay_scores import HeldOutScores
 from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
+from .selection.stated_values import hold_stated, round_effects
 from .selection.verdict import (
     RemainingStructure,
     analyze_remaining,
@@ -75,6 +76,7 @@ def diagnose(
     memory: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     is_over: Callable[[float], bool] = lambda share: False,
+    findings_only: bool = False,
 ) -> Diagnosis:
     """Where simulation and reality differ, and which physics was left out.
 
@@ -87,6 +89,7 @@ def diagnose(
         progress: called with a message and a share (0 to 1).
         is_over: whether a share (0 to 1) of the time is over, so that what was found so
             far is the answer.
+        findings_only: whether what the model states stays as it is in the end.
 
     Raises:
         ModelError: MuJoCo cannot load the model, or it diverges.
@@ -102,10 +105,12 @@ def diagnose(
         if later:  # what is held out now could not show it
             return diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
-                progress=progress, is_over=is_over,
+                progress=progress, is_over=is_over, findings_only=findings_only,
             )  # fmt: skip
     record = SearchRecord(say)
-    dataset, hypotheses = _choose_effects(dataset, problem, state, rng, record, is_over)
+    dataset, hypotheses = _choose_effects(
+        dataset, problem, state, rng, record, is_over, findings_only
+    )
     tested = _test(dataset, hypotheses, say)
     found = build_diagnosis(
         dataset,
@@ -180,6 +185,7 @@ def _choose_effects(
     rng: np.random.Generator,
     record: SearchRecord,
     is_over: Callable[[float], bool],
+    findings_only: bool,
 ) -> tuple[Dataset, list[Hypothesis]]:
     """Stage 3: one or two hypotheses of what is missing, and their last fits.
 
@@ -192,6 +198,7 @@ def _choose_effects(
         rng: draws segments and resamples.
         record: of the search.
         is_over: whether a share of the time is over.
+        findings_only: whether the last fits leave what the model states.
 
     Returns:
         The dataset, which knows the noise that the fits tell, and the hypotheses.
@@ -207,6 +214,8 @@ def _choose_effects(
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
     hypotheses = keep_competitive(dataset, hypotheses)
     record("fitting everything once more", 0.0)
+    if findings_only:
+        hypotheses = [hold_stated(h) for h in hypotheses]
     try:
         with counter.limit(lambda: is_over(FIT_SHARE)):
             return dataset, [
@@ -253,6 +262,7 @@ def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> 
     )
     plain = hand_over_plain(dataset, (hypothesis, refuted))
     hypothesis, refuted = plain or (hypothesis, refuted)
+    hypothesis = round_effects(hypothesis)
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)

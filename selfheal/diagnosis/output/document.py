@@ -131,24 +131,24 @@ def _merge_components(name: str, entries: list[dict]) -> list[dict]:
     return [*(e for e in entries if e not in components), merged]
 
 
-def build_refit(patched: Fit, errors: Floats) -> list[dict[str, Any]]:
-    """One entry for each nominal value: as given, as fitted again, and its interval.
+def build_refit(patched: Fit, unrestored: Fit, errors: Floats) -> list[dict[str, Any]]:
+    """One entry for each nominal value: as given, as patched, and its interval.
 
     Args:
         patched: the fit of the patched model; its nominal terms count.
+        unrestored: the same before values returned to what the model states.
         errors: (P) standard errors of its values.
     """
     out = []
-    each = (split_values(patched.terms, x) for x in (patched.values, errors))
-    for term, value, error in zip(patched.terms, *each, strict=True):
+    factors = (split_values(patched.terms, x) for x in (patched.values, errors))
+    for term, (factor, *_), (error, *_) in zip(patched.terms, *factors, strict=True):
         if term.effect.name != "stated":
             continue
-        (factor,), (error,) = value, error
         given = term.finding_fields["value"]
-        (p,) = term.parameters
+        (p,), (fitted,) = term.parameters, unrestored.values_by_term[term]
         low, high = sorted(
             given
-            * np.clip(factor + k * FIT.interval_standard_errors * error, p.low, p.high)
+            * np.clip(fitted + k * FIT.interval_standard_errors * error, p.low, p.high)
             for k in (-1, 1)
         )
         out.append({"parameter": term.targets[0], "given": given,

@@ -5,9 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...recording.data import Floats
-from ..effects.base import Term
-from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
+from ..estimation.least_squares import fit_parameters, refine_undamped
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     keep_informative,
@@ -24,12 +22,12 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
-from ..simulation.model_variants import split_values
 from .backward import exchange_term, is_simpler
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .screening import subsample_problem
 from .settings import SELECTION
+from .stated_values import fix_effects
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
@@ -131,28 +129,22 @@ def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:
     return hypothesis
 
 
-def refit_native_timestep(base: LinearizedFit) -> Fit:
+def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
     """Fit nominal values to the model's own time step; effects keep their values.
 
     This is what a user sees who replays the model: half a step early, and with another
     damping than in continuous time. A fit in continuous time gives the effects' truth.
+
+    Args:
+        base: that fit.
+
+    Returns:
+        The fit in the same segments, stepped as MuJoCo does.
     """
     problem, fit = base.problem, base.fit
     native = replace(problem.unmarginalized, centered=False)
     native = marginalize_initial_states(native, fit.terms, fit.values)
     jacobian = problem.transfer_jacobian(native, fit.jacobian)
-    fixed = [
-        t if t.effect.name == "stated" else _fix_values(t, v)
-        for t, v in zip(fit.terms, split_values(fit.terms, fit.values), strict=True)
-    ]
+    fixed = fix_effects(fit)
     best = fit_parameters(native, fixed, fit.values, iterations=2, jacobian=jacobian)
-    return replace(best, terms=fit.terms)
-
-
-def _fix_values(term: Term, values: Floats) -> Term:
-    """The term with bounds that leave its parameters no other values than these (p)."""
-    parameters = tuple(
-        replace(p, low=float(v), high=float(v))
-        for p, v in zip(term.parameters, values, strict=True)
-    )
-    return replace(term, parameters=parameters)
+    return LinearizedFit.from_fit(native, replace(best, terms=fit.terms))

@@ -12,6 +12,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Term
+from ..estimation.covariance import standard_errors
 from ..estimation.least_squares import Fit
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.problem import build_initial_state_offsets
@@ -28,6 +29,7 @@ from .quantization import append_step
 from .refine import refit_native_timestep
 from .screening import draw_segments
 from .settings import SELECTION
+from .stated_values import restore_stated
 
 Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
 
@@ -58,6 +60,7 @@ class HeldOutScores:
 
     Attributes:
         refits: of each model but the given one, by its name, as MuJoCo steps it.
+        unrestored: the patched model's before stated values were restored and rounded.
         segments: that were replayed.
         count: (E, S) readings of each episode and signal.
         squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
@@ -67,6 +70,7 @@ class HeldOutScores:
     """
 
     refits: dict[str, Fit]
+    unrestored: Fit
     segments: Segments
     count: Floats
     squares: dict[str, Floats]
@@ -76,8 +80,8 @@ class HeldOutScores:
     @classmethod
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Replay the model as given, re-fitted, and with the named effects."""
-        rng = np.random.default_rng(3)
-        some = draw_segments(hypothesis.problem, SELECTION.native_fit_steps, rng)
+        problem, rng = hypothesis.problem, np.random.default_rng(3)
+        some = draw_segments(problem, SELECTION.native_fit_steps, rng)
         fits = {"refit": hypothesis.nominal.fit}
         if hypothesis.plain:
             fits["plain"] = hypothesis.plain
@@ -85,12 +89,15 @@ class HeldOutScores:
             fits["patched"] = hypothesis.final.fit
         refits = {
             name: refit_native_timestep(
-                LinearizedFit.from_fit(hypothesis.problem, fit).select(some)
+                LinearizedFit.from_fit(problem, fit).select(some)
             )
             for name, fit in fits.items()
         }
-        refits.setdefault("patched", refits["refit"])
-        return cls._replay(dataset, refits)
+        whole = refits.setdefault("patched", refits["refit"])
+        errors = standard_errors(problem, fits.get("patched", fits["refit"]))
+        refits["patched"] = restore_stated(whole, errors)
+        fitted = {name: refit.fit for name, refit in refits.items()}
+        return cls._replay(dataset, fitted, whole.fit)
 
     def with_quantization(
         self, dataset: Dataset, hypothesis: Hypothesis
@@ -104,10 +111,13 @@ class HeldOutScores:
         added = found.terms[len(patched.terms) :], found.values[len(patched.values) :]
         for term, step in zip(*added, strict=True):
             patched = append_step(patched, term, step)
-        return self._replay(dataset, {**self.refits, "patched": patched})
+        refits = {**self.refits, "patched": patched}
+        return self._replay(dataset, refits, self.unrestored)
 
     @classmethod
-    def _replay(cls, dataset: Dataset, refits: dict[str, Fit]) -> "HeldOutScores":
+    def _replay(
+        cls, dataset: Dataset, refits: dict[str, Fit], unrestored: Fit
+    ) -> "HeldOutScores":
         """The scores of models fitted to their own time step, and of the given one."""
         simulator, patched = dataset.held_out, refits["patched"]
         segments = score.cut_replay_segments(simulator)
@@ -127,7 +137,7 @@ class HeldOutScores:
             _measure_floor(dataset, segments, patched)[0], numbers["patched"]
         )
         horizons = _score_horizons(dataset, models, patched)
-        return cls(refits, segments, count, squares, numbers, horizons)
+        return cls(refits, unrestored, segments, count, squares, numbers, horizons)
 
 
 def _score_horizons(

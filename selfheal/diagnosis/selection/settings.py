@@ -299,6 +299,24 @@ class SelectionSettings:
     episodes cannot refute a name. Chosen: a rotor's inertia hardly shows where nothing
     moves fast."""
 
+    # What is handed over
+
+    max_restoring_cost: float = 0.01
+    """Share by which the cost may grow where stated values return to what the model
+    states. Chosen: half of `removal_tolerance`, for a prediction that is as good."""
+
+    max_rounding_step: float = 0.2
+    """[half intervals] largest step of a value's last digit. Chosen: rounding then
+    moves it by a tenth of that at most."""
+
+    max_rounding_cost: float = 0.001
+    """Share by which the cost may grow where values are rounded. Chosen: nothing beside
+    `max_restoring_cost`."""
+
+    max_extra_digits: int = 6
+    """Times that all values may get one more digit. Chosen: they have single precision
+    then."""
+
     # Verdict
 
     remaining_p_value: float = 0.01

@@ -1,0 +1,189 @@
+"""Stated values that a patch need not change: takes fits, gives fits that change less.
+
+A value goes back to what the model states where the data do not contradict that, and
+has no more digits than they support.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..effects.base import Term
+from ..estimation.covariance import standard_errors
+from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.linearized_fit import LinearizedFit
+from ..estimation.problem import Problem
+from ..estimation.quadratic_model import stack_bounds
+from ..estimation.settings import FIT
+from .cross_validation import ScoredFit
+from .hypotheses import Hypothesis
+from .settings import SELECTION
+
+
+def is_stated(terms: Sequence[Term]) -> np.ndarray:
+    """(P) whether each parameter of some terms is a value that the model states."""
+    return np.array(
+        [t.effect.name == "stated" for t in terms for _ in t.parameters], bool
+    )
+
+
+def fix_effects(fit: Fit) -> tuple[Term, ...]:
+    """The terms of a fit with bounds that leave effects no other values than theirs."""
+    each = fit.values_by_term.items()
+    return tuple(t if t.effect.name == "stated" else _fix(t, v) for t, v in each)
+
+
+def _fix(term: Term, values: Floats) -> Term:
+    """The term with bounds that leave its parameters no other values than these (p)."""
+    parameters = tuple(
+        replace(p, low=float(v), high=float(v))
+        for p, v in zip(term.parameters, values, strict=True)
+    )
+    return replace(term, parameters=parameters)
+
+
+def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
+    """The hypothesis fitted again with every stated value as the model states it."""
+    problem, plain = hypothesis.problem, hypothesis.plain
+
+    def hold(fit: Fit) -> Fit:
+        """The fit of the effects alone."""
+        return _fit_restored(problem, fit, np.flatnonzero(is_stated(fit.terms)), 3)
+
+    nominal, final = (
+        ScoredFit.from_fit(problem, hold(scored.fit))
+        for scored in (hypothesis.nominal, hypothesis.final)
+    )
+    plain = hold(plain) if plain else None
+    return replace(hypothesis, nominal=nominal, final=final, plain=plain)
+
+
+def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
+    """Give back to the model what the data do not contradict, and round the rest.
+
+    A stated value returns to what the model states if that lies in its interval, what
+    costs least first, while all others are fitted again, and as long as the fit hardly
+    suffers. Those that are left have the digits that their intervals support. Effects
+    keep their values.
+
+    Args:
+        base: a fit of stated values and effects.
+        errors: (P) standard errors of its values [1].
+    """
+    problem, terms = base.problem, base.fit.terms
+    fit = replace(base.fit, terms=fix_effects(base.fit))
+    half = FIT.interval_standard_errors * errors
+    restored = _find_restorable(LinearizedFit.from_fit(problem, fit), half)
+    less = _fit_restored(problem, fit, restored, 1)
+    limit = (1 + SELECTION.max_restoring_cost) * (fit.cost + fit.prior_penalty)
+    if less.cost + less.prior_penalty > limit:  # it is less linear than that
+        less, restored = fit, np.zeros(0, int)
+    half = np.where(np.isin(np.arange(len(half)), restored), 0.0, half)
+    values = _round(LinearizedFit.from_fit(problem, less), half, is_stated(terms))
+    return LinearizedFit.from_fit(problem, replace(less, terms=terms, values=values))
+
+
+def round_effects(hypothesis: Hypothesis) -> Hypothesis:
+    """The hypothesis with its effects' values in the digits that intervals support."""
+    problem, fit = hypothesis.problem, hypothesis.final.fit
+    errors = standard_errors(problem, fit)
+    half = FIT.interval_factor * FIT.interval_standard_errors * errors
+    values = _round(LinearizedFit.from_fit(problem, fit), half, ~is_stated(fit.terms))
+    residuals = fit.residuals + fit.jacobian @ (values - fit.values)
+    rounded = replace(fit, values=values, residuals=residuals)
+    return replace(hypothesis, final=replace(hypothesis.final, fit=rounded))
+
+
+def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
+    """Numbers of the stated values that can return to what the model states.
+
+    Backward elimination by the quadratic model of the cost: with C = H^-1 and d = x - 1
+    of the values between their bounds, value i returns at a cost of d_i^2 / C_ii, and
+    the others then move by -C_i d_i / C_ii.
+
+    Args:
+        base: the fit.
+        half: (P) half the interval of each value.
+    """
+    fit = base.fit
+    low, high, _ = stack_bounds(fit.terms)
+    free = np.flatnonzero((low < fit.values) & (fit.values < high))
+    deviation = fit.values[free] - 1
+    covariance = np.linalg.pinv(base.curvature[np.ix_(free, free)], hermitian=True)
+    is_open = is_stated(fit.terms)[free] & (np.abs(deviation) <= half[free])
+    left = SELECTION.max_restoring_cost * (fit.cost + fit.prior_penalty)
+    found = []
+    while is_open.any():
+        variance = np.maximum(np.diagonal(covariance), FIT.tiny)
+        costs = np.where(is_open, deviation**2 / variance, np.inf)
+        i = int(costs.argmin())
+        if costs[i] > left:
+            break
+        left -= costs[i]
+        is_open[i] = False
+        found.append(free[i])
+        response = covariance[i] / variance[i]
+        deviation = deviation - response * deviation[i]
+        covariance = covariance - np.outer(response, covariance[i])
+    return np.array(found, int)
+
+
+def _fit_restored(
+    problem: Problem, fit: Fit, restored: np.ndarray, iterations: int
+) -> Fit:
+    """Fit again with some stated values as the model states them.
+
+    Args:
+        problem: that was fitted.
+        fit: to begin with.
+        restored: numbers of these values.
+        iterations: of the fit, at most.
+    """
+    base = LinearizedFit.from_fit(problem, fit)
+    values = fit.values + base.move(restored, 1 - fit.values[restored])
+    numbers = np.split(np.arange(len(values)), np.cumsum([
+        len(t.parameters) for t in fit.terms
+    ]))  # fmt: skip
+    terms = [
+        _fix(t, np.ones(len(n))) if np.isin(n, restored).any() else t
+        for t, n in zip(fit.terms, numbers[:-1], strict=True)
+    ]
+    return fit_parameters(
+        problem, terms, values, iterations=iterations, jacobian=fit.jacobian,
+        only_updates=True,
+    )  # fmt: skip
+
+
+def _round(base: LinearizedFit, half: Floats, chosen: np.ndarray) -> Floats:
+    """Values (P) of a fit, some of them in the digits that their intervals support.
+
+    A value is rounded as it is stated, a factor of it not. Where the values are known
+    far better together than one by one, they get more digits.
+
+    Args:
+        base: the fit.
+        half: (P) half the interval of each value; 0 or infinite: not to be rounded.
+        chosen: (P) which ones.
+    """
+    fit = base.fit
+    low, high, _ = stack_bounds(fit.terms)
+    unit = np.array([
+        t.finding_fields["value"] if t.effect.name == "stated" else 1.0
+        for t in fit.terms for _ in t.parameters
+    ])  # fmt: skip
+    coarsest = half * np.abs(unit) * SELECTION.max_rounding_step
+    chosen = chosen & np.isfinite(half) & (coarsest > 0)
+    coarsest = np.log10(np.where(chosen, coarsest, 1.0))
+    for more in range(SELECTION.max_extra_digits):
+        rounded = fit.values.copy()
+        for i in np.flatnonzero(chosen):
+            places = more - int(np.floor(coarsest[i]))
+            rounded[i] = round(float(fit.values[i] * unit[i]), places) / unit[i]
+        rounded = np.where((low <= rounded) & (rounded <= high), rounded, fit.values)
+        change = rounded - fit.values
+        cost = 2 * base.gradient @ change + change @ base.curvature @ change
+        if cost < SELECTION.max_rounding_cost * (fit.cost + fit.prior_penalty):
+            return rounded
+    return fit.values
