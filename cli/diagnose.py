@@ -62,10 +62,7 @@ def diagnose(
         bool, typer.Option("--resume", help="Go on where the same run was killed.")
     ] = False,
     findings_only: Annotated[
-        bool,
-        typer.Option(
-            "--findings-only", help="Patch no value that the model already states."
-        ),
+        bool, typer.Option("--findings-only", help="Patch nothing that MODEL states.")
     ] = False,
     minutes: Annotated[
         float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")

@@ -52,8 +52,7 @@ def diagnose(
             about: the best answer so far is given then, and says what it left out.
         stop: asked before each batch of simulations; once True, that answer is given as
             soon as it is tested.
-        findings_only: whether the patched model keeps every value that the model
-            states, and has the findings alone.
+        findings_only: whether every value that the model states stays as it is.
 
     Returns:
         The verdict, the findings and their proof; `save` and `simulate` use them.
@@ -62,9 +61,8 @@ def diagnose(
         InputError: a file is missing or given twice, a name fits none or several, or
             the minutes are not positive.
         ModelError: MuJoCo cannot load the model.
-        RecordingError: a recording breaks the contract, does not fit the model, or is
-            too short or too quiet to decide anything.
-        RecordingError: its columns contradict the model as no physics does.
+        RecordingError: a recording breaks the contract, does not fit the model or
+            contradicts it as no physics does, or is too short or quiet to decide.
     """
     from ..diagnosis.diagnose import diagnose as find
     from ..report.diagnose import make_diagnosis_page

@@ -28,7 +28,7 @@ WITH_IDS = (
     "body", "inertial", "joint", "geom", "site", "actuator", "contact", "equality",
     "keyframe", "sensor", "tendon",
 )  # fmt: skip
-_MAKERS = ("replicate", "composite", "flexcomp", "attach")
+MAKERS = ("replicate", "composite", "flexcomp", "attach")
 
 
 class MjcfDocument:
@@ -114,7 +114,7 @@ class MjcfDocument:
         valid = [quote_name(n) for n in names if n is not None]
         unnamed = f"{names.count(None)} without a name" if None in names else ""
         valid += [unnamed] if unnamed else []
-        makers = sorted({e.tag for e in self._walk_bodies() if e.tag in _MAKERS})
+        makers = sorted({e.tag for e in self._walk_bodies() if e.tag in MAKERS})
         hint = f"; what {', '.join(f'<{m}>' for m in makers)} makes has no text"
         return (
             f"{self.path}: the text has no {tag} {quote_name(name)}; there are: "
@@ -147,6 +147,15 @@ class MjcfDocument:
         if found and (first or not found[-1].list_includes()):
             return self.inline(found[0 if first else -1])
         return self.insert(self.root, f"<{tag}/>", first=False)
+
+    def list_default_classes(self) -> dict[str, Element]:
+        """The main file's default classes by their names, the outermost first."""
+        tops = [e for e in self.root.own_elements() if e.tag == "default"]
+        found = {(e.get("class") or "main"): e for e in tops}
+        for top in tops:
+            inner = (e for e in top.walk() if e.tag == "default")
+            found |= {str(e.get("class")): e for e in inner}
+        return found
 
     def uses_degrees(self) -> bool:
         """Whether the text counts angles in degrees, as MJCF does by default."""

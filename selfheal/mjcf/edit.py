@@ -70,7 +70,22 @@ class Rename:
     attributes: Mapping[str, str | None]
 
 
-Edit = Set | Insert | Rename
+@dataclass(frozen=True)
+class SetDefault:
+    """Set attributes of what a default class says of elements of one tag.
+
+    Attributes:
+        name: of the class; it is in the main file.
+        tag: "joint", ...; made where the class says nothing of it yet.
+        attributes: values as MJCF writes them, None to remove one.
+    """
+
+    name: str
+    tag: str
+    attributes: Mapping[str, str | None]
+
+
+Edit = Set | Insert | Rename | SetDefault
 
 
 def format_number(value: float | Iterable[float]) -> str:
@@ -158,6 +173,11 @@ def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None
         edit: to be made.
         element: that it means, if it was given by its id.
     """
+    if isinstance(edit, SetDefault):
+        owner = tree.list_default_classes()[edit.name]
+        said = next((e for e in owner.own_elements() if e.tag == edit.tag), None)
+        (said or tree.insert(owner, f"<{edit.tag}/>", True)).set(edit.attributes)
+        return
     general = edit.name == "" and edit.tag in (*SETTINGS, *SECTIONS)
     if isinstance(edit, Set) and general:
         tree.configure(edit.tag, edit.attributes)

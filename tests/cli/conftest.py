@@ -31,10 +31,11 @@ class Doctor:
         memory=None,
         progress=None,
         is_over=lambda share: False,
+        findings_only=False,
     ):
         self.asked.append(
             {"model": model, "files": [r.file for r in recordings],
-             "held_out": list(held_out), "seed": seed}
+             "held_out": list(held_out), "seed": seed, "findings_only": findings_only}
         )  # fmt: skip
         self.memory = Path(memory)
         self.found = sorted(p.name for p in self.memory.glob("*"))

@@ -43,6 +43,12 @@ def test_json_is_the_document_and_nothing_else(doctor, files, tmp_path):
     assert told == {**doctor.answer.document, "seconds": 41.2, "folder": str(out)}
     assert doctor.asked[0]["files"] == [str(file) for file in files[1:]]
     assert doctor.asked[0]["seed"] == 3 and doctor.asked[0]["held_out"] == []
+    assert not doctor.asked[0]["findings_only"]
+
+
+def test_the_findings_alone_are_asked_for(doctor, files, tmp_path):
+    result = _run("diagnose", *files, "--out", tmp_path / "out", "--findings-only")
+    assert result.exit_code == 0 and doctor.asked[0]["findings_only"]
 
 
 def test_a_log_that_contradicts_the_model_is_refused_unless_let_pass(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ModelError
+from ...mjcf.defaults import fold_into_defaults
 from ...mjcf.edit import Edit, apply_edits, unified_diff
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
@@ -27,7 +28,7 @@ from ..simulation.simulator import Simulator
 from . import document as doc
 from .finding_location import localize_findings
 from .mjcf_patch import build_edits
-from .model_source import ModelSource, compile_patched
+from .model_source import ModelSource, compile_patched, is_same_model
 from .result import Candidate, Diagnosis, SignalFit, Trace
 
 MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
@@ -161,7 +162,9 @@ def build_patch(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
     home = path.resolve().parent
     variant = dataset.compiler.compile_variant(found.terms)
     changes = build_edits(ModelSource(path), variant, found.terms, found.values)
-    compile_patched(path, changes)
+    patched, folded = compile_patched(path, changes), fold_into_defaults(path, changes)
+    if folded != changes and is_same_model(compile_patched(path, folded), patched):
+        changes = folded
     text = apply_edits(path, changes, home)
     return text, unified_diff(apply_edits(path, (), home), text, path.name), changes
 

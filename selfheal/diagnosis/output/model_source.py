@@ -107,6 +107,19 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
     return spec
 
 
+def is_same_model(one: Any, other: Any) -> bool:
+    """Whether two mujoco.MjSpec compile to the same numbers and names."""
+    import mujoco
+
+    saved = []
+    for spec in (one, other):
+        model = spec.compile()
+        numbers = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, numbers)
+        saved.append(numbers.tobytes())
+    return saved[0] == saved[1]
+
+
 def differs(old: Any, new: Any) -> bool:
     """Whether two values or arrays of the same shape differ by more than rounding."""
     a, b = np.asarray(old, float), np.asarray(new, float)

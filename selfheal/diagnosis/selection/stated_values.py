@@ -63,10 +63,10 @@ def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
 def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
     """Give back to the model what the data do not contradict, and round the rest.
 
-    A stated value returns to what the model states if that lies in its interval, what
-    costs least first, while all others are fitted again, and as long as the fit hardly
-    suffers. Those that are left have the digits that their intervals support. Effects
-    keep their values.
+    A stated value returns to what the model states if that lies in its interval, and as
+    long as the fit hardly suffers. What costs least comes first, and all others are
+    fitted again. Those that are left have the digits that their intervals support.
+    Effects keep their values.
 
     Args:
         base: a fit of stated values and effects.
