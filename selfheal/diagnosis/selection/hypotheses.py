@@ -190,7 +190,7 @@ def _search_both_ways(
     """Search backward from all usual effects at once, and forward from none.
 
     One name ends the search if it leaves noise alone, to which all usual effects could
-    add little: no other hypothesis is simpler.
+    add little: no other hypothesis is simpler. So does it that none earns a name.
     What the backward search leaves is searched forward, too, if nothing explains all.
 
     Args:
@@ -203,19 +203,21 @@ def _search_both_ways(
         The states at the end, the likelier first.
     """
     forward = search_forward(start, rng, record, 1)
-    if (
-        forward.named
-        and forward.is_complete
-        and estimate_usual_gain(forward.with_candidates(start.candidates))
+    if (forward.is_complete or not forward.named) and (
+        estimate_usual_gain(forward.with_candidates(start.candidates))
         < SELECTION.max_usual_gain
     ):
+        if not forward.named:
+            return [replace(forward, plain=fit_usual_effects(start, record))]
         extended = lengthen_segments(forward, longer)
         if extended.is_complete:
             return [extended]
     backward = search_backward(start, longer, rng, record)
     if backward is None or not backward.named:
-        plain = backward.plain if backward else None
-        return [_search_to_end(replace(forward, plain=plain), longer, rng, record)]
+        forward = replace(forward, plain=backward.plain if backward else None)
+        if forward.named:
+            forward = _search_to_end(forward, longer, rng, record)
+        return [forward]
     count = len(backward.named)
     if count > SELECTION.max_rivals:  # a few others would have to do as much
         if not backward.is_explained and predicts_better(forward, backward):
