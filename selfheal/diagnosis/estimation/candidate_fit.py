@@ -56,7 +56,7 @@ def fit_candidate(
     )
 
 
-def estimate_candidate(base: LinearizedFit, term: Term) -> tuple[float, Floats]:
+def estimate_candidate(base: LinearizedFit, term: Term) -> tuple[float, Floats, Floats]:
     """What one more term could do, from the responses to its initial values alone.
 
     These answer linearly in their sizes, as all values of the fit do. Of a periodic
@@ -67,18 +67,20 @@ def estimate_candidate(base: LinearizedFit, term: Term) -> tuple[float, Floats]:
         term: with initial values.
 
     Returns:
-        The lowest penalized cost [1], and the change (R) of the residuals there.
+        The lowest penalized cost [1], the change (R) of the residuals there, and the
+        initial values (p) that a fit would begin with.
     """
     base = base.release_overridden(term)
-    cost, change = base.problem.simulator.load_or_compute(
+    cost, change, start = base.problem.simulator.load_or_compute(
         partial(_estimate_candidate, base, term)
     )
-    return float(cost), change
+    return float(cost), change, start
 
 
 def _estimate_candidate(base: LinearizedFit, term: Term) -> Arrays:
-    """The lowest penalized cost (), and the change (R) of the residuals there."""
-    residuals = _CandidateProblem(base, term).compute_residuals(stack_starts(term))
+    """The lowest penalized cost (), the change (R) there, and initial values (p)."""
+    candidate = _CandidateProblem(base, term)
+    residuals = candidate.compute_residuals(stack_starts(term))
     together = 2 if term.effect.is_periodic else len(residuals)
     best, best_change = np.inf, np.zeros(len(base.fit.residuals))
     for k in range(0, len(residuals), together):
@@ -86,7 +88,8 @@ def _estimate_candidate(base: LinearizedFit, term: Term) -> Arrays:
         cost, others_step = base.minimize(base.fit.residuals + response)
         if cost < best:
             best, best_change = cost, response + base.fit.jacobian @ others_step
-    return np.array(best), best_change
+    start, _ = _find_start(candidate, residuals)
+    return np.array(best), best_change, start.point
 
 
 def stack_starts(term: Term) -> Floats:
@@ -185,7 +188,8 @@ def _fit_candidate(base: LinearizedFit, term: Term, iterations: int) -> Arrays:
     Arguments are those of `fit_candidate`.
     """
     candidate = _CandidateProblem(base, term)
-    now, has_diverged = _find_start(candidate)
+    begun = candidate.compute_residuals(stack_starts(term))
+    now, has_diverged = _find_start(candidate, begun)
     if has_diverged:
         iterations = 0
     if iterations:
@@ -210,11 +214,15 @@ def _fit_candidate(base: LinearizedFit, term: Term, iterations: int) -> Arrays:
     return now.point, now.residuals, jacobian, now.others_step
 
 
-def _find_start(candidate: _CandidateProblem) -> tuple[Trial, bool]:
-    """The best of a term's initial values, and whether all of them diverge."""
+def _find_start(candidate: _CandidateProblem, residuals: Floats) -> tuple[Trial, bool]:
+    """The best of a term's initial values, and whether all of them diverge.
+
+    Args:
+        candidate: the term beside a fit.
+        residuals: (n, R) with its initial values [standard deviations].
+    """
     base, term = candidate.base, candidate.term
     points = stack_starts(term)
-    residuals = candidate.compute_residuals(points)
     if term.effect.is_periodic and len(points) > 1:
         best = _find_best_sinusoid(base, points, residuals)
         points = np.clip(best, term.low, term.high)

@@ -140,7 +140,8 @@ def screen_candidates(
 ) -> tuple[list[Fit], float, list[Term]]:
     """Try candidates one at a time beside a fit, while its values answer linearly.
 
-    Many are first sorted out by a score test (Rao 1948).
+    Many are first sorted out by a score test (Rao 1948), after which they are fitted
+    from the best of their initial values alone.
 
     Args:
         bases: the same fit in more and more segments; fewer and fewer candidates are
@@ -157,9 +158,9 @@ def screen_candidates(
     responses: list[Floats] = []
     retried: list[Term] = []
     if len(candidates) > SELECTION.screening_scored:
-        candidates, responses = _score_candidates(bases[0], candidates, progress)
-        retried = candidates[: SELECTION.max_retried_candidates]
-        candidates = candidates[: SELECTION.screening_scored]
+        order, responses, begun = _score_candidates(bases[0], candidates, progress)
+        retried = [candidates[i] for i in order[: SELECTION.max_retried_candidates]]
+        candidates = [begun[i] for i in order[: SELECTION.screening_scored]]
     for base, iterations, keep in zip(
         bases,
         SELECTION.screening_iterations,
@@ -184,23 +185,27 @@ def screen_candidates(
 
 def _score_candidates(
     base: LinearizedFit, candidates: Sequence[Term], progress: Progress
-) -> tuple[list[Term], list[Floats]]:
-    """The candidates by a score test, the best first, and what each would change.
+) -> tuple[np.ndarray, list[Floats], list[Term]]:
+    """The order of n candidates by a score test, and what each would change.
 
     Args:
         base: the fit without a candidate.
         candidates: terms to be tried.
         progress: called with a message and a share (0 to 1).
+
+    Returns:
+        Their numbers (n), the best first; changes (R) of the residuals; and the
+        candidates with the best of their initial values alone.
     """
     penalty = _penalize_parameter(base.fit.residuals)
-    costs, responses = [], []
+    costs, responses, begun = [], [], []
     for i, term in enumerate(candidates):
         progress(f"trying {term.label}", i / len(candidates))
-        cost, response = estimate_candidate(base, term)
+        cost, response, start = estimate_candidate(base, term)
         costs.append(cost * penalty ** len(term.parameters))
         responses.append(response)
-    order = np.argsort(costs, kind="stable")
-    return [candidates[i] for i in order], responses
+        begun.append(replace(term, initial_values=(tuple(start),)))
+    return np.argsort(costs, kind="stable"), responses, begun
 
 
 def _sort_by_bic(fits: list[Fit], residuals: Floats) -> list[Fit]:

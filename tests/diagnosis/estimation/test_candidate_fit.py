@@ -59,9 +59,11 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     tried = fit_candidate(base, term)
     assert tried.cost < base.fit.cost
     # the responses to its initial values alone tell that it would
-    estimated, change = estimate_candidate(base, term)
+    estimated, change, start = estimate_candidate(base, term)
     assert estimated < base.fit.cost - 0.3 * (base.fit.cost - tried.cost)
     assert ((base.fit.residuals + change) ** 2).sum() <= estimated + 1e-6
+    begun = fit_candidate(base, replace(term, initial_values=(tuple(start),)))
+    assert begun.values == pytest.approx(tried.values, rel=1e-9)
     found = fit_parameters(rough, tried.terms, tried.values, iterations=6)
     found = fit_parameters(problem, found.terms, found.values, iterations=6)
     error = (
