@@ -298,7 +298,8 @@ def _step_states(
     error = problem.sum_by_segment((residuals[0] - predicted) ** 2)
     is_nonlinear = error > FIT.state_nonlinearity * before.mean()
     lowest = costs.argmin(axis=0), np.arange(len(offset))
-    is_better = is_nonlinear & (costs[lowest] < before)
+    needed = (1 - FIT.min_state_step_gain) * before
+    is_better = is_nonlinear & (costs[lowest] < needed)
     minimum = problem.sum_by_segment(predicted**2) + (tried[0] ** 2).sum(axis=1)
     cost = np.where(is_nonlinear, np.minimum(costs[lowest], before), minimum)
     return _StateStep(tried[lowest], cost, is_nonlinear, is_better)
