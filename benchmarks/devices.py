@@ -24,7 +24,7 @@ from benchmarks.diagnosis_runs import (
 )
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.recording import Recording, read, write
-from selfheal.study.sealed import FOUND
+from selfheal.study.diagnose import FOUND
 
 HIPS_UP = 0.015  # [m] by which the hips of the raised starfish are too high
 

@@ -1,8 +1,8 @@
 """Diagnoses in supervised processes: takes cases, gives each its diagnosis folder.
 
 Every case is diagnosed by a process of its own, in a temporary folder that holds its
-model and its recording and nothing else. What a case is, `selfheal study sealed` says,
-whose workers know no time limit; for that, a process is watched here.
+model and its recording and nothing else. What a case is, `selfheal study diagnose`
+says, whose workers know no time limit; for that, a process is watched here.
 """
 
 import json
@@ -23,7 +23,7 @@ from typing import Any
 from benchmarks.replay_error import compute_score, drop_samples, extract_values
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
-from selfheal.study.sealed import FOUND, GIVEN, find_cases
+from selfheal.study.diagnose import FOUND, GIVEN, find_cases
 
 DOCUMENT = f"{FOUND}/diagnosis.json"  # in the folder of a diagnosed case
 TAIL = 2000  # characters of a process's last words that are kept

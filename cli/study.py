@@ -1,4 +1,4 @@
-"""`selfheal study`: a table of the papers in; many runs, tables and a page out."""
+"""`selfheal study`: a table of the papers, or robots, in; runs, tables, pages out."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 
 _NAME, _PAGES = "study.h5", ("report.html", "report.md")
 _READINGS = Path("../shared/recordings/starfish_2006")
-_RUNS = {"table3": 30, "actions": 30, "schema": 30, "eea": 3, "sealed": 1}
+_RUNS = {"table3": 30, "actions": 30, "schema": 30, "eea": 3, "diagnose": 1}
 _RECORDINGS = typer.Option(
     metavar="FOLDER",
     help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
 )
-_CASES = typer.Option(
-    metavar="FOLDER", help="Of 'sealed': folders of model.xml, recording.h5."
+_ROBOTS = typer.Argument(
+    metavar="FOLDER",
+    help="Of 'diagnose': folders of model.xml and recording.h5, or a model.xml with "
+    "recordings.",
 )
 _FILE = typer.Argument(metavar="STUDY.h5", help="A study's file.")
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
@@ -33,16 +35,16 @@ _JSON = typer.Option("--json", help="One JSON object for scripts.")
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Repeat a table of the papers over many seeds, on many cores.",
+    help="Repeat a table of the papers, or diagnose a fleet, on many cores.",
 )
 
 
 def _run_study(
     context: typer.Context,
+    folder: Annotated[Path | None, _ROBOTS] = None,
     runs: Annotated[int | None, typer.Option(help="Seeds of each row.")] = None,
     seed: Annotated[int, typer.Option(help="The first; then one by one.")] = 0,
     recordings: Annotated[Path | None, _RECORDINGS] = None,
-    cases: Annotated[Path | None, _CASES] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes, or jobs of a cluster; all cores.")
     ] = None,
@@ -85,7 +87,7 @@ def _run_study(
         _finish_study(resume, place, only_failed=bool(only), as_json=as_json)
         return
     count = _RUNS[name] if runs is None else runs
-    asked = StudyRequest(count, seed, recordings, cases)
+    asked = StudyRequest(count, seed, recordings, folder)
     _finish_study(
         _begin_study(name, asked, out, force), place, only_failed=False, as_json=as_json
     )
@@ -105,12 +107,12 @@ def _begin_study(
     from selfheal.study.store import find_journal
 
     given = find_study(name).inputs
-    for option in ("recordings", "cases"):
-        folder = getattr(asked, option)
-        if folder is not None and option not in given:
-            raise InputError(f"study {name!r} has no use for --{option}")
+    for what, option in ("recordings", "--recordings "), ("cases", ""):
+        folder = getattr(asked, what)
+        if folder is not None and what not in given:
+            raise InputError(f"study {name!r} has no use for {option}{folder}")
         if folder is not None and not folder.is_dir():
-            raise InputError(f"--{option} {folder}: there is no such folder")
+            raise InputError(f"{option}{folder}: there is no such folder")
     if "recordings" in given and asked.recordings is None:
         if _READINGS.is_dir():
             asked = replace(asked, recordings=_READINGS)
@@ -257,5 +259,5 @@ _add_command(
 _add_command("actions", "Chosen against random actions, by which score; 8 actions.")
 _add_command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
 _add_command("eea", "Two legged robots, ten scenarios: recoveries.")
-_add_command("sealed", "Diagnoses of a folder of cases.")
+_add_command("diagnose", "Diagnoses of many robots or logs, side by side.")
 app.command("show")(show)

@@ -45,8 +45,8 @@ def diagnose(
         no_check: kinds of faults of a log that are not asked about, as
             `selfheal.telemetry.KINDS` has them.
         seed: of everything random.
-        memory: folder in which what is worked out is kept. The same diagnosis asked
-            again with it goes on where it was killed; remove it in the end.
+        memory: folder of what is worked out, in which the same diagnosis goes on where
+            it was killed; remove it in the end.
         progress: told what is being done and how much of that is done (0 to 1).
         minutes: [min] in which the search, the last fit and the tests have to be done,
             about: the best answer so far is given then, and says what it left out.
@@ -58,8 +58,7 @@ def diagnose(
         The verdict, the findings and their proof; `save` and `simulate` use them.
 
     Raises:
-        InputError: a file is missing or given twice, a name fits none or several, or
-            the minutes are not positive.
+        InputError: a file is missing or given twice, a name unfit, or `minutes` <= 0.
         ModelError: MuJoCo cannot load the model.
         RecordingError: a recording breaks the contract, does not fit the model or
             contradicts it as no physics does, or is too short or quiet to decide.

@@ -11,7 +11,7 @@ from ..errors import UnknownNameError
 # name -> the module that has it as STUDY; imported when it is asked for
 STUDIES = {
     name: f"{__package__}.{name}"
-    for name in ("table3", "actions", "schema", "eea", "sealed")
+    for name in ("table3", "actions", "schema", "eea", "diagnose")
 }
 
 Outcome = Mapping[str, Any]
@@ -39,7 +39,7 @@ class StudyRequest:
         runs: of each row of its tables.
         seed: of the first run of each row; the others follow one by one.
         recordings: folder of the readings of 2006, None where there are none.
-        cases: folder of diagnosis cases, None where none is given.
+        cases: folder of robots to diagnose, None where none is given.
     """
 
     runs: int

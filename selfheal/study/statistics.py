@@ -7,6 +7,7 @@ import numpy as np
 from ..body.body import Floats
 
 _DRAWS = 400  # of runs, for an interval; chosen
+_LEAST_ERROR = 1e-6  # relative, of a value whose interval ends at a bound; chosen
 
 
 def compute_wilson_interval(successes: int, count: int) -> tuple[float, float]:
@@ -42,6 +43,19 @@ def run_fisher_test(first: tuple[int, int], second: tuple[int, int]) -> float:
     from scipy.stats import fisher_exact
 
     return float(fisher_exact([[k, n - k] for k, n in (first, second)]).pvalue)
+
+
+def run_homogeneity_test(values: Floats, widths: Floats) -> float:
+    """P that all values (n) are one, by the widths (n) of their 90 % intervals.
+
+    Cochran's Q: squared distances from the weighted mean, by chi-square.
+    """
+    from scipy.stats import chi2, norm
+
+    errors = np.maximum(widths / (2 * norm.ppf(0.95)), _LEAST_ERROR * np.abs(values))
+    weights = 1 / np.maximum(errors, np.finfo(float).tiny) ** 2
+    mean = (weights * values).sum() / weights.sum()
+    return float(chi2.sf((weights * (values - mean) ** 2).sum(), len(values) - 1))
 
 
 def run_permutation_test(first: Sequence[float], second: Sequence[float]) -> float:

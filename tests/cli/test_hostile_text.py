@@ -184,11 +184,13 @@ def test_a_run_file_of_any_names_is_shown(tmp_path):
 @HOSTILE
 def test_a_study_of_any_names_is_shown(name, tmp_path):
     fit = dict.fromkeys(("given", "refit", "patched", "explainable_removed"), 0.5)
-    outcome = {"verdict": name, "named": [[name, name]], "fit": fit}
-    settings = {"case": name, "seed": 0}
+    finding = {"value": 0.5, "low": 0.4, "high": 0.6, "name": name, "unit": name}
+    finding |= {"effect": name, "target": name}
+    outcome = {"verdict": name, "findings": [finding], "fit": fit}
+    settings = {"robot": name, "seed": 0}
     tasks = [Task(key, settings) for key in (name, f"{name}2")]
     done = {"settings": settings, "seconds": 1.0, "megabytes": 5, "worker": name}
-    create_study(tmp_path / "study.h5", "sealed", {name: name}, tasks)
+    create_study(tmp_path / "study.h5", "diagnose", {name: name}, tasks)
     with open_journal(tmp_path / "study.h5") as journal:
         journal.add([
             {"key": name, "outcome": outcome, "error": "", **done},
@@ -203,7 +205,7 @@ def test_a_study_of_any_names_is_shown(name, tmp_path):
     assert not find_raw(page, keep="\n\t") and not find_raw(text)
     assert "<b>" not in text
     rows = [line for line in text.splitlines() if line.startswith("|")]
-    assert [row.count("|") for row in rows] == [7] * 3 + [3] * 3
+    assert [row.count("|") for row in rows] == [8] * 3 + [7] * 6
 
 
 # ---- terminals with colors, progress, warnings, what nobody expected

@@ -27,6 +27,8 @@ MATRIX = {**LENGTHS, "edge_f1": 1.0, "success": True, "hips": True, "foretold": 
           "tilt_gap": 1.0, "fit": 1.0}  # fmt: skip
 WAYS = {"intact": 2.0, "damaged": 1.0, "healed": 1.5, "best_known": None}
 FIT = {"given": 1.0, "refit": 1.0, "patched": None, "explainable_removed": 0.5}
+SLOPE = {"effect": "slope", "target": "world", "name": "tilt", "value": 0.1,
+         "low": 0.0, "high": 0.2, "unit": "rad"}  # fmt: skip
 ROBOT = {"robot": "starfish", "seed": 0, "recordings": ""}
 # study -> settings and outcome of its runs
 RUNS: dict[str, list[tuple[dict[str, Any], dict[str, Any]]]] = {
@@ -37,8 +39,8 @@ RUNS: dict[str, list[tuple[dict[str, Any], dict[str, Any]]]] = {
                ({**ROBOT, "what": "matrix", "sensors": "tilt"}, MATRIX)],
     "eea": [({"robot": "quadruped", "scenario": 1, "seed": 0},
              {"named": True, "actions": 3, "distance": WAYS})],
-    "sealed": [({"case": "one", "seed": 0},
-                {"verdict": "explained", "named": [["slope", "world"]], "fit": FIT})],
+    "diagnose": [({"robot": "one", "seed": 0},
+                  {"verdict": "explained", "findings": [SLOPE], "fit": FIT})],
 }  # fmt: skip
 
 

@@ -27,13 +27,15 @@ def test_a_study_plans_distinct_runs_and_shows_none_of_them_yet(name, tmp_path):
 
 
 def test_what_a_study_lacks_is_said(tmp_path):
-    with pytest.raises(UnknownNameError, match="actions, eea, schema, sealed, table3"):
+    with pytest.raises(
+        UnknownNameError, match="actions, diagnose, eea, schema, table3"
+    ):
         find_study("table4")
-    for name, message in (("sealed", "--cases"), ("actions", "--recordings")):
+    for name, message in (("diagnose", "FOLDER"), ("actions", "--recordings")):
         with pytest.raises(InputError, match=message):
             find_study(name).list_tasks(StudyRequest(1))
     with pytest.raises(InputError, match="no case there"):
-        find_study("sealed").list_tasks(StudyRequest(1, cases=tmp_path))
+        find_study("diagnose").list_tasks(StudyRequest(1, cases=tmp_path))
     with pytest.raises(InputError, match="no poses_schema.csv there"):
         find_study("schema").list_tasks(StudyRequest(1, recordings=tmp_path))
 
