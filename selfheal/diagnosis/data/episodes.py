@@ -75,10 +75,9 @@ class SampledEpisode:
         rows = find_nearest(self.sample_steps, at)
         return self.polynomials.evaluate(rows, (at - self.sample_steps[rows]) * step)
 
-    @property
-    def with_half_step(self) -> "SampledEpisode":
-        """This episode on a grid of steps of half the size."""
-        at = 2 * self.sample_steps
+    def with_finer_steps(self, factor: float) -> "SampledEpisode":
+        """This episode on a grid of so many times as many steps."""
+        at = factor * self.sample_steps
         return replace(self, sample_steps=at, **_grid_commands(at, self.sent_ctrl))
 
     def with_late_commands(self, steps: float) -> "SampledEpisode":

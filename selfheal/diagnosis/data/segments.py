@@ -44,14 +44,13 @@ class Segments:
         counts = np.bincount(self.segment_of_sample)
         return bool(len(counts)) and int(counts.max()) < MIN_CORRELATED_READINGS
 
-    @property
-    def with_half_step(self) -> "Segments":
-        """These segments, counted in steps of half the size."""
+    def with_finer_steps(self, factor: int) -> "Segments":
+        """These segments, counted in so many times as many steps."""
         return replace(
             self,
-            first_step=2 * self.first_step,
-            lengths=2 * self.lengths,
-            sample_steps=2 * self.sample_steps,
+            first_step=factor * self.first_step,
+            lengths=factor * self.lengths,
+            sample_steps=factor * self.sample_steps,
         )
 
     def select(self, chosen: np.ndarray) -> "Segments":

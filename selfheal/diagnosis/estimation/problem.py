@@ -219,7 +219,7 @@ class Problem:
         finer = replace(
             self,
             simulator=self.simulator.with_half_step,
-            segments=self.segments.with_half_step,
+            segments=self.segments.with_finer_steps(2),
         )
         return 2 * (residuals - finer.residuals_at(terms, values))
 
@@ -264,6 +264,17 @@ class Problem:
     def unmarginalized(self) -> "Problem":
         """The problem whose initial states are those used now, and certain."""
         return replace(self, marginal_bases=(), shift_response=None)
+
+    @property
+    def native(self) -> "Problem":
+        """The problem as MuJoCo steps the given model, initial states as used now."""
+        simulator = self.simulator
+        return replace(
+            self.unmarginalized,
+            simulator=simulator.native,
+            segments=self.segments.with_finer_steps(simulator.coarsening),
+            centered=False,
+        )
 
     @property
     def with_measured_states(self) -> "Problem":

@@ -182,7 +182,7 @@ def _make_traces(
         refit: of the nominal values alone.
         patched: with the named effects.
     """
-    simulator, given = dataset.held_out, ((), np.zeros(0))
+    simulator, given = dataset.held_out.native, ((), np.zeros(0))
     predicted = [
         simulator.simulate(terms, values[None], segments)[0]
         for terms, values in (given, (refit.terms, refit.values),

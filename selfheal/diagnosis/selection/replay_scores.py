@@ -119,7 +119,7 @@ class HeldOutScores:
         cls, dataset: Dataset, refits: dict[str, Fit], unrestored: Fit
     ) -> "HeldOutScores":
         """The scores of models fitted to their own time step, and of the given one."""
-        simulator, patched = dataset.held_out, refits["patched"]
+        simulator, patched = dataset.held_out.native, refits["patched"]
         segments = score.cut_replay_segments(simulator)
         count = score.count_readings(simulator, segments)
         models: Models = {
@@ -153,7 +153,7 @@ def _score_horizons(
         models: to be replayed, by name: terms and their values (P).
         patched: the fit that tells how far the robot can be predicted.
     """
-    simulator = dataset.held_out
+    simulator = dataset.held_out.native
     lasts = [e.sample_steps[-1] * simulator.timestep for e in simulator.episodes]
     whole = float(max(lasts))
     lengths = [s for s in (SHORT_SEGMENT, *LONG_SEGMENTS) if 2 * s <= whole]
@@ -197,7 +197,7 @@ def _measure_floor(
     Returns:
         The score of all three, and that of the initial states alone.
     """
-    simulator = dataset.held_out
+    simulator = dataset.held_out.native
     offsets = build_initial_state_offsets(simulator, segments)
     predicted = simulator.simulate(
         fit.terms,
@@ -206,7 +206,7 @@ def _measure_floor(
         initial_state_offset=offsets,
     )
     finer = simulator.with_half_step.simulate(
-        fit.terms, fit.values[None], segments.with_half_step
+        fit.terms, fit.values[None], segments.with_finer_steps(2)
     )[0]
     by_start = np.nansum((predicted[1:] - predicted[0]) ** 2, axis=0)
     by_step = np.nan_to_num(4 * (predicted[0] - finer) ** 2)

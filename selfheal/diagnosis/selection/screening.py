@@ -32,12 +32,11 @@ def select_hard_segments(
 
     Args:
         base: the fit in all segments.
-        steps: [simulation steps] of the segments in sum, about.
+        steps: [steps of the given model] of the segments in sum, about.
         rng: draws segments.
     """
     problem, fit = base.problem, base.fit
     size = len(problem.segments)
-    mean_steps = problem.segments.lengths.mean()
     is_long = mean_seconds(problem) >= SELECTION.long_screening_segment
     is_first = steps <= SELECTION.screening_steps[0]
     least = (
@@ -45,13 +44,19 @@ def select_hard_segments(
         if is_first and is_long
         else SELECTION.min_screening_segments
     )
-    count = int(np.clip(steps / mean_steps, min(least, size), size))
+    wanted = steps / _mean_native_steps(problem)
+    count = int(np.clip(wanted, min(least, size), size))
     if count >= SELECTION.nearly_all_segments * size:
         return base
     worst = np.argsort(-problem.sum_by_segment(fit.residuals**2))
     hard = (count + 1) // 2
     others = rng.permutation(worst[hard:])
     return base.select(np.sort(np.append(worst[:hard], others[: count // 2])))
+
+
+def _mean_native_steps(problem: Problem) -> float:
+    """Mean length of the segments [steps of the given model]."""
+    return float(problem.segments.lengths.mean() * problem.simulator.coarsening)
 
 
 def mean_seconds(problem: Problem) -> float:
@@ -64,14 +69,14 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
 
     Args:
         problem: all segments.
-        steps: [simulation steps] of the segments in sum, about.
+        steps: [steps of the given model] of the segments in sum, about.
         rng: draws segments.
 
     Returns:
         (v) numbers of segments, in order.
     """
     size = len(problem.segments)
-    wanted = steps / problem.segments.lengths.mean()
+    wanted = steps / _mean_native_steps(problem)
     least, seconds = SELECTION.min_search_segments, mean_seconds(problem)
     if seconds >= SELECTION.long_screening_segment:
         least = int(SELECTION.min_search_seconds / seconds)
@@ -89,7 +94,7 @@ def subsample_problem(
 
     Args:
         problem: all segments.
-        steps: [simulation steps] of the segments in sum, about.
+        steps: [steps of the given model] of the segments in sum, about.
         rng: draws segments.
     """
     return problem.select(draw_segments(problem, steps, rng))

@@ -235,7 +235,7 @@ def is_replay_off(
     """
     if scores.segments.is_single_readings:
         return False
-    simulator, fit = dataset.held_out, hypothesis.final.fit
+    simulator, fit = dataset.held_out.native, hypothesis.final.fit
     limit = SELECTION.max_replay_floor_ratio * scores.numbers["floor"]
     if _typical_score(simulator, scores.squares["patched"], scores.count) <= limit:
         return False

@@ -33,6 +33,12 @@ from .simulator import Simulator
 SHORT_SEGMENT = 0.5  # [s] of a segment; chosen: as long as the contract scores
 # [s] of longer segments, in which slow effects show; chosen: each is four times as long
 LONG_SEGMENTS = (2.0, 8.0)
+COARSENINGS = (4, 3, 2)  # steps of the model in one of a fit's simulation; chosen
+# standard deviations of a reading's noise by which larger steps may change it; chosen:
+# a hundredth of its variance
+MAX_COARSENING_ERROR = 0.1
+COARSENING_SEGMENTS = 8  # in which that is measured; chosen: 16 s
+STEP_TOLERANCE = 1e-3  # [steps] between samples; chosen: rounding of times
 # below these a diagnosis is refused; chosen: what is left tells nothing from noise
 MIN_SNR = 3.0  # standard deviation of a signal over that of its noise
 MIN_SEGMENTS = 3  # of the short ones
@@ -120,6 +126,12 @@ def prepare_dataset(
         replace(s, has_contact=robot.has_contact)
         for s in (simulator, held_out_simulator)
     )
+    coarsening = choose_coarsening(simulator)
+    if coarsening > 1:
+        simulator, held_out_simulator = (
+            s.coarsen(coarsening) for s in (simulator, held_out_simulator)
+        )
+        robot = replace(robot, timestep=simulator.timestep)
     return Dataset(compiler, simulator, held_out_simulator, robot, names)
 
 
@@ -169,6 +181,39 @@ def _find_recording(recordings: Sequence[Recording], entry: str) -> int:
     each = zip(files, recordings, strict=True)
     valid = [f"{file}:{name}" for file, r in each for name in r.episodes]
     raise UnknownNameError("held-out episode", entry, valid)
+
+
+def choose_coarsening(simulator: Simulator) -> int:
+    """How many steps of the given model one of a fit's simulations may have.
+
+    As many as change no signal by more than a share of its noise, in segments of 2 s.
+    Where something touches, the motion is that of the model's own step alone.
+
+    Args:
+        simulator: of the model's own steps.
+    """
+    gaps = np.concatenate([np.diff(e.sample_steps) for e in simulator.episodes])
+    noise = np.concatenate([c.noise for c in simulator.channels])
+    if simulator.has_contact or not len(gaps):
+        return 1
+    for count in COARSENINGS:
+        if count > np.median(gaps) + STEP_TOLERANCE:
+            continue
+        coarse = simulator.coarsen(count)
+        segments = cut_readable_segments(coarse, LONG_SEGMENTS[0])
+        if not len(segments) or segments.is_single_readings:
+            continue
+        some = np.linspace(0, len(segments) - 1, COARSENING_SEGMENTS).astype(int)
+        segments = segments.select(np.unique(some))
+        pairs = (coarse, segments), (simulator, segments.with_finer_steps(count))
+        predicted = [
+            s.simulate((), np.zeros((1, 0)), w, centered=True)[0] for s, w in pairs
+        ]
+        change = (predicted[0] - predicted[1]) ** 2
+        change[~np.isfinite(segments.readings)] = 0.0
+        if (np.sqrt(change.mean(axis=0)) <= MAX_COARSENING_ERROR * noise).all():
+            return count
+    return 1
 
 
 def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:

@@ -249,8 +249,28 @@ class Simulator(RecordedSystem):
     @cached_property
     def with_half_step(self) -> "Simulator":
         """This simulator with steps of half the size, and without a checkpoint."""
-        episodes = tuple(episode.with_half_step for episode in self.episodes)
-        return self._with_changes(timestep=self.timestep / 2, episodes=episodes)
+        return replace(self._with_finer_steps(2), checkpoint=Checkpoint())
+
+    @cached_property
+    def native(self) -> "Simulator":
+        """This simulator with the given model's own steps."""
+        if self.coarsening == 1:
+            return self
+        return replace(self._with_finer_steps(self.coarsening), coarsening=1)
+
+    def coarsen(self, count: int) -> "Simulator":
+        """This simulator of the given model's steps with so many of them in one."""
+        return replace(self._with_finer_steps(1 / count), coarsening=count)
+
+    def _with_finer_steps(self, factor: float) -> "Simulator":
+        """This simulator with so many times as many steps, and an empty cache."""
+        episodes = tuple(e.with_finer_steps(factor) for e in self.episodes)
+        return replace(
+            self,
+            timestep=self.timestep / factor,
+            episodes=episodes,
+            cache=SimulationCache(),
+        )
 
     @cached_property
     def with_late_commands(self) -> "Simulator":

@@ -16,6 +16,7 @@ class RecordedSystem:
         channels: the signals that are compared.
         episodes: the recordings; in steps of `timestep`.
         timestep: of the simulation [s].
+        coarsening: steps of the given model in one of the simulation.
         has_contact: whether anything touches something as the robot moves.
     """
 
@@ -24,3 +25,4 @@ class RecordedSystem:
     episodes: tuple[SampledEpisode, ...]
     timestep: float
     has_contact: bool = False
+    coarsening: int = 1

@@ -31,7 +31,7 @@ def test_the_steps_own_error_shrinks_with_the_step(arm):
     )
     simulator = problem.simulator.with_half_step
     finer = replace(
-        problem, simulator=simulator, segments=problem.segments.with_half_step
+        problem, simulator=simulator, segments=problem.segments.with_finer_steps(2)
     )
     assert (
         0

@@ -94,7 +94,7 @@ def test_simulators_made_of_another_share_its_counter(tmp_path):
     simulator.simulate([], np.zeros((3, 0)), segments)
     assert simulator.counter.count == 3 * len(segments)
     finer = simulator.with_half_step
-    finer.simulate([], np.zeros((1, 0)), segments.with_half_step)
+    finer.simulate([], np.zeros((1, 0)), segments.with_finer_steps(2))
     simulator.with_late_commands.simulate([], np.zeros((1, 0)), segments)
     assert simulator.counter.count == 5 * len(segments)
     assert finer.cache is not simulator.cache
