@@ -71,7 +71,7 @@ def build_diagnosis(
     located, where = localize_findings(dataset, hypothesis)
     problem = hypothesis.problem
     errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
-    refit = doc.build_refit(patched, proof.unrestored, errors)
+    refit = doc.build_refit(patched, proof.unrestored.values, errors)
     unproven = doc.build_unproven(hypothesis, errors)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, unproven)
     text, diff, edits, unpatched = patch_or_nominal(dataset, patched)

@@ -131,28 +131,31 @@ def _merge_components(name: str, entries: list[dict]) -> list[dict]:
     return [*(e for e in entries if e not in components), merged]
 
 
-def build_refit(patched: Fit, unrestored: Fit, errors: Floats) -> list[dict[str, Any]]:
+def build_refit(
+    patched: Fit, unrestored: Floats, errors: Floats
+) -> list[dict[str, Any]]:
     """One entry for each nominal value: as given, as patched, and its interval.
 
     Args:
         patched: the fit of the patched model; its nominal terms count.
-        unrestored: the same before values returned to what the model states.
+        unrestored: (P) its values before some returned to what the model states [1].
         errors: (P) standard errors of its values.
     """
     out = []
-    factors = (split_values(patched.terms, x) for x in (patched.values, errors))
-    for term, (factor, *_), (error, *_) in zip(patched.terms, *factors, strict=True):
+    each = (patched.values, unrestored, errors)
+    for term, factor, fitted, error in zip(
+        patched.terms, *(split_values(patched.terms, x) for x in each), strict=True
+    ):
         if term.effect.name != "stated":
             continue
-        given = term.finding_fields["value"]
-        (p,), (fitted,) = term.parameters, unrestored.values_by_term[term]
+        given, (p,) = term.finding_fields["value"], term.parameters
         low, high = sorted(
-            given
-            * np.clip(fitted + k * FIT.interval_standard_errors * error, p.low, p.high)
+            given * np.clip(x + k * FIT.interval_standard_errors * e, p.low, p.high)
+            for x, e in zip(fitted, error, strict=True)
             for k in (-1, 1)
         )
         out.append({"parameter": term.targets[0], "given": given,
-                    "value": given * factor, "low": low, "high": high,
+                    "value": given * factor[0], "low": low, "high": high,
                     "unit": term.finding_fields["unit"]})  # fmt: skip
     return out
 

@@ -96,6 +96,8 @@ class HeldOutScores:
         whole = refits.setdefault("patched", refits["refit"])
         errors = standard_errors(problem, fits.get("patched", fits["refit"]))
         refits["patched"] = restore_stated(whole, errors)
+        if not hypothesis.named:
+            refits["refit"] = refits["patched"]
         fitted = {name: refit.fit for name, refit in refits.items()}
         return cls._replay(dataset, fitted, whole.fit)
 

@@ -32,7 +32,7 @@ def test_the_interval_of_a_negative_value_is_in_order():
         parameters=(Parameter("x", "1", 1.0, 0.7, 1.3, 0.1),),
         finding_fields={"value": -2.0, "unit": "rad"},
     )  # fmt: skip
-    (read,) = build_refit(
-        SimpleNamespace(terms=(term,), values=np.array([1.1])), np.array([0.01])
-    )
+    value = np.array([1.1])
+    fit = SimpleNamespace(terms=(term,), values=value)
+    (read,) = build_refit(fit, value, np.array([0.01]))
     assert read["low"] < read["value"] < read["high"] < 0 and not is_unidentified(read)
