@@ -76,7 +76,7 @@ def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
     fit = replace(base.fit, terms=fix_effects(base.fit))
     half = FIT.interval_standard_errors * errors
     restored = _find_restorable(LinearizedFit.from_fit(problem, fit), half)
-    less = _fit_restored(problem, fit, restored, 1)
+    less = _fit_restored(problem, fit, restored, 1) if restored.size else fit
     limit = (1 + SELECTION.max_restoring_cost) * (fit.cost + fit.prior_penalty)
     if less.cost + less.prior_penalty > limit:  # it is less linear than that
         less, restored = fit, np.zeros(0, int)
