@@ -8,7 +8,7 @@ it, or the outermost one.
 import os
 from collections.abc import Mapping, Sequence
 
-from .document import MAKERS, MjcfDocument
+from .document import MAKERS, MjcfDocument, name_of
 from .edit import Edit, Set, SetDefault
 from .element_ids import ElementIds
 from .xml_text import Element
@@ -34,17 +34,18 @@ def fold_into_defaults(
     joints = [e for e in document.list_elements(_JOINT) if e.tag == _JOINT]
     if not classes or any(e.tag in MAKERS for e in document.root.walk()):
         return list(edits)
-    ids = ElementIds(document)
+    ids, given = ElementIds(document), {name_of(joint) for joint in joints}
     wanted: dict[Element, dict[str, str | None]] = {}
     names: dict[Element, str | int] = {}
     others: list[Edit] = []
     for edit in edits:
-        if not isinstance(edit, Set) or edit.tag != _JOINT:
-            others.append(edit)
+        is_of_joint = isinstance(edit, Set) and edit.tag == _JOINT
+        if not is_of_joint or (isinstance(edit.name, str) and edit.name not in given):
+            others.append(edit)  # also of a joint that another edit inserts
             continue
         by_name = isinstance(edit.name, str)
         joint = (document if by_name else ids).find(_JOINT, edit.name)  # type: ignore[arg-type]
-        wanted.setdefault(joint, {}).update(edit.attributes)
+        wanted.setdefault(joint, {}).update(edit.attributes)  # type: ignore[union-attr]
         names.setdefault(joint, edit.name)
     # the outermost first
     agreed = {c: _find_agreed(c, classes, joints, wanted) for c in classes}

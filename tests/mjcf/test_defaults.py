@@ -4,7 +4,7 @@ import pytest
 
 from selfheal.diagnosis.output.model_source import compile_patched, is_same_model
 from selfheal.mjcf.defaults import fold_into_defaults
-from selfheal.mjcf.edit import Set, SetDefault
+from selfheal.mjcf.edit import Insert, Set, SetDefault
 from tests.support.mjcf_models import write_file
 
 LEG = """<mujoco>
@@ -59,6 +59,21 @@ def test_a_class_says_what_all_of_its_joints_agree_in(case, tmp_path):
     one, other = (compile_patched(path, e) for e in (edits, folded))
     assert is_same_model(one, other)
     assert not is_same_model(one, compile_patched(path, ()))
+
+
+def test_a_joint_that_an_edit_inserts_is_left_alone(tmp_path):
+    path = write_file(tmp_path / "leg.xml", LEG.format(""))
+    body = LEG[LEG.index("<body childclass") :].replace("<body ", '<body name="top" ')
+    path = write_file(path, LEG[: LEG.index("<body childclass")] + body.format(""))
+    edits = [
+        Insert("body", "top", '<joint name="a_play"/>'),
+        *_set(("a_play",), range="-0.1 0.1"),
+        *_set(JOINTS, stiffness="0.2"),
+    ]
+    folded = fold_into_defaults(path, edits)
+    assert isinstance(folded[0], SetDefault) and edits[1] in folded
+    one, other = (compile_patched(path, e) for e in (edits, folded))
+    assert not is_same_model(one, other)  # the new joint would inherit it
 
 
 def test_what_mujoco_multiplies_is_left_alone(tmp_path):
