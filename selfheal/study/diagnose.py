@@ -189,9 +189,10 @@ def _compare_values(findings: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
         np.array([f[k] for f in known], float) for k in ("value", "low", "high")
     )
     unit = f" {known[0]['unit']}".removesuffix(" 1")
+    ends = dict.fromkeys(f"{end:.3g}" for end in (values.min(), values.max()))
+    said = f"{known[0]['name']} {' to '.join(ends)}{unit}"
     if len(known) == 1:
-        return f"{known[0]['name']} {values[0]:.3g}{unit}", ""
-    said = f"{known[0]['name']} {values.min():.3g} to {values.max():.3g}{unit}"
+        return said, ""
     return said, f"{run_homogeneity_test(values, high - low):.2g}"
 
 
