@@ -18,6 +18,13 @@ def stack_bounds(terms: Sequence[Term]) -> tuple[Floats, Floats, Floats]:
     )  # type: ignore[return-value]
 
 
+def is_stated(terms: Sequence[Term]) -> np.ndarray:
+    """(P) whether each parameter of some terms is a value that the model states."""
+    return np.array(
+        [t.effect.name == "stated" for t in terms for _ in t.parameters], bool
+    )
+
+
 def prior_precision(terms: Sequence[Term]) -> Floats:
     """(P) [1] diagonal of Lambda: the inverse variances of the prior.
 
@@ -26,9 +33,8 @@ def prior_precision(terms: Sequence[Term]) -> Floats:
     values apart leave both near what the model states. Effects have no prior: 0.
     """
     low, high, _ = stack_bounds(terms)
-    is_nominal = [t.effect.name == "stated" for t in terms for _ in t.parameters]
     width = np.maximum(high - low, FIT.min_prior_range)
-    return np.where(is_nominal, FIT.prior_stds_in_range**2 / width**2, 0.0)
+    return np.where(is_stated(terms), FIT.prior_stds_in_range**2 / width**2, 0.0)
 
 
 def penalized_cost(terms: Sequence[Term], values: Floats, residuals: Floats) -> float:

@@ -4,7 +4,6 @@ A value goes back to what the model states where the data do not contradict that
 has no more digits than they support.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,18 +14,11 @@ from ..estimation.covariance import standard_errors
 from ..estimation.least_squares import Fit, fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.problem import Problem
-from ..estimation.quadratic_model import stack_bounds
+from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .settings import SELECTION
-
-
-def is_stated(terms: Sequence[Term]) -> np.ndarray:
-    """(P) whether each parameter of some terms is a value that the model states."""
-    return np.array(
-        [t.effect.name == "stated" for t in terms for _ in t.parameters], bool
-    )
 
 
 def fix_effects(fit: Fit) -> tuple[Term, ...]:
