@@ -127,6 +127,29 @@ class _CandidateProblem:
             len(fixed),
         )
 
+    def leave_plateau(self, now: Trial) -> tuple[Trial, Floats]:
+        """Lower limits that are never met: from there no slope leads to one that is.
+
+        Returns:
+            The best of the trial and of those with one such limit at 1/2, 1/4, ... of
+            its distance to its bound, and the Jacobian (R, p) there.
+        """
+        jacobian = self.compute_jacobian(now.point, now.residuals)
+        most = np.abs(jacobian * self.term.scale).max(axis=0)
+        flat = np.flatnonzero(most < FIT.least_response)
+        if not len(flat):
+            return now, jacobian
+        shares = 0.5 ** np.arange(1, 1 + FIT.plateau_halvings)
+        points = np.tile(now.point, (len(flat), len(shares), 1))
+        for k, i in enumerate(flat):
+            low = self.term.low[i]
+            points[k, :, i] = low + shares * (now.point[i] - low)
+        trials = self.evaluate(points.reshape(-1, len(now.point)))
+        best = min(trials, key=lambda t: t.cost)
+        if not best.cost < now.cost:
+            return now, jacobian
+        return best, self.compute_jacobian(best.point, best.residuals)
+
     def minimize_others(self, values: Floats, residuals: Floats) -> Trial:
         """The trial at values (p) with residuals (R), all others at their best."""
         cost, others_step = self.base.minimize(residuals)
@@ -193,7 +216,7 @@ def _fit_candidate(base: LinearizedFit, term: Term, iterations: int) -> Arrays:
     if has_diverged:
         iterations = 0
     if iterations:
-        jacobian = candidate.compute_jacobian(now.point, now.residuals)
+        now, jacobian = candidate.leave_plateau(now)
     else:
         jacobian = np.zeros((len(now.residuals), len(now.point)))
     for _ in range(iterations if len(now.point) else 0):

@@ -128,6 +128,14 @@ class FitSettings:
     """Share of the cost that a step of one more term must save to be accepted. Chosen:
     less is rounding."""
 
+    least_response: float = 1e-6
+    """Standard deviations by which a value's scale must change some residual to act at
+    all. Chosen: less is rounding."""
+
+    plateau_halvings: int = 6
+    """Halvings of a limit that is never met, each of which a fit tries. Chosen: down
+    to a hundredth and a half."""
+
     candidate_min_iteration_gain: float = 2e-3
     """Share of the cost that an iteration must save for another one. Chosen: a tenth of
     what a name must remove where nothing touches."""
