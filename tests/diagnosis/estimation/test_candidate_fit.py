@@ -96,6 +96,18 @@ def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
     assert tried.cost < 0.01 * base.fit.cost
 
 
+def test_a_limit_that_is_never_met_is_lowered_until_it_acts(arm):
+    (limit, *_), truth = find_effect("torque_saturation").propose_terms(arm.robot), 2.0
+    problem = make_problem(arm, (limit,), np.array([truth]))
+    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    unmet = replace(limit, initial_values=((30 * truth,),))
+    begun = problem.residuals_at((unmet,), np.array([30 * truth]))
+    np.testing.assert_allclose(begun, base.fit.residuals, atol=1e-9)
+    tried = fit_candidate(base, unmet)
+    assert tried.values[-1] == pytest.approx(truth, rel=0.1)
+    assert tried.cost < 0.1 * base.fit.cost
+
+
 def test_where_all_initial_values_diverge_nothing_more_is_simulated(pendulum):
     (boom,) = Explosion().propose_terms(pendulum.robot)
     problem = make_problem(pendulum)
