@@ -73,7 +73,7 @@ def keep_informative(
 def _measure_state_response(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> float:
-    """Root mean square of what errors of the initial states cause.
+    """Root mean square of what errors of the initial states cause, in some segments.
 
     Args:
         problem: with the segments in question.
@@ -84,6 +84,9 @@ def _measure_state_response(
         All 2 nv errors together, each of one standard deviation [standard deviations of
         the signals].
     """
+    count = len(problem.segments)
+    some = np.linspace(0, count - 1, min(count, FIT.state_response_segments))
+    problem = problem.select(some.astype(int))
     offsets = build_initial_state_offsets(problem.simulator, problem.segments)
     predicted = problem.simulator.simulate(
         terms,

@@ -158,6 +158,10 @@ class FitSettings:
     """Segments that a longer horizon leaves, at least. Chosen: as few as tell a mean
     from its scatter."""
 
+    state_response_segments: int = 24
+    """Segments in which is measured what errors of the initial states cause. Chosen: a
+    mean over so many is steady."""
+
     max_state_response: float = 0.1
     """[standard deviations of a signal] that errors of the initial states may cause in
     a horizon that still informs. Chosen: a tenth of what the signal tells."""
