@@ -55,6 +55,24 @@ def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
     return [i for i, t in enumerate(terms) if own & set(t.targets)]
 
 
+def find_restated(term: Term, terms: Sequence[Term]) -> dict[int, int]:
+    """Nominal terms whose values a term states anew, by the number of its parameter.
+
+    Args:
+        term: at one target, all the time; what several targets state differs.
+        terms: nominal ones among them, of one parameter each.
+    """
+    if len(term.targets) > 1 or term.onset:
+        return {}
+    numbers = {t.targets[0]: i for i, t in enumerate(terms) if len(t.targets) == 1}
+    restated = {
+        k: numbers.get(f"{term.targets[0]}/{p.name}")
+        for k, p in enumerate(term.parameters)
+        if p.name in term.effect.overrides
+    }
+    return {k: i for k, i in restated.items() if i is not None}
+
+
 def start_beside(term: Term, terms: Sequence[Term], values: Floats) -> Term:
     """The term as it begins near a fitted term whose place it takes.
 

@@ -166,7 +166,7 @@ def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
             attributes["pos"] = _moved_position(
                 source, element, old.geom_pos[g], new.geom_pos[g]
             )
-        if grown and new.geom_dataid[g] < 0:  # a mesh keeps its size
+        if grown and old.geom_dataid[g] < 0:  # a mesh keeps its size
             attributes["size"] = _format_size(new, g)
         for field, attribute in (
             ("geom_friction", "friction"), ("geom_solref", "solref"),

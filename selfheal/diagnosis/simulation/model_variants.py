@@ -205,6 +205,7 @@ class ModelCompiler:
 
         spec = read_spec(self.path)
         given = self.nominal
+        _replace_visual_meshes(spec, given)
         # the last joint first: an added one shifts what follows it
         sites = [(t.effect, place) for t in adding for place in t.places]
         for effect, place in sorted(sites, key=lambda s: -s[1].get("joint", -1)):
@@ -226,6 +227,45 @@ class ModelCompiler:
             a, b = given.jnt_dofadr[old], model.jnt_dofadr[new]
             dof[a : a + nv] = np.arange(b, b + nv)
         return ModelVariant(model, dof, qpos, joint)
+
+
+def _replace_visual_meshes(spec, given) -> None:
+    """Put boxes in place of meshes that are only seen: each model copies all vertices.
+
+    Such a mesh touches nothing and gives no inertia. All geoms keep their ids.
+
+    Args:
+        spec: that is changed.
+        given: the same, compiled.
+    """
+    import mujoco
+
+    always = int(spec.compiler.inertiafromgeom) == 1  # mjINERTIAFROMGEOM_TRUE
+    referred = {*given.pair_geom1, *given.pair_geom2}
+    for kinds, ids in (
+        (given.sensor_objtype, given.sensor_objid),
+        (given.sensor_reftype, given.sensor_refid),
+    ):
+        referred |= set(ids[kinds == mujoco.mjtObj.mjOBJ_GEOM])
+    kept = set()
+    for g, geom in enumerate(spec.geoms):
+        if given.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH:
+            continue
+        is_weightless = geom.mass == 0 or geom.density == 0
+        if (
+            given.geom_contype[g] | given.geom_conaffinity[g]
+            or given.geom_fluid[g].any()
+            or g in referred
+            or not (is_weightless or (geom.parent.explicitinertial and not always))
+        ):
+            kept.add(geom.meshname)
+            continue
+        geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_BOX, ""
+        geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        geom.pos, geom.quat = given.geom_pos[g], given.geom_quat[g]
+        geom.size = given.geom_size[g]
+    for mesh in [m for m in spec.meshes if m.name not in kept]:
+        spec.delete(mesh)
 
 
 def _match_joints(given, model) -> list[int]:

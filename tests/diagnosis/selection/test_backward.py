@@ -1,5 +1,7 @@
 """Backward steps: what costs nothing to take away, and exchanges."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from selfheal.diagnosis.selection.backward import (
 )
 from selfheal.diagnosis.selection.cross_validation import fit_and_score
 from selfheal.diagnosis.selection.settings import SELECTION
-from tests.support.problems import make_problem
+from tests.support.problems import list_nominal_terms, make_problem
 
 MORE_OIL = 8e-4  # [N m s/rad]; one column of readings just shows it
 
@@ -49,6 +51,25 @@ def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
             ]
         )
     assert prices[0] == pytest.approx(1) and 1 < prices[1] < np.inf
+
+
+@pytest.mark.parametrize(("share", "stays"), [(1.15, False), (2.0, True)])
+def test_a_value_stated_anew_that_the_model_may_state_needs_no_name(
+    pendulum, share, stays
+):
+    stated = [t for t in list_nominal_terms(pendulum) if "damping" in t.targets[0]]
+    oil = find_effect("viscous_friction").propose_terms(pendulum.robot)[0]
+    truth = share * oil.parameters[0].nominal
+    problem = make_problem(pendulum, (oil,), (truth,), noise=1e-5)
+    problem = replace(problem, sigma=problem.sigma / 100)
+    terms, start = (*stated, oil), np.append(np.ones(len(stated)), truth)
+    found = fit_parameters(problem, terms, start, iterations=4)
+    base = LinearizedFit.from_fit(problem, found)
+    cost = compute_removal_costs(base, [oil])[oil]
+    less = fit_without(base, oil)
+    assert (cost > 1.1) == stays == (less.cost > 1.1 * found.cost)
+    left = eliminate_backward(problem, found, len(stated))
+    assert (oil in left.terms) == stays
 
 
 def test_what_one_column_needs_stays_however_little_it_is_among_all(arm):
