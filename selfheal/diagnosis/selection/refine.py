@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..data.segments import Segments
+from ..effects.base import Onset
 from ..estimation.least_squares import fit_parameters, refine_undamped
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
@@ -38,22 +40,30 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
     least, most = SELECTION.screening_steps[-1], SELECTION.refit_steps
     steps = int(np.clip(wanted, least, most))
-    # an effect that sets in does so where a segment begins
-    has_onset = any(n.term.onset for n in hypothesis.named)
+    onsets = [n.term.onset for n in hypothesis.named if n.term.onset]
     problems = (
         subsample_problem(
-            Problem(
-                dataset.training,
-                cut_readable_segments(dataset.training, seconds),
-                sigma,
-            ),
-            steps,
-            rng,
+            Problem(dataset.training, _cut(dataset, seconds, onsets), sigma), steps, rng
         )
-        for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if has_onset else None])
+        for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if onsets else None])
     )
     informative = keep_informative(problems, fit.terms, fit.values)
     return _refit(_find_longest_predicted(informative, hypothesis), hypothesis)
+
+
+def _cut(dataset: Dataset, seconds: float, onsets: Sequence[Onset]) -> Segments:
+    """Segments of about that length [s] in which no effect may have set in."""
+    simulator = dataset.training
+    segments = cut_readable_segments(simulator, seconds)
+    episodes = [simulator.episodes[i] for i in segments.episode]
+    number = np.array([e.number for e in episodes])
+    begin = np.array([e.start for e in episodes])
+    begin = begin + segments.first_step * simulator.timestep
+    end = begin + segments.lengths * simulator.timestep
+    keeps = np.ones(len(segments), bool)
+    for x in onsets:
+        keeps &= (number != x.number) | (end <= x.low) | (begin >= x.high)
+    return segments.select(np.flatnonzero(keeps)) if keeps.any() else segments
 
 
 def _find_longest_predicted(
