@@ -10,10 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...recording.data import Floats
-from ..estimation.covariance import effective_sample_size
+from ..effects.base import Term
+from ..estimation.covariance import effective_sample_size, standard_errors
+from ..estimation.least_squares import Fit
 from ..estimation.noise import noise_ratio
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.settings import FIT
+from ..simulation.model_variants import split_values
 from .cross_validation import ScoredFit
 from .settings import SELECTION
 
@@ -282,3 +285,29 @@ def bootstrap_stability(
 def gain_nats(old: ScoredFit, new: ScoredFit) -> float:
     """Gain [nats] per effective sample of held-out predictions: log(old / new) / 2."""
     return float(0.5 * np.log(old.error / max(new.error, FIT.tiny)))
+
+
+def find_uncertain(problem: Problem, fit: Fit) -> list[Term]:
+    """Effects whose values are all within their standard errors of nominal ones.
+
+    A Wald test (1943). The errors count those of the time step and of the commands'
+    clock, which a likelihood ratio does not. In contact, and of single readings, none
+    could be trusted.
+
+    Args:
+        problem: that was fitted.
+        fit: with a Jacobian near its values.
+    """
+    if problem.regime.has_rough_cost or problem.regime.has_single_readings:
+        return []
+    errors = split_values(fit.terms, standard_errors(problem, fit))
+    found = []
+    for (term, values), limits in zip(fit.values_by_term.items(), errors, strict=True):
+        each = zip(term.parameters, values, limits, strict=True)
+        is_near = [
+            abs(v - p.nominal) <= SELECTION.min_standard_errors * error
+            for p, v, error in each
+        ]
+        if is_near and all(is_near) and term.effect.name != "stated":
+            found.append(term)
+    return found

@@ -40,7 +40,7 @@ from .backward import (
 )
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
-from .evidence import Evidence, weigh_name
+from .evidence import Evidence, find_uncertain, weigh_name
 from .hypotheses import Hypothesis, NamedEffect
 from .screening import mean_seconds
 from .settings import SELECTION
@@ -317,11 +317,12 @@ def _find_weakest(
     values = fit.values_by_term
     weakest, smallest = None, least
     base = LinearizedFit.from_fit(hypothesis.problem, fit)
+    uncertain = find_uncertain(hypothesis.problem, fit)
     for name in hypothesis.named:
         less = fit_without(base, name.term)
         without = held_out.residuals_at(less.terms, less.values)
         gain = squared_error_reestimated(held_out, less, without) - error
-        if name.term.is_negligible(values[name.term]):
+        if name.term in uncertain or name.term.is_negligible(values[name.term]):
             return name, less
         relief = less.prior_penalty - fit.prior_penalty
         if relief > significant_prior_penalty(held_out, fit) and gain > -least:

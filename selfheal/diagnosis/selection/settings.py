@@ -134,6 +134,10 @@ class SelectionSettings:
     """[standard errors or nats] within which two candidates are not told apart. Chosen:
     two standard errors, as usual; two nats are odds of seven to one."""
 
+    min_standard_errors: float = 2.5
+    """Standard errors from nominal that some value of a name must be. Chosen: chance
+    alone does so once in eighty times, and other tests have been passed."""
+
     exchange_margin: float = 1.0
     """[standard errors or nats] within which a simpler hypothesis takes the place of
     another. Chosen: one, as in the one-standard-error rule (Breiman et al. 1984)."""

@@ -106,6 +106,7 @@ def _select_next(
         for t in state.candidates
         if t.key not in taken and is_distinct(t, state.named)
     ]
+    restating = [t for t in state.restating_candidates if t.key not in taken]
     base = LinearizedFit.from_fit(state.problem, state.best.fit)
     bases = [select_hard_segments(base, n, rng) for n in SELECTION.screening_steps]
     fits, independent, retried = screen_candidates(bases, open_terms, record)
@@ -131,7 +132,6 @@ def _select_next(
     before = ScoredFit.from_fit(part.problem, part.fit)
     winner = choose_winner(part.problem, before, finalists, independent)
     if winner is None and state.is_prior_violated:
-        restating = [t for t in state.restating_candidates if t.key not in taken]
         winner = find_relieving(part, before, restating, record)
     return state, winner
 

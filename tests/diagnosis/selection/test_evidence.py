@@ -5,16 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.covariance import effective_sample_size
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.noise import expected_noise
 from selfheal.diagnosis.selection.cross_validation import ScoredFit, predict_held_out
 from selfheal.diagnosis.selection.evidence import (
     bic,
+    find_uncertain,
     improvement_p_value,
     is_as_good,
     most_blocks_p_value,
 )
-from tests.support.problems import make_linear_problem, make_pose_problem, make_problem
+from tests.support.problems import (
+    make_linear_problem,
+    make_pose_problem,
+    make_problem,
+    with_contact,
+)
 
 
 def test_a_worse_prediction_is_never_better_and_tries_are_paid_for(arm):
@@ -102,3 +110,12 @@ def test_where_only_noise_is_left_likelihoods_decide_what_is_as_good(arm, left):
     alone = lead.held_out_errors.copy()
     alone[0] *= 1 + len(alone) / 3
     assert is_as_good(problem, ScoredFit(found, alone), lead, 1e6)
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.05])
+def test_a_value_within_its_errors_of_none_is_uncertain(arm, bias):
+    term = find_effect("sensor_bias").propose_terms(arm.robot)[0]
+    problem = make_problem(arm, (term,), (bias,))
+    fit = fit_parameters(problem, (term,), np.array([bias]), iterations=4)
+    assert find_uncertain(problem, fit) == ([] if bias else [term])
+    assert find_uncertain(with_contact(problem), fit) == []
