@@ -209,7 +209,7 @@ class LinearizedFit:
         ends = np.cumsum([0, *(len(t.parameters) for t in terms)])
         columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(terms)}
         low, high, _ = stack_bounds(terms)
-        nominal = np.concatenate([[p.nominal for p in t.parameters] for t in terms])
+        nominal = np.array([p.nominal for t in terms for p in t.parameters], float)
         return columns, np.clip(nominal, low, high) - values
 
     def minimize(self, residuals: Floats) -> tuple[float, Floats]:
