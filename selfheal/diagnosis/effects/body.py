@@ -82,7 +82,9 @@ class ComShift(BodyEffect):
         )
 
     def make_initial_values(self, robot, body):
-        return ((0.0, 0.0, 0.0),)
+        """None, from which a fit may go either way; one each way tells its response."""
+        shift = 0.05 * body.size
+        return ((0.0, 0.0, 0.0), *(tuple(map(float, x)) for x in shift * np.eye(3)))
 
     def applies_to(self, robot, body):
         return bool(body.mass)
