@@ -78,14 +78,26 @@ def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
 
 
 def round_effects(hypothesis: Hypothesis) -> Hypothesis:
-    """The hypothesis with its effects' values in the digits that intervals support."""
-    problem, fit = hypothesis.problem, hypothesis.final.fit
+    """The hypothesis with its effects' values in the digits that intervals support.
+
+    Those that change nothing, such as a shift along a joint's axis, are nominal.
+    """
+    problem, fit = hypothesis.problem, _reset_idle(hypothesis.final.fit)
     errors = standard_errors(problem, fit)
     half = FIT.interval_factor * FIT.interval_standard_errors * errors
     values = _round(LinearizedFit.from_fit(problem, fit), half, ~is_stated(fit.terms))
     residuals = fit.residuals + fit.jacobian @ (values - fit.values)
     rounded = replace(fit, values=values, residuals=residuals)
     return replace(hypothesis, final=replace(hypothesis.final, fit=rounded))
+
+
+def _reset_idle(fit: Fit) -> Fit:
+    """The fit with nominal values where none within its bounds changes a residual."""
+    low, high, _ = stack_bounds(fit.terms)
+    nominal = np.array([p.nominal for t in fit.terms for p in t.parameters], float)
+    reach = np.linalg.norm(fit.jacobian, axis=0) * (high - low)
+    is_idle = (reach < 1) & np.isfinite(nominal) & ~is_stated(fit.terms)
+    return replace(fit, values=np.where(is_idle, nominal, fit.values))
 
 
 def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:

@@ -91,6 +91,17 @@ def test_an_effect_has_the_digits_of_its_interval(terms, right):
     assert len(f"{rounded.values[-1]:.12g}") < len(f"{base.fit.values[-1]:.12g}")
 
 
+def test_a_shift_along_the_axis_changes_nothing_and_is_none(pendulum):
+    (shift, *_) = find_effect("com_shift").propose_terms(pendulum.robot)
+    truth = (0.01, 0.0, 0.0)  # the axis is y
+    problem = make_problem(pendulum, (shift,), truth)
+    fit = fit_parameters(problem, (shift,), np.array([0.008, 0.05, 0.0]), iterations=4)
+    scored = ScoredFit.from_fit(problem, fit)
+    naming = Hypothesis(problem, scored, scored, (name_effect(shift),), ())
+    x, y, _ = round_effects(naming).final.fit.values
+    assert y == 0 and x == pytest.approx(truth[0], rel=0.1)
+
+
 def test_findings_alone_leave_what_the_model_states(terms, right):
     base, errors = right
     scored = ScoredFit.from_fit(base.problem, base.fit)
