@@ -38,7 +38,7 @@ class ShippedRobot:
 
     Attributes:
         package: that holds it, and path of its model in there.
-        friction: dry friction by joint [N m].
+        friction: dry friction by joint [N m]; the given model has none there.
         armature: added rotor inertia by joint [kg m^2].
         delay: of the commands by joint [s].
         asked: longest time [s].
@@ -91,6 +91,8 @@ def make_given_model(robot: ShippedRobot) -> mujoco.MjSpec:
     spec.meshdir = str(file.parent / spec.meshdir)
     for joint in [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]:
         spec.delete(joint)
+    for name in robot.friction:
+        spec.joint(name).frictionloss = 0.0
     for each in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(each)
     spec.option.timestep = STEP
@@ -124,7 +126,7 @@ def compile_hidden(
     for body in hidden.bodies[1:]:
         body.mass *= 1 + OFF * rng.uniform(-1, 1)
     for name, torque in robot.friction.items():
-        hidden.joint(name).frictionloss += torque
+        hidden.joint(name).frictionloss = torque
     for name, inertia in robot.armature.items():
         hidden.joint(name).armature += inertia
     return hidden.compile()
