@@ -1,7 +1,7 @@
 """Small robots for tests of the diagnosis, and recordings of what they hide."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -335,7 +335,9 @@ def bench(robot: Robot | str, folder: Path, **how) -> Bench:
     path.write_text(robot.xml)
     recording = record(robot, **how)
     simulator = build_simulator(ModelCompiler(str(path)), [recording])
-    return Bench(path, recording, simulator, summarize_robot(simulator))
+    summary = summarize_robot(simulator)
+    simulator = replace(simulator, has_contact=summary.has_contact)
+    return Bench(path, recording, simulator, summary)
 
 
 @cache

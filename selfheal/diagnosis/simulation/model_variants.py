@@ -178,7 +178,7 @@ class ModelCompiler:
         object.__setattr__(self, "nominal", load_model(self.path))
 
     def compile_variant(
-        self, terms: Sequence[Term], *, leaping: bool = False
+        self, terms: Sequence[Term], *, leaping: bool = False, touching: bool = True
     ) -> ModelVariant:
         """Compile the model with the joints that terms add.
 
@@ -186,17 +186,27 @@ class ModelCompiler:
             terms: of a hypothesis.
             leaping: whether RK4 is to become a one-stage integrator, as a leapfrog has
                 it; only for a single joint, whose velocity acts on no other.
+            touching: whether contacts are looked for, which may take half of the time.
         """
+        import mujoco
+
         adding = [t for t in terms if implements(t.effect, "edit_spec")]
         given = self.nominal
         leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
         joints = [tuple(p.get("suffix") for p in t.places) for t in adding]
         each = zip(adding, joints, strict=True)
-        key = (leaping, *((t.effect.name, t.targets, added) for t, added in each))
+        key = (
+            leaping,
+            touching,
+            *((t.effect.name, t.targets, added) for t, added in each),
+        )
         if key not in self._compiled:
             self._compiled[key] = self._compile(adding)
+            options = self._compiled[key].model.opt
             if leaping:
-                self._compiled[key].model.opt.integrator = _IMPLICITFAST
+                options.integrator = _IMPLICITFAST
+            if not touching:
+                options.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         return self._compiled[key]
 
     def _compile(self, adding: Sequence[Term]) -> ModelVariant:

@@ -214,7 +214,9 @@ class Simulator(RecordedSystem):
         self, terms: Sequence[Term], values: Floats, centered: bool
     ) -> Hypotheses:
         """Compile the models of n hypotheses with values (n, P)."""
-        variant = self.compiler.compile_variant(terms, leaping=centered)
+        variant = self.compiler.compile_variant(
+            terms, leaping=centered, touching=self.has_contact or not centered
+        )
         term_values = split_values(terms, values)
         models = variant.build_models(terms, values)
         for model in models:

@@ -50,3 +50,16 @@ def test_meshes_that_are_only_seen_are_left_out(tmp_path, seen, is_only_seen):
         mujoco.mj_step(m, data, 500)
         states.append(data.qpos.copy())
     np.testing.assert_array_equal(*states)
+
+
+def test_contacts_are_not_looked_for_where_nothing_touches(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(MESHES.format(seen=""))
+    compiler, touched = ModelCompiler(str(path)), []
+    for touching in (True, False):
+        model = compiler.compile_variant([], touching=touching).model
+        data = mujoco.MjData(model)
+        data.qpos[2] = 0.0
+        mujoco.mj_forward(model, data)
+        touched.append(data.ncon > 0)
+    assert touched == [True, False]
