@@ -111,6 +111,7 @@ def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordi
         ModelCompiler(str(folder / "published_body.xml")), [damaged]
     )
     robot = summarize_robot(simulator)
+    simulator = replace(simulator, has_contact=robot.has_contact)
     segments = cut_segments(simulator.episodes, None)
     problem = Problem(simulator, segments, np.full(segments.readings.shape[1], 0.02))
     base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
