@@ -83,8 +83,8 @@ class ComShift(BodyEffect):
 
     def make_initial_values(self, robot, body):
         """None, from which a fit may go either way; one each way tells its response."""
-        shift = 0.05 * body.size
-        return ((0.0, 0.0, 0.0), *(tuple(map(float, x)) for x in shift * np.eye(3)))
+        scales = [p.scale for p in self.make_parameters(robot, body)]
+        return ((0.0, 0.0, 0.0), *map(tuple, np.diag(scales).tolist()))
 
     def applies_to(self, robot, body):
         return bool(body.mass)

@@ -16,12 +16,13 @@ chapter 10.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
+from ..effects.terms import find_restated
 from ..simulation.checkpoint import Arrays
 from ..simulation.model_variants import split_values
 from .jacobian import compute_jacobian
@@ -80,6 +81,31 @@ class Fit:
     def jacobian_without(self, *removed: Term) -> Floats:
         """(R, P) the Jacobian without the columns of some terms."""
         return self.jacobian[:, self._find_kept_columns(removed)]
+
+    @cached_property
+    def restated_columns(self) -> dict[Term, list[tuple[int, int, float]]]:
+        """What terms state anew: own column, that of the stated value, and the value.
+
+        Only of terms that state something anew.
+        """
+        widths = [len(t.parameters) for t in self.terms]
+        first = np.cumsum([0, *widths]).tolist()
+        return {
+            t: [(first[n] + k, first[i], t.parameters[k].nominal) for k, i in restated]
+            for n, t in enumerate(self.terms)
+            if (restated := find_restated(t, self.terms).items())
+        }
+
+    def restore(self, removed: Sequence[Term]) -> "Fit":
+        """The fit in which stated values answer that some terms stated anew.
+
+        With y = nominal x, a column of the factor x is nominal times that of y.
+        """
+        jacobian = self.jacobian.copy()
+        for term in removed:
+            for own, stated, nominal in self.restated_columns.get(term, ()):
+                jacobian[:, stated] = nominal * jacobian[:, own]
+        return replace(self, jacobian=jacobian)
 
     def _find_kept_columns(self, removed: Sequence[Term]) -> np.ndarray:
         """(P) whether each parameter stays without some terms."""

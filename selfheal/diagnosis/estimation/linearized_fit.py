@@ -11,7 +11,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_overridden, find_restated
+from ..effects.terms import find_overridden
 from .least_squares import Fit
 from .problem import Problem
 from .quadratic_model import (
@@ -161,12 +161,13 @@ class LinearizedFit:
         """The step (P) of all values to the fit without some terms, to first order.
 
         Theirs go to nominal ones, or to a bound where these are infinite. What they
-        stated anew the model states again, within its bounds (`restore_jacobian`).
+        stated anew the model states again, within its bounds (`Fit.restore`).
         """
         columns, change = self._changes_to_nominal
         held = np.concatenate([columns[t] for t in removed])
-        kept = [pairs for t, pairs in self._restated.items() if t not in removed]
-        idle = np.array([i for pairs in kept for _, i in pairs], int)
+        restated = self.fit.restated_columns.items()
+        kept = [each for t, each in restated if t not in removed]
+        idle = np.array([stated for each in kept for _, stated, _ in each], int)
         return self.restored.move(
             np.append(held, idle), np.append(change[held], np.zeros(len(idle)))
         )
@@ -174,33 +175,9 @@ class LinearizedFit:
     @cached_property
     def restored(self) -> "LinearizedFit":
         """The fit in which all stated values answer as where they were stated anew."""
-        jacobian = self.restore_jacobian(self.fit.terms)
-        return LinearizedFit.from_fit(
-            self.problem, replace(self.fit, jacobian=jacobian)
-        )
-
-    def restore_jacobian(self, removed: Sequence[Term]) -> Floats:
-        """The Jacobian (R, P) where stated values answer that some terms overrode.
-
-        With y = nominal x, a column of the factor x is nominal times that of y.
-        """
-        jacobian = self.fit.jacobian.copy()
-        columns, _ = self._changes_to_nominal
-        for term in removed:
-            for k, i in self._restated.get(term, ()):
-                column = jacobian[:, columns[term][k]]
-                jacobian[:, i] = term.parameters[k].nominal * column
-        return jacobian
-
-    @cached_property
-    def _restated(self) -> dict[Term, list[tuple[int, int]]]:
-        """Parameters of each term that are stated values, and these values' columns."""
-        (columns, _), terms = self._changes_to_nominal, self.fit.terms
-        return {
-            t: [(k, int(columns[terms[i]][0])) for k, i in found.items()]
-            for t in terms
-            if (found := find_restated(t, terms))
-        }
+        if not self.fit.restated_columns:
+            return self
+        return LinearizedFit.from_fit(self.problem, self.fit.restore(self.fit.terms))
 
     @cached_property
     def _changes_to_nominal(self) -> tuple[dict[Term, np.ndarray], Floats]:

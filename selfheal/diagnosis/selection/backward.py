@@ -44,8 +44,7 @@ def compute_removal_costs(
     Returns:
         [1] of each of the terms.
     """
-    fit, restored = base.fit, base.restored
-    squares, gradients, curvatures = restored.by_column
+    fit, (squares, gradients, curvatures) = base.fit, base.restored.by_column
     counted = _find_counted_columns(base.problem, fit.residuals)
     costs = {}
     for term in terms:
@@ -131,7 +130,7 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
             removed.append(min(needless, key=lambda t: (t not in negligible, costs[t])))
         if not removed:
             break
-        fit = replace(fit, jacobian=base.restore_jacobian(removed))
+        fit = fit.restore(removed)
         fit = fit_parameters(
             problem,
             *fit.without_terms(*removed),
@@ -233,7 +232,7 @@ def estimate_without(
     base: LinearizedFit, removed: Sequence[Term]
 ) -> tuple[ScoredFit, Floats]:
     """The fit without some terms to first order, and the step (P) to it."""
-    fit = replace(base.fit, jacobian=base.restore_jacobian(removed))
+    fit = base.fit.restore(removed)
     step = base.step_without(removed) if removed else np.zeros(len(fit.values))
     kept, values = replace(fit, values=fit.values + step).without_terms(*removed)
     residuals = fit.residuals + fit.jacobian @ step
@@ -250,8 +249,7 @@ def fit_without(base: LinearizedFit, term: Term) -> Fit:
         base: the fit with all terms.
         term: to leave out.
     """
-    problem = base.problem
-    fit = replace(base.fit, jacobian=base.restore_jacobian([term]))
+    problem, fit = base.problem, base.fit.restore([term])
     jacobian = fit.jacobian_without(term)
     predicted = compute_removal_costs(base, [term])[term] * fit.cost
     moved = replace(fit, values=fit.values + base.step_without([term]))

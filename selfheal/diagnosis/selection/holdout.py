@@ -208,8 +208,7 @@ def _find_proven(
     while untested:
         untested.remove(term := min(untested, key=costs.__getitem__))
         (less, step), (whole, _) = (estimate_without(base, x) for x in ([term], []))
-        unseen_base = LinearizedFit.from_fit(held_out, unseen)
-        unseen = replace(unseen, jacobian=unseen_base.restore_jacobian([term]))
+        unseen = unseen.restore([term])
         predicted = unseen.residuals + unseen.jacobian @ step
         evidence = weigh(less, predicted, whole, unseen.residuals)
         if evidence.p_value > SELECTION.clear_p_value:
