@@ -96,7 +96,6 @@ def cut_segments(
     episodes: Sequence[SampledEpisode],
     steps: int | None,
     *,
-    begin: int = 0,
     only: int | None = None,
     empty: bool = False,
 ) -> Segments:
@@ -107,7 +106,6 @@ def cut_segments(
     Args:
         episodes: E of them.
         steps: of a segment; None: each episode is one segment.
-        begin: of the first segment of an episode [steps].
         only: number of the one episode to cut; None: all.
         empty: whether a sample without a reading counts.
     """
@@ -120,7 +118,7 @@ def cut_segments(
     for i, episode in enumerate(episodes):
         if only is not None and i != only:
             continue
-        cuts = _place_cuts(begin, episode.sample_steps[-1], steps)
+        cuts = _place_cuts(episode.sample_steps[-1], steps)
         for a, b in zip(cuts[:-1], cuts[1:], strict=True):
             inside = (episode.sample_steps > a) & (episode.sample_steps <= b)
             if a == 0:
@@ -146,11 +144,11 @@ def cut_segments(
     )
 
 
-def _place_cuts(begin: int, last: float, steps: int | None) -> Floats:
+def _place_cuts(last: float, steps: int | None) -> Floats:
     """Begins and ends [steps] of segments up to a last sample; whole steps inside."""
     count = 1
     if steps is not None:
-        count = max(1, int(np.ceil((last - begin) / steps - MAX_SEGMENT_EXCESS)))
-    cuts = np.linspace(begin, last, count + 1)
+        count = max(1, int(np.ceil(last / steps - MAX_SEGMENT_EXCESS)))
+    cuts = np.linspace(0, last, count + 1)
     cuts[1:-1] = np.round(cuts[1:-1])
     return cuts

@@ -15,9 +15,9 @@ from ...recording import (
     split,
     strip_file,
 )
-from ..data.episodes import SampledEpisode, collect_signal_meanings
+from ..data.episodes import collect_signal_meanings
 from ..data.robot_summary import Channel, RobotSummary
-from ..data.segments import MIN_CORRELATED_READINGS, Segments, cut_segments
+from ..data.segments import Segments, cut_segments
 from ..data.state_estimate import complete_state
 from .build import (
     MEASURED_SHARE,
@@ -33,8 +33,6 @@ from .simulator import Simulator
 SHORT_SEGMENT = 0.5  # [s] of a segment; chosen: as long as the contract scores
 # [s] of longer segments, in which slow effects show; chosen: each is four times as long
 LONG_SEGMENTS = (2.0, 8.0)
-# short segments in an episode that can spare its first one; chosen: an eighth of it
-MIN_SPARING_SEGMENTS = 8
 COARSENINGS = (4, 3, 2)  # steps of the model in one of a fit's simulation; chosen
 # standard deviations of a reading's noise by which larger steps may change it; chosen:
 # a hundredth of its variance
@@ -221,9 +219,7 @@ def choose_coarsening(simulator: Simulator) -> int:
 def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
     """Cut episodes into segments that begin where the state is measured.
 
-    An episode in which the state is mostly not measured stays whole. Of a long one
-    segments begin after its first half second: before that nothing tells how far a
-    gear was deflected, or what a filter or an integral held.
+    An episode in which the state is mostly not measured stays whole.
 
     Args:
         simulator: of the episodes.
@@ -234,24 +230,12 @@ def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
     for i, episode in enumerate(simulator.episodes):
         moments = spread_moments(episode.sample_steps[-1])
         cut = _is_state_known(simulator, i, moments).mean() > MEASURED_SHARE
-        begin = _choose_begin(episode, simulator.timestep) if cut else 0
-        part = cut_segments(
-            simulator.episodes, steps if cut else None, begin=begin, only=i
-        )
+        part = cut_segments(simulator.episodes, steps if cut else None, only=i)
         if cut:
             is_known = _is_state_known(simulator, i, part.first_step)
             part = part.select(np.flatnonzero(is_known))
         parts.append(part)
     return Segments.concatenate(parts)
-
-
-def _choose_begin(episode: SampledEpisode, timestep: float) -> int:
-    """Where an episode's first segment begins [steps]; 0: all of it is needed."""
-    steps = max(2, round(SHORT_SEGMENT / timestep))
-    at = episode.sample_steps
-    is_dense = len(at) * steps >= MIN_CORRELATED_READINGS * at[-1]
-    is_long = at[-1] >= MIN_SPARING_SEGMENTS * steps
-    return steps if is_dense and is_long else 0
 
 
 def list_unmeasured_joints(simulator: Simulator) -> list[str]:

@@ -42,15 +42,6 @@ def test_segments_cover_every_reading_once(steps):
         np.testing.assert_allclose(back, np.round(back), atol=1e-6)
 
 
-@pytest.mark.parametrize("steps", [None, 25, 100])
-def test_segments_cover_every_reading_after_their_begin(steps):
-    (log, *_), begin = _three_logs(), 30
-    found = cut_segments([log], steps, begin=begin)
-    later = log.readings[log.sample_steps > begin].ravel()
-    np.testing.assert_array_equal(found.readings.ravel(), later[np.isfinite(later)])
-    assert found.first_step[0] == begin
-
-
 def test_segments_of_every_sample_are_cut_with_empty():
     logs = _three_logs()
     found = cut_segments(logs, None, empty=True)
