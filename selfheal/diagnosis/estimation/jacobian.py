@@ -1,4 +1,8 @@
-"""Jacobians: takes a problem and values, gives the slopes of its residuals."""
+"""Jacobians: takes a problem and values, gives the slopes of its residuals.
+
+In parameters and in initial states. Those of kinematic trees that nothing couples are
+stepped together, each by the residuals of its tree (Curtis, Powell and Reid 1974).
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -6,7 +10,12 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..simulation.kinematic_trees import NO_TREE, find_trees
+from ..simulation.kinematic_trees import (
+    NO_TREE,
+    find_column_trees,
+    find_state_trees,
+    find_value_trees,
+)
 from .problem import Problem
 from .quadratic_model import stack_bounds
 from .settings import FIT
@@ -14,6 +23,9 @@ from .settings import FIT
 # parameters from which on fewer simulations can do, that of coupling counted: three in
 # each of two trees, or two in each of three
 LEAST_TOGETHER = 6
+
+# gives residuals (n, R) in some segments, with n sets of columns stepped
+Step = Callable[[np.ndarray, Sequence[np.ndarray]], Floats]
 
 
 def compute_jacobian(
@@ -27,10 +39,8 @@ def compute_jacobian(
 ) -> Floats:
     """Jacobian of the residuals by forward differences, backward at an upper bound.
 
-    Parameters of kinematic trees that nothing couples are differenced together, each by
-    the residuals of its tree (Curtis, Powell and Reid 1974). Where motions are smooth,
-    those whose residuals change by more than a share of the residuals are repeated over
-    a smaller step: so far the residuals bend.
+    Where motions are smooth, those of parameters whose residuals change by more than a
+    share of the residuals are repeated over a smaller step: so far the residuals bend.
 
     Args:
         problem: of the residuals.
@@ -53,19 +63,22 @@ def compute_jacobian(
     steps = (difference_step or problem.regime.difference_step) * reach
     steps = np.where(differenced + steps > high, -steps, steps)
 
-    def measure_changes(batches: Sequence[np.ndarray]) -> Floats:
-        """(n, R) changes of the residuals by steps of n sets of parameters."""
+    def step(chosen: np.ndarray, batches: Sequence[np.ndarray]) -> Floats:
+        """(n, R) residuals in segments `chosen`, n sets of parameters stepped."""
         points = np.tile(values, (len(batches), 1))
         for point, columns in zip(points, batches, strict=True):
             point[first + columns] += steps[columns]
-        return problem.compute_residuals(terms, points) - residuals
+        return problem.select(chosen).compute_residuals(terms, points)
 
-    tree, rows = _find_independent_trees(problem, terms, first, measure_changes)
+    of_value = find_value_trees(problem.simulator, terms)[first:]
+    tree, rows = _find_independent_trees(problem, terms, of_value, step)
+    every = np.arange(len(problem.segments))
 
     def difference(columns: np.ndarray) -> None:
         """Set columns of the Jacobian, by their numbers."""
         batches = _group_columns(columns, tree)
-        _set_columns(jacobian, batches, measure_changes(batches), steps, tree, rows)
+        changes = step(every, batches) - residuals
+        _set_columns(jacobian, batches, changes, steps, tree, rows)
 
     difference(np.arange(len(steps)))
     if difference_step is None and not problem.regime.has_rough_cost:
@@ -76,6 +89,101 @@ def compute_jacobian(
         if (share < 1).any():
             difference(np.flatnonzero(share < 1))
     return jacobian
+
+
+def respond_to_initial_states(
+    problem: Problem, terms: Sequence[Term], values: Floats, offset: Floats, std: Floats
+) -> list[tuple[Floats, Floats]]:
+    """Linearize the residuals in the initial states, by forward differences.
+
+    In contact they are differences to the mean of two residuals slightly off, else the
+    roughness of one would be in all slopes.
+
+    Args:
+        problem: of v segments, whose initial states are as read and certain.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        offset: (v, 2 nv) of the states [standard deviations].
+        std: (v, 2 nv) standard deviations [rad or m, and per s].
+
+    Returns:
+        Of each segment, residuals (R_w) and their response (R_w, 2 nv) to one standard
+        deviation of each state [standard deviations].
+    """
+    count, width = offset.shape
+
+    def compute(chosen: np.ndarray, moves: Floats) -> Floats:
+        """(n, R) residuals in segments `chosen`, states moved by (n, 2 nv)."""
+        offsets = (offset[chosen] + moves[:, None]) * std[chosen]
+        rows = np.tile(values, (len(moves), 1))
+        return problem.select(chosen).compute_residuals(terms, rows, offsets)
+
+    def step(chosen: np.ndarray, batches: Sequence[np.ndarray]) -> Floats:
+        """(n, R) residuals in segments `chosen`, n sets of states moved."""
+        return compute(chosen, _mark(batches, width))
+
+    of_state = find_state_trees(problem.simulator, terms)
+    tree, rows = _find_independent_trees(problem, terms, of_state, step)
+    batches = _group_columns(np.arange(width), tree)
+    moves, middle = _mark([np.zeros(0, int), *batches], width), slice(1)
+    if problem.regime.is_nonsmooth:
+        pair = np.full((1, width), FIT.antithetic_offset)
+        moves, middle = np.concatenate([moves, pair, -pair]), slice(len(moves), None)
+    residuals = compute(np.arange(count), moves)
+    response = np.zeros((residuals.shape[1], width))
+    changes = residuals[1 : 1 + len(batches)] - residuals[middle].mean(axis=0)
+    _set_columns(response, batches, changes, np.ones(width), tree, rows)
+    edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
+    return list(
+        zip(np.split(residuals[0], edges), np.split(response, edges), strict=True)
+    )
+
+
+def _mark(batches: Sequence[np.ndarray], width: int) -> Floats:
+    """(n, width) ones in n sets of columns."""
+    marked = np.zeros((len(batches), width))
+    for row, columns in zip(marked, batches, strict=True):
+        row[columns] = 1.0
+    return marked
+
+
+def _find_independent_trees(
+    problem: Problem, terms: Sequence[Term], of_value: np.ndarray, step: Step
+) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """The tree of each value, and the residuals (R) of each tree that is alone.
+
+    That nothing couples them is measured in some segments: steps of all values of a
+    tree must change no residual of another one. Of what may touch, none is alone.
+
+    Args:
+        problem: of the residuals.
+        terms: of a hypothesis.
+        of_value: (P) tree of each value.
+        step: gives residuals with sets of values stepped.
+
+    Returns:
+        (P) numbers of trees, `NO_TREE` of what has to be stepped alone.
+    """
+    alone = np.full(len(of_value), NO_TREE)
+    if len(alone) < LEAST_TOGETHER or problem.regime.is_nonsmooth:
+        return alone, {}
+    of_column = find_column_trees(problem.simulator, terms)
+    trees = [int(t) for t in np.unique(of_value) if t != NO_TREE]
+    columns = [np.flatnonzero(of_value == t) for t in trees]
+    together = max((len(c) for c in columns), default=0)
+    if NO_TREE in of_column or together + len(trees) >= (of_value != NO_TREE).sum():
+        return alone, {}  # nothing to gain
+    count = len(problem.segments)
+    some = np.linspace(0, count - 1, min(count, FIT.coupling_segments)).astype(int)
+    before, *after = step(some, [np.zeros(0, int), *columns])
+    for residuals, tree in zip(after, trees, strict=True):
+        change = (residuals - before).reshape(-1, len(of_column))
+        leaked = np.linalg.norm(change[:, of_column != tree])
+        own = np.linalg.norm(change[:, of_column == tree])
+        if leaked > FIT.max_tree_coupling * own:
+            return alone, {}
+    of_residual = np.tile(of_column, len(problem.segments.readings))
+    return of_value, {t: of_residual == t for t in trees}
 
 
 def _set_columns(
@@ -100,45 +208,6 @@ def _set_columns(
         for c in batch:
             own = rows[tree[c]] if len(batch) > 1 else slice(None)
             jacobian[own, c] = change[own] / steps[c]
-
-
-def _find_independent_trees(
-    problem: Problem,
-    terms: Sequence[Term],
-    first: int,
-    measure_changes: Callable[[Sequence[np.ndarray]], Floats],
-) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """The tree of each parameter, and the residuals (R) of each tree that is alone.
-
-    That nothing couples them is measured: steps of all parameters of a tree must change
-    no residual of another one.
-
-    Args:
-        problem: of the residuals.
-        terms: P parameters in all.
-        first: number of the first parameter to difference by.
-        measure_changes: gives the changes of the residuals by steps of parameters.
-
-    Returns:
-        (P - first) numbers of trees, `NO_TREE` of what has to be stepped alone.
-    """
-    alone = np.full(sum(len(t.parameters) for t in terms) - first, NO_TREE)
-    if len(alone) < LEAST_TOGETHER:
-        return alone, {}
-    of_value, of_column = find_trees(problem.simulator, terms)
-    of_value = of_value[first:]
-    trees = [int(t) for t in np.unique(of_value) if t != NO_TREE]
-    columns = [np.flatnonzero(of_value == t) for t in trees]
-    together = max((len(c) for c in columns), default=0)
-    if NO_TREE in of_column or together + len(trees) >= (of_value != NO_TREE).sum():
-        return alone, {}  # nothing to gain
-    of_residual = np.tile(of_column, len(problem.segments.readings))
-    rows = {t: of_residual == t for t in trees}
-    for change, own in zip(measure_changes(columns), rows.values(), strict=True):
-        leaked = np.linalg.norm(change[~own])
-        if leaked > FIT.max_tree_coupling * np.linalg.norm(change[own]):
-            return alone, {}
-    return of_value, rows
 
 
 def _group_columns(columns: np.ndarray, tree: np.ndarray) -> list[np.ndarray]:

@@ -21,12 +21,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
-from .problem import (
-    Problem,
-    build_initial_state_offsets,
-    initial_state_std,
-    unit_offsets,
-)
+from .jacobian import respond_to_initial_states
+from .problem import Problem, build_initial_state_offsets, initial_state_std
 from .settings import FIT
 
 
@@ -233,7 +229,9 @@ def _search_initial_states(
     iterations = problem.regime.state_iterations
     for i in range(iterations + 1):
         part = problem.select(active)
-        linear = _respond_to_offsets(part, terms, values, offset[active], std[active])
+        linear = respond_to_initial_states(
+            part, terms, values, offset[active], std[active]
+        )
         for w, linearization in zip(active, linear, strict=True):
             linearizations[w] = linearization
         if i == iterations:
@@ -333,39 +331,6 @@ def _try_other_velocities(
     costs = np.array([problem.sum_by_segment(r**2) for r in residuals])
     costs = costs + (tried**2).sum(axis=2)
     return tried[costs.argmin(axis=0), np.arange(count)]
-
-
-def _respond_to_offsets(
-    problem: Problem, terms: Sequence[Term], values: Floats, offset: Floats, std: Floats
-) -> list[tuple[Floats, Floats]]:
-    """Linearize the residuals in the initial states, by forward differences.
-
-    In contact they are differences to the mean of two residuals slightly off, else the
-    roughness of one would be in all slopes.
-
-    Args:
-        problem: of v segments.
-        terms: of a hypothesis.
-        values: (P) of it [units of the parameters].
-        offset: (v, 2 nv) of the states [standard deviations].
-        std: (v, 2 nv) standard deviations [rad or m, and per s].
-
-    Returns:
-        Of each segment, residuals (R_w) and their response (R_w, 2 nv) to one standard
-        deviation of each state [standard deviations].
-    """
-    count, width = offset.shape
-    moves, middle = unit_offsets(width), slice(1)
-    if problem.regime.is_nonsmooth:
-        pair = np.full((1, 1, width), FIT.antithetic_offset)
-        moves, middle = np.concatenate([moves, pair, -pair]), slice(1 + width, None)
-    rows = np.tile(values, (len(moves), 1))
-    residuals = problem.compute_residuals(terms, rows, (offset + moves) * std)
-    edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
-    return [
-        (part[0], (part[1 : 1 + width] - part[middle].mean(axis=0)).T)
-        for part in np.split(residuals, edges, axis=1)
-    ]
 
 
 def _solve_initial_state(residuals: Floats, response: Floats, offset: Floats) -> Floats:

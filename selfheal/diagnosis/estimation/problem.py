@@ -290,9 +290,17 @@ class Problem:
 
 
 def build_initial_state_offsets(simulator: Simulator, segments: Segments) -> Floats:
-    """Offsets (1 + 2 nv, W, 2 nv): none, and one standard deviation of each state."""
-    std = initial_state_std(simulator, segments)
-    return unit_offsets(std.shape[1]) * std
+    """Offsets (1 + n, W, 2 nv): none, and errors of the initial states.
+
+    The squared changes that they cause, in sum, are those by one standard deviation of
+    each state. Many states are moved at once, by random signs (Hutchinson 1990).
+    """
+    std, count = initial_state_std(simulator, segments), FIT.state_draws
+    errors = np.eye(std.shape[1])[:, None] * std
+    if len(errors) > count:
+        rng = np.random.default_rng(6)
+        errors = rng.choice([-1.0, 1.0], (count, *std.shape)) * std / np.sqrt(count)
+    return np.concatenate([np.zeros((1, *std.shape)), errors])
 
 
 def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
@@ -304,11 +312,6 @@ def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
             simulator, int(episode), segments.first_step[rows], {}
         )[2]
     return std
-
-
-def unit_offsets(width: int) -> Floats:
-    """(1 + width, 1, width): zero, and one unit vector each."""
-    return np.concatenate([np.zeros((1, width)), np.eye(width)])[:, None]
 
 
 def build_problem(dataset: Dataset, seconds: float) -> Problem:

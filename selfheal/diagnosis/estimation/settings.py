@@ -96,6 +96,10 @@ class FitSettings:
     which values of several trees are differenced together. Chosen: far below the share
     by which a Jacobian of differences is wrong."""
 
+    coupling_segments: int = 4
+    """Segments in which such a coupling is looked for. Chosen: where nothing touches,
+    what couples trees acts at all times."""
+
     max_difference: float = 0.1
     """Change of the residuals by a difference over the residuals, above which it is
     repeated over a smaller step. Chosen: a step of the fit changes them by as much as
@@ -161,6 +165,10 @@ class FitSettings:
     state_response_segments: int = 24
     """Segments in which is measured what errors of the initial states cause. Chosen: a
     mean over so many is steady."""
+
+    state_draws: int = 8
+    """Draws of the errors of many initial states, from which the size of what these
+    cause is estimated. Chosen: right to a tenth over a dozen segments."""
 
     max_state_response: float = 0.1
     """[standard deviations of a signal] that errors of the initial states may cause in

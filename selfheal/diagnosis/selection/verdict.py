@@ -25,7 +25,7 @@ from ..estimation.settings import FIT
 from ..simulation import score
 from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
-from .cross_validation import ScoredFit
+from .cross_validation import ScoredFit, predict_held_out
 from .evidence import improvement_p_value
 from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
@@ -104,8 +104,10 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     old = ScoredFit.from_fit(problem, base.fit)
     p_value, share = 1.0, 0.0
     terms = FreeFormTorque().propose_terms(dataset.robot)
-    for term in terms:
-        new = ScoredFit.from_fit(problem, fit_candidate(base, term, iterations=2))
+    fits = [fit_candidate(base, term, iterations=2) for term in terms]
+    fits.sort(key=lambda fit: predict_held_out(problem, fit, linearly=True).sum())
+    for tried in fits[: SELECTION.max_free_forms]:
+        new = ScoredFit.from_fit(problem, tried)
         p = improvement_p_value(problem, old, new, len(terms))
         p_value = min(p_value, p)
         share = max(share, 1 - new.error / old.error)

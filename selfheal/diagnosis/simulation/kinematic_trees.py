@@ -1,4 +1,4 @@
-"""Kinematic trees: takes a robot and terms, gives what belongs to which tree.
+"""Kinematic trees: takes a robot and terms, gives the tree of what they have.
 
 Trees that nothing couples, as the legs of a robot whose trunk is held, move each by
 its own values. MuJoCo numbers them (`body_treeid`).
@@ -8,30 +8,44 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..data.robot_summary import Channel
 from ..effects.base import Term
 from .simulator import Simulator
 
 NO_TREE = -1  # of what is in several trees, or in none
 
 
-def find_trees(
-    simulator: Simulator, terms: Sequence[Term]
-) -> tuple[np.ndarray, np.ndarray]:
-    """The tree of each parameter (P) of terms, and of each column (C) of readings.
+def find_column_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
+    """(C) the tree of each column of readings, `NO_TREE` of what is read in several.
+
+    Args:
+        simulator: of the robot.
+        terms: of a hypothesis, which may add joints.
+    """
+    of_channel = _find_channel_trees(simulator, terms)
+    widths = [c.width for c in simulator.channels]
+    return np.repeat([of_channel[c.name] for c in simulator.channels], widths)
+
+
+def find_state_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
+    """(2 nv) the tree of each initial state: positions, then velocities.
+
+    Args:
+        simulator: of the robot.
+        terms: of a hypothesis, which may add joints.
+    """
+    variant = simulator.compiler.compile_variant(terms)
+    return np.tile(variant.model.dof_treeid[variant.dof], 2)
+
+
+def find_value_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
+    """(P) the tree of each parameter, `NO_TREE` of what acts in several.
 
     Args:
         simulator: of the robot.
         terms: P parameters in all.
-
-    Returns:
-        Numbers of trees, `NO_TREE` of what is in several.
     """
     model = simulator.compiler.compile_variant(terms).model
-    of_channel = {c.name: _find_tree_of_channel(model, c) for c in simulator.channels}
-    of_column = np.concatenate(
-        [np.full(c.width, of_channel[c.name]) for c in simulator.channels]
-    )
+    of_channel = _find_channel_trees(simulator, terms)
     of_value = []
     for term in terms:
         trees = {
@@ -44,12 +58,16 @@ def find_trees(
         }
         tree = trees.pop() if len(trees) == 1 else NO_TREE
         of_value += [tree] * len(term.parameters)
-    return np.array(of_value, int), of_column
+    return np.array(of_value, int)
 
 
-def _find_tree_of_channel(model, channel: Channel) -> int:
-    """The tree that a signal is read in."""
-    return _find_tree(model, channel.kind.partition("_")[0], channel.target)
+def _find_channel_trees(simulator: Simulator, terms: Sequence[Term]) -> dict[str, int]:
+    """The tree that each signal is read in, by its name."""
+    model = simulator.compiler.compile_variant(terms).model
+    return {
+        c.name: _find_tree(model, c.kind.partition("_")[0], c.target)
+        for c in simulator.channels
+    }
 
 
 def _find_tree(model, kind: str, name: str) -> int:

@@ -9,8 +9,8 @@ from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.estimation import marginalization
+from selfheal.diagnosis.estimation.jacobian import respond_to_initial_states
 from selfheal.diagnosis.estimation.marginalization import (
-    _respond_to_offsets,
     is_horizon_informative,
     marginalize_initial_states,
 )
@@ -94,8 +94,9 @@ def test_initial_speeds_are_searched_where_a_robot_sticks_or_slips(sticky, monke
     assert lost.any() and (cost[1] < 3 * np.median(cost[0])).all()
 
 
-def test_responses_to_initial_states_are_smoothed_in_contact():
+def test_responses_to_initial_states_are_smoothed_in_contact(tmp_path):
     """Initial states would explain the roughness of one simulation, and of no other."""
+    b = bench("box", tmp_path, episodes=1, seconds=0.6)
     rng, size, width = np.random.default_rng(0), 4000, 12
 
     def residuals(terms, values, offset):
@@ -103,11 +104,13 @@ def test_responses_to_initial_states_are_smoothed_in_contact():
 
     jumps = SimpleNamespace(
         regime=CONTACT,
+        simulator=b.simulator,
         compute_residuals=residuals,
         segment_of_residual=np.zeros(size, int),
+        select=lambda chosen: jumps,
     )
     nothing, one = np.zeros((1, width)), np.ones((1, width))
-    ((r, moved),) = _respond_to_offsets(jumps, (), np.zeros(0), nothing, one)
+    ((r, moved),) = respond_to_initial_states(jumps, (), np.zeros(0), nothing, one)
     assert moved.shape == (size, width)
     assert np.abs(moved.T @ r).max() < 0.1 * (r @ r)
 
