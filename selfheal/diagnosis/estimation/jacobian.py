@@ -66,8 +66,7 @@ def compute_jacobian(
     def step(chosen: np.ndarray, batches: Sequence[np.ndarray]) -> Floats:
         """(n, R) residuals in segments `chosen`, n sets of parameters stepped."""
         points = np.tile(values, (len(batches), 1))
-        for point, columns in zip(points, batches, strict=True):
-            point[first + columns] += steps[columns]
+        points[:, first:] += steps * _mark(batches, len(steps))
         return problem.select(chosen).compute_residuals(terms, points)
 
     of_value = find_value_trees(problem.simulator, terms)[first:]
