@@ -16,6 +16,7 @@ MIN_HALF_GAP = 1e-7  # least half of a gap [rad or m]; chosen: MuJoCo asks for a
 # share of a joint's range to which a spring's reference is known; chosen
 SPRINGREF_RESOLUTION = 0.3
 STIFFER_START = 5.0  # times the stiffness that shows, another start; chosen
+MAX_JOINTS_APART = 3  # along a chain, of those that a cable runs over; chosen
 
 
 class TransmissionEffect(JointEffect):
@@ -183,12 +184,12 @@ class JointCoupling(TransmissionEffect):
     rarity = 1
 
     def propose_terms(self, robot):
-        """One term for each pair of hinges and slides, at the first of them."""
+        """One term for each pair that a cable may run over, at the first of them."""
         return [
             self._make_term(robot, a, b)
             for a in robot.joints
             for b in robot.joints
-            if a.id < b.id
+            if a.id < b.id and _are_near(robot.model.dof_parentid, a.dof, b.dof)
         ]
 
     def _make_term(self, robot, a, b) -> Term:
@@ -224,6 +225,23 @@ class JointCoupling(TransmissionEffect):
         pull = stiffness * (q - ratio * state.qpos[:, place["other_qpos"]])
         state.applied_force[:, place["dof"]] -= pull
         state.applied_force[:, place["other_dof"]] += ratio * pull
+
+
+def _are_near(parents: np.ndarray, dof: int, later: int) -> bool:
+    """Whether joints are few apart along a chain, or are side by side.
+
+    Args:
+        parents: (nv) `dof_parentid` of the model.
+        dof: of a joint.
+        later: degree of freedom of another joint, with a larger number.
+    """
+    if parents[dof] == parents[later]:
+        return True
+    for _ in range(MAX_JOINTS_APART):
+        later = parents[later]
+        if later <= dof:
+            break
+    return later == dof
 
 
 def _couple(place: Place, other: Place) -> Place:

@@ -96,7 +96,7 @@ class FitSettings:
     which values of several trees are differenced together. Chosen: far below the share
     by which a Jacobian of differences is wrong."""
 
-    coupling_segments: int = 4
+    coupling_segments: int = 1
     """Segments in which such a coupling is looked for. Chosen: where nothing touches,
     what couples trees acts at all times."""
 

@@ -23,7 +23,7 @@ class Hypotheses:
 
     Attributes:
         variant: the given model with the joints that the terms add.
-        models: (n) compiled, with each hypothesis's values.
+        models: (n) twins of the variant, with each hypothesis's values.
         terms: effects that all hypotheses have.
         values: (n, P) of all terms' parameters, a row a hypothesis.
         term_values: (n, p) of each term.
@@ -120,32 +120,27 @@ def make_batch(
     rows: np.ndarray,
     initial: BatchState,
     threads: int,
-    *,
-    shares_model: bool,
 ):
     """Make a MuJoCo batch of some of the N simulations, in their initial states.
+
+    All share one model, with arrays by simulation of the fields in which hypotheses
+    differ, so that effects can write into these.
 
     Args:
         hypotheses: n of them.
         rows: (B) numbers of the simulations, among N.
         initial: states of the N simulations.
         threads: of the batch.
-        shares_model: whether all have one model, with arrays by simulation of the
-            fields in which hypotheses differ, so that effects can write into these;
-            else each has its own model.
     """
     from mujoco.batch import Batch
 
     variant = hypotheses.variant
     hypothesis = rows // (len(initial.qpos) // len(hypotheses.models))
     batch = Batch(variant.model, len(rows), nthread=threads)
-    if shares_model:
-        for name, nominal in variant.nominal_fields.items():
-            values = [read_model_field(m, name) for m in hypotheses.models]
-            if any(v.tobytes() != nominal for v in values):
-                batch.expand(name)[:] = np.stack(values)[hypothesis]
-    else:
-        batch.set_models([hypotheses.models[i] for i in hypothesis])
+    for name, nominal in variant.nominal_fields.items():
+        values = [read_model_field(m, name) for m in hypotheses.models]
+        if any(v.tobytes() != nominal for v in values):
+            batch.expand(name)[:] = np.stack(values)[hypothesis]
     _set_states(batch, rows, initial)
     return batch
 

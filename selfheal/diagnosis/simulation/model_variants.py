@@ -22,8 +22,12 @@ _JOINT_KEYS = ("joint",)
 _DOF_KEYS = ("dof", "other_dof")
 _QPOS_KEYS = ("qpos", "other_qpos")
 INERTIA_POSES = 8  # in which joints' inertia is looked at; chosen
-# what fields of MjModel begin with that effects edit
-_EDITED_FIELDS = tuple("actuator_ body_ dof_ geom_ jnt_ qpos site_ opt.".split())
+# what fields of MjModel begin with that effects edit, or that follow from an edit
+_EDITED_FIELDS = tuple(
+    "actuator_ body_ dof_ eq_ geom_ jnt_ qpos site_ tendon_ opt.".split()
+)
+# those of them that go by what is a mesh, and that no edit changes
+_MESH_FIELDS = "geom_type", "geom_dataid", "geom_aabb", "body_bvhadr", "body_bvhnum"
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +36,15 @@ class ModelVariant:
 
     Attributes:
         model: compiled; a diverged state is not reset.
+        twin: the same with boxes in place of meshes, to copy and to edit; it touches
+            otherwise.
         dof: (nv of the given model) indices of its degrees of freedom in this model.
         qpos: (nq of the given model) indices of its positions in this model.
         joint: (njnt of the given model) ids of its joints in this model.
     """
 
     model: "mujoco.MjModel"
+    twin: "mujoco.MjModel"
     dof: np.ndarray
     qpos: np.ndarray
     joint: np.ndarray
@@ -75,7 +82,8 @@ class ModelVariant:
     ) -> list["mujoco.MjModel"]:
         """Build the models of n hypotheses, with values (n, P) of all terms.
 
-        Terms before the first whose values differ are edited once for all models.
+        They are copies of the twin. Terms before the first whose values differ are
+        edited once for all of them.
         """
         import mujoco
 
@@ -83,7 +91,7 @@ class ModelVariant:
         is_common = [bool((v == v[0]).all()) for v in term_values]
         common = is_common.index(False) if False in is_common else len(terms)
         base = self._edit_copy(
-            self.model, terms[:common], [v[0] for v in term_values[:common]]
+            self.twin, terms[:common], [v[0] for v in term_values[:common]]
         )
         models = [
             self._edit_copy(base, terms[common:], [v[i] for v in term_values[common:]])
@@ -116,14 +124,10 @@ class ModelVariant:
 
     @cached_property
     def nominal_fields(self) -> dict[str, bytes]:
-        """Bytes of each field of the model that an effect's edit may change."""
-        from mujoco.batch import MODEL_FIELDS
-
-        values = {
-            name: read_model_field(self.model, name)
-            for name in MODEL_FIELDS
-            if name.startswith(_EDITED_FIELDS)
-        }
+        """Bytes of each field of the twin that an effect's edit may change."""
+        values = {name: read_model_field(self.twin, name) for name in _list_edited()}
+        if self.twin is not self.model:
+            values |= dict.fromkeys(_MESH_FIELDS)
         return {k: v.tobytes() for k, v in values.items() if v is not None and v.size}
 
 
@@ -141,6 +145,13 @@ def compute_inverse_inertias(model) -> Floats:
         mujoco.mj_fullM(model, data, inertia)
         found.append(np.linalg.inv(inertia))
     return np.array(found)
+
+
+def _list_edited() -> list[str]:
+    """Names in `mujoco.batch` of the fields that effects may edit."""
+    from mujoco.batch import MODEL_FIELDS
+
+    return [name for name in MODEL_FIELDS if name.startswith(_EDITED_FIELDS)]
 
 
 def read_model_field(model, name: str):
@@ -201,12 +212,12 @@ class ModelCompiler:
             *((t.effect.name, t.targets, added) for t, added in each),
         )
         if key not in self._compiled:
-            self._compiled[key] = self._compile(adding)
-            options = self._compiled[key].model.opt
-            if leaping:
-                options.integrator = _IMPLICITFAST
-            if not touching:
-                options.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+            variant = self._compiled[key] = self._compile(adding)
+            for options in (variant.model.opt, variant.twin.opt):
+                if leaping:
+                    options.integrator = _IMPLICITFAST
+                if not touching:
+                    options.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         return self._compiled[key]
 
     def _compile(self, adding: Sequence[Term]) -> ModelVariant:
@@ -221,12 +232,13 @@ class ModelCompiler:
         for effect, place in sorted(sites, key=lambda s: -s[1].get("joint", -1)):
             effect.edit_spec(spec, place)
         _prepare_bodies(spec)
-        model = spec.compile()
-        model.body_gravcomp[:] = given.body_gravcomp
-        model.opt.disableflags |= int(
+        spec.option.disableflags |= int(
             mujoco.mjtDisableBit.mjDSBL_AUTORESET
             | mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # its boxes do not follow an edit
         )
+        model = spec.compile()
+        model.body_gravcomp[:] = given.body_gravcomp
+        twin = _compile_twin(spec, model)
         joint = np.array(_match_joints(given, model), int)
         dof, qpos = np.zeros(given.nv, int), np.zeros(given.nq, int)
         for old, new in enumerate(joint):
@@ -236,7 +248,7 @@ class ModelCompiler:
             qpos[a : a + nq] = np.arange(b, b + nq)
             a, b = given.jnt_dofadr[old], model.jnt_dofadr[new]
             dof[a : a + nv] = np.arange(b, b + nv)
-        return ModelVariant(model, dof, qpos, joint)
+        return ModelVariant(model, twin, dof, qpos, joint)
 
 
 def _replace_visual_meshes(spec, given) -> None:
@@ -269,13 +281,46 @@ def _replace_visual_meshes(spec, given) -> None:
             or not (is_weightless or (geom.parent.explicitinertial and not always))
         ):
             kept.add(geom.meshname)
-            continue
-        geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_BOX, ""
-        geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-        geom.pos, geom.quat = given.geom_pos[g], given.geom_quat[g]
-        geom.size = given.geom_size[g]
+        else:
+            _become_box(geom, given, g)
     for mesh in [m for m in spec.meshes if m.name not in kept]:
         spec.delete(mesh)
+
+
+def _become_box(geom, compiled, g: int) -> None:
+    """Make a mesh a box, where the g-th geom of a compiled model has it."""
+    import mujoco
+
+    geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_BOX, ""
+    geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    geom.pos, geom.quat = compiled.geom_pos[g], compiled.geom_quat[g]
+    geom.size = compiled.geom_size[g]
+
+
+def _compile_twin(spec, model):
+    """A model with boxes in place of meshes, whose copies are small.
+
+    All that an effect may edit is as in the model.
+
+    Args:
+        spec: of the model; changed.
+        model: compiled.
+    """
+    import mujoco
+
+    if not model.nmesh or model.nskin or model.nflex or (model.geom_plugin >= 0).any():
+        return model
+    for g, geom in enumerate(spec.geoms):
+        if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH:
+            _become_box(geom, model, g)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+    twin = spec.compile()
+    for name in _list_edited():
+        value = read_model_field(twin, name)
+        if not (name.startswith("opt.") or name in _MESH_FIELDS or value is None):
+            value[...] = read_model_field(model, name)
+    return twin
 
 
 def _match_joints(given, model) -> list[int]:

@@ -65,7 +65,7 @@ def _run_rollout(
     steps = commands.shape[1]
     rows = np.arange(len(commands))
     threads = min(len(rows), len(os.sched_getaffinity(0)))
-    batch = make_batch(hypotheses, rows, initial, threads, shares_model=False)
+    batch = make_batch(hypotheses, rows, initial, threads)
     fields = sorted({"qpos", "qvel", *sensors.needs})
     first_velocity = initial.qvel
     if hypotheses.centered:

@@ -77,7 +77,7 @@ def run_stepwise(
 
     @allow_divergence()
     def run_group(rows: np.ndarray) -> Floats:
-        batch = make_batch(hypotheses, rows, initial, 1, shares_model=True)
+        batch = make_batch(hypotheses, rows, initial, 1)
         own = [a._replace(values=a.values[rows]) for a in actions]
         errors = {a: e[rows] for a, e in initial.integral_errors.items()}
         forces = _EffectForces(batch, own, errors, step)

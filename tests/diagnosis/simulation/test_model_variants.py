@@ -3,8 +3,14 @@
 import mujoco
 import numpy as np
 import pytest
+from mujoco.batch import Batch
 
+from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.simulation import model_variants, rollout
+from selfheal.diagnosis.simulation.batch import make_batch
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from tests.support.problems import list_nominal_terms
+from tests.support.recorded_robots import Robot, bench
 
 MESHES = """<mujoco>
   <asset>
@@ -63,3 +69,64 @@ def test_contacts_are_not_looked_for_where_nothing_touches(tmp_path):
         mujoco.mj_forward(model, data)
         touched.append(data.ncon > 0)
     assert touched == [True, False]
+
+
+CRANK = """<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body name="crank"><joint name="hinge" axis="0 1 0" damping=".01"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 0" size=".02"/>
+      <body name="rod" pos=".1 0 0"><joint name="pin" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".01"/>
+      </body>
+    </body>
+    <body name="piston" pos=".4 0 0"><joint name="piston" type="slide" axis="1 0 0"/>
+      <geom type="box" size=".02 .02 .02"/>
+    </body>
+  </worldbody>
+  <equality><connect body1="rod" body2="piston" anchor=".3 0 0"/></equality>
+</mujoco>"""
+
+
+def _give_each_a_model(hypotheses, rows, initial, threads):
+    """As `make_batch`, which shares the model."""
+    every = make_batch(hypotheses, rows, initial, threads)
+    batch = Batch(hypotheses.variant.model, len(rows), nthread=threads)
+    segments = len(initial.qpos) // len(hypotheses.models)
+    batch.set_models([hypotheses.models[i] for i in rows // segments])
+    for name in ("qpos", "qvel"):
+        batch.bind(name)[:] = every.bind(name)
+    return batch
+
+
+@pytest.mark.parametrize(
+    ("xml", "body", "positions"),
+    [
+        (MESHES.format(seen=""), "leg", [0, 0, 0.3, 1, 0, 0, 0, 0.0]),
+        (CRANK, "piston", [0.0, 0, 0]),
+    ],
+)
+def test_a_shared_model_moves_as_one_of_each_hypothesis(
+    xml, body, positions, tmp_path, monkeypatch
+):
+    robot = Robot(
+        xml,
+        {body: ("body_position", body, "m")},
+        lambda t, rng: np.zeros((len(t), 0)),
+        lambda rng: (
+            np.array(positions),
+            np.full(mujoco.MjModel.from_xml_string(xml).nv, 0.1),
+        ),
+    )
+    predicted = []
+    for is_own in (False, True):
+        if is_own:
+            monkeypatch.setattr(model_variants, "_compile_twin", lambda spec, m: m)
+            monkeypatch.setattr(rollout, "make_batch", _give_each_a_model)
+        b = bench(robot, tmp_path, episodes=1, seconds=1.0)
+        terms = list_nominal_terms(b)
+        values = 1 + 0.1 * np.eye(sum(len(t.parameters) for t in terms))
+        segments = cut_segments(b.simulator.episodes, 150)
+        predicted.append(b.simulator.simulate(terms, values, segments))
+    np.testing.assert_array_equal(*predicted)
+    assert np.ptp(predicted[0], axis=0).max() > 1e-3
