@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import mujoco
@@ -22,9 +21,6 @@ from .batch import (
 )
 from .sensors import SensorReader
 
-# [simulations] worth a thread where effects act at every step; chosen: smaller groups
-# wait for Python
-MIN_SIMULATIONS_PER_THREAD = 64
 UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none has it
 
 
@@ -36,6 +32,7 @@ class _Action(NamedTuple):
     values: Floats
 
 
+@allow_divergence()
 def run_stepwise(
     hypotheses: Hypotheses,
     segments: Segments,
@@ -46,9 +43,6 @@ def run_stepwise(
     step: float,
 ) -> Floats:
     """Simulate with effects that act at every step, as `simulate_batch` does without.
-
-    Each thread has a group of its own: threads that wait for each other at every step
-    are slow.
 
     Args:
         hypotheses: n of them.
@@ -71,29 +65,16 @@ def run_stepwise(
         for place in t.places
     ]
     begin = np.tile(segments.first_step * step, n)
-    threads = n * w // MIN_SIMULATIONS_PER_THREAD
-    threads = int(np.clip(threads, 1, len(os.sched_getaffinity(0))))
-    groups = np.array_split(np.arange(n * w), threads)
-
-    @allow_divergence()
-    def run_group(rows: np.ndarray) -> Floats:
-        batch = make_batch(hypotheses, rows, initial, 1)
-        own = [a._replace(values=a.values[rows]) for a in actions]
-        errors = {a: e[rows] for a, e in initial.integral_errors.items()}
-        forces = _EffectForces(batch, own, errors, step)
-        if hypotheses.centered:
-            _center_first_step(
-                batch, forces, commands[rows], begin[rows], rows, initial
-            )
-        return _run_group(
-            batch, forces, commands[rows], begin[rows], sensors,
-            sampled_steps if hypotheses.centered else None,
-        )  # fmt: skip
-
-    if len(groups) == 1:
-        return run_group(groups[0])
-    with ThreadPoolExecutor(len(groups)) as pool:
-        return np.concatenate(list(pool.map(run_group, groups)))
+    rows = np.arange(n * w)
+    threads = min(len(rows), len(os.sched_getaffinity(0)))
+    batch = make_batch(hypotheses, rows, initial, threads)
+    forces = _EffectForces(batch, actions, initial.integral_errors, step)
+    if hypotheses.centered:
+        _center_first_step(batch, forces, commands, begin, rows, initial)
+    return _run_steps(
+        batch, forces, commands, begin, sensors,
+        sampled_steps if hypotheses.centered else None,
+    )  # fmt: skip
 
 
 def _center_first_step(
@@ -123,7 +104,7 @@ def _center_first_step(
     forces.reset_integral_errors()
 
 
-def _run_group(
+def _run_steps(
     batch,
     forces: "_EffectForces",
     commands: Floats,
