@@ -20,7 +20,9 @@ from ..data.episodes import build_channels, sample_episode
 from ..data.robot_summary import (
     MIN_SPEED,
     Actuator,
+    Channel,
     Joint,
+    MovingBody,
     RobotSummary,
     summarize_bodies,
     summarize_joints,
@@ -93,15 +95,28 @@ def summarize_robot(simulator: Simulator) -> RobotSummary:
         j for j in range(model.njnt) if states.is_measured[model.jnt_qposadr[j]]
     }
     joints = summarize_joints(model, motion.torque, motion, measured)
+    bodies = tuple(
+        body
+        for body in summarize_bodies(model)
+        if motion.has_contact or _shows(body, model, simulator.channels)
+    )
     return RobotSummary(
         model,
         simulator.timestep,
         simulator.channels,
         joints,
         summarize_actuators(simulator, states, joints),
-        summarize_bodies(model),
+        bodies,
         motion.has_contact,
         cut_segments(simulator.episodes, None).is_single_readings,
+    )
+
+
+def _shows(body: MovingBody, model, channels: Sequence[Channel]) -> bool:
+    """Whether a body that touches nothing has mass, a site, or readings of its own."""
+    read = {c.target for c in channels if c.kind.startswith("body")}
+    return bool(
+        body.subtree_mass or (model.site_bodyid == body.id).any() or body.name in read
     )
 
 

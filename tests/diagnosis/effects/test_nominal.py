@@ -8,7 +8,7 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.quadratic_model import stack_bounds
 from tests.support.problems import list_nominal_terms
-from tests.support.recorded_robots import ROBOTS, bench
+from tests.support.recorded_robots import ROBOTS, Robot, bench
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -46,6 +46,31 @@ def test_a_box_in_contact_has_three_nominal_sizes_and_a_link_one_length(arm, tmp
     )
     before = box.robot.model.geom_size[-1]
     np.testing.assert_allclose(model.geom_size[-1], before * [1, 1.02, 1])
+
+
+@pytest.mark.parametrize(
+    ("part", "shows"),
+    [
+        ('<geom size=".02" mass="0"/>', False),
+        ('<geom size=".02" mass="0"/><site name="marker"/>', True),
+        ('<geom size=".02" mass="0.01"/>', True),
+    ],
+)
+def test_a_body_that_shows_in_no_reading_states_nothing(part, shows, tmp_path):
+    foot = f'<body name="foot" pos="0 0 -.3">{part}</body>'
+    xml = f"""<mujoco><option><flag contact="disable"/></option><worldbody>
+      <body name="leg"><joint name="hip" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".02" mass=".2"/>{foot}
+      </body></worldbody></mujoco>"""
+    robot = Robot(
+        xml,
+        {"hip": ("joint_position", "hip", "rad")},
+        lambda t, rng: np.zeros((len(t), 0)),
+        lambda rng: (np.array([1.0]), np.zeros(1)),
+    )
+    b = bench(robot, tmp_path, episodes=1, seconds=0.3)
+    terms = [*list_nominal_terms(b), *find_effect("mount_shift").propose_terms(b.robot)]
+    assert any("body:foot" in t.targets[0] for t in terms) == shows
 
 
 def test_a_servo_in_other_units_than_its_command_has_two_nominal_gains(tmp_path):
