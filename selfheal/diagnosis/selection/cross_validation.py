@@ -72,7 +72,8 @@ def predict_held_out(
 
     Where residuals are linear that is exact leave-out prediction (PRESS, Allen 1974).
     Folds of whole segments are then simulated with these values, for in contact a small
-    step changes much. Parts of a segment, and single readings, are predicted linearly;
+    step changes much; where the longest steps show that residuals are linear, the other
+    folds are not. Parts of a segment, and single readings, are predicted linearly;
     `refit_without_folds` fits the latter.
 
     Args:
@@ -89,16 +90,26 @@ def predict_held_out(
     folds = assign_folds(problem) if folds is None else folds
     base = LinearizedFit.from_fit(problem, fit)
     squares = np.empty(len(residuals))
+    whole = []
     for fold in np.unique(folds):
         rows = folds == fold
         _, step = base.drop_residuals(rows)
+        change = jacobian[rows] @ step
+        squares[rows] = (residuals[rows] + change) ** 2
         segments = np.unique(problem.segment_of_residual[rows])
-        is_whole = np.isin(problem.segment_of_residual, segments).sum() == rows.sum()
-        if is_whole and not (linearly or problem.regime.has_single_readings):
-            part = problem.select(segments)
-            squares[rows] = part.residuals_at(fit.terms, values + step) ** 2
-        else:
-            squares[rows] = (residuals[rows] + jacobian[rows] @ step) ** 2
+        if np.isin(problem.segment_of_residual, segments).sum() == rows.sum():
+            whole.append((float(change @ change), fold, segments, values + step))
+    if linearly or problem.regime.has_single_readings:
+        return problem.sum_by_segment(squares)
+    worst = 0.0
+    for k, (_, fold, segments, point) in enumerate(sorted(whole, key=lambda w: -w[0])):
+        if k >= SELECTION.min_simulated_folds and worst < SELECTION.max_linear_error:
+            break
+        predicted = squares[folds == fold]
+        simulated = problem.select(segments).residuals_at(fit.terms, point) ** 2
+        squares[folds == fold] = simulated
+        off = abs(float(simulated.sum() - predicted.sum()))
+        worst = max(worst, off / max(float(squares.sum()), FIT.tiny))
     return problem.sum_by_segment(squares)
 
 

@@ -95,6 +95,13 @@ class SelectionSettings:
 
     # Cross-validation
 
+    min_simulated_folds: int = 4
+    """Folds that are simulated, at least. Chosen: those that change most."""
+
+    max_linear_error: float = 1e-3
+    """Error of a fold's squared residuals if predicted linearly, of those of all folds,
+    up to which the other folds are. Chosen: a twentieth of what a name must remove."""
+
     min_episodes: int = 3
     """Episodes from which on each is also predicted from the others. Chosen: of two
     each would be predicted from one."""

@@ -54,6 +54,21 @@ def test_whole_held_out_segments_are_simulated(arm):
     assert same == pytest.approx(right, rel=1e-3) and believed > 2 * right
 
 
+def test_few_held_out_segments_are_simulated_where_residuals_are_linear(
+    arm, monkeypatch
+):
+    problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
+    simulated, simulate = [], LinearProblem.residuals_at
+
+    def count(part, terms, values):
+        simulated.append(part)
+        return simulate(part, terms, values)
+
+    monkeypatch.setattr(LinearProblem, "residuals_at", count)
+    predict_held_out(problem, found, problem.segment_of_residual)
+    assert 0 < len(simulated) < len(problem.segments)
+
+
 def test_long_segments_are_divided_into_blocks(arm):
     """The last fold of a few long segments would have to extrapolate."""
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
