@@ -72,7 +72,7 @@ def predict_held_out(
 
     Where residuals are linear that is exact leave-out prediction (PRESS, Allen 1974).
     Folds of whole segments are then simulated with these values, for in contact a small
-    step changes much; where the longest steps show that residuals are linear, the other
+    step changes much. Where the longest steps show that residuals are linear, the other
     folds are not. Parts of a segment, and single readings, are predicted linearly;
     `refit_without_folds` fits the latter.
 
