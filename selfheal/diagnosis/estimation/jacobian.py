@@ -16,6 +16,7 @@ from ..simulation.kinematic_trees import (
     find_state_trees,
     find_value_trees,
 )
+from ..simulation.simulator import Simulator
 from .problem import Problem
 from .quadratic_model import stack_bounds
 from .settings import FIT
@@ -26,6 +27,8 @@ LEAST_TOGETHER = 6
 
 # gives residuals (n, R) in some segments, with n sets of columns stepped
 Step = Callable[[np.ndarray, Sequence[np.ndarray]], Floats]
+# gives the tree of each value or state
+Find = Callable[[Simulator, Sequence[Term]], np.ndarray]
 
 
 def compute_jacobian(
@@ -69,14 +72,14 @@ def compute_jacobian(
         points[:, first:] += steps * _mark(batches, len(steps))
         return problem.select(chosen).compute_residuals(terms, points)
 
-    of_value = find_value_trees(problem.simulator, terms)[first:]
-    tree, rows = _find_independent_trees(problem, terms, of_value, step)
-    every = np.arange(len(problem.segments))
+    tree, rows = _find_independent_trees(
+        problem, terms, find_value_trees, len(steps), step
+    )
 
     def difference(columns: np.ndarray) -> None:
         """Set columns of the Jacobian, by their numbers."""
         batches = _group_columns(columns, tree)
-        changes = step(every, batches) - residuals
+        changes = step(np.arange(len(problem.segments)), batches) - residuals
         _set_columns(jacobian, batches, changes, steps, tree, rows)
 
     difference(np.arange(len(steps)))
@@ -121,8 +124,7 @@ def respond_to_initial_states(
         """(n, R) residuals in segments `chosen`, n sets of states moved."""
         return compute(chosen, _mark(batches, width))
 
-    of_state = find_state_trees(problem.simulator, terms)
-    tree, rows = _find_independent_trees(problem, terms, of_state, step)
+    tree, rows = _find_independent_trees(problem, terms, find_state_trees, width, step)
     batches = _group_columns(np.arange(width), tree)
     moves, middle = _mark([np.zeros(0, int), *batches], width), slice(1)
     if problem.regime.is_nonsmooth:
@@ -147,7 +149,7 @@ def _mark(batches: Sequence[np.ndarray], width: int) -> Floats:
 
 
 def _find_independent_trees(
-    problem: Problem, terms: Sequence[Term], of_value: np.ndarray, step: Step
+    problem: Problem, terms: Sequence[Term], find_trees: Find, count: int, step: Step
 ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
     """The tree of each value, and the residuals (R) of each tree that is alone.
 
@@ -157,23 +159,25 @@ def _find_independent_trees(
     Args:
         problem: of the residuals.
         terms: of a hypothesis.
-        of_value: (P) tree of each value.
+        find_trees: gives the tree of each value.
+        count: of the last values, which are to be stepped.
         step: gives residuals with sets of values stepped.
 
     Returns:
-        (P) numbers of trees, `NO_TREE` of what has to be stepped alone.
+        (count) numbers of trees, `NO_TREE` of what has to be stepped alone.
     """
-    alone = np.full(len(of_value), NO_TREE)
-    if len(alone) < LEAST_TOGETHER or problem.regime.is_nonsmooth:
+    alone = np.full(count, NO_TREE)
+    if count < LEAST_TOGETHER or problem.regime.is_nonsmooth:
         return alone, {}
+    of_value = find_trees(problem.simulator, terms)[-count:]
     of_column = find_column_trees(problem.simulator, terms)
     trees = [int(t) for t in np.unique(of_value) if t != NO_TREE]
     columns = [np.flatnonzero(of_value == t) for t in trees]
     together = max((len(c) for c in columns), default=0)
     if NO_TREE in of_column or together + len(trees) >= (of_value != NO_TREE).sum():
         return alone, {}  # nothing to gain
-    count = len(problem.segments)
-    some = np.linspace(0, count - 1, min(count, FIT.coupling_segments)).astype(int)
+    last = len(problem.segments) - 1
+    some = np.linspace(0, last, min(last + 1, FIT.coupling_segments)).astype(int)
     before, *after = step(some, [np.zeros(0, int), *columns])
     for residuals, tree in zip(after, trees, strict=True):
         change = (residuals - before).reshape(-1, len(of_column))

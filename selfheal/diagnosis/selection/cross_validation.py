@@ -98,16 +98,16 @@ def predict_held_out(
         squares[rows] = (residuals[rows] + change) ** 2
         segments = np.unique(problem.segment_of_residual[rows])
         if np.isin(problem.segment_of_residual, segments).sum() == rows.sum():
-            whole.append((float(change @ change), fold, segments, values + step))
+            whole.append((float(change @ change), rows, segments, values + step))
     if linearly or problem.regime.has_single_readings:
         return problem.sum_by_segment(squares)
     worst = 0.0
-    for k, (_, fold, segments, point) in enumerate(sorted(whole, key=lambda w: -w[0])):
+    for k, (_, rows, segments, point) in enumerate(sorted(whole, key=lambda w: -w[0])):
         if k >= SELECTION.min_simulated_folds and worst < SELECTION.max_linear_error:
             break
-        predicted = squares[folds == fold]
+        predicted = squares[rows]
         simulated = problem.select(segments).residuals_at(fit.terms, point) ** 2
-        squares[folds == fold] = simulated
+        squares[rows] = simulated
         off = abs(float(simulated.sum() - predicted.sum()))
         worst = max(worst, off / max(float(squares.sum()), FIT.tiny))
     return problem.sum_by_segment(squares)

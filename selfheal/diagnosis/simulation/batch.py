@@ -1,5 +1,6 @@
 """Batches: takes hypotheses and initial states, gives simulations to run."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -115,65 +116,54 @@ def _limit_loss(loss: Floats, inverse_inertias: Floats) -> Floats:
     return loss * min(1.0, MAX_INERTIA_LOSS / shares.max())
 
 
-def make_batch(
-    hypotheses: Hypotheses,
-    rows: np.ndarray,
-    initial: BatchState,
-    threads: int,
-):
-    """Make a MuJoCo batch of some of the N simulations, in their initial states.
+def make_batch(hypotheses: Hypotheses, initial: BatchState):
+    """Make a MuJoCo batch of N simulations, in their initial states, on all cores.
 
     All share one model, with arrays by simulation of the fields in which hypotheses
     differ, so that effects can write into these.
 
     Args:
         hypotheses: n of them.
-        rows: (B) numbers of the simulations, among N.
         initial: states of the N simulations.
-        threads: of the batch.
     """
     from mujoco.batch import Batch
 
-    variant = hypotheses.variant
-    hypothesis = rows // (len(initial.qpos) // len(hypotheses.models))
-    batch = Batch(variant.model, len(rows), nthread=threads)
+    variant, count = hypotheses.variant, len(initial.qpos)
+    threads = min(count, len(os.sched_getaffinity(0)))
+    batch = Batch(variant.model, count, nthread=threads)
+    segments = count // len(hypotheses.models)
     for name, nominal in variant.nominal_fields.items():
         values = [read_model_field(m, name) for m in hypotheses.models]
         if any(v.tobytes() != nominal for v in values):
-            batch.expand(name)[:] = np.stack(values)[hypothesis]
-    _set_states(batch, rows, initial)
+            batch.expand(name)[:] = np.repeat(np.stack(values), segments, axis=0)
+    _set_states(batch, initial)
     return batch
 
 
-def _set_states(batch, rows: np.ndarray, initial: BatchState) -> None:
-    """Set the states of a batch to the initial ones of simulations `rows`."""
-    batch.bind("qpos")[:], batch.bind("qvel")[:] = (
-        initial.qpos[rows],
-        initial.qvel[rows],
-    )
+def _set_states(batch, initial: BatchState) -> None:
+    """Set the states of a batch to the initial ones."""
+    batch.bind("qpos")[:], batch.bind("qvel")[:] = initial.qpos, initial.qvel
     batch.bind("time")[:] = 0
     if initial.activation is not None:
-        batch.bind("act")[:] = initial.activation[rows]
+        batch.bind("act")[:] = initial.activation
     if initial.history is not None:
-        batch.bind("history")[:] = initial.history[rows]
+        batch.bind("history")[:] = initial.history
 
 
-def shift_velocity_back(batch, rows: np.ndarray, initial: BatchState) -> Floats:
+def shift_velocity_back(batch, initial: BatchState) -> Floats:
     """Set a batch that made one step back, with velocities of half a step earlier.
 
     By v[-1/2] = v[0] - (v[1] - v[0]) / 2.
 
     Args:
-        batch: of B simulations, after one step; changed.
-        rows: (B) numbers of the simulations, among N.
-        initial: states of the N simulations.
+        batch: of N simulations, after one step; changed.
+        initial: their states before it.
 
     Returns:
-        (B, nv) these velocities [rad/s or m/s].
+        (N, nv) these velocities [rad/s or m/s].
     """
-    velocity = initial.qvel[rows]
-    velocity = velocity - (batch.bind("qvel") - velocity) / 2
-    _set_states(batch, rows, initial)
+    velocity = initial.qvel - (batch.bind("qvel") - initial.qvel) / 2
+    _set_states(batch, initial)
     batch.bind("qvel")[:] = velocity
     return velocity
 

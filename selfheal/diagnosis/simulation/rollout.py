@@ -1,7 +1,5 @@
 """Rollouts: takes models, initial states and commands, gives true signals."""
 
-import os
-
 import numpy as np
 
 from ...recording.data import Floats
@@ -63,14 +61,12 @@ def _run_rollout(
     """Simulate without Python in between; arguments as of `simulate_batch`."""
     variant = hypotheses.variant
     steps = commands.shape[1]
-    rows = np.arange(len(commands))
-    threads = min(len(rows), len(os.sched_getaffinity(0)))
-    batch = make_batch(hypotheses, rows, initial, threads)
+    batch = make_batch(hypotheses, initial)
     fields = sorted({"qpos", "qvel", *sensors.needs})
     first_velocity = initial.qvel
     if hypotheses.centered:
         batch.rollout(1, commands[:, :1] if variant.model.nu else None, record=["qvel"])
-        first_velocity = shift_velocity_back(batch, rows, initial)
+        first_velocity = shift_velocity_back(batch, initial)
     recorded = batch.rollout(
         steps, commands if variant.model.nu else None, record=fields
     )

@@ -1,6 +1,5 @@
 """Rollouts step by step: takes effects that act at every step, gives true signals."""
 
-import os
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -65,12 +64,10 @@ def run_stepwise(
         for place in t.places
     ]
     begin = np.tile(segments.first_step * step, n)
-    rows = np.arange(n * w)
-    threads = min(len(rows), len(os.sched_getaffinity(0)))
-    batch = make_batch(hypotheses, rows, initial, threads)
+    batch = make_batch(hypotheses, initial)
     forces = _EffectForces(batch, actions, initial.integral_errors, step)
     if hypotheses.centered:
-        _center_first_step(batch, forces, commands, begin, rows, initial)
+        _center_first_step(batch, forces, commands, begin, initial)
     return _run_steps(
         batch, forces, commands, begin, sensors,
         sampled_steps if hypotheses.centered else None,
@@ -82,7 +79,6 @@ def _center_first_step(
     forces: "_EffectForces",
     commands: Floats,
     begin: Floats,
-    rows: np.ndarray,
     initial: BatchState,
 ) -> None:
     """Begin with velocities of half a step before the positions, by a first step.
@@ -92,15 +88,14 @@ def _center_first_step(
         forces: of the effects, as they are before the first step.
         commands: (B, K, nu).
         begin: (B) time at which each simulation begins in its episode [s].
-        rows: (B) numbers of the simulations, among N.
-        initial: states of the N simulations.
+        initial: these states.
     """
     ctrl = batch.bind("ctrl") if commands.shape[-1] else None
     if ctrl is not None:
         ctrl[:] = commands[:, 0]
     forces.apply(batch.bind("qpos"), batch.bind("qvel"), ctrl, begin)
     batch.step()
-    shift_velocity_back(batch, rows, initial)
+    shift_velocity_back(batch, initial)
     forces.reset_integral_errors()
 
 

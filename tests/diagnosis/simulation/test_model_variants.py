@@ -88,12 +88,12 @@ CRANK = """<mujoco>
 </mujoco>"""
 
 
-def _give_each_a_model(hypotheses, rows, initial, threads):
+def _give_each_a_model(hypotheses, initial):
     """As `make_batch`, which shares the model."""
-    every = make_batch(hypotheses, rows, initial, threads)
-    batch = Batch(hypotheses.variant.model, len(rows), nthread=threads)
-    segments = len(initial.qpos) // len(hypotheses.models)
-    batch.set_models([hypotheses.models[i] for i in rows // segments])
+    every, count = make_batch(hypotheses, initial), len(initial.qpos)
+    batch = Batch(hypotheses.variant.model, count, nthread=1)
+    segments = count // len(hypotheses.models)
+    batch.set_models([m for m in hypotheses.models for _ in range(segments)])
     for name in ("qpos", "qvel"):
         batch.bind(name)[:] = every.bind(name)
     return batch
