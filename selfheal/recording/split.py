@@ -111,7 +111,8 @@ def _choose_spanned(episodes: Sequence[Episode], count: int) -> set[int]:
 
     A fit that never saw the fastest motion is asked to extrapolate by one that did. Of
     the episodes that the rest span about equally well, those that reach furthest are
-    held out: they ask most of a fit.
+    held out: they ask most of a fit. The first one is not: it may be all that shows the
+    robot as it was before it changed.
     """
     reach = [_measure_ranges(e) for e in episodes]
     columns = sorted(set().union(*reach))
@@ -133,7 +134,7 @@ def _choose_spanned(episodes: Sequence[Episode], count: int) -> set[int]:
         return beyond, -round(float(width), 1), i % 3 < 2, i  # else each third one
 
     for _ in range(count):
-        left.remove(min(left, key=key))
+        left.remove(min(left[1:], key=key))
     return set(range(len(episodes))) - set(left)
 
 

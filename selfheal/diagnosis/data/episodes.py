@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import RecordingError
 from ...recording import Episode, Recording
 from ...recording.data import Floats, Location
+from .base_motion import BaseMotion
 from .local_polynomial import (
     LocalPolynomials,
     find_nearest,
@@ -48,6 +49,7 @@ class SampledEpisode:
         qpos0: (nq) given position at the first sample, or None.
         qvel0: (nv) given velocity at the first sample, or None.
         number: of the episode among all that were recorded.
+        base: how a floating base moved that no sensor of poses reads, or None.
     """
 
     id: str
@@ -61,6 +63,7 @@ class SampledEpisode:
     qpos0: Floats | None
     qvel0: Floats | None
     number: int = 0
+    base: BaseMotion | None = None
 
     def interpolate(self, at: Floats, step: float) -> tuple[Floats, Floats]:
         """Value and slope of all channels, by the polynomial of the nearest sample.

@@ -100,6 +100,8 @@ class Joint:
         max_speed: largest speed [unit/s].
         range: of the positions seen, from end to end [unit].
         range_center: middle of that range [unit].
+        late_range: the same of the last positions seen [unit].
+        late_center: middle of that range [unit].
         inertia: at the joint, as MuJoCo's dof_M0 [kg m^2 or kg].
         measured: whether its position is recorded.
     """
@@ -114,6 +116,8 @@ class Joint:
     max_speed: float
     range: float
     range_center: float
+    late_range: float
+    late_center: float
     inertia: float
     measured: bool
 
@@ -306,7 +310,7 @@ def _geom_ends(model, body: int) -> Iterator[Floats]:
 def summarize_joints(
     model: "mujoco.MjModel",
     torque: Floats,
-    motion: Callable[[int], tuple[float, float, float, float]],
+    motion: Callable[[int], tuple[float, ...]],
     measured: Set[int],
 ) -> tuple[Joint, ...]:
     """Summarize the hinges and slides.
@@ -315,7 +319,7 @@ def summarize_joints(
         model: compiled.
         torque: (nv) typical [N m or N].
         motion: gives, for a joint's id, the root mean square of its velocity, its
-            largest speed, and its lowest and highest position.
+            largest speed, its lowest and highest position, and those of the end.
         measured: ids of joints whose position is recorded.
     """
     joints = []
@@ -323,7 +327,7 @@ def summarize_joints(
         if model.jnt_type[j] not in (2, 3):  # slide, hinge
             continue
         dof = int(model.jnt_dofadr[j])
-        speed, max_speed, low, high = motion(j)
+        speed, max_speed, low, high, late_low, late_high = motion(j)
         inertia = float(model.dof_M0[dof])
         joint = Joint(
             id=j,
@@ -339,6 +343,8 @@ def summarize_joints(
             max_speed=max(max_speed, MIN_SPEED),
             range=max(high - low, MIN_RANGE),
             range_center=(high + low) / 2,
+            late_range=max(late_high - late_low, MIN_RANGE),
+            late_center=(late_high + late_low) / 2,
             inertia=inertia,
             measured=j in measured,
         )

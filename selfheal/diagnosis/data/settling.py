@@ -9,6 +9,7 @@ from copy import copy
 import numpy as np
 
 from ...recording.data import Floats
+from .loop_closure import LoopClosure
 
 HELD_INERTIA_RATIO = 1e6  # times a joint's inertia, that of one that is held; chosen
 SETTLING_SECONDS = 3.0  # [s]; chosen: ten periods of a gripper's finger
@@ -49,3 +50,33 @@ def settle_unread_joints(
     if not np.abs(data.qvel[~held]).max() < MAX_REST_SPEED:
         return None
     return np.where(is_read, qpos, data.qpos)
+
+
+def place_unread_joints(
+    model, qpos: Floats, qvel: Floats, is_first: np.ndarray, ctrl: Floats
+) -> tuple[Floats, Floats, Floats | None, np.ndarray]:
+    """Fill in states in which something was not read.
+
+    Args:
+        model: compiled.
+        qpos: (W, nq); NaN where nothing was read.
+        qvel: (W, nv); NaN where nothing was read.
+        is_first: (W) whether a state is the first one of its episode.
+        ctrl: (nu) the episode's first commands.
+
+    Returns:
+        qpos, qvel, response and is_known, as `CompletedState` has them.
+    """
+    is_known, response = np.isfinite(qpos), None
+    filled = np.where(is_known, qpos, model.qpos0)
+    if model.neq:
+        loops, response = LoopClosure(model), np.empty((len(qpos), model.nv, model.nv))
+        qvel = qvel.copy()
+        for i, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
+            closed = loops.close(q, v)
+            filled[i], qvel[i], response[i] = closed.qpos, closed.qvel, closed.response
+            is_known[i] |= closed.is_known
+    for k in np.flatnonzero(is_first & ~is_known.all(axis=1)):
+        rest = settle_unread_joints(model, filled[k], is_known[k], ctrl)
+        filled[k] = filled[k] if rest is None else rest
+    return filled, qvel, response, is_known

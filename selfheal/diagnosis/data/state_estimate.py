@@ -10,9 +10,8 @@ import numpy as np
 from ...recording.data import Floats
 from .episodes import SampledEpisode
 from .local_polynomial import ar1_error_factors, choose_half_width, find_nearest
-from .loop_closure import LoopClosure
 from .robot_summary import Channel
-from .settling import settle_unread_joints
+from .settling import place_unread_joints
 
 ReadingChanges = Mapping[str, Mapping[str, Any]]
 
@@ -358,42 +357,15 @@ def complete_state(
     if sampled.qvel0 is not None:
         qvel[is_first] = sampled.qvel0
         std[is_first, model.nv :] = GIVEN_STATE_STD
+    if sampled.base:
+        rows = np.interp(at, sampled.sample_steps, np.arange(len(sampled.sample_steps)))
+        sampled.base.fill_in(model, rows, qpos, qvel, std)
     is_known, response = np.isfinite(qpos), None
     if not is_known.all():
         first_ctrl = sampled.ctrl[0] if len(sampled.ctrl) else np.zeros(model.nu)
-        qpos, qvel, response, is_known = _place_unread_joints(
+        qpos, qvel, response, is_known = place_unread_joints(
             model, qpos, qvel, is_first, first_ctrl
         )
     qvel = np.where(np.isfinite(qvel), qvel, 0.0)
     std = np.where(np.isfinite(std), std, GIVEN_STATE_STD)
     return CompletedState(qpos, qvel, std, response, is_known)
-
-
-def _place_unread_joints(
-    model, qpos: Floats, qvel: Floats, is_first: np.ndarray, ctrl: Floats
-) -> tuple[Floats, Floats, Floats | None, np.ndarray]:
-    """Fill in states in which something was not read.
-
-    Args:
-        model: compiled.
-        qpos: (W, nq); NaN where nothing was read.
-        qvel: (W, nv); NaN where nothing was read.
-        is_first: (W) whether a state is the first one of its episode.
-        ctrl: (nu) the episode's first commands.
-
-    Returns:
-        qpos, qvel, response and is_known, as `CompletedState` has them.
-    """
-    is_known, response = np.isfinite(qpos), None
-    filled = np.where(is_known, qpos, model.qpos0)
-    if model.neq:
-        loops, response = LoopClosure(model), np.empty((len(qpos), model.nv, model.nv))
-        qvel = qvel.copy()
-        for i, (q, v) in enumerate(zip(qpos, qvel, strict=True)):
-            closed = loops.close(q, v)
-            filled[i], qvel[i], response[i] = closed.qpos, closed.qvel, closed.response
-            is_known[i] |= closed.is_known
-    for k in np.flatnonzero(is_first & ~is_known.all(axis=1)):
-        rest = settle_unread_joints(model, filled[k], is_known[k], ctrl)
-        filled[k] = filled[k] if rest is None else rest
-    return filled, qvel, response, is_known

@@ -3,7 +3,12 @@
 import numpy as np
 
 from ...body.changes import LOST_SHARE, list_subtree
-from ..data.robot_summary import RobotSummary, find_link_axis, min_stable_inertia
+from ..data.robot_summary import (
+    Joint,
+    RobotSummary,
+    find_link_axis,
+    min_stable_inertia,
+)
 from .base import Term
 from .by_target import BodyEffect, JointEffect
 from .declaration import ParameterSpec
@@ -12,8 +17,9 @@ from .terms import extend_places
 
 # times a joint's inertia, the rotor of one that is stuck; chosen
 JAMMED_ARMATURE_RATIO = 1000.0
-# times a reading's noise, the spread of readings that show no motion; chosen
-MAX_REST_SPREAD = 1.5
+MAX_JAMMED_RANGE = 0.1  # [rad or m] in which one moves; chosen: a jammed gear gives
+# times a reading's noise, the range of a joint that does not move; chosen: of readings
+MAX_REST_RANGE = 5.0
 
 
 class Payload(BodyEffect):
@@ -229,7 +235,7 @@ class JointJam(JointEffect):
 
     def make_place(self, robot, joint):
         place = super().make_place(robot, joint)
-        place["still"] = _is_still(robot, joint.name)
+        place["still"] = _is_still(robot, joint)
         return place
 
     def make_parameters(self, robot, joint):
@@ -237,19 +243,19 @@ class JointJam(JointEffect):
             self.make_parameter(
                 "angle",
                 joint,
-                nominal=joint.range_center,
-                low=joint.range_center - joint.range,
-                high=joint.range_center + joint.range,
+                nominal=joint.late_center,
+                low=joint.late_center - joint.range,
+                high=joint.late_center + joint.range,
                 scale=0.1 * joint.range,
             ),
         )
 
     def make_initial_values(self, robot, joint):
-        return ((joint.range_center,),)
+        return ((joint.late_center,),)
 
     def applies_to(self, robot, joint):
-        """Of joints that were not seen to move."""
-        return joint.range < 0.1 or not joint.measured
+        """Of joints that were not seen to move, or not any more."""
+        return joint.late_range < MAX_JAMMED_RANGE or not joint.measured
 
     def is_directly_observed(self, term):
         """Where readings are one angle and noise, as a huge friction would have it."""
@@ -266,8 +272,8 @@ class JointJam(JointEffect):
         model.dof_damping[place["dof"]] = 2 * inertia * rate
 
 
-def _is_still(robot: RobotSummary, joint: str) -> bool:
-    """Whether a joint's readings are one position and noise."""
+def _is_still(robot: RobotSummary, joint: Joint) -> bool:
+    """Whether a joint's readings end in one position and noise."""
     kind = "joint_position"
-    own = [c for c in robot.channels if (c.kind, c.target) == (kind, joint)]
-    return any(c.spread < MAX_REST_SPREAD * c.noise[0] for c in own)
+    own = [c for c in robot.channels if (c.kind, c.target) == (kind, joint.name)]
+    return any(joint.late_range < MAX_REST_RANGE * c.noise[0] for c in own)

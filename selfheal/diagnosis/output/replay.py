@@ -172,7 +172,7 @@ def summarize_unrecorded(compiler: ModelCompiler) -> RobotSummary:
     """The robot of a model, as a summary without any recording gives it."""
     model = compiler.nominal
     joints = summarize_joints(
-        model, np.ones(model.nv), lambda j: (1.0, 1.0, -1.0, 1.0), set()
+        model, np.ones(model.nv), lambda j: (1.0, 1.0, *2 * (-1.0, 1.0)), set()
     )
     simulator = Simulator(compiler, (), (), float(model.opt.timestep))
     actuators = summarize_actuators(simulator, StateReconstruction(simulator), joints)

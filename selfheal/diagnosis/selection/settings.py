@@ -252,9 +252,9 @@ class SelectionSettings:
 
     # Change point
 
-    min_explained_episodes: int = 2
-    """Episodes that the nominal model must explain before a change point. Chosen: one
-    alone may be peculiar."""
+    min_explained_episodes: int = 1
+    """Episodes that the nominal model must explain before a change point. Chosen: that
+    a later one is explained as well from the start is tested."""
 
     min_explained_share: float = 0.25
     """Share of a lone episode that the nominal model must explain before a change

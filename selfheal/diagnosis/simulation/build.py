@@ -16,7 +16,8 @@ from ...recording import (
 )
 from ...recording.actuator_laws import find_goal, get_servo_gains, list_control_gains
 from ...recording.data import Floats
-from ..data.episodes import build_channels, sample_episode
+from ..data.base_motion import BaseMotion, estimate_base_motion
+from ..data.episodes import SampledEpisode, build_channels, sample_episode
 from ..data.robot_summary import (
     MIN_SPEED,
     Actuator,
@@ -47,6 +48,7 @@ RANGE_QUANTILES = (
     0.005,
     0.995,
 )  # of positions, for a joint's range; chosen: no outlier
+LATE_SHARE = 0.25  # of a robot's motion, its last part; chosen: what changed stays so
 PEAK_QUANTILE = 0.99  # of speeds and forces, for the largest; chosen: no outlier
 RATE_QUANTILE = 0.95  # of a command's rates, for the largest; chosen: no outlier
 SERVO_GAIN_TOLERANCE = 1e-6  # between a servo's gain and its bias [1]; chosen: rounding
@@ -82,8 +84,29 @@ def build_simulator(
             )
             part, of_whole = (r.file, name), (r.file, strip_window(name))
             number = names.index(part if part in names else of_whole)
-            episodes.append(replace(sampled, number=number))
+            base = _estimate_base_motion(model, channels, sampled, step)
+            episodes.append(replace(sampled, number=number, base=base))
     return Simulator(compiler, channels, tuple(episodes), step)
+
+
+def _estimate_base_motion(
+    model, channels: tuple[Channel, ...], episode: SampledEpisode, step: float
+) -> BaseMotion | None:
+    """Estimate the motion of a floating base that no sensor of poses reads.
+
+    Args:
+        model: compiled.
+        channels: that were read.
+        episode: with the readings.
+        step: of the simulation [s].
+    """
+    if not (model.jnt_type == 0).any():  # mjtJoint: free
+        return None
+    at = episode.sample_steps
+    qpos, qvel, _ = estimate_state(model, channels, episode, at, step, {})
+    return estimate_base_motion(
+        model, channels, episode.readings, qpos, qvel, at * step
+    )
 
 
 def summarize_robot(simulator: Simulator) -> RobotSummary:
@@ -211,16 +234,16 @@ class _MotionStatistics:
         self.torque += MIN_TYPICAL_ACCELERATION * model.dof_M0
         self.has_contact = has_contact or _may_rest_on_ground(model)
 
-    def __call__(self, joint: int) -> tuple[float, float, float, float]:
-        """Speed (effective, largest) and position (lowest, highest) of a joint."""
+    def __call__(self, joint: int) -> tuple[float, ...]:
+        """Speed (effective, largest), lowest and highest position, ever and late."""
         q = self._states[:, self._model.jnt_qposadr[joint]]
         v = self._states[:, self._model.nq + self._model.jnt_dofadr[joint]]
-        low, high = np.quantile(q, RANGE_QUANTILES)
+        late = q[-int(np.ceil(LATE_SHARE * len(q))) :]
         return (
             float(np.sqrt(np.mean(v**2))),
             float(np.quantile(np.abs(v), PEAK_QUANTILE)),
-            float(low),
-            float(high),
+            *np.quantile(q, RANGE_QUANTILES).tolist(),
+            *np.quantile(late, RANGE_QUANTILES).tolist(),
         )
 
 

@@ -12,6 +12,7 @@ from ..effects.base import Term
 from .model_variants import ModelVariant
 
 STAGE_VELOCITY, STAGE_ACCELERATION = 2, 3  # mjtStage
+CONTACTS_DISABLED = 1 << 4  # mjtDisableBit
 NO_NOISE = np.zeros((3, 1))  # scatter, noise and autocorrelation of a true signal
 Fields = Mapping[str, Floats]
 
@@ -23,7 +24,8 @@ class SensorReader:
         needs: names of the fields that it reads, beside qpos and qvel.
         width: how many columns all channels have.
         rates: indices into sensordata of what depends on velocities (a gyroscope).
-        accelerations: indices into sensordata of what depends on accelerations.
+        accelerations: indices into sensordata of what depends on accelerations; none
+            where things touch: contacts change these more than half a step does.
     """
 
     def __init__(
@@ -46,7 +48,10 @@ class SensorReader:
         model, link_joints = variant.model, _find_link_joints(variant, terms)
         sensors = [model.sensor(c.target).id for c in channels if c.kind == "sensor"]
         self.rates = _find_sensor_rows(model, sensors, STAGE_VELOCITY)
-        self.accelerations = _find_sensor_rows(model, sensors, STAGE_ACCELERATION)
+        is_touching = not model.opt.disableflags & CONTACTS_DISABLED
+        self.accelerations = _find_sensor_rows(
+            model, [] if is_touching else sensors, STAGE_ACCELERATION
+        )
         for c in channels:
             needs, read = _make_reader(model, c, link_joints)
             self.needs |= needs
