@@ -128,6 +128,7 @@ def find_disagreements(comparison: Comparison, series: Series) -> list[Disagreem
         or (
             k[1] not in exchanged
             and not _is_as_far_off_elsewhere(k, n, comparison, series)
+            and not _has_stopped(k, n, comparison, series)
         )
     }
     made = [_make(key, set(n), comparison, series) for key, n in found.items()]
@@ -158,6 +159,34 @@ def _is_as_far_off_elsewhere(
         return False
     here, elsewhere = (np.nanmean(squares[rows]) for rows in (is_here, ~is_here))
     return bool(here < FAR_OFF**2 * elsewhere)
+
+
+def _has_stopped(
+    key: tuple[str, str, str],
+    numbers: list[int],
+    comparison: Comparison,
+    series: Series,
+) -> bool:
+    """Whether a joint hardly moves that followed its command in an earlier episode.
+
+    It jammed: no unit changes while a robot is recorded.
+
+    Args:
+        key: kind, joint and partner of a disagreement.
+        numbers: of the episodes in which it was seen.
+        comparison: of the columns.
+        series: with the episodes.
+    """
+    joint, episode = key[1], series.episode
+
+    def relate_in(chosen: list[int]) -> Relation:
+        rows = np.flatnonzero(np.isin(episode, chosen))
+        return comparison.relate(joint, joint, series, rows)
+
+    if key[0] != "unit" or not abs(relate_in(numbers).ratio) < comparison.weakest:
+        return False
+    earlier = [relate_in([i]) for i in range(min(numbers))]
+    return any(r.is_same and r.r > 0 and not r.has_other_unit for r in earlier)
 
 
 def _is_late(relation: Relation, comparison: Comparison) -> bool:

@@ -131,3 +131,16 @@ def test_simulations_tell_the_order_of_a_quaternion_on_the_ground(rover):
     }  # fmt: skip
     (fault,) = check_telemetry(replace(recording, episodes=episodes), model)
     assert (fault.kind, fault.columns) == ("quaternion_order", ("turn",))
+
+
+@pytest.mark.parametrize(("jammed_from", "kinds"), [(1, set()), (0, {"unit"})])
+def test_a_joint_that_jams_while_recorded_is_in_no_other_unit(
+    servo_arm, jammed_from, kinds
+):
+    model, recording = servo_arm
+    names = list(recording.episodes)[jammed_from:]
+    later = {k: recording.episodes[k] for k in names}
+    bent = _scale(replace(recording, episodes=later), 0.003, 0.2, "elbow_q", "elbow_v")
+    jammed = replace(recording, episodes={**recording.episodes, **bent.episodes})
+    found = {f.kind for f in check_telemetry(jammed, model) if f.is_decisive}
+    assert found == kinds
