@@ -26,7 +26,8 @@ from selfheal.recording import Episode, Recording, Signal, write
 EPISODES, SECONDS = 10, 6.0  # episodes, [s] of each
 STEP, FINER = 0.002, 4  # [s] of the given model's step; the hidden one's are finer
 NOISE = 3e-4  # [rad] of encoders
-SERVO_FREQUENCY, SERVO_DAMPING = 4.0, 0.7  # [Hz], [1] of a servo with its load
+# [Hz], [1] of servos without a load, as mjlab has them for the G1 (g1_constants.py)
+SERVO_FREQUENCY, SERVO_DAMPING = 10.0, 2.0
 SWING = 0.25  # [rad] of the goals about the robot's pose, at most
 OFF = 0.08  # share by which masses are wrong, at most
 SHARE_OF_RANGE = 0.3  # of a joint's range that its goals keep to
@@ -41,6 +42,8 @@ class ShippedRobot:
         friction: dry friction by joint [N m]; the given model has none there.
         armature: added rotor inertia by joint [kg m^2].
         delay: of the commands by joint [s].
+        rotor: inertia of a servo, where the model states less [kg m^2]; of the G1 it is
+            that of its strongest.
         asked: longest time [s].
     """
 
@@ -49,6 +52,7 @@ class ShippedRobot:
     friction: Mapping[str, float]
     armature: Mapping[str, float]
     delay: Mapping[str, float]
+    rotor: float
     asked: float
 
     @property
@@ -68,6 +72,7 @@ ROBOTS = {
         {f"{leg}_calf_joint": 0.3 for leg in ("FL", "FR", "RL", "RR")},
         {},
         {"FL_thigh_joint": 0.016},
+        0.01,
         180.0,
     ),
     "g1": ShippedRobot(
@@ -76,19 +81,26 @@ ROBOTS = {
         {"left_knee_joint": 1.5},
         {"right_hip_pitch_joint": 0.1},
         {"left_elbow_joint": 0.02},
+        0.025,
         900.0,
     ),
 }
 
 
-def make_given_model(robot: ShippedRobot) -> mujoco.MjSpec:
-    """The shipped model with its base held and a position servo at each joint."""
+def load_shipped_spec(robot: ShippedRobot) -> mujoco.MjSpec:
+    """The model as its package ships it; ends where that is not installed."""
     package = find_spec(robot.package)
     if package is None or not package.submodule_search_locations:
         sys.exit(f"no package {robot.package}; see --help for what to install")
     file = Path(package.submodule_search_locations[0]) / robot.path
     spec = mujoco.MjSpec.from_file(str(file))
     spec.meshdir = str(file.parent / spec.meshdir)
+    return spec
+
+
+def make_given_model(robot: ShippedRobot) -> mujoco.MjSpec:
+    """The shipped model with its base held and a position servo at each joint."""
+    spec = load_shipped_spec(robot)
     for joint in [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]:
         spec.delete(joint)
     for name in robot.friction:
@@ -97,18 +109,16 @@ def make_given_model(robot: ShippedRobot) -> mujoco.MjSpec:
         spec.delete(each)
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    model = spec.compile()
-    data, inertia = mujoco.MjData(model), np.empty((model.nv, model.nv))
-    data.qpos[:] = choose_pose(model)
-    mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, data, inertia)
     rate = 2 * np.pi * SERVO_FREQUENCY
-    for j in range(model.njnt):
-        name, load = model.joint(j).name, float(inertia[j, j])
+    for joint in spec.joints:
+        inertia = max(joint.armature, robot.rotor)
+        joint.armature = joint.armature or robot.rotor
         servo = spec.add_actuator(
-            name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT
+            name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
-        servo.set_to_position(kp=load * rate**2, kv=2 * SERVO_DAMPING * rate * load)
+        servo.set_to_position(
+            kp=inertia * rate**2, kv=2 * SERVO_DAMPING * rate * inertia
+        )
     return spec
 
 
