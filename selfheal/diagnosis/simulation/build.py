@@ -48,7 +48,9 @@ RANGE_QUANTILES = (
     0.005,
     0.995,
 )  # of positions, for a joint's range; chosen: no outlier
-LATE_SHARE = 0.25  # of a robot's motion, its last part; chosen: what changed stays so
+# of a robot's motion, its last part, and of the positions there, for their range;
+# chosen: what changed stays so, but for a jolt
+LATE_SHARE, LATE_QUANTILES = 0.25, (0.05, 0.95)
 PEAK_QUANTILE = 0.99  # of speeds and forces, for the largest; chosen: no outlier
 RATE_QUANTILE = 0.95  # of a command's rates, for the largest; chosen: no outlier
 SERVO_GAIN_TOLERANCE = 1e-6  # between a servo's gain and its bias [1]; chosen: rounding
@@ -243,7 +245,7 @@ class _MotionStatistics:
             float(np.sqrt(np.mean(v**2))),
             float(np.quantile(np.abs(v), PEAK_QUANTILE)),
             *np.quantile(q, RANGE_QUANTILES).tolist(),
-            *np.quantile(late, RANGE_QUANTILES).tolist(),
+            *np.quantile(late, LATE_QUANTILES).tolist(),
         )
 
 

@@ -1,7 +1,14 @@
 """Effects of bodies: where they have a place, and how large they may be."""
 
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
 from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from tests.support.effect_robots import make_pendulum
+from tests.support.recorded_robots import bench
 
 
 def test_a_hand_may_bear_as_much_as_all_that_moves(benches):
@@ -23,3 +30,20 @@ def test_a_hand_carries_what_the_arm_that_it_is_fixed_to_does_not(tmp_path):
         "com_shift": [("body:rod",), ("body:hand",)],
         "mount_shift": [("body:hand",)],  # the tip weighs nothing
     }
+
+
+def test_a_joint_that_stops_moving_may_have_jammed_where_it_stays(tmp_path):
+    effect = find_effect("joint_jam")
+    b = bench("arm", tmp_path, episodes=4, seconds=1.0)
+    assert not effect.propose_terms(b.robot)
+    angle, noise = 0.3, 1e-3
+    *before, (last, episode) = b.recording.episodes.items()
+    read = episode.signals["elbow"]
+    still = angle + noise * np.random.default_rng(0).normal(size=read.values.shape)
+    signals = {**episode.signals, "elbow": replace(read, values=still)}
+    episodes = {**dict(before), last: replace(episode, signals=signals)}
+    recording = replace(b.recording, episodes=episodes)
+    simulator = build_simulator(b.simulator.compiler, [recording])
+    (jam,) = effect.propose_terms(summarize_robot(simulator))
+    assert jam.targets == ("joint:elbow",)
+    assert jam.initial_values[0][0] == pytest.approx(angle, abs=3 * noise)

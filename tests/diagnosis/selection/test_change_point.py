@@ -77,9 +77,10 @@ def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
     assert np.abs(always - never)[late].max() > 1e-3
 
 
-def test_the_time_since_which_the_robot_differs_is_reported(tmp_path):
-    onset = detect_change_point(*_stated_fit(tmp_path, _changing(at=3)))
-    assert onset is not None and (onset.number, onset.episode) == (3, "003")
+@pytest.mark.parametrize("at", [1, 3])
+def test_the_time_since_which_the_robot_differs_is_reported(tmp_path, at):
+    onset = detect_change_point(*_stated_fit(tmp_path, _changing(at=at)))
+    assert onset is not None and (onset.number, onset.episode) == (at, f"{at:03d}")
     assert onset.time == 0
 
 
