@@ -267,10 +267,14 @@ class Problem:
 
     @property
     def native(self) -> "Problem":
-        """The problem as MuJoCo steps the given model, initial states as used now."""
+        """The problem as MuJoCo steps the given model.
+
+        Initial states and the response to their errors, which no time step changes
+        much, are those of this problem.
+        """
         simulator = self.simulator
         return replace(
-            self.unmarginalized,
+            self,
             simulator=simulator.native,
             segments=self.segments.with_finer_steps(simulator.coarsening),
             centered=False,

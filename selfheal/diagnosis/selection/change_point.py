@@ -30,7 +30,8 @@ def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
 
     Nominal values are fitted to more and more of the first segments, as long as that
     explains most of them to the noise. At a change point most later segments are then
-    far worse than nearly all earlier ones. Single readings do not tell the noise.
+    far worse than nearly all earlier ones; none is sought once hardly any is. Single
+    readings do not tell the noise.
 
     Args:
         problem: the segments.
@@ -47,6 +48,9 @@ def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
             break
         ratios = _noise_ratios(problem, early)[order]
         usual = np.quantile(ratios[:cut], SELECTION.change_point_quantile)
+        is_far = ratios[cut:] > SELECTION.change_point_error_ratio * usual
+        if np.mean(is_far) < SELECTION.min_changed_share:
+            break
         later = ratios[after:] if after < len(order) else ratios[(cut + after) // 2 :]
         if np.median(later) > largest * usual:
             largest = np.median(later) / usual

@@ -245,7 +245,8 @@ def _search_in_contact(
 ) -> list[SearchState]:
     """Search forward; backward only where that leaves something.
 
-    Impacts make the cost rough, so that many values at once are the last resort.
+    Impacts make the cost rough, so that many values at once are the last resort. And
+    what sets in while a robot is recorded is no usual effect of all its drives.
 
     Args:
         start: state in which nothing has a name yet.
@@ -257,7 +258,7 @@ def _search_in_contact(
         The states at the end, the likelier first.
     """
     forward = _search_to_end(start, longer, rng, record)
-    if forward.is_explained:
+    if forward.is_explained or any(t.onset for t in forward.named):
         return [replace(forward, plain=fit_usual_effects(start, record))]
     # what the first search set aside for a name, this one tries in its place
     kept = {t.key for t in forward.candidates}

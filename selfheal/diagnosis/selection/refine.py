@@ -152,8 +152,8 @@ def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
         The fit in the same segments, stepped as MuJoCo does.
     """
     problem, fit = base.problem, base.fit
-    native = marginalize_initial_states(problem.native, fit.terms, fit.values)
-    jacobian = problem.transfer_jacobian(native, fit.jacobian)
-    fixed = fix_effects(fit)
-    best = fit_parameters(native, fixed, fit.values, iterations=2, jacobian=jacobian)
+    native, fixed = problem.native, fix_effects(fit)
+    best = fit_parameters(
+        native, fixed, fit.values, iterations=2, jacobian=fit.jacobian
+    )
     return LinearizedFit.from_fit(native, replace(best, terms=fit.terms))

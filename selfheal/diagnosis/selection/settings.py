@@ -271,6 +271,10 @@ class SelectionSettings:
     """Quantile of the earlier segments that stands for nearly all. Chosen: a tenth of
     them may be odd."""
 
+    min_changed_share: float = 0.05
+    """Share of the later segments that are far worse, if there is a change point at
+    all. Chosen: one episode of twenty."""
+
     change_point_interval_nats: float = 1.35
     """[nats] within which an onset is as likely: half of 2.71, the 90 % quantile of
     chi-square with one degree of freedom (profile likelihood, Wilks 1938)."""

@@ -30,7 +30,7 @@ from .evidence import improvement_p_value
 from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
 from .replay_scores import HeldOutScores, explainable_removed
-from .screening import subsample_problem
+from .screening import draw_segments, mean_seconds, subsample_problem
 from .settings import SELECTION
 
 
@@ -93,13 +93,11 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     A likelihood-ratio test of a free-form torque of each joint, and the size of the
     residuals beside that of noise and time step.
     """
-    fit, rng = hypothesis.final.fit, np.random.default_rng(1)
-    segments = cut_readable_segments(dataset.training, SHORT_SEGMENT)
-    whole = Problem(dataset.training, segments, hypothesis.problem.sigma)
-    part = subsample_problem(whole, SELECTION.remaining_steps, rng)
-    problem = marginalize_initial_states(part, fit.terms, fit.values)
+    fit = hypothesis.final.fit
+    problem, jacobian = _pose_in_short_segments(dataset, hypothesis)
     base = LinearizedFit.from_fit(
-        problem, fit_parameters(problem, fit.terms, fit.values, iterations=0)
+        problem,
+        fit_parameters(problem, fit.terms, fit.values, iterations=0, jacobian=jacobian),
     )
     old = ScoredFit.from_fit(problem, base.fit)
     p_value, share = 1.0, 0.0
@@ -127,6 +125,29 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
         worst_channel_ratio(problem, base.fit),
         float((before - left) / max(before - noise, 1e-12)),
     )
+
+
+def _pose_in_short_segments(
+    dataset: Dataset, hypothesis: Hypothesis
+) -> tuple[Problem, Floats | None]:
+    """Some short segments of the training data, at a hypothesis's values.
+
+    Those of its last fit, whose initial states and Jacobian are known, if these are
+    short.
+
+    Returns:
+        The problem, and the Jacobian (R, P) there or None.
+    """
+    problem, fit = hypothesis.problem, hypothesis.final.fit
+    rng = np.random.default_rng(1)
+    if mean_seconds(problem) < SELECTION.long_screening_segment:
+        chosen = draw_segments(problem, SELECTION.remaining_steps, rng)
+        rows = np.isin(problem.segment_of_residual, chosen)
+        return problem.select(chosen), fit.jacobian[rows]
+    segments = cut_readable_segments(dataset.training, SHORT_SEGMENT)
+    whole = Problem(dataset.training, segments, problem.sigma)
+    part = subsample_problem(whole, SELECTION.remaining_steps, rng)
+    return marginalize_initial_states(part, fit.terms, fit.values), None
 
 
 def drop_names(hypothesis: Hypothesis) -> Hypothesis:
