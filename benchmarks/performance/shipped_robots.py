@@ -4,8 +4,9 @@
     python -m benchmarks.performance.shipped_robots [--robots go2 g1] [--rate 200]
 
 The models are those inside these packages, with the base held, position servos at all
-joints, and no part that touches another. Hidden: dry friction, and one delay of commands or one rotor; makes
-docs/results/shipped-robots.md. Run it on an otherwise idle machine.
+joints, and no part that touches another. Hidden: dry friction, and one delay of
+commands or one rotor; makes docs/results/shipped-robots.md. Run it on an otherwise idle
+machine.
 """
 
 import sys
