@@ -111,9 +111,9 @@ def estimate_base_motion(
     force, _ = _read_in_base(model, joint, ACCELEROMETER, channels, readings)
     if np.isfinite(qvel[:, v + 3 : v + 6]).all():
         rate = qvel[:, v + 3 : v + 6]
-    if rate is None:
-        return None
     odometry = _LegOdometry(model, joint)
+    if rate is None or not odometry.can_stand:
+        return None
     qpos, qvel = qpos.copy(), np.nan_to_num(qvel)
     qpos[:, place], qvel[:, v + 3 : v + 6] = 0.0, rate
     if is_read[turn].all():
@@ -155,10 +155,10 @@ def _is_ground_level(model) -> bool:
     is_solid = (model.geom_contype | model.geom_conaffinity) > 0
     ground = np.flatnonzero((model.body_weldid[model.geom_bodyid] == 0) & is_solid)
     tilt = data.geom_xmat[ground].reshape(-1, 3, 3)[:, :2, 2]
-    across = model.opt.gravity[:2] / max(-model.opt.gravity[2], 1e-300)
-    is_plane = model.geom_type[ground] == 0  # mjtGeom
-    slope = np.abs([*tilt.ravel(), *across]).max()
-    return bool(len(ground) and is_plane.all() and slope < MAX_SLOPE)
+    *across, down = model.opt.gravity
+    if not len(ground) or (model.geom_type[ground] != 0).any() or down >= 0:  # mjtGeom
+        return False
+    return bool(np.abs([*tilt.ravel(), *np.divide(across, down)]).max() < MAX_SLOPE)
 
 
 def _read_in_base(
@@ -251,6 +251,24 @@ class _LegOdometry:
         self._data = mujoco.MjData(self._model)
         self._first = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
+    @property
+    def can_stand(self) -> bool:
+        """Whether any part of the robot touches the ground, and does not pass it."""
+        return bool(len(self._reach_ground(self._given.qpos0)))
+
+    def _reach_ground(self, qpos: Floats) -> np.ndarray:
+        """Numbers of the distances to the ground, in a state with the base at 0."""
+        import mujoco
+
+        model, data = self._model, self._data
+        data.qpos[:] = qpos
+        data.qpos[self._first[0] + 2] = 0.0
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
+        return np.flatnonzero((model.body_weldid[bodies] == 0).any(axis=1))
+
     def apply(self, qpos: Floats, qvel: Floats) -> None:
         """Set the base's heights and velocities, in place.
 
@@ -273,22 +291,17 @@ class _LegOdometry:
         """
         import mujoco
 
-        model, data, (q, v) = self._model, self._data, self._first
-        data.qpos[:], data.qvel[:] = qpos, qvel
-        data.qpos[q + 2], data.qvel[v : v + 3] = 0.0, 0.0
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_collision(model, data)
-        contact = data.contact
-        is_ground = model.body_weldid[model.geom_bodyid[contact.geom]] == 0
-        touching = np.flatnonzero(is_ground.any(axis=1))
-        lowest = contact.dist[touching].min()
+        model, data, (_, v) = self._model, self._data, self._first
+        near = self._reach_ground(qpos)
+        contact, still = data.contact, qvel.copy()
+        still[v : v + 3] = 0.0
+        lowest = contact.dist[near].min()
         speeds, jacobian = [], np.empty((3, model.nv))
-        for k in touching[contact.dist[touching] < lowest + STANCE_HEIGHT]:
+        for k in near[contact.dist[near] < lowest + STANCE_HEIGHT]:
             foot = int(model.geom_bodyid[contact.geom[k, 1]])  # a plane is first
             point = contact.pos[k] + contact.frame[k, :3] * contact.dist[k] / 2
             mujoco.mj_jac(model, data, jacobian, None, point, foot)
-            speeds.append(jacobian @ data.qvel)
+            speeds.append(jacobian @ still)
         return -float(lowest), -np.mean(speeds, axis=0)
 
     def _find_depth(self, qpos: Floats) -> float:

@@ -117,9 +117,18 @@ def test_without_all_readings_the_base_stays_unknown(walk, tmp_path, lost):
     assert _simulator(tmp_path, less).episodes[0].base is None
 
 
-def test_on_a_slope_the_base_stays_unknown(walk, tmp_path):
-    slope = ROBOT.replace('type="plane"', 'type="plane" euler="0 5 0"')
-    assert _simulator(tmp_path, walk[0], slope).episodes[0].base is None
+@pytest.mark.parametrize(
+    ("given", "other"),
+    [
+        ('type="plane"', 'type="plane" euler="0 5 0"'),
+        ('contype="0" conaffinity="1"', 'contype="0" conaffinity="2"'),
+        ("<option", '<option gravity="0 0 0"'),
+    ],
+    ids=["slope", "nothing to stand on", "weightless"],
+)
+def test_where_legs_tell_nothing_the_base_stays_unknown(walk, tmp_path, given, other):
+    xml = ROBOT.replace(given, other)
+    assert _simulator(tmp_path, walk[0], xml).episodes[0].base is None
 
 
 def test_an_orientation_that_was_read_is_kept(walk, tmp_path):
