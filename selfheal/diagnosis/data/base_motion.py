@@ -107,8 +107,10 @@ def estimate_base_motion(
     is_read = np.array(np.isfinite(qpos).all(axis=0))
     if is_read[place].any() or not np.delete(is_read, np.r_[q : q + 7]).all():
         return None
-    rate, rate_noise = _read_in_base(model, joint, GYROSCOPE, channels, readings)
-    force, _ = _read_in_base(model, joint, ACCELEROMETER, channels, readings)
+    (rate, rate_noise), (force, _) = (
+        _read_in_base(model, joint, kind, channels, readings, time)
+        for kind in (GYROSCOPE, ACCELEROMETER)
+    )
     if np.isfinite(qvel[:, v + 3 : v + 6]).all():
         rate = qvel[:, v + 3 : v + 6]
     odometry = _LegOdometry(model, joint)
@@ -162,9 +164,16 @@ def _is_ground_level(model) -> bool:
 
 
 def _read_in_base(
-    model, joint: int, kind: int, channels: Sequence[Channel], readings: Floats
+    model,
+    joint: int,
+    kind: int,
+    channels: Sequence[Channel],
+    readings: Floats,
+    time: Floats,
 ) -> tuple[Floats | None, Floats]:
     """Readings (T, 3) of an IMU's sensor in the base's frame, and their noise (3).
+
+    What is missing lies between its neighbors: other signals may have other times.
 
     Args:
         model: compiled.
@@ -172,6 +181,7 @@ def _read_in_base(
         kind: of the sensor.
         channels: that were read.
         readings: (T, C) of all of them.
+        time: (T) [s].
 
     Returns:
         None and 0, where the base has none.
@@ -186,9 +196,12 @@ def _read_in_base(
         site = int(model.sensor(c.target).objid[0])
         if model.body_weldid[model.site_bodyid[site]] == base:
             turn = data.xmat[base].reshape(3, 3).T @ data.site_xmat[site].reshape(3, 3)
-            values = readings[:, c.columns]
-            if np.isfinite(values).all():
-                return values @ turn.T, np.sqrt(turn**2 @ np.nan_to_num(c.noise) ** 2)
+            read = readings[:, c.columns]
+            known = np.isfinite(read).all(axis=1)
+            if known.sum() >= MIN_SAMPLES:
+                values = [np.interp(time, time[known], x[known]) for x in read.T]
+                noise = np.sqrt(turn**2 @ np.nan_to_num(c.noise) ** 2)
+                return np.array(values).T @ turn.T, noise
     return None, np.zeros(3)
 
 

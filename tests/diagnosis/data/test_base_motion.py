@@ -144,6 +144,21 @@ def test_an_orientation_that_was_read_is_kept(walk, tmp_path):
     assert np.abs(state.qpos[:, 2] - qpos[:, 2]).mean() < 0.003
 
 
+def test_an_imu_may_have_been_read_at_other_times(walk, tmp_path):
+    recording, qpos, _ = walk
+    episode = recording.episodes["walk"]
+    signals = dict(episode.signals)
+    for name in NOISE:
+        values = signals[name].values.copy()
+        values[1::2] = np.nan
+        signals[name] = replace(signals[name], values=values)
+    less = replace(recording, episodes={"walk": replace(episode, signals=signals)})
+    simulator = _simulator(tmp_path, less)
+    state = complete_state(simulator, 0, simulator.episodes[0].sample_steps, {})
+    tilt = np.linalg.norm(_up(state.qpos[:, 3:7]) - _up(qpos[:, 3:7]), axis=1)
+    assert state.is_known.all() and np.sqrt(np.mean(tilt**2)) < 0.02
+
+
 def test_where_nothing_carries_the_robot_no_segment_begins(walk, tmp_path):
     recording, *_ = walk
     episode = recording.episodes["walk"]
