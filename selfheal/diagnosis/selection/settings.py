@@ -335,8 +335,8 @@ class SelectionSettings:
     # Verdict
 
     max_free_forms: int = 3
-    """Joints whose free-form torque is tested: those that predict best to first order.
-    Chosen: each test simulates all blocks."""
+    """Joints whose free-form torque is tested: those that a score test favors. Chosen:
+    each test simulates all blocks."""
 
     remaining_p_value: float = 0.01
     """p-value of a free-form torque below which structure remains. Chosen: as

@@ -4,13 +4,16 @@ A test for lack of fit, by a free-form torque and by the size of the residuals, 
 replay of the held-out episodes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...recording.data import Floats
+from ..effects.base import Term
 from ..effects.free_form import FreeFormTorque
 from ..estimation.candidate_fit import fit_candidate
+from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
@@ -25,7 +28,7 @@ from ..estimation.settings import FIT
 from ..simulation import score
 from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
 from ..simulation.simulator import Simulator
-from .cross_validation import ScoredFit, predict_held_out
+from .cross_validation import ScoredFit
 from .evidence import improvement_p_value
 from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
@@ -102,10 +105,8 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     old = ScoredFit.from_fit(problem, base.fit)
     p_value, share = 1.0, 0.0
     terms = FreeFormTorque().propose_terms(dataset.robot)
-    fits = [fit_candidate(base, term, iterations=2) for term in terms]
-    fits.sort(key=lambda fit: predict_held_out(problem, fit, linearly=True).sum())
-    for tried in fits[: SELECTION.max_free_forms]:
-        new = ScoredFit.from_fit(problem, tried)
+    for term in _choose_likeliest(base, terms, SELECTION.max_free_forms):
+        new = ScoredFit.from_fit(problem, fit_candidate(base, term, iterations=2))
         p = improvement_p_value(problem, old, new, len(terms))
         p_value = min(p_value, p)
         share = max(share, 1 - new.error / old.error)
@@ -125,6 +126,31 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
         worst_channel_ratio(problem, base.fit),
         float((before - left) / max(before - noise, 1e-12)),
     )
+
+
+def _choose_likeliest(
+    base: LinearizedFit, terms: Sequence[Term], most: int
+) -> list[Term]:
+    """So many of some terms, at most, that would lower the cost most: a score test.
+
+    Args:
+        base: the fit without them.
+        terms: as many parameters each, which do nothing at their nominal values.
+        most: how many.
+    """
+    if len(terms) <= most:
+        return list(terms)
+    fit, absent = base.fit, [p.nominal for t in terms for p in t.parameters]
+    responses = compute_jacobian(
+        base.problem,
+        (*fit.terms, *terms),
+        np.concatenate([fit.values, absent]),
+        fit.residuals,
+        len(fit.values),
+    )
+    each = np.split(responses, len(terms), axis=1)
+    gains = [base.estimate_gain(fit.residuals + response.T) for response in each]
+    return [terms[i] for i in np.argsort(gains)[::-1][:most]]
 
 
 def _pose_in_short_segments(
