@@ -223,12 +223,13 @@ def make_section(rows: list[dict[str, Any]]) -> Section:
         for r in rows
     ]  # fmt: skip
     header = ["robot", "joints", "Hz", "wall s", "asked s", "CPU s", "MB",
-              "wall : plain MuJoCo", "verdict", "hidden named", "false names", "named"]  # fmt: skip
+              "wall : plain MuJoCo", "verdict", "hidden named", "false names",
+              "named"]  # fmt: skip
     text = (
         f"Base held, position servos at all joints; {EPISODES} episodes of {SECONDS:g} "
         f"s, encoders with {1000 * NOISE:g} mrad of noise, masses off by up to "
-        f"{100 * OFF:.0f} %. Plain MuJoCo: the same log simulated once on one core with "
-        "the given model."
+        f"{100 * OFF:.0f} %. Plain MuJoCo: the same log simulated once on one core "
+        "with the given model."
     )
     return Section("Sixty seconds of log", text, header, shown)
 
