@@ -230,10 +230,24 @@ def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
     terms = (*kept, form)
     starts = np.array([[*values, *x] for x in form.initial_values])
     start = starts[_find_best(problem, terms, starts)]
+    return _fit_beside(problem, fit.jacobian_without(*replaced), terms, start)
+
+
+def _fit_beside(
+    problem: Problem, known: Floats, terms: Sequence[Term], start: Floats
+) -> Fit:
+    """The fit of terms of which the first ones were fitted before.
+
+    Args:
+        problem: that was fitted.
+        known: (R, p) Jacobian of the first p parameters.
+        terms: P parameters in all.
+        start: (P) values to begin with [units of the parameters].
+    """
     residuals = problem.residuals_at(terms, start)
-    new = compute_jacobian(problem, terms, start, residuals, first=len(values))
-    known = np.hstack([fit.jacobian_without(*replaced), new])
-    return fit_parameters(problem, terms, start, iterations=4, jacobian=known)
+    new = compute_jacobian(problem, terms, start, residuals, first=known.shape[1])
+    jacobian = np.hstack([known, new])
+    return fit_parameters(problem, terms, start, iterations=4, jacobian=jacobian)
 
 
 def _free_each_joint(
@@ -277,7 +291,8 @@ def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> F
         new = [places[t.targets] for t in old]
         kept, start = fit.without_terms(*old)
         start = np.concatenate([start, *(values[t] for t in old)])
-        other = fit_parameters(problem, (*kept, *new), start, iterations=5)
+        known = fit.jacobian_without(*old)
+        other = _fit_beside(problem, known, (*kept, *new), start)
         if other.cost + other.prior_penalty < fit.cost + fit.prior_penalty:
             fit = other
     return fit
@@ -298,13 +313,9 @@ def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) ->
     terms, values = fit.without_terms(*beside)
     missing = [t for t in usual if t not in terms]
     begun = spread_values(equal.values_by_term, missing)
-    return fit_parameters(
-        problem,
-        (*terms, *begun),
-        np.concatenate([values, *begun.values()]),
-        iterations=4,
-        jacobian=None if missing else fit.jacobian_without(*beside),
-    )
+    start = np.concatenate([values, *begun.values()])
+    known = fit.jacobian_without(*beside)
+    return _fit_beside(problem, known, (*terms, *begun), start)
 
 
 def fit_longer(
