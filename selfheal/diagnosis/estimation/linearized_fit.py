@@ -172,6 +172,43 @@ class LinearizedFit:
             np.append(held, idle), np.append(change[held], np.zeros(len(idle)))
         )
 
+    def bound_removal_costs(
+        self, terms: Sequence[Term], removed: Sequence[Term]
+    ) -> dict[Term, float]:
+        """Penalized costs [1] without each term that are never more than the true ones.
+
+        They are those without the bounds of values. With G the inverse curvature of all
+        values but those removed, c the lowest cost beside these, and d by how much a
+        term's values are not nominal there,
+
+            c + d' G_tt^-1 d.
+
+        Args:
+            terms: to be without, one at a time.
+            removed: to be without in any case.
+        """
+        base, (columns, change) = self.restored, self._changes_to_nominal
+        count = len(self.fit.values)
+        held = np.concatenate([np.zeros(0, int), *(columns[t] for t in removed)])
+        free = np.setdiff1d(np.arange(count), held)
+        step = np.zeros(count)
+        step[held] = change[held]
+        size = np.sqrt(np.maximum(np.diagonal(base.curvature), FIT.tiny))
+        scaled = base.curvature / size / size[:, None]
+        ridge = FIT.min_column_share * np.eye(len(free))
+        inverse = np.linalg.inv(scaled[np.ix_(free, free)] + ridge)
+        inverse /= size[free] * size[free, None]
+        step[free] = -inverse @ (base.gradient + base.curvature @ step)[free]
+        lowest = self.fit.cost + self.fit.prior_penalty
+        lowest += float(2 * base.gradient @ step + step @ base.curvature @ step)
+        bounds = {}
+        for term in terms:
+            at = np.searchsorted(free, columns[term])
+            far = (change - step)[columns[term]]
+            own = np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True)
+            bounds[term] = lowest + float(far @ own @ far)
+        return bounds
+
     @cached_property
     def restored(self) -> "LinearizedFit":
         """The fit in which all stated values answer as where they were stated anew."""

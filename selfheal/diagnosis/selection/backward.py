@@ -4,6 +4,7 @@ Backward elimination and exchange, the steps that follow each forward step of a 
 regression (Efroymson 1960).
 """
 
+import heapq
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -24,6 +25,9 @@ from .criteria import is_plausible, is_rare_or_restating
 from .cross_validation import ScoredFit, fit_and_score, predict_held_out
 from .evidence import improvement_p_value, is_as_good
 from .settings import SELECTION
+
+# of the cost, by which a lower bound may be too high [1]; chosen: above its rounding
+ROUNDING = 1e-6
 
 
 def compute_removal_costs(
@@ -117,17 +121,14 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
     while len(fit.terms) > nominal_count:
         base = LinearizedFit.from_fit(problem, fit)
         most = max(1, (len(fit.terms) - nominal_count) // 2)
-        negligible = find_negligible(fit)
+        share = limit / (fit.cost + fit.prior_penalty)
         removed: list[Term] = []
         while len(removed) < most:
             left = [t for t in fit.terms[nominal_count:] if t not in removed]
-            costs = compute_removal_costs(base, left, removed)
-            cost = fit.cost + fit.prior_penalty
-            needless = [t for t in costs if costs[t] * cost <= limit]
-            if not needless:
+            needless = _find_most_needless(base, left, removed, share)
+            if needless is None:
                 break
-            # of two that do the same, the one goes that is as good as absent
-            removed.append(min(needless, key=lambda t: (t not in negligible, costs[t])))
+            removed.append(needless)
         if not removed:
             break
         fit = fit.restore(removed)
@@ -138,6 +139,39 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
             jacobian=fit.jacobian_without(*removed),
         )
     return fit
+
+
+def _find_most_needless(
+    base: LinearizedFit, terms: Sequence[Term], removed: Sequence[Term], limit: float
+) -> Term | None:
+    """The effect without which the cost is least, if that is not above a limit.
+
+    Of two that do the same, the one that is as good as absent. Costs are computed of
+    few: the others' lower bounds are above those.
+
+    Args:
+        base: the fit with all effects.
+        terms: effects, of which one may go.
+        removed: effects that are without in any case.
+        limit: of the cost, as a share of that with all [1].
+    """
+    fit, negligible = base.fit, find_negligible(base.fit)
+    bounds = base.bound_removal_costs(terms, removed)
+    whole = fit.cost + fit.prior_penalty
+    queue = [
+        (t not in negligible, bounds[t] / whole - ROUNDING, i, False)
+        for i, t in enumerate(terms)
+    ]
+    heapq.heapify(queue)
+    while queue:
+        counts, cost, i, is_known = heapq.heappop(queue)
+        if is_known:
+            return terms[i]
+        if cost <= limit:
+            (cost,) = compute_removal_costs(base, [terms[i]], removed).values()
+        if cost <= limit:
+            heapq.heappush(queue, (counts, cost, i, True))
+    return None
 
 
 def exchange_term(

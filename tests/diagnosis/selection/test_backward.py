@@ -102,3 +102,19 @@ def test_a_fit_without_an_effect_is_close_where_it_may_be_needless(arm):
     base = LinearizedFit.from_fit(problem, both)
     assert fit_without(base, other).cost == pytest.approx(alone.cost, rel=1e-3)
     assert fit_without(base, dry).cost > 2 * both.cost
+
+
+def test_costs_of_removal_are_bounded_from_below_by_those_without_bounds(arm):
+    names = ("coulomb_friction", "viscous_friction", "sensor_bias")
+    usual = tuple(t for n in names for t in find_effect(n).propose_terms(arm.robot))
+    absent = [p.nominal for t in usual for p in t.parameters]
+    problem = make_problem(arm, usual[:1], (0.1,))
+    start = np.array([0.1, *absent[1:]])
+    found = fit_parameters(problem, usual, start, iterations=10)
+    base, whole = LinearizedFit.from_fit(problem, found), found.cost
+    for removed in ([], list(usual[2:4])):
+        left = [t for t in usual if t not in removed]
+        bounds = base.bound_removal_costs(left, removed)
+        for term, cost in compute_removal_costs(base, left, removed).items():
+            assert 0 < bounds[term] <= (1 + 1e-6) * cost * whole
+        assert bounds[usual[0]] > 2 * whole
