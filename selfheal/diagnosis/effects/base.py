@@ -6,6 +6,7 @@ A `Term` is one effect at one place with the parameters to be fitted. A subclass
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -69,17 +70,17 @@ class Term:
     finding_fields: Mapping[str, Any] = field(default_factory=dict)
     onset: Onset | None = None
 
-    @property
+    @cached_property
     def low(self) -> Floats:
         """Smallest values (p) [each parameter's unit]."""
         return np.array([p.low for p in self.parameters], float)
 
-    @property
+    @cached_property
     def high(self) -> Floats:
         """Largest values (p) [each parameter's unit]."""
         return np.array([p.high for p in self.parameters], float)
 
-    @property
+    @cached_property
     def scale(self) -> Floats:
         """Natural steps of the values (p) [each parameter's unit]."""
         return np.array([p.scale for p in self.parameters], float)
@@ -323,13 +324,13 @@ class Effect:
         """Commands as they reach the actuators.
 
         Args:
-            ctrl: (1 or N, G, nu) as they were sent, on a grid.
+            ctrl: (1 or N, G, k) sent to the place's k controls, on a grid.
             step: of the grid [s].
-            place: where the effect acts.
+            place: where the effect acts; its `controls` and `goal` count these k.
             values: (N, p) of the parameters.
 
         Returns:
-            (N, G, nu) on the same grid.
+            (N, G, k) on the same grid.
         """
         return ctrl
 

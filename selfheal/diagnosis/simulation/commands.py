@@ -8,6 +8,7 @@ from ...recording.data import Floats
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
 from ..effects.base import Term, implements
+from ..effects.places import Place, add_keys
 from .batch import Hypotheses
 from .cache import SimulationCache
 from .system import RecordedSystem
@@ -103,15 +104,51 @@ def transform_commands(
     Returns:
         (1 or n, G, nu) [each control's unit].
     """
-    ctrl = (episode.ctrl_centered if centered else episode.ctrl)[None]
+    sent = (episode.ctrl_centered if centered else episode.ctrl)[None]
+    ctrl, changed = sent, set[int]()
     for term, values in zip(terms, term_values, strict=True):
-        if implements(term.effect, "transform_command"):
-            for place in term.places:
-                ctrl = term.effect.transform_command(ctrl, step, place, values)
-                if mean and term.effect.holds_previous_command:
-                    u = list(place["controls"])
-                    after = np.append(ctrl[:, 1:, u], ctrl[:, -1:, u], axis=1)
-                    middle = (ctrl[:, :, u] + after) / 2
-                    is_held = values[:, :1, None] > 0
-                    ctrl[:, :, u] = np.where(is_held, middle, ctrl[:, :, u])
+        if not implements(term.effect, "transform_command"):
+            continue
+        for place in term.places:
+            own = list(place["controls"])
+            if changed.isdisjoint(own):  # most hypotheses differ elsewhere
+                each, which = np.unique(values, axis=0, return_inverse=True)
+                column = _transform_own(term, sent[..., own], step, place, each, mean)
+                column = column[which.ravel()]
+            else:
+                column = _transform_own(term, ctrl[..., own], step, place, values, mean)
+            if ctrl is sent:
+                ctrl = np.repeat(sent, len(values), axis=0)
+            ctrl[..., own] = column
+            changed.update(own)
     return ctrl
+
+
+def _transform_own(
+    term: Term,
+    ctrl: Floats,
+    step: float,
+    place: Place,
+    values: Floats,
+    mean: bool,
+) -> Floats:
+    """Commands (n, G, k) of a place's own k controls, as a term changes them.
+
+    Args:
+        term: that acts there.
+        ctrl: (1 or n, G, k) before it.
+        step: of the grid [s].
+        place: with its controls.
+        values: (n, p) of the term.
+        mean: as `transform_commands` has it.
+    """
+    own = list(place["controls"])
+    renumbered = add_keys(place, controls=tuple(range(len(own))))
+    if place.get("goal", -1) in own:
+        renumbered = add_keys(renumbered, goal=own.index(place["goal"]))
+    ctrl = term.effect.transform_command(ctrl, step, renumbered, values)
+    if not (mean and term.effect.holds_previous_command):
+        return ctrl
+    after = np.append(ctrl[:, 1:], ctrl[:, -1:], axis=1)
+    is_held = values[:, :1, None] > 0
+    return np.where(is_held, (ctrl + after) / 2, ctrl)
