@@ -1,9 +1,9 @@
 """Motion of an unread base: takes an IMU and joint positions, gives poses and speeds.
 
-A walking robot's gyroscope and accelerometer tell its tilt, and its feet the rest: its
-lowest points are on the ground, and what is on the ground stands still (leg odometry:
-Bloesch et al. 2012, Robotics: Science and Systems). Where on a level ground it is, and
-where it heads for, change nothing, and are 0 where an episode begins.
+A walking robot's gyroscope and accelerometer tell its tilt. Its feet tell the rest: its
+lowest points are on the ground, and what is on the ground stands still. That is leg
+odometry (Bloesch et al. 2012, Robotics: Science and Systems). Where on a level ground
+it is, and where it heads for, change nothing, and are 0 where an episode begins.
 """
 
 from collections.abc import Sequence
@@ -95,8 +95,8 @@ def estimate_base_motion(
         time: (T) [s].
 
     Returns:
-        None, where a joint beside the base was not read, where the base's position was,
-        where the ground is not level, or neither an IMU nor an orientation was read.
+        None, where a joint beside the base was not read, or the base's position was;
+        where the ground is not level; or without an IMU and an orientation.
     """
     joints = np.flatnonzero(model.jnt_type == 0)  # mjtJoint: free
     if len(joints) != 1 or len(time) < MIN_SAMPLES or not _is_ground_level(model):
