@@ -167,7 +167,7 @@ def _has_stopped(
     comparison: Comparison,
     series: Series,
 ) -> bool:
-    """Whether a joint hardly moves that followed its command in an earlier episode.
+    """Whether a joint hardly moves that moved as it was told in an earlier episode.
 
     It jammed: no unit changes while a robot is recorded.
 
@@ -185,8 +185,8 @@ def _has_stopped(
 
     if key[0] != "unit" or not abs(relate_in(numbers).ratio) < comparison.weakest:
         return False
-    earlier = [relate_in([i]) for i in range(min(numbers))]
-    return any(r.is_same and r.r > 0 and not r.has_other_unit for r in earlier)
+    earlier = [abs(relate_in([i]).ratio) for i in range(min(numbers))]
+    return any(ratio > comparison.weakest for ratio in earlier)
 
 
 def _is_late(relation: Relation, comparison: Comparison) -> bool:
