@@ -92,7 +92,8 @@ def test_what_is_held_out_lies_within_what_is_fitted(fastest):
         swing = Signal(np.sin(rate * time), "joint_position", "s", "rad")
         episodes[str(i)] = Episode(time, np.zeros((301, 0)), (), {"s": swing})
     _, held = split(Recording(episodes))
-    third = (fastest + 3) % 4  # the fastest of those that another spans
+    # the fastest of those that another spans, but the first: it may show another robot
+    third = (fastest + 3) % 4 or (fastest + 2) % 4
     assert list(held.episodes) == [str(third)]
 
 
