@@ -33,8 +33,8 @@ def split(
     Args:
         recording: one or more episodes.
         held_out: `id`, `id[t0,t1]` [s], `file.h5:id` or `file.h5:id[t0,t1]`. Without
-            any: of one episode the last third, of several a third of them, such that
-            what is fitted still spans what is held out.
+            any: of one episode the last third, of several a third of them but the
+            first, such that what is fitted still spans what is held out.
 
     Returns:
         What may be fitted, what is held out.
