@@ -324,13 +324,13 @@ class Effect:
         """Commands as they reach the actuators.
 
         Args:
-            ctrl: (1 or N, G, k) sent to the place's k controls, on a grid.
+            ctrl: (1 or N, G, nu) as they were sent, on a grid.
             step: of the grid [s].
-            place: where the effect acts; its `controls` and `goal` count these k.
+            place: where the effect acts; nothing but its `controls` may change.
             values: (N, p) of the parameters.
 
         Returns:
-            (N, G, k) on the same grid.
+            (N, G, nu) on the same grid.
         """
         return ctrl
 

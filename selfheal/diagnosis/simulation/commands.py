@@ -8,7 +8,6 @@ from ...recording.data import Floats
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
 from ..effects.base import Term, implements
-from ..effects.places import Place, add_keys
 from .batch import Hypotheses
 from .cache import SimulationCache
 from .system import RecordedSystem
@@ -105,50 +104,27 @@ def transform_commands(
         (1 or n, G, nu) [each control's unit].
     """
     sent = (episode.ctrl_centered if centered else episode.ctrl)[None]
-    ctrl, changed = sent, set[int]()
+    ctrl, earlier = sent, list[tuple[set[int], Floats]]()
     for term, values in zip(terms, term_values, strict=True):
         if not implements(term.effect, "transform_command"):
             continue
         for place in term.places:
-            own = list(place["controls"])
-            if changed.isdisjoint(own):  # most hypotheses differ elsewhere
-                each, which = np.unique(values, axis=0, return_inverse=True)
-                column = _transform_own(term, sent[..., own], step, place, each, mean)
-                column = column[which.ravel()]
-            else:
-                column = _transform_own(term, ctrl[..., own], step, place, values, mean)
+            own = list(place.get("controls", range(sent.shape[-1])))
+            # most hypotheses differ in values that act on other controls
+            acting = [v for controls, v in earlier if not controls.isdisjoint(own)]
+            _, first, which = np.unique(
+                np.hstack([*acting, values]),
+                axis=0, return_index=True, return_inverse=True,
+            )  # fmt: skip
+            rows = sent if ctrl is sent else ctrl[first]
+            each = term.effect.transform_command(rows, step, place, values[first])
+            each = each[..., own]
+            if mean and term.effect.holds_previous_command:
+                after = np.append(each[:, 1:], each[:, -1:], axis=1)
+                is_held = values[first, :1, None] > 0
+                each = np.where(is_held, (each + after) / 2, each)
             if ctrl is sent:
                 ctrl = np.repeat(sent, len(values), axis=0)
-            ctrl[..., own] = column
-            changed.update(own)
+            ctrl[..., own] = each[which.ravel()]
+            earlier.append((set(own), values))
     return ctrl
-
-
-def _transform_own(
-    term: Term,
-    ctrl: Floats,
-    step: float,
-    place: Place,
-    values: Floats,
-    mean: bool,
-) -> Floats:
-    """Commands (n, G, k) of a place's own k controls, as a term changes them.
-
-    Args:
-        term: that acts there.
-        ctrl: (1 or n, G, k) before it.
-        step: of the grid [s].
-        place: with its controls.
-        values: (n, p) of the term.
-        mean: as `transform_commands` has it.
-    """
-    own = list(place["controls"])
-    renumbered = add_keys(place, controls=tuple(range(len(own))))
-    if place.get("goal", -1) in own:
-        renumbered = add_keys(renumbered, goal=own.index(place["goal"]))
-    ctrl = term.effect.transform_command(ctrl, step, renumbered, values)
-    if not (mean and term.effect.holds_previous_command):
-        return ctrl
-    after = np.append(ctrl[:, 1:], ctrl[:, -1:], axis=1)
-    is_held = values[:, :1, None] > 0
-    return np.where(is_held, (ctrl + after) / 2, ctrl)
