@@ -5,6 +5,7 @@ stepped together, each by the residuals of its tree (Curtis, Powell and Reid 197
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -65,21 +66,20 @@ def compute_jacobian(
     reach = np.maximum(scale, FIT.min_difference_share * np.abs(differenced))
     steps = (difference_step or problem.regime.difference_step) * reach
     steps = np.where(differenced + steps > high, -steps, steps)
-
-    def step(chosen: np.ndarray, batches: Sequence[np.ndarray]) -> Floats:
-        """(n, R) residuals in segments `chosen`, n sets of parameters stepped."""
-        points = np.tile(values, (len(batches), 1))
-        points[:, first:] += steps * _mark(batches, len(steps))
-        return problem.select(chosen).compute_residuals(terms, points)
-
     tree, rows = _find_independent_trees(
-        problem, terms, find_value_trees, len(steps), step
+        problem,
+        terms,
+        find_value_trees,
+        len(steps),
+        partial(_step_values, problem, terms, values, steps),
     )
 
     def difference(columns: np.ndarray) -> None:
         """Set columns of the Jacobian, by their numbers."""
         batches = _group_columns(columns, tree)
-        changes = step(np.arange(len(problem.segments)), batches) - residuals
+        every = np.arange(len(problem.segments))
+        moved = _step_values(problem, terms, values, steps, every, batches)
+        changes = moved - residuals
         _set_columns(jacobian, batches, changes, steps, tree, rows)
 
     difference(np.arange(len(steps)))
@@ -91,6 +91,49 @@ def compute_jacobian(
         if (share < 1).any():
             difference(np.flatnonzero(share < 1))
     return jacobian
+
+
+def find_tree_residuals(
+    problem: Problem, terms: Sequence[Term], values: Floats
+) -> dict[int, np.ndarray]:
+    """Which residuals (R) are of each kinematic tree, by its number, if nothing couples.
+
+    Empty where something does, or where no tree is alone.
+
+    Args:
+        problem: of the residuals.
+        terms: P parameters in all.
+        values: (P) of them, which are stepped to see it [units of the parameters].
+    """
+    _, _, scale = stack_bounds(terms)
+    step = partial(
+        _step_values, problem, terms, values, problem.regime.difference_step * scale
+    )
+    count = len(values)
+    return _find_independent_trees(problem, terms, find_value_trees, count, step)[1]
+
+
+def _step_values(
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    steps: Floats,
+    chosen: np.ndarray,
+    batches: Sequence[np.ndarray],
+) -> Floats:
+    """Residuals (n, R) in some segments, n sets of the last parameters stepped.
+
+    Args:
+        problem: of the residuals.
+        terms: P parameters in all.
+        values: (P) from which they are stepped [units of the parameters].
+        steps: (p) of the last of them.
+        chosen: numbers of the segments.
+        batches: n sets of these parameters, by their numbers.
+    """
+    points = np.tile(values, (len(batches), 1))
+    points[:, len(values) - len(steps) :] += steps * _mark(batches, len(steps))
+    return problem.select(chosen).compute_residuals(terms, points)
 
 
 def respond_to_initial_states(

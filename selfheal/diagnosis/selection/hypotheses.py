@@ -150,8 +150,7 @@ def name_effects(
     longer = [subsample_problem(p, steps, rng) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:
-        plain = fit_usual_effects(start, record)
-        return [_finish_search(replace(start, plain=plain), problem)]
+        return [_finish_search(_add_plain(start, start, record), problem)]
     if problem.regime.has_rough_cost:
         states = _search_in_contact(start, longer, rng, record)
     else:
@@ -208,7 +207,7 @@ def _search_both_ways(
         < SELECTION.max_usual_gain
     ):
         if not forward.named:
-            return [replace(forward, plain=fit_usual_effects(start, record))]
+            return [_add_plain(forward, start, record)]
         extended = lengthen_segments(forward, longer)
         if extended.is_complete:
             return [extended]
@@ -259,7 +258,7 @@ def _search_in_contact(
     """
     forward = _search_to_end(start, longer, rng, record)
     if forward.is_explained or any(t.onset for t in forward.named):
-        return [replace(forward, plain=fit_usual_effects(start, record))]
+        return [_add_plain(forward, start, record)]
     # what the first search set aside for a name, this one tries in its place
     kept = {t.key for t in forward.candidates}
     likely = [t for t in start.candidates if t.key in kept or t.effect.is_usual(t)]
@@ -268,6 +267,21 @@ def _search_in_contact(
         return [forward]
     backward = search_forward(backward.with_history_of(forward), rng, record)
     return _rank(backward, forward)
+
+
+def _add_plain(
+    state: SearchState, start: SearchState, record: SearchRecord
+) -> SearchState:
+    """The state with a fit of all usual effects, unless it leaves little but noise.
+
+    Args:
+        state: at the end of a search.
+        start: state in which nothing has a name yet.
+        record: of what was tried and found.
+    """
+    if state.noise_ratio <= FIT.unexplained_ratio:
+        return state
+    return replace(state, plain=fit_usual_effects(start, record))
 
 
 def _search_to_end(

@@ -113,6 +113,8 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     scored = ScoredFit.from_fit(problem, final)
     scored_alone = ScoredFit.from_fit(problem, alone) if hypothesis.named else scored
     plain = hypothesis.plain
+    if noise_ratio(problem, final.residuals) <= FIT.unexplained_ratio:
+        plain = None  # nothing is missed that it could show
     if plain:
         plain = fit_parameters(problem, plain.terms, plain.values, iterations=2)
     return replace(

@@ -10,13 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from ...recording.data import Floats
-from ..effects.base import Term
-from ..estimation.candidate_fit import estimate_candidate, fit_candidate
+from ..effects.base import Term, implements
+from ..estimation.candidate_fit import estimate_candidates, fit_candidate
+from ..estimation.jacobian import find_tree_residuals
 from ..estimation.least_squares import Fit
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
+from ..simulation.kinematic_trees import NO_TREE, find_value_trees
 from .settings import SELECTION
 
 Progress = Callable[[str, float], None]
@@ -203,14 +205,54 @@ def _score_candidates(
         candidates with the best of their initial values alone.
     """
     penalty = _penalize_parameter(base.fit.residuals)
-    costs, responses, begun = [], [], []
-    for i, term in enumerate(candidates):
-        progress(f"trying {term.label}", i / len(candidates))
-        cost, response, start = estimate_candidate(base, term)
-        costs.append(cost * penalty ** len(term.parameters))
-        responses.append(response)
-        begun.append(replace(term, initial_values=(tuple(start),)))
+    costs, begun = np.empty(len(candidates)), list(candidates)
+    responses = [base.fit.residuals] * len(candidates)
+    done = 0
+    for numbers, rows in _group_independent(base, candidates):
+        terms = [candidates[i] for i in numbers]
+        progress(f"trying {terms[0].label}", done / len(candidates))
+        done += len(terms)
+        found = zip(numbers, estimate_candidates(base, terms, rows), strict=True)
+        for i, (cost, response, start) in found:
+            costs[i] = cost * penalty ** len(candidates[i].parameters)
+            responses[i] = response
+            begun[i] = replace(candidates[i], initial_values=(tuple(start),))
     return np.argsort(costs, kind="stable"), responses, begun
+
+
+def _group_independent(
+    base: LinearizedFit, candidates: Sequence[Term]
+) -> list[tuple[list[int], list[np.ndarray]]]:
+    """Candidates by their numbers, those together that can be simulated together.
+
+    They are of one effect, in kinematic trees that nothing couples.
+
+    Args:
+        base: the fit without a candidate.
+        candidates: terms to be tried.
+
+    Returns:
+        Of each group the numbers, and of each of several whether a residual (R) is of
+        its tree.
+    """
+    fit, simulator = base.fit, base.problem.simulator
+    rows = find_tree_residuals(base.problem, fit.terms, fit.values)
+    groups: list[tuple[list[int], list[np.ndarray]]] = []
+    waiting: dict[tuple[str, int], dict[int, list[int]]] = {}
+    for i, term in enumerate(candidates):
+        tree = NO_TREE
+        if rows and not implements(term.effect, "edit_spec"):  # which may renumber them
+            tree = int(find_value_trees(simulator, [term])[0])
+        if tree in rows:
+            alike = waiting.setdefault((term.effect.name, len(term.parameters)), {})
+            alike.setdefault(tree, []).append(i)
+        else:
+            groups.append(([i], []))
+    for by_tree in waiting.values():
+        for k in range(max(map(len, by_tree.values()))):
+            numbers = {t: each[k] for t, each in by_tree.items() if k < len(each)}
+            groups.append((list(numbers.values()), [rows[t] for t in numbers]))
+    return groups
 
 
 def _sort_by_bic(fits: list[Fit], residuals: Floats) -> list[Fit]:

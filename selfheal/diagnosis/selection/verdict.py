@@ -33,7 +33,12 @@ from .evidence import improvement_p_value
 from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
 from .replay_scores import HeldOutScores, explainable_removed
-from .screening import draw_segments, mean_seconds, subsample_problem
+from .screening import (
+    draw_segments,
+    mean_seconds,
+    select_hard_segments,
+    subsample_problem,
+)
 from .settings import SELECTION
 
 
@@ -105,7 +110,7 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     old = ScoredFit.from_fit(problem, base.fit)
     p_value, share = 1.0, 0.0
     terms = FreeFormTorque().propose_terms(dataset.robot)
-    for term in _choose_likeliest(base, terms, SELECTION.max_free_forms):
+    for term in _choose_likeliest(base, terms):
         new = ScoredFit.from_fit(problem, fit_candidate(base, term, iterations=2))
         p = improvement_p_value(problem, old, new, len(terms))
         p_value = min(p_value, p)
@@ -128,18 +133,20 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     )
 
 
-def _choose_likeliest(
-    base: LinearizedFit, terms: Sequence[Term], most: int
-) -> list[Term]:
-    """So many of some terms, at most, that would lower the cost most: a score test.
+def _choose_likeliest(base: LinearizedFit, terms: Sequence[Term]) -> list[Term]:
+    """The few of many terms that would lower the cost most in the hardest segments.
+
+    By a score test (Rao 1948).
 
     Args:
         base: the fit without them.
         terms: as many parameters each, which do nothing at their nominal values.
-        most: how many.
     """
+    most = SELECTION.max_free_forms
     if len(terms) <= most:
         return list(terms)
+    steps, rng = SELECTION.screening_steps[1], np.random.default_rng(5)
+    base = select_hard_segments(base, steps, rng)
     fit, absent = base.fit, [p.nominal for t in terms for p in t.parameters]
     responses = compute_jacobian(
         base.problem,

@@ -53,12 +53,18 @@ def find_value_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
             if kind == "sensor"
             else _find_tree(model, kind, name)
             for kind, _, name in (
-                target.partition("/")[0].partition(":") for target in term.targets
+                at.partition("/")[0].partition(":") for at in _list_elements(term)
             )
         }
         tree = trees.pop() if len(trees) == 1 else NO_TREE
         of_value += [tree] * len(term.parameters)
     return np.array(of_value, int)
+
+
+def _list_elements(term: Term) -> list[str]:
+    """Its targets, and what else of the model it is between."""
+    beside = [str(x) for x in term.finding_fields.values()]
+    return [*term.targets, *(x for x in beside if ":" in x)]
 
 
 def _find_channel_trees(simulator: Simulator, terms: Sequence[Term]) -> dict[str, int]:

@@ -8,7 +8,7 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.terms import find_overridden
 from selfheal.diagnosis.estimation.candidate_fit import (
-    estimate_candidate,
+    estimate_candidates,
     fit_candidate,
 )
 from selfheal.diagnosis.estimation.covariance import standard_errors
@@ -59,7 +59,7 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     tried = fit_candidate(base, term)
     assert tried.cost < base.fit.cost
     # the responses to its initial values alone tell that it would
-    estimated, change, start = estimate_candidate(base, term)
+    ((estimated, change, start),) = estimate_candidates(base, [term])
     assert estimated < base.fit.cost - 0.3 * (base.fit.cost - tried.cost)
     assert ((base.fit.residuals + change) ** 2).sum() <= estimated + 1e-6
     begun = fit_candidate(base, replace(term, initial_values=(tuple(start),)))
