@@ -18,7 +18,7 @@ from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
-from ..simulation.kinematic_trees import NO_TREE, find_value_trees
+from ..simulation.kinematic_trees import NO_TREE, find_term_trees
 from .settings import SELECTION
 
 Progress = Callable[[str, float], None]
@@ -242,7 +242,7 @@ def _group_independent(
     for i, term in enumerate(candidates):
         tree = NO_TREE
         if rows and not implements(term.effect, "edit_spec"):  # which may renumber them
-            tree = int(find_value_trees(simulator, [term])[0])
+            tree = int(find_term_trees(simulator, [term])[0])
         if tree in rows:
             alike = waiting.setdefault((term.effect.name, len(term.parameters)), {})
             alike.setdefault(tree, []).append(i)

@@ -44,9 +44,20 @@ def find_value_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
         simulator: of the robot.
         terms: P parameters in all.
     """
+    counts = [len(t.parameters) for t in terms]
+    return np.repeat(find_term_trees(simulator, terms), counts)
+
+
+def find_term_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
+    """(T) the tree of each term, `NO_TREE` of what acts in several.
+
+    Args:
+        simulator: of the robot.
+        terms: T of them, of one hypothesis.
+    """
     model = simulator.compiler.compile_variant(terms).model
     of_channel = _find_channel_trees(simulator, terms)
-    of_value = []
+    of_term = []
     for term in terms:
         trees = {
             of_channel.get(name, NO_TREE)
@@ -56,9 +67,8 @@ def find_value_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
                 at.partition("/")[0].partition(":") for at in _list_elements(term)
             )
         }
-        tree = trees.pop() if len(trees) == 1 else NO_TREE
-        of_value += [tree] * len(term.parameters)
-    return np.array(of_value, int)
+        of_term.append(trees.pop() if len(trees) == 1 else NO_TREE)
+    return np.array(of_term, int)
 
 
 def _list_elements(term: Term) -> list[str]:
