@@ -96,9 +96,9 @@ def compute_jacobian(
 def find_tree_residuals(
     problem: Problem, terms: Sequence[Term], values: Floats
 ) -> dict[int, np.ndarray]:
-    """Which residuals (R) are of each kinematic tree, by its number, if nothing couples.
+    """Which residuals (R) are of each kinematic tree, by the number of the tree.
 
-    Empty where something does, or where no tree is alone.
+    Empty where something couples trees, or where that gains nothing.
 
     Args:
         problem: of the residuals.

@@ -99,9 +99,11 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
         if noise_ratio(problem, residuals) > FIT.unexplained_ratio:
             start = search_multiples(problem, old.terms, start)
         final = fit_parameters(problem, old.terms, start, iterations=6)
-        if problem.regime.is_nonsmooth:  # the cost has many minima
-            final = replace(final, values=search_along_valleys(problem, final))
-            problem, final = fit_smoothed(problem, final)
+        left = noise_ratio(problem, final.residuals)
+        if problem.regime.is_nonsmooth:
+            if left > FIT.strictly_unexplained_ratio:  # the cost has many minima
+                final = replace(final, values=search_along_valleys(problem, final))
+                problem, final = fit_smoothed(problem, final)
         elif not problem.regime.has_rough_cost:
             problem, final = reestimate_misleading_states(problem, final)
     # in contact, or where error is left, the cost is too rough for it
