@@ -55,13 +55,14 @@ def filter_column(u: Floats, keep: Floats) -> Floats:
         keep: (N) share of the distance to the command that is left after a step,
             exp(-step / timeconst).
     """
-    out = np.empty((u.shape[1], len(keep)))
-    state = np.broadcast_to(u[:, 0], len(keep)).astype(float)
-    for k, goal in enumerate(u.T.copy()):
+    from scipy.signal import lfilter
+
+    commands = np.broadcast_to(u, (len(keep), u.shape[1]))
+    out = np.empty(commands.shape)
+    for row, sent, share in zip(out, commands, keep, strict=True):
         # the torque of a step comes from the state at its beginning
-        out[k] = state
-        state = goal + (state - goal) * keep
-    return np.where(keep[:, None] == 0, u, out.T)
+        row[:] = lfilter([0.0, 1 - share], [1.0, -share], sent, zi=sent[:1])[0]
+    return np.where(keep[:, None] == 0, u, out)
 
 
 def limit_rate_of_column(u: Floats, most: Floats) -> Floats:
