@@ -188,9 +188,10 @@ class Problem:
             ):
                 part = columns[:, rows]
                 part += ((part @ u) * (share / (1 - share))) @ u.T
-        shape = len(columns), *self.segments.readings.shape
-        in_units = columns.reshape(shape) * self.sigma
-        return other.marginalize((in_units / other.sigma).reshape(columns.shape)).T
+        each = columns.reshape(len(columns), *self.segments.readings.shape)
+        each *= self.sigma
+        each /= other.sigma
+        return other.marginalize(columns).T
 
     @property
     def _segment_rows(self) -> list[slice]:

@@ -1,10 +1,9 @@
 """Checkpoints: takes what a computation depends on, gives its arrays of before."""
 
-import io
 import os
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -51,16 +50,17 @@ class Checkpoint:
         if self._programs is None:
             self._programs = digest_programs()
         key = self._digester.digest((self._programs, inputs))
-        path = self.folder / f"{key.hex()}.npz"
+        path = self.folder / f"{key.hex()}.npy"
         try:
-            with path.open("rb") as file, np.load(file) as kept:
-                return tuple(kept[f"arr_{i}"] for i in range(len(kept.files)))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            with path.open("rb") as file:
+                return tuple(np.load(file) for _ in range(int(np.load(file))))
+        except (OSError, ValueError, TypeError, EOFError):
             pass
         arrays = compute()
         self.folder.mkdir(parents=True, exist_ok=True)
-        image = io.BytesIO()  # a zip file cannot be closed on a full disk
-        np.savez(image, *arrays)
-        with atomic_path(path) as temporary:
-            temporary.write_bytes(image.getbuffer())
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            # what is no file is written in parts, and says why it cannot be
+            target = SimpleNamespace(write=file.write)
+            for array in (np.array(len(arrays)), *arrays):
+                np.save(target, array)
         return arrays

@@ -50,7 +50,7 @@ class Digester:
         """Add a value to a digest, so that no two different values add the same."""
         if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
             state.update(_tag("array", value.shape, value.dtype.str))
-            state.update(value.tobytes())
+            state.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8).data)
         elif isinstance(value, bytes | bytearray):
             state.update(_tag("bytes", len(value)))
             state.update(value)
