@@ -58,14 +58,10 @@ def compute_jacobian(
     Returns:
         (R, P - first) [1 per unit of the parameter].
     """
-    _, high, scale = (x[first:] for x in stack_bounds(terms))
-    differenced = values[first:]
-    jacobian = np.zeros((len(residuals), len(differenced)))
+    jacobian = np.zeros((len(residuals), len(values) - first))
     if not jacobian.size:
         return jacobian
-    reach = np.maximum(scale, FIT.min_difference_share * np.abs(differenced))
-    steps = (difference_step or problem.regime.difference_step) * reach
-    steps = np.where(differenced + steps > high, -steps, steps)
+    steps = _choose_steps(problem, terms, values, difference_step)[first:]
     tree, rows = _find_independent_trees(
         problem,
         terms,
@@ -105,12 +101,26 @@ def find_tree_residuals(
         terms: P parameters in all.
         values: (P) of them, which are stepped to see it [units of the parameters].
     """
-    _, _, scale = stack_bounds(terms)
-    step = partial(
-        _step_values, problem, terms, values, problem.regime.difference_step * scale
-    )
+    steps = _choose_steps(problem, terms, values)
+    step = partial(_step_values, problem, terms, values, steps)
     count = len(values)
     return _find_independent_trees(problem, terms, find_value_trees, count, step)[1]
+
+
+def _choose_steps(
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    difference_step: float | None = None,
+) -> Floats:
+    """(P) steps of all values, backward at an upper bound [units of the parameters].
+
+    Arguments are those of `compute_jacobian`.
+    """
+    _, high, scale = stack_bounds(terms)
+    reach = np.maximum(scale, FIT.min_difference_share * np.abs(values))
+    steps = (difference_step or problem.regime.difference_step) * reach
+    return np.where(values + steps > high, -steps, steps)
 
 
 def _step_values(

@@ -117,7 +117,7 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     plain = hypothesis.plain
     if noise_ratio(problem, final.residuals) <= FIT.unexplained_ratio:
         plain = None  # nothing is missed that it could show
-    if plain:
+    elif plain:
         plain = fit_parameters(problem, plain.terms, plain.values, iterations=2)
     return replace(
         hypothesis, problem=problem, nominal=scored_alone, final=scored, plain=plain

@@ -237,12 +237,13 @@ def _group_independent(
     """
     fit, simulator = base.fit, base.problem.simulator
     rows = find_tree_residuals(base.problem, fit.terms, fit.values)
+    # what adds a joint may renumber the trees
+    given = [t for t in candidates if not implements(t.effect, "edit_spec")]
+    trees = dict(zip(given, find_term_trees(simulator, given).tolist(), strict=True))
     groups: list[tuple[list[int], list[np.ndarray]]] = []
     waiting: dict[tuple[str, int], dict[int, list[int]]] = {}
     for i, term in enumerate(candidates):
-        tree = NO_TREE
-        if rows and not implements(term.effect, "edit_spec"):  # which may renumber them
-            tree = int(find_term_trees(simulator, [term])[0])
+        tree = trees.get(term, NO_TREE)
         if tree in rows:
             alike = waiting.setdefault((term.effect.name, len(term.parameters)), {})
             alike.setdefault(tree, []).append(i)
