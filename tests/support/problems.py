@@ -11,7 +11,8 @@ from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation.least_squares import Fit
-from selfheal.diagnosis.estimation.problem import Problem, build_initial_state_offsets
+from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
+from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.evidence import Evidence
 from selfheal.diagnosis.selection.hypotheses import NamedEffect
 from tests.support.recorded_robots import Bench

@@ -187,10 +187,8 @@ def respond_to_initial_states(
     response = np.zeros((residuals.shape[1], width))
     changes = residuals[1 : 1 + len(batches)] - residuals[middle].mean(axis=0)
     _set_columns(response, batches, changes, np.ones(width), tree, rows)
-    edges = np.searchsorted(problem.segment_of_residual, np.arange(1, count))
-    return list(
-        zip(np.split(residuals[0], edges), np.split(response, edges), strict=True)
-    )
+    split = problem.split_by_segment
+    return list(zip(split(residuals[0]), split(response), strict=True))
 
 
 def _mark(batches: Sequence[np.ndarray], width: int) -> Floats:

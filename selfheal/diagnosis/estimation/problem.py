@@ -61,6 +61,7 @@ class Problem:
     marginal_bases: Sequence[tuple[Floats, Floats]] = field(default_factory=tuple)
     initial_state_shift: Floats | None = None
     shift_response: Floats | None = None
+    state_slopes: Sequence[Floats] = ()
     centered: bool = True
 
     @property
@@ -244,8 +245,9 @@ class Problem:
         """The problem in segments `chosen` (w)."""
         if np.array_equal(chosen, np.arange(len(self.segments))):
             return self
-        bases = (
-            tuple(self.marginal_bases[i] for i in chosen) if self.marginal_bases else ()
+        bases, slopes = (
+            tuple(each[i] for i in chosen) if each else ()
+            for each in (self.marginal_bases, self.state_slopes)
         )
         shift, response = self.initial_state_shift, self.shift_response
         if shift is not None:
@@ -259,6 +261,7 @@ class Problem:
             marginal_bases=bases,
             initial_state_shift=shift,
             shift_response=response,
+            state_slopes=slopes,
         )
 
     @property
@@ -284,7 +287,12 @@ class Problem:
     @property
     def with_measured_states(self) -> "Problem":
         """The problem whose initial states are those that were read, and certain."""
-        return replace(self.unmarginalized, initial_state_shift=None)
+        return replace(self.unmarginalized, initial_state_shift=None, state_slopes=())
+
+    def split_by_segment(self, values: Floats) -> list[Floats]:
+        """Each segment's part of values (R, ...) of the residuals."""
+        edges = np.arange(1, len(self.segments))
+        return np.split(values, np.searchsorted(self.segment_of_residual, edges))
 
     def sum_by_segment(self, values: Floats) -> Floats:
         """(W) sums over each segment of values (R) of the residuals."""
@@ -292,20 +300,6 @@ class Problem:
         return np.bincount(self.segment_of_residual, values, minlength=count).astype(
             float
         )
-
-
-def build_initial_state_offsets(simulator: Simulator, segments: Segments) -> Floats:
-    """Offsets (1 + n, W, 2 nv): none, and errors of the initial states.
-
-    The squared changes that they cause, in sum, are those by one standard deviation of
-    each state. Many states are moved at once, by random signs (Hutchinson 1990).
-    """
-    std, count = initial_state_std(simulator, segments), FIT.state_draws
-    errors = np.eye(std.shape[1])[:, None] * std
-    if len(errors) > count:
-        rng = np.random.default_rng(6)
-        errors = rng.choice([-1.0, 1.0], (count, *std.shape)) * std / np.sqrt(count)
-    return np.concatenate([np.zeros((1, *std.shape)), errors])
 
 
 def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:

@@ -15,7 +15,7 @@ from ..effects.base import Term
 from ..estimation.covariance import standard_errors
 from ..estimation.least_squares import Fit
 from ..estimation.linearized_fit import LinearizedFit
-from ..estimation.problem import build_initial_state_offsets
+from ..estimation.multiple_shooting import build_initial_state_offsets
 from ..estimation.settings import FIT
 from ..simulation import score
 from ..simulation.dataset import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect, load_catalogue
-from selfheal.diagnosis.estimation import problem as problems
+from selfheal.diagnosis.estimation import multiple_shooting
 from selfheal.diagnosis.estimation.jacobian import (
     compute_jacobian,
     respond_to_initial_states,
@@ -148,8 +148,8 @@ def test_random_errors_of_many_states_cause_what_each_causes_alone(
     problem, *_ = _make_problem(tmp_path, COUPLED)
     sums = []
     for draws in 6, 5:  # one state at a time, or random signs of all
-        monkeypatch.setattr(problems, "FIT", replace(FIT, state_draws=draws))
-        offsets = problems.build_initial_state_offsets(
+        monkeypatch.setattr(multiple_shooting, "FIT", replace(FIT, state_draws=draws))
+        offsets = multiple_shooting.build_initial_state_offsets(
             problem.simulator, problem.segments
         )
         assert len(offsets) == 1 + draws

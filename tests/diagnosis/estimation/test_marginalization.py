@@ -14,7 +14,8 @@ from selfheal.diagnosis.estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
-from selfheal.diagnosis.estimation.problem import Problem, build_initial_state_offsets
+from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
+from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.estimation.regime import CONTACT
 from selfheal.diagnosis.estimation.settings import FIT
 from tests.support.problems import (
@@ -108,6 +109,7 @@ def test_responses_to_initial_states_are_smoothed_in_contact(tmp_path):
         compute_residuals=residuals,
         segment_of_residual=np.zeros(size, int),
         select=lambda chosen: jumps,
+        split_by_segment=lambda values: [values],
     )
     nothing, one = np.zeros((1, width)), np.ones((1, width))
     ((r, moved),) = respond_to_initial_states(jumps, (), np.zeros(0), nothing, one)

@@ -6,7 +6,7 @@ import numpy as np
 
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
-from selfheal.diagnosis.estimation.problem import build_initial_state_offsets
+from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.reweighting import (
     reestimate_initial_states,
     reestimate_misleading_states,

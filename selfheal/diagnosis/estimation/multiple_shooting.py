@@ -1,0 +1,246 @@
+"""Initial states of segments: takes values, gives where each segment likeliest begins.
+
+Multiple shooting (Bock and Plitt 1984) by Gauss-Newton steps: each segment's initial
+state has a normal prior, which is what was read, with its standard deviation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.segments import Segments
+from ..effects.base import Term
+from ..simulation.simulator import Simulator
+from .jacobian import respond_to_initial_states
+from .problem import Problem, initial_state_std
+from .quadratic_model import update_broyden
+from .settings import FIT
+
+
+def build_initial_state_offsets(simulator: Simulator, segments: Segments) -> Floats:
+    """Offsets (1 + n, W, 2 nv): none, and errors of the initial states.
+
+    The squared changes that they cause, in sum, are those by one standard deviation of
+    each state. Many states are moved at once, by random signs (Hutchinson 1990).
+    """
+    std, count = initial_state_std(simulator, segments), FIT.state_draws
+    errors = np.eye(std.shape[1])[:, None] * std
+    if len(errors) > count:
+        rng = np.random.default_rng(6)
+        errors = rng.choice([-1.0, 1.0], (count, *std.shape)) * std / np.sqrt(count)
+    return np.concatenate([np.zeros((1, *std.shape)), errors])
+
+
+@dataclass(frozen=True, eq=False)
+class StateEstimates:
+    """Initial states of W segments, and the linearization there.
+
+    Attributes:
+        offset: (W, 2 nv) from the states that were read [standard deviations].
+        linearizations: of each segment, residuals r (R_w) and their response S
+            (R_w, 2 nv) to one standard deviation of each state.
+        cost: (W) |r + S s|^2 + |offset + s|^2 at the best step s.
+        is_nonlinear: (W) whether a step of the states does not act linearly.
+    """
+
+    offset: Floats
+    linearizations: list[tuple[Floats, Floats]]
+    cost: Floats
+    is_nonlinear: np.ndarray
+
+    def keep_best(
+        self, chosen: np.ndarray, other: "StateEstimates"
+    ) -> "StateEstimates":
+        """These, and where they cost less others of some segments, by number."""
+        offset, cost = self.offset.copy(), self.cost.copy()
+        linearizations = list(self.linearizations)
+        for i in np.flatnonzero(other.cost < cost[chosen]):
+            w = chosen[i]
+            offset[w], cost[w] = other.offset[i], other.cost[i]
+            linearizations[w] = other.linearizations[i]
+        return StateEstimates(offset, linearizations, cost, self.is_nonlinear)
+
+
+def search_initial_states(
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    start: Floats,
+    std: Floats,
+    responses: Sequence[Floats] = (),
+) -> StateEstimates:
+    """Search the likeliest initial states of segments whose response is not linear.
+
+    Gauss-Newton iterations of all segments at once. Where the response is linear the
+    states stay, for marginalization finds the minimum. In contact, where slopes are
+    rough, responses are only updated from step to step (Broyden 1965).
+
+    Args:
+        problem: whose initial states are as read and certain.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        start: (W, 2 nv) offsets to begin with [standard deviations].
+        std: (W, 2 nv) standard deviations of the states [rad or m, and per s].
+        responses: of each segment (R_w, 2 nv) to one standard deviation of each state,
+            near the values and offsets; none: by differences.
+    """
+    offset = start.copy()
+
+    def linearize(chosen: np.ndarray) -> list[tuple[Floats, Floats]]:
+        """Residuals and response of some segments, at their offsets."""
+        part = problem.select(chosen)
+        return respond_to_initial_states(
+            part, terms, values, offset[chosen], std[chosen]
+        )
+
+    active = np.arange(len(offset))
+    if responses:
+        residuals = problem.compute_residuals(terms, values[None], (offset * std)[None])
+        split = problem.split_by_segment(residuals[0])
+        linearizations = list(zip(split, responses, strict=True))
+    else:
+        linearizations = linearize(active)
+    cost, is_nonlinear = np.zeros(len(offset)), np.zeros(len(offset), bool)
+    for _ in range(problem.regime.state_iterations):
+        part, now = problem.select(active), [linearizations[w] for w in active]
+        step = _step_states(part, terms, values, now, offset[active], std[active])
+        is_nonlinear[active] |= step.is_nonlinear
+        cost[active] = step.cost
+        better = np.flatnonzero(step.is_better)
+        active = active[better]
+        if not len(active):
+            break
+        if problem.regime.is_nonsmooth:
+            moves = step.offset[better] - offset[active]
+            new = [
+                _update_response(now[i], step.residuals[i], move)
+                for i, move in zip(better, moves, strict=True)
+            ]
+        offset[active] = step.offset[better]
+        if not problem.regime.is_nonsmooth:
+            new = linearize(active)
+        for w, linearization in zip(active, new, strict=True):
+            linearizations[w] = linearization
+    return StateEstimates(offset, linearizations, cost, is_nonlinear)
+
+
+def _update_response(
+    linearization: tuple[Floats, Floats], residuals: Floats, move: Floats
+) -> tuple[Floats, Floats]:
+    """A segment's linearization after a move (2 nv) of its initial state.
+
+    Args:
+        linearization: residuals (R_w) and response (R_w, 2 nv) before it.
+        residuals: (R_w) after it.
+        move: (2 nv) [standard deviations].
+    """
+    before, response = linearization
+    change = residuals - before
+    return residuals, update_broyden(response, move, change, np.ones(len(move)))
+
+
+@dataclass(frozen=True, eq=False)
+class _StateStep:
+    """A Gauss-Newton step of v initial states: (v, 2 nv) where to, and (v) each else.
+
+    `residuals` (R_w) are those there. `cost` is the lowest one found or, where the
+    response is linear, its minimum.
+    """
+
+    offset: Floats
+    residuals: list[Floats]
+    cost: Floats
+    is_nonlinear: np.ndarray
+    is_better: np.ndarray
+
+
+def _step_states(
+    problem: Problem,
+    terms: Sequence[Term],
+    values: Floats,
+    linearizations: Sequence[tuple[Floats, Floats]],
+    offset: Floats,
+    std: Floats,
+) -> _StateStep:
+    """One Gauss-Newton step of each initial state, with a line search.
+
+    Args:
+        problem: of v segments.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        linearizations: of each segment, residuals (R_w) and response (R_w, 2 nv).
+        offset: (v, 2 nv) of the states [standard deviations].
+        std: (v, 2 nv) standard deviations [rad or m, and per s].
+    """
+    best = [
+        _solve_initial_state(r, response, o)
+        for (r, response), o in zip(linearizations, offset, strict=True)
+    ]
+    shares = np.array(FIT.state_step_shares)[:, None, None]
+    tried = offset + shares * (np.array(best) - offset)
+    rows = np.tile(values, (len(tried), 1))
+    residuals = problem.compute_residuals(terms, rows, tried * std)
+    costs = [problem.sum_by_segment(r**2) for r in residuals] + (tried**2).sum(axis=2)
+    before = np.array([r @ r for r, _ in linearizations]) + (offset**2).sum(axis=1)
+    predicted = np.concatenate(
+        [
+            r + response @ step
+            for (r, response), step in zip(
+                linearizations, tried[0] - offset, strict=True
+            )
+        ]
+    )
+    error = problem.sum_by_segment((residuals[0] - predicted) ** 2)
+    is_nonlinear = error > FIT.state_nonlinearity * before.mean()
+    lowest = costs.argmin(axis=0), np.arange(len(offset))
+    needed = (1 - FIT.min_state_step_gain) * before
+    is_better = is_nonlinear & (costs[lowest] < needed)
+    minimum = problem.sum_by_segment(predicted**2) + (tried[0] ** 2).sum(axis=1)
+    cost = np.where(is_nonlinear, np.minimum(costs[lowest], before), minimum)
+    there = [problem.split_by_segment(r) for r in residuals]
+    chosen = [there[k][w] for w, k in enumerate(lowest[0])]
+    return _StateStep(tried[lowest], chosen, cost, is_nonlinear, is_better)
+
+
+def try_other_velocities(
+    problem: Problem, terms: Sequence[Term], values: Floats, std: Floats
+) -> Floats:
+    """The likeliest of some states with one velocity higher or lower than read.
+
+    A robot with dry friction sticks or slips by how fast it was. From one side of that
+    no slope leads to the other.
+
+    Args:
+        problem: of v segments.
+        terms: of a hypothesis.
+        values: (P) of it [units of the parameters].
+        std: (v, 2 nv) standard deviations [rad or m, and per s].
+
+    Returns:
+        (v, 2 nv) offsets [standard deviations].
+    """
+    count, width = std.shape
+    velocities = FIT.velocity_offset * np.eye(width)[width // 2 :, None]
+    tried = np.concatenate([velocities, -velocities]).repeat(count, axis=1)
+    rows = np.tile(values, (len(tried), 1))
+    residuals = problem.compute_residuals(terms, rows, tried * std)
+    costs = np.array([problem.sum_by_segment(r**2) for r in residuals])
+    costs = costs + (tried**2).sum(axis=2)
+    return tried[costs.argmin(axis=0), np.arange(count)]
+
+
+def _solve_initial_state(residuals: Floats, response: Floats, offset: Floats) -> Floats:
+    """The offset (2 nv) of lowest cost if the response is linear.
+
+    (I + S'S) s = S'(S offset - r), all in standard deviations.
+
+    Args:
+        residuals: (R_w) r at the offset.
+        response: (R_w, 2 nv) S of the residuals.
+        offset: (2 nv) of the initial state from what was read.
+    """
+    curvature = np.eye(len(offset)) + response.T @ response
+    target = response.T @ (response @ offset - residuals)
+    return np.asarray(np.linalg.solve(curvature, target))
