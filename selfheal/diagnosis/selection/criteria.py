@@ -12,6 +12,7 @@ import numpy as np
 
 from ..effects.base import Term, implements
 from ..effects.terms import find_overridden
+from ..estimation.candidate_fit import fit_candidate
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
 from ..estimation.linearized_fit import LinearizedFit
@@ -92,7 +93,44 @@ def _score_reestimated(problem: Problem, old: ScoredFit) -> ScoredFit:
     return new if new.error < old.error else old
 
 
-def fit_parameterless(
+def fit_damages(
+    base: LinearizedFit,
+    nominal_count: int,
+    candidates: Sequence[Term],
+    progress: Progress,
+) -> list[ScoredFit]:
+    """Score what readings may show without a screening: lost limbs and jammed joints.
+
+    Args:
+        base: the fit without a candidate.
+        nominal_count: number of nominal terms, which stand first.
+        candidates: terms, of which those are tried.
+        progress: called with a message and a share (0 to 1).
+    """
+    if base.problem.regime.has_single_readings:
+        return []
+    jams = [t for t in candidates if t.effect.is_directly_observed(t)]
+    fits = [fit_candidate(base, t) for t in jams]
+    lost = _fit_parameterless(base, nominal_count, candidates, progress)
+    return [*lost, *fit_finalists(base.problem, fits, progress)]
+
+
+def is_clear(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
+    """Whether no other candidate can be likelier than a damage that earns its name.
+
+    Args:
+        problem: that both were fitted to.
+        old: the fit without it.
+        new: the fit with it, which has no parameter or is seen in the readings.
+    """
+    if new.error >= SELECTION.large_gain_error_ratio * old.error:
+        return False
+    ratio = noise_ratio(new.reestimated or problem, new.fit.residuals)
+    is_shown = new.candidate.effect.is_directly_observed(new.candidate)
+    return is_shown or ratio <= FIT.unexplained_ratio
+
+
+def _fit_parameterless(
     base: LinearizedFit,
     nominal_count: int,
     candidates: Sequence[Term],
@@ -113,7 +151,7 @@ def fit_parameterless(
     """
     parameterless = [t for t in candidates if not t.parameters]
     problem, fit = base.problem, base.fit
-    if not parameterless or problem.regime.has_single_readings:
+    if not parameterless:
         return []
     as_read = problem.with_measured_states
     values = np.append(np.ones(nominal_count), fit.values[nominal_count:])

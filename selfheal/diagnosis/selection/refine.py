@@ -91,14 +91,19 @@ def _find_longest_predicted(
 def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     """Fit the nominal terms alone, and all terms of a hypothesis, to other segments."""
     old, nominal = hypothesis.final.fit, hypothesis.nominal.fit
-    alone = fit_parameters(problem, nominal.terms, nominal.values, iterations=6)
-    final = alone
-    if hypothesis.named:
-        start = old.values
+    named = tuple(n.term for n in hypothesis.named)
+    start = old.values
+    if named:
         residuals = problem.residuals_at(old.terms, start)
         if noise_ratio(problem, residuals) > FIT.unexplained_ratio:
             start = search_multiples(problem, old.terms, start)
-        final = fit_parameters(problem, old.terms, start, iterations=6)
+    final = fit_parameters(problem, old.terms, start, iterations=6)
+    alone = final
+    if named:
+        jacobian = final.restore(named).jacobian_without(*named)
+        alone = fit_parameters(
+            problem, nominal.terms, nominal.values, iterations=6, jacobian=jacobian
+        )
         left = noise_ratio(problem, final.residuals)
         if problem.regime.is_nonsmooth:
             if left > FIT.strictly_unexplained_ratio:  # the cost has many minima

@@ -29,8 +29,9 @@ from .criteria import (
     Claim,
     choose_winner,
     find_relieving,
+    fit_damages,
     fit_finalists,
-    fit_parameterless,
+    is_clear,
 )
 from .cross_validation import ScoredFit, fit_and_score, refit_without_folds
 from .evidence import is_as_good, weigh_name
@@ -109,9 +110,14 @@ def _select_next(
     restating = [t for t in state.restating_candidates if t.key not in taken]
     base = LinearizedFit.from_fit(state.problem, state.best.fit)
     bases = [select_hard_segments(base, n, rng) for n in SELECTION.screening_steps]
+    part = bases[-1]
+    before = ScoredFit.from_fit(part.problem, part.fit)
+    damages = fit_damages(part, state.nominal_count, open_terms, record)
+    winner = choose_winner(part.problem, before, damages, len(open_terms))
+    if winner and is_clear(part.problem, before, winner[0]):
+        return state, winner
     fits, independent, retried = screen_candidates(bases, open_terms, record)
     record.add_tried(open_terms)
-    part = bases[-1]
     has_single_readings = part.problem.regime.has_single_readings
     if len(open_terms) > SELECTION.max_retried_candidates and not has_single_readings:
         tried = {t.key for t in open_terms}
@@ -123,14 +129,9 @@ def _select_next(
     finalists = fit_finalists(part.problem, fits, record)
     if has_single_readings:
         finalists = refit_without_folds(part, finalists, open_terms)
-    parameterless = fit_parameterless(part, state.nominal_count, open_terms, record)
-    fitted = {s.candidate.key for s in parameterless}
-    finalists = [
-        *parameterless,
-        *(s for s in finalists if s.candidate.key not in fitted),
-    ]
-    before = ScoredFit.from_fit(part.problem, part.fit)
-    winner = choose_winner(part.problem, before, finalists, independent)
+    fitted = {s.candidate.key for s in damages}
+    others = [s for s in finalists if s.candidate.key not in fitted]
+    winner = choose_winner(part.problem, before, [*damages, *others], independent)
     if winner is None and state.is_prior_violated:
         winner = find_relieving(part, before, restating, record)
     return state, winner

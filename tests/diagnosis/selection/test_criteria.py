@@ -14,7 +14,8 @@ from selfheal.diagnosis.selection.criteria import (
     _choose_likeliest,
     choose_winner,
     find_relieving,
-    fit_parameterless,
+    fit_damages,
+    is_clear,
     significant_prior_penalty,
 )
 from selfheal.diagnosis.selection.cross_validation import ScoredFit, fit_and_score
@@ -78,15 +79,17 @@ def test_a_lost_limb_is_tried_with_nominal_values(arm):
     lost = LinearizedFit.from_fit(
         problem, fit_parameters(problem, stated, low, iterations=0)
     )
-    (best,) = fit_parameterless(lost, len(stated), [dry, loss], tell)
+    (best,) = fit_damages(lost, len(stated), [dry, loss], tell)
     assert best.candidate is loss and best.reestimated is not None
     assert best.error < 2 * np.count_nonzero(best.fit.residuals) < 0.1 * lost.fit.cost
     np.testing.assert_allclose(best.fit.values, 1, atol=0.1)
+    before = ScoredFit.from_fit(problem, lost.fit)
+    assert is_clear(problem, before, best) and not is_clear(problem, best, best)
     problem = make_problem(arm)  # nothing is lost
     whole = LinearizedFit.from_fit(
         problem, fit_parameters(problem, stated, low, iterations=0)
     )
-    assert fit_parameterless(whole, len(stated), [dry, loss], tell) == []
+    assert fit_damages(whole, len(stated), [dry, loss], tell) == []
 
 
 def test_of_single_readings_what_acts_at_rest_goes_before_a_delay(arm):
