@@ -232,13 +232,15 @@ def _run_gauss_newton(
     else:
         now = _Iterate(x, r, jacobian, is_stale=True)
     left = float(iterations if len(x) else 0)
+    begun = penalized_cost(terms, now.values, now.residuals)
     while left > 0:
         cost = penalized_cost(terms, now.values, now.residuals)
         trial = _search_step(problem, terms, now, cost)
-        if trial is None and (only_updates or not now.is_stale):
+        is_as_rough = cost > (1 - problem.regime.min_relinearized_gain) * begun
+        if trial is None and (only_updates or not now.is_stale or is_as_rough):
             break
         if trial is None:
-            now = _linearize(problem, terms, now.values, now.residuals)
+            now, begun = _linearize(problem, terms, now.values, now.residuals), cost
             left -= 1
             continue
         gain = cost - trial.cost

@@ -26,6 +26,9 @@ class Regime:
         estimates_noise: whether residuals are numerous enough to estimate the noise.
         reestimates_states: whether initial states follow a candidate's values. In
             contact that takes too long; single readings have no velocities.
+        min_relinearized_gain: share of the cost that steps with one Jacobian must have
+            saved for another one where no step saves more. In contact a tenth: after
+            less, its slopes are as rough.
         state_iterations: Gauss-Newton iterations of the initial states, at most. Single
             readings are linearized once.
         misleading_state_trials: segments whose initial states are estimated again
@@ -40,6 +43,7 @@ class Regime:
     prior_penalty_of_value: float
     estimates_noise: bool
     reestimates_states: bool
+    min_relinearized_gain: float
     state_iterations: int
     misleading_state_trials: int
 
@@ -58,6 +62,7 @@ SMOOTH = Regime(
     prior_penalty_of_value=0.0,
     estimates_noise=True,
     reestimates_states=True,
+    min_relinearized_gain=0.0,
     state_iterations=5,
     misleading_state_trials=2,
 )
@@ -69,6 +74,7 @@ CONTACT = replace(
     explained_ratio=2.0,
     prior_penalty_of_value=1.0,
     reestimates_states=False,
+    min_relinearized_gain=0.1,
 )
 SINGLE_READINGS = replace(
     SMOOTH,
