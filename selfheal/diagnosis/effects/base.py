@@ -294,6 +294,10 @@ class Effect:
         """Whether the readings themselves show it, and not only the fit."""
         return False
 
+    def is_damage(self, term: Term) -> bool:
+        """Whether readings show such a break without other effects being tried."""
+        return False
+
     def rate_rarity(self, term: Term, values: Floats) -> int:
         """`rarity` of a term with values (p), by which equal fits are ranked."""
         return self.rarity

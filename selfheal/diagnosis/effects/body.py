@@ -205,6 +205,10 @@ class LimbLoss(BodyEffect):
             for t in super().propose_terms(robot)
         ]
 
+    def is_damage(self, term):
+        """It has no value, so that one simulation tells what it would change."""
+        return True
+
     def rate_rarity(self, term, values):
         """The more bodies are lost, the rarer."""
         return self.rarity + term.places[0]["parts"] - 1
@@ -235,7 +239,7 @@ class JointJam(JointEffect):
 
     def make_place(self, robot, joint):
         place = super().make_place(robot, joint)
-        place["still"] = _is_still(robot, joint)
+        place["still"], place["read"] = _is_still(robot, joint), joint.measured
         return place
 
     def make_parameters(self, robot, joint):
@@ -256,6 +260,10 @@ class JointJam(JointEffect):
     def applies_to(self, robot, joint):
         """Of joints that were not seen to move, or not any more."""
         return joint.late_range < MAX_JAMMED_RANGE or not joint.measured
+
+    def is_damage(self, term):
+        """Where the joint is read: of others each would have to be tried."""
+        return term.places[0]["read"]
 
     def is_directly_observed(self, term):
         """Where readings are one angle and noise, as a huge friction would have it."""

@@ -7,6 +7,7 @@ cumulative log-likelihood ratio (Page 1954, Hinkley 1970).
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -154,15 +155,14 @@ def locate_change_point(problem: Problem, whole: Problem, best: ScoredFit) -> Sc
         best: the fit with effects that set in at some time.
     """
     fit = best.fit
-    always = fit_and_score(
-        problem, set_onset(fit.terms, None), fit.values, iterations=4
-    )
+    refit = partial(fit_and_score, problem, start=fit.values, jacobian=fit.jacobian)
+    always = refit(terms=set_onset(fit.terms, None), iterations=4)
     if always.error <= best.error or is_as_good(problem, always, best):
         return always
     whole = replace(whole, sigma=problem.sigma, simulator=problem.simulator)
     whole = marginalize_initial_states(whole, fit.terms, fit.values)
     onset = _find_likeliest_onset(whole, fit)
-    return fit_and_score(problem, set_onset(fit.terms, onset), fit.values, iterations=2)
+    return refit(terms=set_onset(fit.terms, onset), iterations=2)
 
 
 def _find_likeliest_onset(problem: Problem, fit: Fit) -> Onset:

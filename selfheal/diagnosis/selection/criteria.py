@@ -109,10 +109,13 @@ def fit_damages(
     """
     if base.problem.regime.has_single_readings:
         return []
-    jams = [t for t in candidates if t.effect.is_directly_observed(t)]
-    fits = [fit_candidate(base, t) for t in jams]
-    lost = _fit_parameterless(base, nominal_count, candidates, progress)
-    return [*lost, *fit_finalists(base.problem, fits, progress)]
+    damages = [t for t in candidates if t.effect.is_damage(t)]
+    fits = [fit_candidate(base, t) for t in damages if t.parameters]
+    lost = [t for t in damages if not t.parameters]
+    return [
+        *_fit_parameterless(base, nominal_count, lost, progress),
+        *fit_finalists(base.problem, fits, progress),
+    ]
 
 
 def is_clear(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
@@ -146,21 +149,20 @@ def _fit_parameterless(
     Args:
         base: the fit without a candidate.
         nominal_count: number of nominal terms, which stand first.
-        candidates: terms, of which those without a parameter are tried.
+        candidates: terms without a parameter.
         progress: called with a message and a share (0 to 1).
     """
-    parameterless = [t for t in candidates if not t.parameters]
     problem, fit = base.problem, base.fit
-    if not parameterless:
+    if not candidates:
         return []
     as_read = problem.with_measured_states
     values = np.append(np.ones(nominal_count), fit.values[nominal_count:])
     before = as_read.residuals_at(fit.terms, values)
     ratios = {}
-    for term in parameterless:
+    for term in candidates:
         after = as_read.residuals_at((*fit.terms, term), values)
         ratios[term] = float(after @ after) / float(before @ before)
-    best = sorted(parameterless, key=lambda t: ratios[t])[: SELECTION.max_parameterless]
+    best = sorted(candidates, key=lambda t: ratios[t])[: SELECTION.max_parameterless]
     scored = []
     for term in [t for t in best if ratios[t] < SELECTION.large_gain_error_ratio]:
         progress(f"fitting {term.label}", 0.0)

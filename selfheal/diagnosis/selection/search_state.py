@@ -134,7 +134,12 @@ class SearchState:
 
     @property
     def is_complete(self) -> bool:
-        """Whether forward selection ends: no residual, no value asks for an effect."""
+        """Whether forward selection ends: no residual, no value asks for an effect.
+
+        What set in at some time is one effect, if that explains the error.
+        """
+        if any(t.onset for t in self.named) and self.is_explained:
+            return True
         is_quiet = self.is_white or (
             self.named and self.noise_ratio < SELECTION.quiet_noise_ratio
         )

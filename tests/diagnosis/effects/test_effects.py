@@ -91,7 +91,7 @@ def _units(unit, b, target) -> set[str]:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_place_is_found_again_by_its_finding(name, benches):
     """In any model; a replay knows no more of a place than this."""
-    selection_only = {"still", "parts", "kind"}
+    selection_only = {"still", "read", "parts", "kind"}
     for b in benches.values():
         for term in find_effect(name).propose_terms(b.robot):
             for target, place in zip(term.targets, term.places, strict=True):
