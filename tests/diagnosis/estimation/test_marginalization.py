@@ -24,6 +24,7 @@ from tests.support.problems import (
     as_type,
     make_misread_problem,
     make_problem,
+    with_contact,
 )
 from tests.support.recorded_robots import bench
 
@@ -78,6 +79,20 @@ def test_after_impacts_initial_states_are_searched_where_they_are_likeliest(tmp_
     # and from there they are not lost again
     again = marginalize_initial_states(sought, (), values).residuals_at((), values)
     assert again @ again < 1.01 * cost[1]
+
+
+def test_in_contact_known_slopes_of_initial_states_serve_other_weights(tmp_path):
+    b = bench("box", tmp_path, episodes=6, seconds=0.6, noise=1e-3, states=False)
+    first = marginalize_initial_states(with_contact(make_problem(b)), (), np.zeros(0))
+    known = replace(first, sigma=1.5 * first.sigma)
+    counts, costs = [], []
+    for problem in known, replace(known, state_slopes=()):
+        begun = b.simulator.counter.count
+        again = marginalize_initial_states(problem, (), np.zeros(0))
+        counts.append(b.simulator.counter.count - begun)
+        costs.append(float((again.residuals_at((), np.zeros(0)) ** 2).sum()))
+    assert counts[0] < 0.5 * counts[1]
+    assert costs[0] < 1.1 * costs[1]
 
 
 def test_initial_speeds_are_searched_where_a_robot_sticks_or_slips(sticky, monkeypatch):
