@@ -133,12 +133,13 @@ def marginalize_initial_states(
     is_outlier = states.is_nonlinear & (
         mean_squares > FIT.outlier_ratio * np.median(mean_squares)
     )
-    distance = (states.offset**2).sum(axis=1)
-    is_far = start.any(axis=1) & (is_outlier | (distance > FIT.max_state_offset**2))
+    distance = np.abs(states.offset).max(axis=1)
+    is_far = start.any(axis=1) & (is_outlier | (distance > FIT.max_state_offset))
     if is_far.any():
         far = np.flatnonzero(is_far)
         part, as_read = plain.select(far), np.zeros_like(start[far])
-        other = search_initial_states(part, terms, values, as_read, std[far])
+        near = [states.linearizations[w][1] for w in far] if known else []
+        other = search_initial_states(part, terms, values, as_read, std[far], near)
         states = states.keep_best(far, other)
     if is_outlier.any():
         outliers = np.flatnonzero(is_outlier)

@@ -102,8 +102,9 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     if named:
         jacobian = final.restore(named).jacobian_without(*named)
         alone = fit_parameters(
-            problem, nominal.terms, nominal.values, iterations=6, jacobian=jacobian
-        )
+            problem, nominal.terms, nominal.values, iterations=6, jacobian=jacobian,
+            only_updates=problem.regime.is_nonsmooth,
+        )  # fmt: skip
         left = noise_ratio(problem, final.residuals)
         if problem.regime.is_nonsmooth:
             if left > FIT.strictly_unexplained_ratio:  # the cost has many minima

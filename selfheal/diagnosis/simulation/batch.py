@@ -180,7 +180,7 @@ def restore_whole_steps(
     A leapfrog has them half a step earlier: v[k] = (v[k-1/2] + v[k+1/2]) / 2.
 
     Args:
-        batch: that was simulated.
+        batch: that was simulated, and will not be simulated on.
         recorded: fields (K, B, ...) at each step; changed.
         commands: (K, B, nu).
         sensors: what is read of the fields.
@@ -193,6 +193,9 @@ def restore_whole_steps(
         return
     stages = mujoco.mjtStage
     stage = stages.mjSTAGE_ACC if len(accelerations) else stages.mjSTAGE_VEL
+    if stage == stages.mjSTAGE_VEL:  # which no constraint changes
+        flags = batch.expand("opt.disableflags")
+        flags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     bound = {name: batch.bind(name) for name in ("qpos", "qvel", *sensors.needs)}
     for k in sampled_steps:
         at_step = {name: values[k] for name, values in recorded.items()}
