@@ -113,7 +113,7 @@ def jam_joint(spec: mujoco.MjSpec) -> None:
 
 CASES = {
     "imu": LeggedCase(
-        make_go2, lambda spec: None, ("command_delay", "actuator:"), DELAY, 10, 6.0,
+        make_go2, lambda spec: None, ("clock_shift", "world"), DELAY, 10, 6.0,
         200, 0.002, (0.09, 0.04), {"thigh_joint": 0.8, "calf_joint": -1.6}, 360.0,
     ),
     "limb": LeggedCase(

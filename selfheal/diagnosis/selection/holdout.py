@@ -120,13 +120,15 @@ def keep_predictive(
     """The last fit, unless the search's predicts held-out episodes better by 5 %.
 
     Over long segments a small error of the model, as of its time step, can grow so far
-    that the values make up for it.
+    that the values make up for it. Not in the segments of the search.
 
     Args:
         dataset: with the held-out episodes.
         refined: the hypothesis after its last fit.
         searched: the same one as the search fitted it.
     """
+    if refined.problem.segments is searched.problem.segments:
+        return refined
     new, old = _held_out_errors(dataset, [refined, searched])
     return searched if old < new / SELECTION.worse_replay_ratio**2 else refined
 
@@ -202,10 +204,8 @@ def _find_proven(
     predicted = held_out.residuals_at(fit.terms, fit.values)
     slopes = compute_jacobian(held_out, fit.terms, fit.values, predicted)
     unseen = Fit(fit.terms, fit.values, predicted, slopes)
-    base, scored = (
-        LinearizedFit.from_fit(problem, fit),
-        ScoredFit.from_fit(problem, fit),
-    )
+    base = LinearizedFit.from_fit(problem, fit)
+    scored = ScoredFit.from_fit(problem, fit)
     named: list[NamedEffect] = []
     untested = list(fit.terms[nominal_count:])
     costs = compute_removal_costs(base, untested)
@@ -395,8 +395,6 @@ def squared_error_reestimated(
     """
     if problem.initial_state_shift is not None:
         return squared_error_with_own_states(problem, fit)
-    return (
-        squared_error(problem, fit)
-        if residuals is None
-        else float(residuals @ residuals)
-    )
+    if residuals is None:
+        return squared_error(problem, fit)
+    return float(residuals @ residuals)

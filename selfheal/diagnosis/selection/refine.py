@@ -27,27 +27,36 @@ from ..simulation.dataset import (
 from .backward import exchange_term, is_simpler
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
-from .screening import subsample_problem
+from .screening import count_native_steps, mean_seconds, subsample_problem
 from .settings import SELECTION
 from .stated_values import fix_effects
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
-    """Fit a hypothesis to more segments, long ones if their initial states allow it."""
-    fit = hypothesis.final.fit
-    sigma = downweight_unscored(hypothesis.problem, fit)
+    """Fit a hypothesis to more segments, long ones if their initial states allow it.
+
+    Of many values hardly more short segments can be fitted than the search had: then
+    its own serve.
+    """
+    fit, searched = hypothesis.final.fit, hypothesis.problem
+    sigma = downweight_unscored(searched, fit)
     rng = np.random.default_rng(2)
     wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
-    least, most = SELECTION.screening_steps[-1], SELECTION.refit_steps
-    steps = int(np.clip(wanted, least, most))
+    least, most = count_native_steps(searched), SELECTION.refit_steps
+    steps = max(int(min(wanted, most)), least)
     onsets = [n.term.onset for n in hypothesis.named if n.term.onset]
-    problems = (
-        subsample_problem(
-            Problem(dataset.training, _cut(dataset, seconds, onsets), sigma), steps, rng
-        )
-        for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if onsets else None])
-    )
-    informative = keep_informative(problems, fit.terms, fit.values)
+    is_short = mean_seconds(searched) < SELECTION.long_screening_segment
+    keeps = is_short and not onsets and steps < SELECTION.min_more_steps * least
+
+    def pose(seconds: float) -> Problem:
+        """Segments of about that length [s]."""
+        if keeps and seconds == SHORT_SEGMENT:
+            return replace(searched, sigma=sigma)
+        segments = _cut(dataset, seconds, onsets)
+        return subsample_problem(Problem(dataset.training, segments, sigma), steps, rng)
+
+    lengths = (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if onsets else None])
+    informative = keep_informative(map(pose, lengths), fit.terms, fit.values)
     return _refit(_find_longest_predicted(informative, hypothesis), hypothesis)
 
 
@@ -97,7 +106,10 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
         residuals = problem.residuals_at(old.terms, start)
         if noise_ratio(problem, residuals) > FIT.unexplained_ratio:
             start = search_multiples(problem, old.terms, start)
-    final = fit_parameters(problem, old.terms, start, iterations=6)
+    jacobian = None
+    if problem.segments is hypothesis.problem.segments:
+        jacobian = hypothesis.problem.transfer_jacobian(problem, old.jacobian)
+    final = fit_parameters(problem, old.terms, start, iterations=6, jacobian=jacobian)
     alone = final
     if named:
         jacobian = final.restore(named).jacobian_without(*named)

@@ -56,9 +56,14 @@ def select_hard_segments(
     return base.select(np.sort(np.append(worst[:hard], others[: count // 2])))
 
 
+def count_native_steps(problem: Problem) -> int:
+    """Lengths of the segments in sum [steps of the given model]."""
+    return int(problem.segments.lengths.sum() * problem.simulator.coarsening)
+
+
 def _mean_native_steps(problem: Problem) -> float:
     """Mean length of the segments [steps of the given model]."""
-    return float(problem.segments.lengths.mean() * problem.simulator.coarsening)
+    return count_native_steps(problem) / len(problem.segments)
 
 
 def mean_seconds(problem: Problem) -> float:

@@ -43,6 +43,10 @@ class SelectionSettings:
     """[simulation steps] of all columns of one Jacobian in the last fit. Chosen: no
     longer fit for a robot with many nominal parameters."""
 
+    min_more_steps: float = 1.3
+    """Times the steps of the search from which on the last fit has segments of its own.
+    Chosen: fewer add next to nothing to what the search's tell."""
+
     native_fit_steps: int = 15_000
     """[simulation steps] of the segments in the fit to the model's own time step.
     Chosen: only nominal values move there, so part of the segments is enough."""

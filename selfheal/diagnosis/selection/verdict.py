@@ -145,7 +145,7 @@ def _choose_likeliest(base: LinearizedFit, terms: Sequence[Term]) -> list[Term]:
     most = SELECTION.max_free_forms
     if len(terms) <= most:
         return list(terms)
-    steps, rng = SELECTION.screening_steps[1], np.random.default_rng(5)
+    steps, rng = SELECTION.screening_steps[0], np.random.default_rng(5)
     base = select_hard_segments(base, steps, rng)
     fit, absent = base.fit, [p.nominal for t in terms for p in t.parameters]
     responses = compute_jacobian(
