@@ -112,14 +112,12 @@ def search_initial_states(
         active = active[better]
         if not len(active):
             break
-        if problem.regime.is_nonsmooth:
-            moves = step.offset[better] - offset[active]
-            new = [
-                _update_response(now[i], step.residuals[i], move)
-                for i, move in zip(better, moves, strict=True)
-            ]
+        moves = step.offset[better] - offset[active]
         offset[active] = step.offset[better]
-        if not problem.regime.is_nonsmooth:
+        if problem.regime.is_nonsmooth:
+            each = zip(better, moves, strict=True)
+            new = [_update_response(now[i], step.residuals[i], m) for i, m in each]
+        else:
             new = linearize(active)
         for w, linearization in zip(active, new, strict=True):
             linearizations[w] = linearization

@@ -34,7 +34,9 @@ def problem(pendulum) -> Problem:
     bases = tuple((np.ones((3, 2)), np.ones(2)) for _ in range(len(segments)))
     shift = np.zeros((len(segments), 2))
     response = np.zeros(segments.readings.size)
-    return Problem(simulator, segments, np.ones(width), bases, shift, response)
+    slopes = tuple(np.ones((3, 2)) for _ in range(len(segments)))
+    sigma = np.ones(width)
+    return Problem(simulator, segments, sigma, bases, shift, response, slopes)
 
 
 def _terms(pendulum) -> list[Any]:
