@@ -136,9 +136,10 @@ class SearchState:
     def is_complete(self) -> bool:
         """Whether forward selection ends: no residual, no value asks for an effect.
 
-        What set in at some time is one effect, if that explains the error.
+        In contact, what set in at some time is one effect, if that explains the error.
         """
-        if any(t.onset for t in self.named) and self.is_explained:
+        has_set_in = any(t.onset for t in self.named)
+        if has_set_in and self.problem.regime.has_rough_cost and self.is_explained:
             return True
         is_quiet = self.is_white or (
             self.named and self.noise_ratio < SELECTION.quiet_noise_ratio
