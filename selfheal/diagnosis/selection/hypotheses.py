@@ -244,8 +244,9 @@ def _search_in_contact(
 ) -> list[SearchState]:
     """Search forward; backward only where that leaves something.
 
-    Impacts make the cost rough, so that many values at once are the last resort. And
-    what sets in while a robot is recorded is no usual effect of all its drives.
+    Impacts make the cost rough, so that many values at once are the last resort: not
+    for one channel's sake where names leave little. And what sets in while a robot is
+    recorded is no usual effect of all its drives.
 
     Args:
         start: state in which nothing has a name yet.
@@ -257,7 +258,9 @@ def _search_in_contact(
         The states at the end, the likelier first.
     """
     forward = _search_to_end(start, longer, rng, record)
-    if forward.is_explained or any(t.onset for t in forward.named):
+    if forward.is_explained or (
+        forward.named and (forward.is_quiet or any(t.onset for t in forward.named))
+    ):
         return [_add_plain(forward, start, record)]
     # what the first search set aside for a name, this one tries in its place
     kept = {t.key for t in forward.candidates}

@@ -150,8 +150,8 @@ class SearchState:
         return bool(is_explained and not self.is_prior_violated)
 
     @property
-    def is_explained(self) -> bool:
-        """Whether nothing is left that another hypothesis could explain.
+    def is_quiet(self) -> bool:
+        """Whether all residuals together are no larger than noise and roughness leave.
 
         Several names, or a rare one, may stand for others: where nothing touches they
         must leave less than one usual name.
@@ -161,13 +161,17 @@ class SearchState:
         is_near_noise = self.noise_ratio <= (
             FIT.strictly_unexplained_ratio if is_strict else FIT.unexplained_ratio
         )
-        is_quiet = (
+        return (
             self.is_white
             or is_near_noise
             or self.is_explained_by_timestep
             or self.is_mostly_explained
         )
-        return is_quiet and not self.has_bad_channel
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether nothing is left that another hypothesis could explain."""
+        return self.is_quiet and not self.has_bad_channel
 
     def find_alternatives(self, term: Term) -> Sequence[Term]:
         """Terms that may take a name's place: its rivals, or its other forms."""
