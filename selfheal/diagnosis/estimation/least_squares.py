@@ -221,8 +221,9 @@ def _run_gauss_newton(
     Each iteration proposes damped steps from the linearization and simulates them. The
     best one is accepted, and the Jacobian there updated or differenced. An update costs
     next to nothing and counts as half an iteration. The Jacobian is also differenced
-    where steps from one that was updated or given save little, and at the end. The
-    iterations stop where they save little, or no step saves anything.
+    where steps from one that was updated or given save little, in contact once they
+    saved a tenth, and at the end. The iterations stop where they save little, or no
+    step saves anything.
     """
     low, high, _ = stack_bounds(terms)
     x = np.clip(np.asarray(start, float), low, high)
