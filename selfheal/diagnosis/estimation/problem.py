@@ -52,6 +52,8 @@ class Problem:
             that are used [rad or m, and per s]; None: 0.
         shift_response: (R) [standard deviations] linear response of the residuals to
             that shift, which is subtracted: the shift is an error like any other.
+        state_slopes: of each segment, slopes (R_w, 2 nv) of the predictions in its
+            initial state [unit of the column per rad or m, and per s]; kept in contact.
         centered: whether motion is a leapfrog's (`Simulator.simulate`).
     """
 

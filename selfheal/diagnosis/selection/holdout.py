@@ -90,16 +90,12 @@ def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list
         _build_held_out(dataset, sigma, seconds)
         for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
     )
-    errors = []
-    for problem in keep_informative(held_out, fit.terms, fit.values):
-        problem = marginalize_initial_states(problem, fit.terms, fit.values)
-        anew = problem.with_measured_states
-        others = [
-            squared_error_with_own_states(anew, h.final.fit) for h in hypotheses[1:]
-        ]
-        errors.append([squared_error(problem, fit), *others])
-    means = np.exp(np.log(np.array(errors) + FIT.tiny).mean(axis=0))
-    return [float(x) for x in means]
+    problems = keep_informative(held_out, fit.terms, fit.values)
+    errors = np.array([
+        [squared_error_with_own_states(p, h.final.fit) for p in problems]
+        for h in hypotheses
+    ])  # fmt: skip
+    return [float(x) for x in np.exp(np.log(errors + FIT.tiny).mean(axis=1))]
 
 
 def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:

@@ -258,8 +258,9 @@ def _search_in_contact(
         The states at the end, the likelier first.
     """
     forward = _search_to_end(start, longer, rng, record)
-    if forward.is_explained or (
-        forward.named and (forward.is_quiet or any(t.onset for t in forward.named))
+    has_set_in = any(t.onset for t in forward.named)
+    if has_set_in or (
+        forward.is_quiet and (forward.named or not forward.has_bad_channel)
     ):
         return [_add_plain(forward, start, record)]
     # what the first search set aside for a name, this one tries in its place

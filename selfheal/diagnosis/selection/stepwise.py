@@ -151,8 +151,7 @@ def _admit(state: SearchState, best: ScoredFit) -> tuple[SearchState, list[Term]
     jacobian = best.fit.jacobian if is_whole else None
     problem, start = state.problem, (best.fit.terms, best.fit.values)
     if best.reestimated and problem.regime.is_nonsmooth:  # begun from what was read
-        anew = replace(problem.with_measured_states, state_slopes=())
-        problem = marginalize_initial_states(anew, *start)
+        problem = marginalize_initial_states(problem.with_measured_states, *start)
     elif best.reestimated:
         problem = reestimate_initial_states(problem, *start)
     fit = fit_parameters(problem, *start, iterations=6, jacobian=jacobian)
