@@ -71,12 +71,15 @@ def compute_jacobian(
     )
 
     def difference(columns: np.ndarray) -> None:
-        """Set columns of the Jacobian, by their numbers."""
+        """Set columns of the Jacobian, by their numbers, as many as memory holds."""
         batches = _group_columns(columns, tree)
         every = np.arange(len(problem.segments))
-        moved = _step_values(problem, terms, values, steps, every, batches)
-        changes = moved - residuals
-        _set_columns(jacobian, batches, changes, steps, tree, rows)
+        count = max(1, int(FIT.max_difference_numbers / len(residuals)))
+        for i in range(0, len(batches), count):
+            some = batches[i : i + count]
+            changes = _step_values(problem, terms, values, steps, every, some)
+            changes -= residuals
+            _set_columns(jacobian, some, changes, steps, tree, rows)
 
     difference(np.arange(len(steps)))
     if difference_step is None and not problem.regime.has_rough_cost:

@@ -101,10 +101,13 @@ class Fit:
 
         With y = nominal x, a column of the factor x is nominal times that of y.
         """
+        known = self.restated_columns
+        restated = [each for term in removed for each in known.get(term, ())]
+        if not restated:
+            return self
         jacobian = self.jacobian.copy()
-        for term in removed:
-            for own, stated, nominal in self.restated_columns.get(term, ()):
-                jacobian[:, stated] = nominal * jacobian[:, own]
+        for own, stated, nominal in restated:
+            jacobian[:, stated] = nominal * jacobian[:, own]
         return replace(self, jacobian=jacobian)
 
     def _find_kept_columns(self, removed: Sequence[Term]) -> np.ndarray:

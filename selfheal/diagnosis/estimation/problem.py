@@ -113,26 +113,27 @@ class Problem:
             initial_state_offset=initial_state_offset,
             centered=self.centered,
         )
-        errors = self._subtract_readings(predicted) / self.sigma
-        is_read = np.isfinite(self.segments.readings)
-        has_diverged, limit = ~np.isfinite(errors), FIT.max_residual
-        clipped = np.clip(np.where(has_diverged, 0, errors), -limit, limit)
-        errors = np.where(has_diverged, limit, clipped)
-        residuals = np.where(is_read, errors, 0.0).reshape(len(predicted), -1)
+        self._subtract_readings(predicted)
+        predicted /= self.sigma
+        has_diverged, limit = ~np.isfinite(predicted), FIT.max_residual
+        np.clip(predicted, -limit, limit, out=predicted)
+        predicted[has_diverged] = limit
+        predicted[:, ~np.isfinite(self.segments.readings)] = 0.0
+        residuals = predicted.reshape(len(predicted), -1)
         if self.shift_response is not None:
-            residuals = residuals - self.shift_response
-        return self.marginalize(residuals)
+            residuals -= self.shift_response
+        self._marginalize(residuals)
+        return residuals
 
     def residuals_at(self, terms: Sequence[Term], values: Floats) -> Floats:
         """(R) residuals of one hypothesis with values (P); see `compute_residuals`."""
         return self.compute_residuals(terms, values[None])[0]
 
-    def _subtract_readings(self, predicted: Floats) -> Floats:
-        """Predictions (n, M, C) less the readings [unit of each column].
+    def _subtract_readings(self, predicted: Floats) -> None:
+        """Subtract the readings from predictions (n, M, C) [unit of each column].
 
         Quaternions q and -q are the same orientation: the nearer one counts.
         """
-        errors = predicted - self.segments.readings
         for c in self.simulator.channels:
             if c.kind == "body_orientation":
                 q, read = (
@@ -140,9 +141,8 @@ class Problem:
                     self.segments.readings[:, c.columns],
                 )
                 dot = np.sum(q * read, axis=-1, keepdims=True)
-                sign = np.where(dot < 0, -1.0, 1.0)
-                errors[..., c.columns] = q * sign - read
-        return errors
+                predicted[..., c.columns] = np.where(dot < 0, -q, q)
+        predicted -= self.segments.readings
 
     def draw_antithetic_offsets(self, count: int, rng: np.random.Generator) -> Floats:
         """Draw perturbations of the initial states, in pairs of opposite sign.
@@ -162,20 +162,18 @@ class Problem:
         half = rng.choice([-size, size], size=(count // 2, *std.shape)) * std
         return np.concatenate([half, -half])
 
-    def marginalize(self, residuals: Floats) -> Floats:
+    def _marginalize(self, residuals: Floats) -> None:
         """Remove from residuals (n, R) what errors of the initial states explain.
 
         (I - U diag(share) U') r in each segment; see `marginalize_initial_states`.
         """
         if not self.marginal_bases:
-            return residuals
-        residuals = residuals.copy()
+            return
         for rows, (u, share) in zip(
             self._segment_rows, self.marginal_bases, strict=True
         ):
             part = residuals[:, rows]
             part -= ((part @ u) * share) @ u.T
-        return residuals
 
     def transfer_jacobian(self, other: "Problem", jacobian: Floats) -> Floats:
         """Express a Jacobian (R, P) in the residuals of another problem.
@@ -194,7 +192,8 @@ class Problem:
         each = columns.reshape(len(columns), *self.segments.readings.shape)
         each *= self.sigma
         each /= other.sigma
-        return other.marginalize(columns).T
+        other._marginalize(columns)
+        return columns.T
 
     @property
     def _segment_rows(self) -> list[slice]:

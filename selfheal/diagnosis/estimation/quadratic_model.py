@@ -170,4 +170,6 @@ def update_broyden(
     if not scaled.any():
         return jacobian
     error = change - jacobian @ step
-    return jacobian + np.outer(error, scaled / scale / (scaled @ scaled))
+    updated = np.outer(error, scaled / scale / (scaled @ scaled))
+    updated += jacobian
+    return updated

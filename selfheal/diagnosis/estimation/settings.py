@@ -114,6 +114,10 @@ class FitSettings:
     value a thousand scales large would drown in rounding, and one of 100 or less is
     differenced by its scale."""
 
+    max_difference_numbers: float = 1e7
+    """Residuals that are differenced at once, of all values: 80 MB. Chosen: beside a
+    Jacobian of many joints it is little, and fills all cores."""
+
     undamped_min_gain: float = 0.05
     """Fall of the cost that the quadratic model must predict for another undamped step.
     Chosen: values then move by a fifth of a standard error."""

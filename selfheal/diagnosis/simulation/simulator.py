@@ -26,8 +26,8 @@ from .warm_up import has_second_joint, warm_up_second_joints
 # [steps] as much as one cannot say when in a step a command acts; chosen: half a step
 # of whoever simulates in quarters, a servo's bus is no better
 COMMAND_LATENESS = 0.125
-# numbers that a batch keeps, copies too: 480 MB; chosen: what a laptop has to spare
-MAX_BATCH_NUMBERS = 6e7
+# numbers that a batch keeps, copies too: 160 MB; chosen: more takes as long for each
+MAX_BATCH_NUMBERS = 2e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,19 +143,18 @@ class Simulator(RecordedSystem):
             len(segments) * (int(segments.lengths.max()) + 2) * self._numbers_per_step
         )
         count = max(1, int(MAX_BATCH_NUMBERS / size))
-        batches = [
-            self._simulate_batch(
+        predicted = np.empty((len(values), *segments.readings.shape))
+        for i in range(0, len(values), count):
+            some = slice(i, i + count)
+            offset = initial_state_offset
+            predicted[some] = self._simulate_batch(
                 terms,
-                values[i : i + count],
+                values[some],
                 segments,
-                None
-                if initial_state_offset is None
-                else initial_state_offset[i : i + count],
+                None if offset is None else offset[some],
                 centered,
             )
-            for i in range(0, len(values), count)
-        ]
-        return np.concatenate(batches)
+        return predicted
 
     @cached_property
     def _numbers_per_step(self) -> int:
