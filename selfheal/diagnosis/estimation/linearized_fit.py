@@ -62,11 +62,12 @@ class LinearizedFit:
         overridden = find_overridden(term, self.fit.terms)
         if not overridden:
             return self
-        jacobian = self.fit.jacobian.copy()
+        jacobian, curvature = self.fit.jacobian.copy(), self.curvature.copy()
         jacobian[:, overridden] = 0.0
-        return LinearizedFit.from_fit(
-            self.problem, replace(self.fit, jacobian=jacobian)
-        )
+        curvature[overridden], curvature[:, overridden] = 0.0, 0.0
+        curvature[overridden, overridden] = self.prior[overridden]
+        fit = replace(self.fit, jacobian=jacobian)
+        return LinearizedFit(self.problem, fit, self.prior, curvature)
 
     @cached_property
     def gradient(self) -> Floats:
@@ -149,13 +150,20 @@ class LinearizedFit:
         changes = (residuals - self.fit.residuals).T
         changes = changes / np.maximum(np.linalg.norm(changes, axis=0), FIT.tiny)
         cross = self.fit.jacobian.T @ changes
-        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))[:, None]
-        scaled = self.curvature / size / size.T
-        solved = np.linalg.lstsq(scaled, cross / size, rcond=None)[0] / size
+        solved = self._inverse_curvature @ cross
         score = changes.T @ self.fit.residuals - solved.T @ self.gradient
         rest = changes.T @ changes - cross.T @ solved
         own = np.linalg.pinv(rest, rcond=FIT.min_column_share, hermitian=True)
         return score, own, changes
+
+    @cached_property
+    def _inverse_curvature(self) -> Floats:
+        """(P, P) pseudoinverse of the curvature, in units of each value's curvature."""
+        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))
+        scaled = self.curvature / size / size[:, None]
+        rounding = len(size) * np.finfo(float).eps
+        inverse = np.linalg.pinv(scaled, rcond=rounding, hermitian=True)
+        return np.asarray(inverse / size / size[:, None])
 
     def step_without(self, removed: Sequence[Term]) -> Floats:
         """The step (P) of all values to the fit without some terms, to first order.

@@ -305,7 +305,9 @@ def _search_to_end(
 
 
 def _rank(backward: SearchState, forward: SearchState) -> list[SearchState]:
-    """Both states, the likelier first."""
+    """Both states, the likelier first; of two with the same names the first one."""
+    if {t.key for t in backward.named} == {t.key for t in forward.named}:
+        return [backward]
     if predicts_better(backward, forward):
         return [backward, forward]
     return [forward, backward]

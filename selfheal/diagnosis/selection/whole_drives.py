@@ -234,7 +234,11 @@ def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
 
 
 def _fit_beside(
-    problem: Problem, known: Floats, terms: Sequence[Term], start: Floats
+    problem: Problem,
+    known: Floats,
+    terms: Sequence[Term],
+    start: Floats,
+    limit: float = np.inf,
 ) -> Fit:
     """The fit of terms of which the first ones were fitted before.
 
@@ -243,10 +247,19 @@ def _fit_beside(
         known: (R, p) Jacobian of the first p parameters.
         terms: P parameters in all.
         start: (P) values to begin with [units of the parameters].
+        limit: penalized cost [1] above which a closer fit would change nothing: what
+            leaves more with this Jacobian, only updated, is not fitted with another.
     """
     residuals = problem.residuals_at(terms, start)
     new = compute_jacobian(problem, terms, start, residuals, first=known.shape[1])
     jacobian = np.hstack([known, new])
+    if limit < np.inf:
+        fit = fit_parameters(
+            problem, terms, start, iterations=3, jacobian=jacobian, only_updates=True
+        )
+        if fit.cost + fit.prior_penalty > limit:
+            return fit
+        start, jacobian = fit.values, fit.jacobian
     return fit_parameters(problem, terms, start, iterations=4, jacobian=jacobian)
 
 
@@ -291,9 +304,10 @@ def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> F
         new = [places[t.targets] for t in old]
         kept, start = fit.without_terms(*old)
         start = np.concatenate([start, *(values[t] for t in old)])
-        known = fit.jacobian_without(*old)
-        other = _fit_beside(problem, known, (*kept, *new), start)
-        if other.cost + other.prior_penalty < fit.cost + fit.prior_penalty:
+        known, cost = fit.jacobian_without(*old), fit.cost + fit.prior_penalty
+        limit = (1 + SELECTION.max_uncertain_removal) * cost
+        other = _fit_beside(problem, known, (*kept, *new), start, limit)
+        if other.cost + other.prior_penalty < cost:
             fit = other
     return fit
 
