@@ -1,9 +1,10 @@
-"""How long one diagnosis takes and how much memory: arms of one and of seven joints.
+"""How long one diagnosis takes and how much memory, and how both grow with joints.
 
-    python -m benchmarks.performance.diagnose_time [--joints 1 7]
+    python -m benchmarks.performance.diagnose_time [--joints 1 7] [--shapes chain tree]
 
-Sixty seconds of log, dry friction at one joint that the given model lacks; makes
-docs/results/diagnose-time.md. Run it on an otherwise idle machine.
+Sixty seconds of log of one chain, or of a tree of legs of three joints each. Dry
+friction at one joint that the given model lacks. Makes docs/results/diagnose-time.md.
+Run it on an otherwise idle machine.
 """
 
 import json
@@ -27,50 +28,66 @@ NOISE, FRICTION = 5e-4, 0.3  # [rad]; of the hidden friction, of the load
 OFF = {"mass": 0.08, "damping": 0.15}  # shares by which stated values are wrong
 LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
 ASKED = {1: "30 s", 7: "60 s"}
+SHAPES = {"chain": 1000, "tree": 3}  # joints of a leg, at most
 
 
-def write_arm(joints: int) -> str:
-    """MJCF of a hanging chain whose joints turn about y and z in turns."""
-    bodies, servos = "", ""
+def find_load(joints: int, leg: int, k: int) -> float:
+    """[N m] weight below a joint, one link's length to the side of it.
+
+    Args:
+        joints: in all.
+        leg: joints of each leg.
+        k: number of the joint, from 1.
+    """
+    last = min(joints, (k - 1) // leg * leg + leg)
+    return MASS * 9.81 * LENGTH * (last - k + 1)
+
+
+def write_arm(joints: int, leg: int = SHAPES["chain"]) -> str:
+    """MJCF of hanging legs of some joints each, which turn about y and z in turns."""
+    legs, bodies, servos = "", "", ""
     for k in range(joints, 0, -1):
         axis = "0 1 0" if k % 2 else "0 0 1"
-        load = MASS * 9.81 * LENGTH * (joints - k + 1)
-        bodies = f"""<body name="link{k}" pos="0 0 {-LENGTH if k > 1 else 0}">
+        load, is_first = find_load(joints, leg, k), (k - 1) % leg == 0
+        bodies = f"""<body name="link{k}" pos="0 0 {0 if is_first else -LENGTH}">
 <joint name="j{k}" axis="{axis}" damping="{0.05 * load:.4g}" armature="0.01"/>
 <inertial pos="0.02 0 {-LENGTH / 2}" mass="{MASS}" diaginertia="1e-3 1e-3 1e-4"/>
 {bodies}</body>
 """
+        if is_first:
+            legs, bodies = bodies + legs, ""
         servo = f'<position name="m{k}" joint="j{k}" kp="{8 * load:.4g}" kv="0.2"/>\n'
         servos = servo + servos
     return f"""<mujoco>
 <compiler angle="radian"/>
 <option timestep="{STEP}" integrator="implicitfast"/>
 <worldbody>
-{bodies}</worldbody>
+{legs}</worldbody>
 <actuator>
 {servos}</actuator>
 </mujoco>
 """
 
 
-def compile_hidden_arm(joints: int, rng: np.random.Generator) -> mujoco.MjModel:
+def compile_hidden_arm(
+    joints: int, leg: int, rng: np.random.Generator
+) -> mujoco.MjModel:
     """Model of the recorded arm: finer steps, wrong values, Coulomb friction."""
-    spec = mujoco.MjSpec.from_string(write_arm(joints))
+    spec = mujoco.MjSpec.from_string(write_arm(joints, leg))
     spec.option.timestep = STEP / FINER
     for body in spec.bodies[1:]:
         body.mass *= 1 + OFF["mass"] * rng.uniform(-1, 1)
     for joint in spec.joints:
         joint.damping[0] *= 1 + OFF["damping"] * rng.uniform(-1, 1)
     k = (joints + 1) // 2
-    load = MASS * 9.81 * LENGTH * (joints - k + 1)
-    spec.joint(f"j{k}").frictionloss = FRICTION * load
+    spec.joint(f"j{k}").frictionloss = FRICTION * find_load(joints, leg, k)
     return spec.compile()
 
 
-def record_arm(joints: int, seed: int) -> Recording:
+def record_arm(joints: int, leg: int, seed: int) -> Recording:
     """Recording of the hidden arm while it follows sines and steps."""
     rng = np.random.default_rng(seed)
-    model = compile_hidden_arm(joints, rng)
+    model = compile_hidden_arm(joints, leg, rng)
     episodes = {f"{n:03d}": _record_episode(model, rng) for n in range(EPISODES)}
     return Recording(episodes, file="recording.h5")
 
@@ -122,20 +139,29 @@ def run_command(room: Path) -> dict[str, Any]:
     }
 
 
-def measure_diagnosis(joints: int, seed: int) -> dict[str, Any]:
+def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
     """Time, memory and findings of one diagnosis by the command."""
+    leg = SHAPES[shape]
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
-        (room / "model.xml").write_text(write_arm(joints))
-        write(record_arm(joints, seed), room / "recording.h5")
+        (room / "model.xml").write_text(write_arm(joints, leg))
+        write(record_arm(joints, leg, seed), room / "recording.h5")
         run = run_command(room)
-    given = mujoco.MjModel.from_xml_string(write_arm(joints))
+    given = mujoco.MjModel.from_xml_string(write_arm(joints, leg))
     plain = time_plain_mujoco(given, EPISODES * SECONDS)
-    return {"joints": joints, "plain": plain, **run}
+    return {"joints": joints, "shape": shape, "plain": plain, **run}
 
 
-def make_section(rows: list[dict[str, Any]]) -> Section:
-    """The section with the table of all arms."""
+def describe_growth(rows: list[dict[str, Any]]) -> str:
+    """The exponent of time in the number of joints, by least squares of logarithms."""
+    joints, seconds = (np.log([r[k] for r in rows]) for k in ("joints", "seconds"))
+    if len(rows) < 3:
+        return ""
+    return f" Time grows as joints to the {np.polyfit(joints, seconds, 1)[0]:.2f}."
+
+
+def make_section(shape: str, rows: list[dict[str, Any]]) -> Section:
+    """The section with the table of all arms of one shape."""
     shown = [
         [r["joints"], f"{r['seconds']:.0f} s", ASKED.get(r["joints"], ""),
          f"{r['cpu']:.0f} s", f"{r['megabytes']:.0f} MB",
@@ -144,27 +170,33 @@ def make_section(rows: list[dict[str, Any]]) -> Section:
     ]  # fmt: skip
     header = ["joints", "wall", "asked", "CPU", "memory", "wall : plain MuJoCo",
               "verdict", "named"]  # fmt: skip
+    kind = "Chains" if shape == "chain" else f"Legs of {SHAPES[shape]} joints"
     text = (
-        f"Chains with position servos; {EPISODES} episodes of {SECONDS:g} s at {RATE} "
+        f"{kind} with position servos; {EPISODES} episodes of {SECONDS:g} s at {RATE} "
         f"Hz with {1000 * NOISE:g} mrad of noise. Hidden: dry friction of "
         f"{FRICTION:g} of the load at the middle joint; masses off by up to "
         f"{100 * OFF['mass']:.0f} %, dampings by {100 * OFF['damping']:.0f} %. Plain "
         "MuJoCo: the same log simulated once on one core with the given model."
+        f"{describe_growth(rows)}"
     )
-    return Section("Sixty seconds of log", text, header, shown)
+    return Section(f"Sixty seconds of log of a {shape}", text, header, shown)
 
 
 def main() -> None:
     """Diagnose each arm once and publish."""
     line = make_parser(__doc__ or "")
     line.add_argument("--joints", type=int, nargs="+", default=[1, 7])
+    line.add_argument("--shapes", nargs="+", choices=list(SHAPES), default=["chain"])
     line.add_argument("--seed", type=int, default=0)
     options = line.parse_args()
-    rows = [measure_diagnosis(joints, options.seed) for joints in options.joints]
+    tables = {
+        shape: [measure_diagnosis(j, shape, options.seed) for j in options.joints]
+        for shape in options.shapes
+    }
+    sections = [make_section(shape, rows) for shape, rows in tables.items()]
     title = "Time and memory of `selfheal diagnose`"
-    publish_results(
-        options.root, "diagnose-time", title, [make_section(rows)], {"rows": rows}
-    )
+    rows = [row for table in tables.values() for row in table]
+    publish_results(options.root, "diagnose-time", title, sections, {"rows": rows})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,10 @@
 """One refit, by `selfheal.diagnosis` and by `mujoco.sysid`: the same values and data.
 
-Takes a 2-joint arm whose damping, armature, gains and masses are wrong, gives
-docs/results/sysid.md. Needs `pip install 'mujoco[sysid]'`, which selfheal does not.
+    pip install 'mujoco[sysid]'
+    python -m benchmarks.performance.sysid [--joints 1 7 29] [--robots 3]
+
+Takes hanging chains whose damping, armature, gains and masses are wrong, gives
+docs/results/sysid.md. Run it on an otherwise idle machine.
 """
 
 import logging
@@ -19,6 +22,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
+from benchmarks.performance.diagnose_time import write_arm
 from benchmarks.writer import Section, make_parser, publish_results
 from selfheal.diagnosis.effects.base import Term
 from selfheal.diagnosis.effects.nominal import (
@@ -40,32 +44,6 @@ from selfheal.diagnosis.simulation.dataset import (
 from selfheal.diagnosis.simulation.score import cut_replay_segments
 from selfheal.recording import Episode, Recording, Signal
 
-XML = """<mujoco model="arm">
-  <compiler angle="radian"/>
-  <option timestep="0.002" integrator="implicitfast"/>
-  <worldbody>
-    <body name="upper" pos="0 0 1">
-      <joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
-      <inertial pos="0.1 0 0" mass="0.4" diaginertia="1e-4 0.0015 0.0015"/>
-      <body name="lower" pos="0.2 0 0">
-        <joint name="elbow" axis="0 1 0" damping="0.03" armature="0.005"/>
-        <inertial pos="0.1 0 0" mass="0.2" diaginertia="5e-5 0.0007 0.0007"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator>
-    <position name="shoulder_servo" joint="shoulder" kp="20" kv="0.8"/>
-    <position name="elbow_servo" joint="elbow" kp="10" kv="0.4"/>
-  </actuator>
-</mujoco>
-"""
-JOINTS, BODIES = ("shoulder", "elbow"), ("upper", "lower")
-VALUES = {  # what is refitted, and how far a careful user lets it move
-    **{f"joint:{j}/damping": OTHER_BOUND for j in JOINTS},
-    **{f"joint:{j}/armature": OTHER_BOUND for j in JOINTS},
-    **{f"actuator:{j}_servo/kp": OTHER_BOUND for j in JOINTS},
-    **{f"body:{b}/mass": MASS_BOUND for b in BODIES},
-}
 WRONG = 0.8  # of that reach: the largest error of a value; chosen
 EPISODES, HELD, SECONDS, NOISE = 6, 2, 5.0, 1e-3  # [s], [rad]; chosen
 
@@ -75,22 +53,40 @@ class HiddenArm:
     """A hidden arm and what it did.
 
     Attributes:
+        joints: how many it has.
         model: file of the wrong model.
         recording: of the right one; the last HELD episodes are held out.
-        truth: factors of VALUES.
+        truth: factors of the values that are refitted.
     """
 
+    joints: int
     model: Path
     recording: Recording
     truth: np.ndarray
 
+    @property
+    def reach(self) -> dict[str, float]:
+        """What is refitted, and how far a careful user lets it move [1]."""
+        return list_values(self.joints)
+
+
+def list_values(joints: int) -> dict[str, float]:
+    """Values of a chain that are refitted, and how far each may move [1]."""
+    numbers = range(1, joints + 1)
+    return {
+        **{f"joint:j{k}/damping": OTHER_BOUND for k in numbers},
+        **{f"joint:j{k}/armature": OTHER_BOUND for k in numbers},
+        **{f"actuator:m{k}/kp": OTHER_BOUND for k in numbers},
+        **{f"body:link{k}/mass": MASS_BOUND for k in numbers},
+    }
+
 
 def scale_value(model: mujoco.MjModel, name: str, factor: float) -> None:
-    """Multiply one of VALUES in a compiled model.
+    """Multiply one of the refitted values in a compiled model.
 
     Args:
         model: is changed.
-        name: key of VALUES.
+        name: key of `list_values`.
         factor: [1].
     """
     target, _, field = name.partition("/")
@@ -105,45 +101,52 @@ def scale_value(model: mujoco.MjModel, name: str, factor: float) -> None:
         model.actuator(thing).biasprm[1] *= factor
 
 
-def make_hidden_arm(folder: Path, seed: int) -> HiddenArm:
+def make_hidden_arm(folder: Path, joints: int, seed: int) -> HiddenArm:
     """An arm whose stated values are wrong, moving to slow sines and steps."""
     rng = np.random.default_rng(seed)
-    reach = np.array([*VALUES.values()])
-    truth = 1 + WRONG * reach * rng.uniform(-1, 1, len(VALUES))
-    model = mujoco.MjModel.from_xml_string(XML)
-    for name, factor in zip(VALUES, truth, strict=True):
+    values = list_values(joints)
+    reach = np.array([*values.values()])
+    truth = 1 + WRONG * reach * rng.uniform(-1, 1, len(values))
+    model = mujoco.MjModel.from_xml_string(write_arm(joints))
+    for name, factor in zip(values, truth, strict=True):
         scale_value(model, name, factor)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     path = folder / f"{seed}.xml"
-    path.write_text(XML)
+    path.write_text(write_arm(joints))
     names = [f"{k:03d}" for k in range(EPISODES)]
     episodes = {name: _record_episode(model, rng) for name in names}
-    return HiddenArm(path, Recording(episodes, file=f"{seed}.h5"), truth)
+    return HiddenArm(joints, path, Recording(episodes, file=f"{seed}.h5"), truth)
 
 
 def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     """Commands and readings at every time step, so that nobody has to interpolate."""
     t = np.arange(0, SECONDS, model.opt.timestep)
-    f, p = rng.uniform(0.3, 1.5, (2, 2)), rng.uniform(0, 6, (2, 3))
+    joints = model.nv
+    f, p = rng.uniform(0.3, 1.5, (joints, 2)), rng.uniform(0, 6, (joints, 3))
     ctrl = np.stack([
         0.4 * np.sin(2 * np.pi * f[j, 0] * t + p[j, 0])
         + 0.3 * np.sin(2 * np.pi * f[j, 1] * t + p[j, 1])
         + 0.3 * np.sign(np.sin(4 * t + p[j, 2]))
-        for j in range(2)
+        for j in range(joints)
     ], axis=1)  # fmt: skip
     data = mujoco.MjData(model)
-    data.qpos[:] = start = 0.3 * rng.normal(size=2)
-    readings = np.empty((len(t), 2))
+    data.qpos[:] = start = 0.3 * rng.normal(size=joints)
+    readings = np.empty((len(t), joints))
     for k, u in enumerate(ctrl):
         readings[k], data.ctrl[:] = data.qpos, u
         mujoco.mj_step(model, data)
     readings += NOISE * rng.normal(size=readings.shape)
     signals = {
         name: Signal(readings[:, j], "joint_position", name, "rad")
-        for j, name in enumerate(JOINTS)
+        for j, name in enumerate(_name_joints(joints))
     }
-    servos = tuple(f"{name}_servo" for name in JOINTS)
-    return Episode(t, ctrl, servos, signals, start, np.zeros(2))
+    servos = tuple(f"m{k}" for k in range(1, joints + 1))
+    return Episode(t, ctrl, servos, signals, start, np.zeros(joints))
+
+
+def _name_joints(joints: int) -> list[str]:
+    """Names of a chain's joints, and of their signals."""
+    return [f"j{k}" for k in range(1, joints + 1)]
 
 
 def name_held_out(robot: HiddenArm) -> list[str]:
@@ -151,14 +154,14 @@ def name_held_out(robot: HiddenArm) -> list[str]:
     return [*robot.recording.episodes][-HELD:]
 
 
-def select_terms(case: Dataset) -> list[Term]:
-    """The terms of VALUES among the case's stated terms, in the order of VALUES."""
+def select_terms(case: Dataset, robot: HiddenArm) -> list[Term]:
+    """The case's stated terms that are refitted, in the order of `list_values`."""
     terms = {t.targets[0]: t for t in build_nominal_terms(case.robot)}
-    return [terms[name] for name in VALUES]
+    return [terms[name] for name in robot.reach]
 
 
 def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
-    """Factors of VALUES by `selfheal.diagnosis.estimation.least_squares`.
+    """Factors of all values by `selfheal.diagnosis.estimation.least_squares`.
 
     Args:
         robot: what is fitted.
@@ -166,7 +169,7 @@ def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
             readings say, and their initial states are marginalized.
     """
     case = prepare_dataset(robot.model, [robot.recording], name_held_out(robot))
-    world, terms = case.training, select_terms(case)
+    world, terms = case.training, select_terms(case, robot)
     pieces = (
         cut_readable_segments(world, seconds) if seconds else cut_replay_segments(world)
     )
@@ -180,19 +183,20 @@ def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
 
 
 def fit_with_sysid(robot: HiddenArm) -> np.ndarray:
-    """Factors of VALUES by `mujoco.sysid` with its defaults."""
+    """Factors of all values by `mujoco.sysid` with its defaults."""
     logging.getLogger("absl").setLevel(logging.ERROR)  # "data dimension does not match"
     spec = mujoco.MjSpec.from_file(str(robot.model))
     model = spec.compile()
     params = sysid.ParameterDict()
-    for name, reach in VALUES.items():
+    for name, reach in robot.reach.items():
         params.add(sysid.Parameter(name, 1.0, 1 - reach, 1 + reach,
                                    modifier=_make_modifier(model, name)))  # fmt: skip
     starts, controls, sensors, held = [], [], [], name_held_out(robot)
-    names = [(j, sysid.SignalType.MjStateQPos) for j in JOINTS]
+    joints = _name_joints(robot.joints)
+    names = [(j, sysid.SignalType.MjStateQPos) for j in joints]
     for key, episode in robot.recording.episodes.items():
         if key not in held:
-            read = np.stack([episode.signals[j].values for j in JOINTS], axis=1)
+            read = np.stack([episode.signals[j].values for j in joints], axis=1)
             starts.append(
                 sysid.create_initial_state(model, episode.qpos0, episode.qvel0)
             )
@@ -211,7 +215,7 @@ def fit_with_sysid(robot: HiddenArm) -> np.ndarray:
 
 
 def _make_modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], None]:
-    """What writes a factor of one of VALUES into an MjSpec."""
+    """What writes a factor of one of the values into an MjSpec."""
     target, _, field = name.partition("/")
     kind, _, thing = target.partition(":")
 
@@ -234,11 +238,11 @@ def _make_modifier(given: mujoco.MjModel, name: str) -> Callable[[Any, Any], Non
 
 
 def score_values(robot: HiddenArm, values: np.ndarray) -> float:
-    """The contract's score of factors of VALUES on the held-out episodes."""
+    """The contract's score of factors of all values on the held-out episodes."""
     case = prepare_dataset(robot.model, [robot.recording], name_held_out(robot))
     pieces = cut_replay_segments(case.held_out)
     squares = score.sum_squared_errors(
-        case.held_out, pieces, select_terms(case), values
+        case.held_out, pieces, select_terms(case, robot), values
     )
     return score.compute_score(
         case.held_out, squares, score.count_readings(case.held_out, pieces)
@@ -254,17 +258,18 @@ METHODS: dict[str, Callable[[HiddenArm], np.ndarray]] = {
 }
 
 
-def measure_methods(seeds: Sequence[int]) -> list[dict[str, Any]]:
+def measure_methods(joints: int, seeds: Sequence[int]) -> list[dict[str, Any]]:
     """Results of all methods on the same robots, in turn, forwards and backwards."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for method in METHODS.values():  # the first call of each loads and compiles
-            method(make_hidden_arm(Path(folder), 0))
+            method(make_hidden_arm(Path(folder), 1, 0))
         for n, seed in enumerate(seeds):
-            hidden = make_hidden_arm(Path(folder), seed)
+            hidden = make_hidden_arm(Path(folder), joints, seed)
             row: dict[str, Any] = {
+                "joints": joints,
                 "seed": seed,
-                "given": score_values(hidden, np.ones(len(VALUES))),
+                "given": score_values(hidden, np.ones(len(hidden.reach))),
                 "truth": score_values(hidden, hidden.truth),
             }
             for name in [*METHODS][:: -1 if n % 2 else 1]:
@@ -308,9 +313,9 @@ def make_section(rows: list[dict[str, Any]]) -> Section:
         )  # fmt: skip
     header = ["method", "wall, CPU time", "each : theirs", "held-out error",
               "error : theirs (range)", "values off by"]  # fmt: skip
-    return Section(
-        "The same values on the same data", _describe_comparison(rows), header, shown
-    )
+    joints = rows[0]["joints"]
+    title = f"{joints} joints, {len(list_values(joints))} values"
+    return Section(title, _describe_comparison(rows), header, shown)
 
 
 KEYS = ("seconds", "cpu", "score", "off")
@@ -325,34 +330,42 @@ def _describe_comparison(rows: list[dict[str, Any]]) -> str:
     given, truth = (np.median([row[k] for row in rows]) for k in ("given", "truth"))
     most = [f"{100 * WRONG * reach:.0f} %" for reach in (OTHER_BOUND, MASS_BOUND)]
     return (
-        f"{len(rows)} arms of two joints with position servos. Wrong by up to "
-        f"{most[0]}: damping, armature and kp of both joints; by up to {most[1]}: both "
-        f"masses. {EPISODES} episodes of {SECONDS:g} s, read at every time step (2 ms) "
-        f"with {1000 * NOISE:g} mrad of noise, {HELD} of them held out; initial states "
-        "given. All fit the same eight values within the same bounds, from a recording "
-        "in memory to values, taking turns; medians. Error: the contract's score on "
-        f"the held-out episodes, {given:.4f} for the given model, {truth:.5f} for the "
-        "true one (noise). Off: root mean square of the values' relative errors. "
-        "`mujoco.sysid` replays whole episodes from their initial state, and so does "
-        "the first row; `diagnose` searches in pieces of 0.5 s and fits its result in "
-        "pieces of 2 s, which need no given state. selfheal also believes the given "
-        "values, to half of their bounds: that costs a little error where readings say "
-        "nothing, and brings the values nearer to the truth."
+        f"{len(rows)} hanging chains with position servos. Wrong by up to {most[0]}: "
+        f"damping, armature and kp of each joint; by up to {most[1]}: all masses. "
+        f"{EPISODES} episodes of {SECONDS:g} s, read at every time step (2 ms) with "
+        f"{1000 * NOISE:g} mrad of noise, {HELD} of them held out; initial states "
+        "given. All fit the same values within the same bounds, from a recording in "
+        "memory to values, taking turns; medians. Error: the contract's score on the "
+        f"held-out episodes, {given:.4f} for the given model, {truth:.5f} for the true "
+        "one (noise). Off: root mean square of the values' relative errors."
     )
 
 
 def main() -> None:
     """Fit all robots by all methods and publish."""
     line = make_parser(__doc__ or "")
-    line.add_argument("--robots", type=int, default=10, help="how many")
+    line.add_argument("--joints", type=int, nargs="+", default=[1, 7, 29])
+    line.add_argument("--robots", type=int, default=3, help="of each number of joints")
     options = line.parse_args()
     if not hasattr(sysid, "optimize"):
         raise SystemExit("mujoco.sysid lacks a library: pip install 'mujoco[sysid]'")
-    rows = measure_methods(range(1, options.robots + 1))
+    seeds = range(1, options.robots + 1)
+    tables = [measure_methods(joints, seeds) for joints in options.joints]
+    sections = [
+        Section(
+            "What is compared",
+            "`mujoco.sysid` replays whole episodes from their initial state, and so "
+            "does the first row; `diagnose` searches in pieces of 0.5 s and fits its "
+            "result in pieces of 2 s, which need no given state. selfheal also "
+            "believes the given values, to half of their bounds: that costs a little "
+            "error where readings say nothing, and brings the values nearer to the "
+            "truth.",
+        ),
+        *map(make_section, tables),
+    ]
     title = "One refit against `mujoco.sysid`"
-    publish_results(
-        options.root, "sysid", title, [make_section(rows)], {"robots": rows}
-    )
+    rows = [row for table in tables for row in table]
+    publish_results(options.root, "sysid", title, sections, {"robots": rows})
 
 
 if __name__ == "__main__":
