@@ -2,9 +2,10 @@
 
     python -m benchmarks.performance.diagnose_time [--joints 1 7] [--shapes chain tree]
 
-Sixty seconds of log of one chain, or of a tree of legs of three joints each. Dry
-friction at one joint that the given model lacks. Makes docs/results/diagnose-time.md.
-Run it on an otherwise idle machine.
+Sixty seconds of log of one chain, or of a tree of legs of three joints each. The given
+model lacks dry friction at one joint; of a `load`, which is a model wrong in kind, it
+lacks a mass that swings below the last link of a chain. Makes
+docs/results/diagnose-time.md. Run it on an otherwise idle machine.
 """
 
 import json
@@ -27,8 +28,13 @@ STEP, FINER = 0.002, 4  # [s] of the given model's step; the hidden one's are fi
 NOISE, FRICTION = 5e-4, 0.3  # [rad]; of the hidden friction, of the load
 OFF = {"mass": 0.08, "damping": 0.15}  # shares by which stated values are wrong
 LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
-ASKED = {1: "30 s", 7: "60 s"}
-SHAPES = {"chain": 1000, "tree": 3}  # joints of a leg, at most
+ASKED = {("chain", 1): "30 s", ("chain", 7): "60 s", ("load", 7): "240 s"}
+SHAPES = {"chain": 1000, "tree": 3, "load": 1000}  # joints of a leg, at most
+KINDS = {
+    "chain": "Chains",
+    "tree": "Legs of three joints",
+    "load": "Chains with a mass of 0.3 kg that swings 0.2 m below the last link",
+}
 
 
 def find_load(joints: int, leg: int, k: int) -> float:
@@ -70,24 +76,30 @@ def write_arm(joints: int, leg: int = SHAPES["chain"]) -> str:
 
 
 def compile_hidden_arm(
-    joints: int, leg: int, rng: np.random.Generator
+    joints: int, shape: str, rng: np.random.Generator
 ) -> mujoco.MjModel:
-    """Model of the recorded arm: finer steps, wrong values, Coulomb friction."""
+    """Model of the recorded arm: finer steps, wrong values, friction or a load."""
+    leg = SHAPES[shape]
     spec = mujoco.MjSpec.from_string(write_arm(joints, leg))
     spec.option.timestep = STEP / FINER
     for body in spec.bodies[1:]:
         body.mass *= 1 + OFF["mass"] * rng.uniform(-1, 1)
     for joint in spec.joints:
         joint.damping[0] *= 1 + OFF["damping"] * rng.uniform(-1, 1)
+    if shape == "load":
+        hung = spec.body(f"link{joints}").add_body(pos=[0, 0, -LENGTH])
+        hung.add_joint(axis=[1, 0, 0], damping=[1e-3, 0, 0])
+        hung.add_geom(size=[0.02, 0, 0], pos=[0, 0, -LENGTH], mass=MASS)
+        return spec.compile()
     k = (joints + 1) // 2
     spec.joint(f"j{k}").frictionloss = FRICTION * find_load(joints, leg, k)
     return spec.compile()
 
 
-def record_arm(joints: int, leg: int, seed: int) -> Recording:
+def record_arm(joints: int, shape: str, seed: int) -> Recording:
     """Recording of the hidden arm while it follows sines and steps."""
     rng = np.random.default_rng(seed)
-    model = compile_hidden_arm(joints, leg, rng)
+    model = compile_hidden_arm(joints, shape, rng)
     episodes = {f"{n:03d}": _record_episode(model, rng) for n in range(EPISODES)}
     return Recording(episodes, file="recording.h5")
 
@@ -98,16 +110,16 @@ def _record_episode(model: mujoco.MjModel, rng: np.random.Generator) -> Episode:
     f, p = rng.uniform(0.2, 1.0, (2, model.nu)), rng.uniform(0, 6.3, (2, model.nu))
     ctrl = 0.5 * np.sin(2 * np.pi * f[0] * t[:, None] + p[0])
     ctrl += 0.2 * np.sign(np.sin(2 * np.pi * f[1] * t[:, None] + p[1]))
-    data, readings = mujoco.MjData(model), np.empty((len(t), model.nq))
+    data, readings = mujoco.MjData(model), np.empty((len(t), model.nu))
     for row, u in enumerate(ctrl):
-        readings[row], data.ctrl[:] = data.qpos, u
+        readings[row], data.ctrl[:] = data.qpos[: model.nu], u
         mujoco.mj_step(model, data, each)
     readings += NOISE * rng.normal(size=readings.shape)
     signals = {
         f"j{k + 1}_position": Signal(
             readings[:, k], "joint_position", f"j{k + 1}", "rad"
         )
-        for k in range(model.nq)
+        for k in range(model.nu)
     }
     return Episode(t, ctrl, tuple(f"m{k + 1}" for k in range(model.nu)), signals)
 
@@ -145,7 +157,7 @@ def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
         (room / "model.xml").write_text(write_arm(joints, leg))
-        write(record_arm(joints, leg, seed), room / "recording.h5")
+        write(record_arm(joints, shape, seed), room / "recording.h5")
         run = run_command(room)
     given = mujoco.MjModel.from_xml_string(write_arm(joints, leg))
     plain = time_plain_mujoco(given, EPISODES * SECONDS)
@@ -163,18 +175,18 @@ def describe_growth(rows: list[dict[str, Any]]) -> str:
 def make_section(shape: str, rows: list[dict[str, Any]]) -> Section:
     """The section with the table of all arms of one shape."""
     shown = [
-        [r["joints"], f"{r['seconds']:.0f} s", ASKED.get(r["joints"], ""),
+        [r["joints"], f"{r['seconds']:.0f} s", ASKED.get((shape, r["joints"]), ""),
          f"{r['cpu']:.0f} s", f"{r['megabytes']:.0f} MB",
          f"{r['seconds'] / r['plain']:.0f}", r["verdict"], ", ".join(r["named"])]
         for r in rows
     ]  # fmt: skip
     header = ["joints", "wall", "asked", "CPU", "memory", "wall : plain MuJoCo",
               "verdict", "named"]  # fmt: skip
-    kind = "Chains" if shape == "chain" else f"Legs of {SHAPES[shape]} joints"
+    lacks = f"dry friction of {FRICTION:g} of the load at the middle joint; "
     text = (
-        f"{kind} with position servos; {EPISODES} episodes of {SECONDS:g} s at {RATE} "
-        f"Hz with {1000 * NOISE:g} mrad of noise. Hidden: dry friction of "
-        f"{FRICTION:g} of the load at the middle joint; masses off by up to "
+        f"{KINDS[shape]}, with position servos; {EPISODES} episodes of {SECONDS:g} s "
+        f"at {RATE} Hz with {1000 * NOISE:g} mrad of noise. Hidden: "
+        f"{'' if shape == 'load' else lacks}masses off by up to "
         f"{100 * OFF['mass']:.0f} %, dampings by {100 * OFF['damping']:.0f} %. Plain "
         "MuJoCo: the same log simulated once on one core with the given model."
         f"{describe_growth(rows)}"
