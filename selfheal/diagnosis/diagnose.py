@@ -211,6 +211,7 @@ def _choose_effects(
     except OutOfTime:
         record.stop()
         hypotheses = finish_early(record, state, problem, rng)
+    record.forget_states()
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
     hypotheses = keep_competitive(dataset, hypotheses)
     record("fitting everything once more", 0.0)

@@ -23,13 +23,14 @@ class SearchRecord:
         self._progress = progress
         self.stage = "beginning the search"
         self.states: dict[str, SearchState] = {}
+        self._belief = ""
         self.tried: set[tuple] = set()
         self.stopped = ""
 
     def __call__(self, what: str, share: float) -> None:
         """Say what is being done, how much of it is done, and what is believed."""
         self.stage = what
-        self._progress(what + self._describe_belief(), share)
+        self._progress(what + self._belief, share)
 
     def stop(self) -> None:
         """Know that time is over; what is stopped first counts."""
@@ -39,6 +40,13 @@ class SearchRecord:
         """Keep a state as the last one of its direction."""
         self.states.pop(state.direction, None)
         self.states[state.direction] = state
+        count = Counter(t.effect.name for t in state.named)
+        each = [name if n == 1 else f"{n} {name}" for name, n in count.items()]
+        self._belief = f" (so far: {', '.join(each)})" if each else ""
+
+    def forget_states(self) -> None:
+        """Forget the states, whose Jacobians are large, but not what is believed."""
+        self.states.clear()
 
     def add_tried(self, terms: Iterable[Term]) -> None:
         """Know that terms were tried."""
@@ -48,12 +56,3 @@ class SearchRecord:
         """Names of the effects of which some candidate was never tried."""
         left = (t.effect.name for t in candidates if t.key not in self.tried)
         return sorted(set(left))
-
-    def _describe_belief(self) -> str:
-        """The effects of the last state, each with the number of its places."""
-        if not self.states:
-            return ""
-        last = list(self.states.values())[-1]
-        count = Counter(t.effect.name for t in last.named)
-        each = [name if n == 1 else f"{n} {name}" for name, n in count.items()]
-        return f" (so far: {', '.join(each)})" if each else ""
