@@ -108,9 +108,10 @@ def diagnose(
                 progress=progress, is_over=is_over, findings_only=findings_only,
             )  # fmt: skip
     record = SearchRecord(say)
-    dataset, hypotheses = _choose_effects(
-        dataset, problem, state, rng, record, is_over, findings_only
-    )
+    hypotheses = _choose_effects(dataset, problem, state, rng, record, is_over)
+    untried = record.list_untried(state.candidates)
+    del state  # each Jacobian of many joints takes as much as the whole program
+    dataset, hypotheses = _fit_last(dataset, hypotheses, record, is_over, findings_only)
     tested = _test(dataset, hypotheses, say)
     found = build_diagnosis(
         dataset,
@@ -123,7 +124,7 @@ def diagnose(
     )
     if not record.stopped:
         return found
-    return found.with_stop(record.stopped, record.list_untried(state.candidates))
+    return found.with_stop(record.stopped, untried)
 
 
 def _read(
@@ -185,11 +186,10 @@ def _choose_effects(
     rng: np.random.Generator,
     record: SearchRecord,
     is_over: Callable[[float], bool],
-    findings_only: bool,
-) -> tuple[Dataset, list[Hypothesis]]:
-    """Stage 3: one or two hypotheses of what is missing, and their last fits.
+) -> list[Hypothesis]:
+    """Stage 3: one or two hypotheses of what is missing.
 
-    Where time is over, what the search found so far, or as the search fitted it.
+    Where time is over, what the search found so far.
 
     Args:
         dataset: with the recordings.
@@ -198,20 +198,38 @@ def _choose_effects(
         rng: draws segments and resamples.
         record: of the search.
         is_over: whether a share of the time is over.
-        findings_only: whether the last fits leave what the model states.
-
-    Returns:
-        The dataset, which knows the noise that the fits tell, and the hypotheses.
     """
     longer = build_longer_problems(dataset, problem)
     counter = problem.simulator.counter
     try:
         with counter.limit(lambda: is_over(SEARCH_SHARE)):
-            hypotheses = name_effects(state, problem, longer, rng=rng, record=record)
+            return name_effects(state, problem, longer, rng=rng, record=record)
     except OutOfTime:
         record.stop()
-        hypotheses = finish_early(record, state, problem, rng)
+        return finish_early(record, state, problem, rng)
+
+
+def _fit_last(
+    dataset: Dataset,
+    hypotheses: list[Hypothesis],
+    record: SearchRecord,
+    is_over: Callable[[float], bool],
+    findings_only: bool,
+) -> tuple[Dataset, list[Hypothesis]]:
+    """The last fits of hypotheses; as the search fitted them where time is over.
+
+    Args:
+        dataset: with the recordings.
+        hypotheses: the likelier first.
+        record: of the search, whose states go.
+        is_over: whether a share of the time is over.
+        findings_only: whether the last fits leave what the model states.
+
+    Returns:
+        The dataset, which knows the noise that the fits tell, and the hypotheses.
+    """
     record.forget_states()
+    counter = hypotheses[0].problem.simulator.counter
     dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
     hypotheses = keep_competitive(dataset, hypotheses)
     record("fitting everything once more", 0.0)

@@ -331,16 +331,16 @@ def _accept(
     _, _, scale = stack_bounds(terms)
     step, change = x - old.values, r - old.residuals
     error = change - old.jacobian @ step
-    updated = update_broyden(old.jacobian, step, change, scale)
+    update = partial(update_broyden, old.jacobian, step, change, scale)
     if is_short or error @ error < FIT.broyden_error * (r @ r):
-        return _Iterate(x, r, updated, old.is_stale, old.is_coarse)
+        return _Iterate(x, r, update(), old.is_stale, old.is_coarse)
     if not problem.regime.is_nonsmooth:
         gain = old.residuals @ old.residuals - r @ r
         if error @ error < FIT.secant_error * gain:
-            return _Iterate(x, r, updated, is_stale=True, is_coarse=True)
+            return _Iterate(x, r, update(), is_stale=True, is_coarse=True)
         return _linearize(problem, terms, x, r)
     count = int(np.count_nonzero(prior_precision(terms)))
-    updated = updated[:, :count]
+    updated = update()[:, :count]
     differenced = compute_jacobian(problem, terms, x, r, count)
     return _Iterate(x, r, np.hstack([updated, differenced]), is_stale=True)
 

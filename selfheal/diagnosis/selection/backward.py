@@ -118,27 +118,37 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
         nominal_count: number of nominal terms, which stand first.
     """
     limit = (1 + SELECTION.removal_tolerance) * (fit.cost + fit.prior_penalty)
-    while len(fit.terms) > nominal_count:
-        base = LinearizedFit.from_fit(problem, fit)
-        most = max(1, (len(fit.terms) - nominal_count) // 2)
-        share = limit / (fit.cost + fit.prior_penalty)
-        removed: list[Term] = []
-        while len(removed) < most:
-            left = [t for t in fit.terms[nominal_count:] if t not in removed]
-            needless = _find_most_needless(base, left, removed, share)
-            if needless is None:
-                break
-            removed.append(needless)
-        if not removed:
-            break
-        fit = fit.restore(removed)
+    while removed := _list_needless(problem, fit, nominal_count, limit):
         fit = fit_parameters(
             problem,
             *fit.without_terms(*removed),
             iterations=1,
-            jacobian=fit.jacobian_without(*removed),
+            jacobian=fit.restore(removed).jacobian_without(*removed),
         )
     return fit
+
+
+def _list_needless(
+    problem: Problem, fit: Fit, nominal_count: int, limit: float
+) -> list[Term]:
+    """Up to half of the effects of a fit that together cost next to nothing.
+
+    Args:
+        problem: that was fitted.
+        fit: with all effects.
+        nominal_count: number of nominal terms, which stand first.
+        limit: of the penalized cost without them [1].
+    """
+    base, effects = LinearizedFit.from_fit(problem, fit), fit.terms[nominal_count:]
+    share = limit / (fit.cost + fit.prior_penalty)
+    removed: list[Term] = []
+    while len(removed) < max(1, len(effects) // 2):
+        left = [t for t in effects if t not in removed]
+        needless = _find_most_needless(base, left, removed, share)
+        if needless is None:
+            break
+        removed.append(needless)
+    return removed
 
 
 def _find_most_needless(
