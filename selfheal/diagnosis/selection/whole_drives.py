@@ -63,8 +63,9 @@ def search_backward(
     record.add_tried(usual)
     fit = _free_each_joint(problem, state, richer, 1)
     record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
-    start, known = (fit.terms, fit.values), fit.jacobian
-    fit = fit_parameters(problem, *start, iterations=4, jacobian=known)
+    fit = fit_parameters(
+        problem, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian
+    )
     problem, fit = _reweight_repeatedly(problem, fit)
     record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
     problem, fit = fit_longer(problem, fit, longer)

@@ -237,6 +237,8 @@ class ModelCompiler:
             | mujoco.mjtDisableBit.mjDSBL_MIDPHASE  # its boxes do not follow an edit
         )
         model = spec.compile()
+        if not model.nmesh:  # what MuJoCo keeps of the given one's is read no more
+            mujoco.mj_clearCache(mujoco.mj_getCache())
         model.body_gravcomp[:] = given.body_gravcomp
         twin = _compile_twin(spec, model)
         joint = np.array(_match_joints(given, model), int)
