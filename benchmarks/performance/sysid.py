@@ -33,6 +33,7 @@ from selfheal.diagnosis.effects.nominal import (
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.selection.search_state import reweight_and_fit
 from selfheal.diagnosis.simulation import score
 from selfheal.diagnosis.simulation.dataset import (
     LONG_SEGMENTS,
@@ -161,7 +162,7 @@ def select_terms(case: Dataset, robot: HiddenArm) -> list[Term]:
 
 
 def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
-    """Factors of all values by `selfheal.diagnosis.estimation.least_squares`.
+    """Factors of all values by the nominal fit of `diagnose`, weighted once anew.
 
     Args:
         robot: what is fitted.
@@ -179,7 +180,8 @@ def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
     begin = np.ones(len(terms))
     if seconds:
         problem = marginalize_initial_states(problem, terms, begin)
-    return fit_parameters(problem, terms, begin).values
+    fit = fit_parameters(problem, terms, begin)
+    return reweight_and_fit(problem, fit, 8)[1].fit.values
 
 
 def fit_with_sysid(robot: HiddenArm) -> np.ndarray:
