@@ -32,9 +32,10 @@ ASKED = {("chain", 1): "30 s", ("chain", 7): "60 s", ("load", 7): "240 s"}
 SHAPES = {"chain": 1000, "tree": 3, "load": 1000}  # joints of a leg, at most
 KINDS = {
     "chain": "Chains",
-    "tree": "Legs of three joints",
-    "load": "Chains with a mass of 0.3 kg that swings 0.2 m below the last link",
+    "tree": f"Legs of {SHAPES['tree']} joints",
+    "load": f"Chains with {MASS:g} kg that swing {LENGTH:g} m below the last link",
 }
+GROWS_FROM = 3  # joints; with fewer, start-up and report are much of the time
 
 
 def find_load(joints: int, leg: int, k: int) -> float:
@@ -153,23 +154,25 @@ def run_command(room: Path) -> dict[str, Any]:
 
 def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
     """Time, memory and findings of one diagnosis by the command."""
-    leg = SHAPES[shape]
+    model = write_arm(joints, SHAPES[shape])
     with tempfile.TemporaryDirectory() as folder:
         room = Path(folder)
-        (room / "model.xml").write_text(write_arm(joints, leg))
+        (room / "model.xml").write_text(model)
         write(record_arm(joints, shape, seed), room / "recording.h5")
         run = run_command(room)
-    given = mujoco.MjModel.from_xml_string(write_arm(joints, leg))
+    given = mujoco.MjModel.from_xml_string(model)
     plain = time_plain_mujoco(given, EPISODES * SECONDS)
     return {"joints": joints, "shape": shape, "plain": plain, **run}
 
 
 def describe_growth(rows: list[dict[str, Any]]) -> str:
     """The exponent of time in the number of joints, by least squares of logarithms."""
-    joints, seconds = (np.log([r[k] for r in rows]) for k in ("joints", "seconds"))
+    rows = [r for r in rows if r["joints"] >= GROWS_FROM]
     if len(rows) < 3:
         return ""
-    return f" Time grows as joints to the {np.polyfit(joints, seconds, 1)[0]:.2f}."
+    joints, seconds = (np.log([r[k] for r in rows]) for k in ("joints", "seconds"))
+    exponent = np.polyfit(joints, seconds, 1)[0]
+    return f" From {GROWS_FROM} joints on, time grows as joints to the {exponent:.2f}."
 
 
 def make_section(shape: str, rows: list[dict[str, Any]]) -> Section:

@@ -108,12 +108,13 @@ def make_hidden_arm(folder: Path, joints: int, seed: int) -> HiddenArm:
     values = list_values(joints)
     reach = np.array([*values.values()])
     truth = 1 + WRONG * reach * rng.uniform(-1, 1, len(values))
-    model = mujoco.MjModel.from_xml_string(write_arm(joints))
+    xml = write_arm(joints)
+    model = mujoco.MjModel.from_xml_string(xml)
     for name, factor in zip(values, truth, strict=True):
         scale_value(model, name, factor)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     path = folder / f"{seed}.xml"
-    path.write_text(write_arm(joints))
+    path.write_text(xml)
     names = [f"{k:03d}" for k in range(EPISODES)]
     episodes = {name: _record_episode(model, rng) for name in names}
     return HiddenArm(joints, path, Recording(episodes, file=f"{seed}.h5"), truth)

@@ -157,10 +157,15 @@ class LinearizedFit:
         return score, own, changes
 
     @cached_property
+    def _scaled_curvature(self) -> tuple[Floats, Floats]:
+        """Roots (P) of its diagonal, and the curvature (P, P) divided by these."""
+        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))
+        return size, self.curvature / size / size[:, None]
+
+    @cached_property
     def _inverse_curvature(self) -> Floats:
         """(P, P) pseudoinverse of the curvature, in units of each value's curvature."""
-        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))
-        scaled = self.curvature / size / size[:, None]
+        size, scaled = self._scaled_curvature
         rounding = len(size) * np.finfo(float).eps
         inverse = np.linalg.pinv(scaled, rcond=rounding, hermitian=True)
         return np.asarray(inverse / size / size[:, None])
@@ -201,8 +206,7 @@ class LinearizedFit:
         free = np.setdiff1d(np.arange(count), held)
         step = np.zeros(count)
         step[held] = change[held]
-        size = np.sqrt(np.maximum(np.diagonal(base.curvature), FIT.tiny))
-        scaled = base.curvature / size / size[:, None]
+        size, scaled = base._scaled_curvature
         ridge = FIT.min_column_share * np.eye(len(free))
         inverse = np.linalg.inv(scaled[np.ix_(free, free)] + ridge)
         inverse /= size[free] * size[free, None]
