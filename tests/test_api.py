@@ -136,6 +136,7 @@ def test_a_model_that_was_changed_since_is_not_saved(found, home, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["quickstart.md", "../README.md"])
 def test_the_examples_of_the_pages_run(
     page, found, home, memory, tmp_path, monkeypatch, capsys

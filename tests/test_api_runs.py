@@ -12,7 +12,6 @@ import selfheal
 from selfheal.cli import app
 from selfheal.errors import InputError, RunLockError, UnknownNameError
 from selfheal.files import lock_file
-from selfheal.recovery import hypotheses
 from selfheal.robot.base import open_robot
 from selfheal.selfmodel.read_run import load_run
 from tests.support import short_heal, short_recover
@@ -51,10 +50,8 @@ def test_identify_is_what_the_command_runs(tmp_path):
     assert _result(again.result) == _result(run.result)
 
 
+@pytest.mark.slow
 def test_heal_takes_a_run_and_a_damage(short, tmp_path, monkeypatch):
-    monkeypatch.setattr("selfheal.report.heal.make_film", lambda *a, **k: "")
-    monkeypatch.setattr(hypotheses, "_SCALES", (0.1, 0.5))
-    monkeypatch.setattr(hypotheses, "_JAMS", np.zeros(1))
     path, run = short_heal.identified(tmp_path)
     damage = "dead:left_hip_position"
     phases = []

@@ -8,6 +8,8 @@ import pytest
 from benchmarks.devices import DEVICES, HIPS_UP, prepare_case, summarize_device
 from selfheal.recording import check_against_model, read, read_names
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_a_device_is_prepared(name, shared_recordings, tmp_path):

@@ -20,6 +20,8 @@ from benchmarks.drives.truth import draw_drives, list_effects
 from benchmarks.sealed.judge import read_places
 from selfheal.recording import check_against_model, read, read_names, validate
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def make_short(monkeypatch):

@@ -8,6 +8,8 @@ from benchmarks.logs.writers import WRITERS
 from selfheal.logs.open_log import open_log
 from tests.support.logs.reading import read_all
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("kind", WRITERS)
 def test_logs_of_the_benchmark_are_whole_and_every_reader_reads_them(tmp_path, kind):

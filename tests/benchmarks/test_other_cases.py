@@ -14,6 +14,8 @@ from benchmarks.sealed.effects import BY_NAME
 from benchmarks.sealed.judge import read_case, read_places
 from selfheal.recording import check_against_model, read, read_names, validate
 
+pytestmark = pytest.mark.slow
+
 CASES = {case.name: case for case in OTHER_CASES}
 
 

@@ -28,6 +28,8 @@ from benchmarks.sealed.unlisted import UNLISTED
 from selfheal.recording import check_against_model, read, read_names, validate, write
 from tests.support.paths import ROOT, SHARED
 
+pytestmark = pytest.mark.slow
+
 FAST = {"robots": ("pendulum",)}
 # the values at which each of these is exactly absent
 NOMINAL = {

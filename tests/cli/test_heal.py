@@ -14,17 +14,11 @@ from tests.support.short_heal import BODY, identified
 pytestmark = pytest.mark.usefixtures("short_heal")
 
 
-@pytest.fixture
-def still(monkeypatch):
-    """Pages without their moving picture, which takes seconds."""
-    monkeypatch.setattr("selfheal.report.heal.make_film", lambda *a, **k: "")
-
-
 def _run(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
 
 
-def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path, still):
+def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path):
     path, _ = identified(tmp_path)
     dead, out = "left_hip_position", tmp_path / "h"
     made = _run("heal", path, "--damage", f"dead:{dead}", "--out", out, "--json")

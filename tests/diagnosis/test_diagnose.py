@@ -108,6 +108,7 @@ def test_dry_friction_is_named_first_at_its_joint(dry):
     assert _claimed(dry)[0] == ("coulomb_friction", "joint:hinge")
 
 
+@pytest.mark.slow
 def test_a_diagnosis_that_is_stopped_says_what_it_left_out(stopped, dry):
     stage, found = stopped
     said = found.document["stopped"]
@@ -116,6 +117,7 @@ def test_a_diagnosis_that_is_stopped_says_what_it_left_out(stopped, dry):
     assert "stopped" not in dry.document
 
 
+@pytest.mark.slow
 def test_a_diagnosis_that_is_stopped_claims_what_it_proved(stopped, dry):
     stage, found = stopped
     if stage == "fitting everything":
@@ -160,38 +162,45 @@ def test_the_models_own_time_step_is_no_finding(dry):
     assert len(dry.document["findings"]) == 1
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing(null):
     assert null.document["verdict"] == "nothing"
     assert null.document["findings"] == []
 
 
+@pytest.mark.slow
 def test_nothing_says_what_the_refit_alone_does(null):
     fit = null.document["fit"]
     assert fit["patched"] == fit["refit"] < fit["given"]
     assert fit["patched"] < 1.2 * fit["floor"]
 
 
+@pytest.mark.slow
 def test_a_coarse_encoder_is_named_beside_what_else_is_missing(dry_and_rounded):
     assert dry_and_rounded.document["verdict"] == "explained"
     assert _claimed(dry_and_rounded)[0] == ("coulomb_friction", "joint:hinge")
     assert ("quantization", "sensor:angle") in _claimed(dry_and_rounded)
 
 
+@pytest.mark.slow
 def test_its_step_is_known_better_than_from_any_fit(dry_and_rounded):
     (step,) = dry_and_rounded.document["findings"][-1]["parameters"]
     assert step["low"] <= STEP <= step["high"]
     assert step["high"] - step["low"] < 0.02 * STEP
 
 
+@pytest.mark.slow
 def test_an_encoder_finer_than_the_noise_is_no_finding(model):
     fine = _rounded(long(change=_within, finer=1), 4e-3)
     assert diagnose(model, [fine]).document["verdict"] == "nothing"
 
 
+@pytest.mark.slow
 def test_what_is_in_no_catalogue_gets_no_name(sticky):
     assert sticky.document["findings"] == []
 
 
+@pytest.mark.slow
 def test_what_is_in_no_catalogue_is_reported_as_unlisted(sticky):
     assert sticky.document["verdict"] in ("unlisted", "partly")
 
@@ -199,7 +208,10 @@ def test_what_is_in_no_catalogue_is_reported_as_unlisted(sticky):
 # the document
 
 
-@pytest.mark.parametrize("name", ["dry", "null", "sticky"])
+@pytest.mark.parametrize(
+    "name",
+    ["dry", *(pytest.param(n, marks=pytest.mark.slow) for n in ("null", "sticky"))],
+)
 def test_the_document_is_the_contracts(name, request):
     diagnosis = request.getfixturevalue(name)
     document = json.loads(
@@ -250,7 +262,7 @@ def _check_finding(finding) -> None:
     assert 0 <= evidence["p_value"] <= 0.05 and 0 <= evidence["stability"] <= 1
 
 
-@pytest.mark.parametrize("name", ["dry", "null"])
+@pytest.mark.parametrize("name", ["dry", pytest.param("null", marks=pytest.mark.slow)])
 def test_refitted_values_stay_in_the_contracts_bounds(name, request):
     reach = {"mass": 0.15, "inertia": 0.15, "length": 0.03}
     for entry in request.getfixturevalue(name).document["refit"]:
@@ -283,6 +295,7 @@ def few(monkeypatch):
 short = partial(record, PENDULUM, episodes=4, seconds=1.5, noise=4e-3, seed=3)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_diagnosis(few, model):
     messages: list[str] = []
     recording = short(change=_dry, finer=1)
@@ -300,6 +313,7 @@ def test_the_same_seed_gives_the_same_diagnosis(few, model):
     assert _claimed(first) == [("coulomb_friction", "joint:hinge")]
 
 
+@pytest.mark.slow
 def test_a_slide_joint_is_reported_in_newtons_and_meters(few, tmp_path):
     robot = ROBOTS["cart_pole"]
     (tmp_path / "model.xml").write_text(robot.xml)

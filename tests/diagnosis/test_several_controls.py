@@ -259,6 +259,7 @@ def test_the_state_of_a_pid_goes_on_where_a_segment_begins(states, late, tmp_pat
     np.testing.assert_allclose(predicted, segments.readings, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_a_late_pid_is_named(tmp_path):
     servo = '<position name="servo" joint="hinge" kp="3" kv="0.1"/>'
     pid = '<pid name="servo" joint="hinge" kp="3" kv="0.1"/>'

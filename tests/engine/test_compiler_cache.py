@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 USE_BOTH = """
 from numba.core import caching
 caching.CacheImpl._locator_classes = []  # as where no folder can be written
@@ -14,6 +16,7 @@ prepare_jax()
 """
 
 
+@pytest.mark.slow
 def test_without_a_folder_to_write_nothing_is_kept_and_that_is_said_once():
     nowhere = os.devnull + "/home"  # no folder: root passes permissions
     own = {"HOME": nowhere, "XDG_CACHE_HOME": nowhere}

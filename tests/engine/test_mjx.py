@@ -71,6 +71,7 @@ def test_a_failed_candidate_spoils_nobody_else(field, value):
     _same(mixed[others], ENGINE.simulate(bodies, targets)[others])
 
 
+@pytest.mark.slow
 def test_a_large_batch_ends_from_a_fresh_process(tmp_path):
     """On two cores it waited forever for an XLA pool of two threads (engines.md)."""
     code = f"""

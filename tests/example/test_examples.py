@@ -60,6 +60,7 @@ def test_a_guess_makes_the_same_recording(made, tmp_path):
             assert values == pytest.approx(signal.values, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_commands_of_the_page_of_four_logs_work(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -70,6 +71,7 @@ def test_the_commands_of_the_page_of_four_logs_work(name, tmp_path, monkeypatch)
     assert len(done) == 4 and "no fault of the log" in done[-1]
 
 
+@pytest.mark.slow
 def test_what_the_pendulum_conceals_is_found(tmp_path):
     told = json.loads(_run("example", "pendulum", "--out", tmp_path, "--json"))
     document = diagnose(told["model"], told["recording"]).document

@@ -39,6 +39,7 @@ def test_synthesis_repeats_and_beats_standing_still(short):
     assert first.simulations == 12 + (2 * 3 + 6) * 14 + 16
 
 
+@pytest.mark.slow
 def test_a_search_from_a_good_gait_keeps_it(short):
     good = max(
         (synthesize_gait([PLANT], seed=s) for s in (5, 6)), key=lambda g: g.predicted

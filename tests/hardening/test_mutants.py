@@ -105,6 +105,7 @@ def _list_mutants(kind: str, originals: Path) -> Iterator[tuple[int, Mutant]]:
             yield seed, mutant
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_refused_with_one_message_or_read(kind, originals, tmp_path):
     faults = {}

@@ -151,6 +151,7 @@ def _pull(data) -> None:
     data.qfrc_applied[0] = 0.25
 
 
+@pytest.mark.slow
 def test_the_example_is_diagnosed(preload, tmp_path, monkeypatch):
     """A recording of a robot that has the effect ends as a sentence of the report."""
     few = {n: load_catalogue()[n] for n in ("viscous_friction", "preload")}

@@ -2,10 +2,9 @@
 
 import ast
 from collections import Counter
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
-
-import pytest
 
 from tests.support.paths import ROOT
 
@@ -31,7 +30,8 @@ def _name(path: Path) -> str:
     return ".".join(parts if parts[0] == "selfheal" else ("selfheal", *parts))
 
 
-def _imports(path: Path, prefix: str = "selfheal.") -> set[str]:
+@cache
+def _imports(path: Path, prefix: str = "selfheal.") -> frozenset[str]:
     """Full names that a file imports, relative ones resolved, wherever they stand."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -41,36 +41,46 @@ def _imports(path: Path, prefix: str = "selfheal.") -> set[str]:
             base = _name(path).split(".")[: -node.level] if node.level else []
             start = ".".join([*base, *filter(None, [node.module])])
             found |= {f"{start}.{alias.name}" for alias in node.names}
-    return {name for name in found if name.startswith(prefix)}
+    return frozenset(name for name in found if name.startswith(prefix))
 
 
 def _id(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("path", FILES, ids=_id)
-def test_a_module_imports_only_from_rooms_above_it(path):
+def _list_rooms_above(path: Path) -> list[str]:
+    """Rooms that a module may import from."""
     room = _name(path).split(".")[1]
     if room == "__init__":
-        allowed = ["api"]
-    else:
-        assert room in ROOMS, f"put {room!r} in its place in ROOMS"
-        allowed = ROOMS[: ROOMS.index(room) + 1] + ["__version__"] * (room == "cli")
-    below = {name for name in _imports(path) if name.split(".")[1] not in allowed}
-    assert not below
+        return ["api"]
+    assert room in ROOMS, f"put {room!r} in its place in ROOMS"
+    return ROOMS[: ROOMS.index(room) + 1] + ["__version__"] * (room == "cli")
 
 
-@pytest.mark.parametrize("path", FILES, ids=_id)
-def test_a_module_imports_only_from_inner_rooms_above_it(path):
+def test_a_module_imports_only_from_rooms_above_it():
+    below = {
+        _id(path): {n for n in _imports(path) if n.split(".")[1] not in allowed}
+        for path in FILES
+        for allowed in [_list_rooms_above(path)]
+    }
+    assert not {path: names for path, names in below.items() if names}
+
+
+def _find_below_in_room(path: Path) -> set[str]:
+    """What a module imports from inner rooms below its own."""
     _, room, *inner = _name(path).split(".")
     if room not in INNER or inner[0] == "__init__":
-        return
+        return set()
     order = INNER[room]
     assert inner[0] in order, f"put {inner[0]!r} in its place in INNER[{room!r}]"
     allowed = order[: order.index(inner[0]) + 1]
     parts = [name.split(".") for name in _imports(path)]
-    used = {".".join(p) for p in parts if p[1] == room and p[2] not in allowed}
-    assert not used
+    return {".".join(p) for p in parts if p[1] == room and p[2] not in allowed}
+
+
+def test_a_module_imports_only_from_inner_rooms_above_it():
+    below = {_id(path): _find_below_in_room(path) for path in FILES}
+    assert not {path: names for path, names in below.items() if names}
 
 
 def test_no_module_imports_itself_by_way_of_others():

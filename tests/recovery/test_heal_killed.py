@@ -4,22 +4,23 @@ import json
 import signal
 from functools import partial
 
+import pytest
+
 from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.record import HealRun
 from tests.support.killed_process import selfheal, told
 from tests.support.short_heal import identified
 
-# a small catalogue and no moving picture
 BEFORE = """
 from tests.support.killed_process import replace_attribute
-from tests.support.short_heal import shorten, shorten_catalogue
+from tests.support.short_heal import shorten
 
 shorten(replace_attribute)
-shorten_catalogue(replace_attribute)
 """
 _selfheal = partial(selfheal, BEFORE)
 
 
+@pytest.mark.slow
 def test_a_heal_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
     run, _ = identified(tmp_path)
     start = "heal", run, "--damage", "dead:left_hip_position"

@@ -4,6 +4,8 @@ import json
 import signal
 from functools import partial
 
+import pytest
+
 from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.recover_run import RecoverRun
 from tests.support.killed_process import selfheal, told
@@ -25,6 +27,7 @@ _selfheal = partial(selfheal, BEFORE)
 FIRST, SECOND = "scenario-01/recover.h5", "scenario-09/recover.h5"
 
 
+@pytest.mark.slow
 def test_a_batch_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
     start = "recover", "--robot", "quadruped"
     whole = _selfheal("never", *start, "--out", tmp_path / "whole", "--json")

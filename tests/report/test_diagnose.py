@@ -242,6 +242,7 @@ def test_nothing_at_all_has_a_page():
         assert said in words
 
 
+@pytest.mark.slow
 def test_a_large_diagnosis_stays_below_five_megabytes():
     given = make_diagnosis(findings=(FINDING, DELAY) * 20, signals=60)
     long = tuple(make_trace(k, size=50_000) for k in range(30))
@@ -250,6 +251,7 @@ def test_a_large_diagnosis_stays_below_five_megabytes():
     assert "The 16 signals with the most error" in made
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium (Debian: apt install)")
 @pytest.mark.parametrize(
     "diagnosis", [make_diagnosis(), _hostile()], ids=["plain", "x"]

@@ -84,6 +84,7 @@ def opengl():
     return shown
 
 
+@pytest.mark.slow
 def test_with_opengl_the_walk_is_rendered(opengl):
     page = make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
     kind, frames = _frames(page)

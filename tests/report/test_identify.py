@@ -3,6 +3,7 @@
 import html
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,6 +34,12 @@ def _hostile(run: Run) -> Run:
     return replace(run, anatomy=anatomy, settings=settings, cycles=cycles, truth=truth)
 
 
+@cache
+def _make_page() -> str:
+    """The page of a run with nothing special."""
+    return make_identify_page(make_run())
+
+
 def test_names_from_a_file_come_out_escaped():
     made = make_identify_page(_hostile(make_run()))
     assert "<script" not in made and "alert(1)" in made
@@ -49,7 +56,7 @@ def test_a_picture_that_is_large_as_svg_is_a_png(monkeypatch):
 def test_the_page_says_what_was_inferred_and_how_far_off_it_is():
     run = make_run()
     body = build_bodies(run.anatomy, run.cycles[-1].genomes[:1])
-    words = read_words(make_identify_page(run))
+    words = read_words(_make_page())
     correct = int((body.parent == run.truth.parent).sum())
     assert f"with {correct} of 3 attachments correct" in words
     for name, value in facts.list_errors(run, body):
@@ -110,16 +117,17 @@ def test_missing_readings_and_diverged_rivals_have_a_page():
     )
     words = read_words(make_identify_page(run))
     assert "clearance" not in words and "nan" not in words
-    assert "clearance" in read_words(make_identify_page(make_run()))
+    assert "clearance" in read_words(_make_page())
 
 
 def test_hinges_are_named_where_they_are_unknown():
     run = make_run()
     full = replace(run, settings=replace(run.settings, space="full"))
     assert "hinge" in read_words(make_identify_page(full))
-    assert "hinge" not in read_words(make_identify_page(run))
+    assert "hinge" not in read_words(_make_page())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "run", [make_run(), _hostile(make_run(truth=False))], ids=["plain", "x"]
 )
@@ -143,7 +151,7 @@ def test_a_browser_finds_no_error_and_every_picture_drawn(run, browse, tmp_path)
 
 
 def test_the_page_asks_for_nothing_from_anywhere():
-    made = make_identify_page(make_run())
+    made = _make_page()
     addresses = re.findall(r'\b(?:src|href|action|data|poster)="([^"]*)"', made)
     addresses += re.findall(r"url\(([^)]*)\)", made)
     assert [a for a in addresses if not a.startswith(("#", "data:"))] == []
@@ -152,6 +160,7 @@ def test_the_page_asks_for_nothing_from_anywhere():
     assert "http:" not in names and "https:" not in names and "//" not in names
 
 
+@pytest.mark.slow
 def test_a_long_run_stays_below_five_megabytes():
     made = make_identify_page(make_run(parts=8, cycles=36, rivals=16))
     assert len(made.encode()) < 5_000_000

@@ -2,6 +2,8 @@
 
 import html
 
+import pytest
+
 from selfheal.report.page import (
     Html,
     Section,
@@ -46,6 +48,7 @@ def test_a_page_is_written_whole(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_the_check_in_a_browser_sees_errors_and_requests(browse, tmp_path):
     path = tmp_path / "report.html"
     picture = Html('<img src="https://example.com/x.png">')

@@ -34,6 +34,7 @@ def test_estimation_of_lengths_counts_what_it_simulates(known, rng):
     assert all(np.isfinite(error) for _, error, _ in steps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensors", [("tilt",), ("clearance", "touch")])
 def test_our_lengths_of_robots_whose_zeros_are_off(sensors, known):
     """Most robots; one whose few poses show little is off by a centimeter."""

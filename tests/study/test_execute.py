@@ -119,6 +119,7 @@ def test_every_run_is_there_once_and_a_failing_one_with_its_error(calm):
     assert "| 3 | " in (calm / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_workers_that_are_killed_change_no_value(calm, tmp_path):
     marks = tmp_path / "marks"
     marks.mkdir()
@@ -129,6 +130,7 @@ def test_workers_that_are_killed_change_no_value(calm, tmp_path):
     assert _values(tmp_path) == _values(calm)
 
 
+@pytest.mark.slow
 def test_a_result_counts_though_its_worker_died_after_sending_it(calm, tmp_path):
     words = "study", "toy", "--runs", 16, "--workers", 1, "--out", tmp_path
     ended = selfheal(*words, more=LOSE)
@@ -137,6 +139,7 @@ def test_a_result_counts_though_its_worker_died_after_sending_it(calm, tmp_path)
     assert _values(tmp_path) == _values(calm)
 
 
+@pytest.mark.slow
 def test_a_client_killed_again_and_again_changes_no_value(calm, tmp_path):
     words = ("toy", "--runs", 16, "--out", tmp_path)
     for moment in ("after", "within", "unnamed", "merged"):
@@ -150,6 +153,7 @@ def test_a_client_killed_again_and_again_changes_no_value(calm, tmp_path):
     assert _values(tmp_path) == _values(calm)
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_says_how_to_go_on(calm, tmp_path):
     words = "study", "toy", "--runs", 16, "--workers", 1, "--out", tmp_path
     ended = selfheal(*words, more=INTERRUPT)
@@ -163,6 +167,7 @@ def test_an_interrupted_study_says_how_to_go_on(calm, tmp_path):
     assert _values(tmp_path) == _values(calm)
 
 
+@pytest.mark.slow
 def test_only_failed_runs_are_done_again(calm, tmp_path):
     file = Path(shutil.copy(calm / "study.h5", tmp_path))
     before = load_study(file).records
@@ -212,6 +217,7 @@ def test_bad_input_is_refused(calm, tmp_path):
     _refused(("study", "show", lines), "damaged journal")
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_said_in_time(tmp_path):
     words = ("study", "toy", "--runs", 1, "--scheduler", "tcp://127.0.0.1:9")
     timeout = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}
@@ -235,6 +241,7 @@ def scheduler():
         cluster.communicate("\n")
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_there_already_does_the_same(calm, tmp_path, scheduler):
     words = "study", "toy", "--runs", 16, "--scheduler", scheduler
     ended = selfheal(*words, "--out", tmp_path)
@@ -259,6 +266,7 @@ def slurm(tmp_path):
     subprocess.run([script, "stop", folder], check=True)
 
 
+@pytest.mark.slow
 def test_a_slurm_job_that_is_cancelled_is_replaced(calm, tmp_path, slurm):
     marks = tmp_path / "marks"
     marks.mkdir()

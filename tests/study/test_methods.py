@@ -34,6 +34,7 @@ def test_the_page_of_actions_has_each_method_against_each(rng):
     assert "24 statements" in sure.text  # ours alone
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["paper", "random-alternate"])
 def test_a_run_of_2006_spends_what_its_actions_allow(method, shared_recordings):
     settings = {"robot": "starfish-2006", "method": method, "seed": 4,
@@ -47,6 +48,7 @@ def test_a_run_of_2006_spends_what_its_actions_allow(method, shared_recordings):
     assert longer["error"][:1] == short["error"]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_outcome(shared_recordings):
     folder = str(shared_recordings / "starfish_2006")
     settings = {"robot": "starfish-2006", "method": "ours", "recordings": folder}

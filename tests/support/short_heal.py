@@ -30,7 +30,10 @@ PLACEMENT = np.array([0.125, 0.375, 0.625, 0.875, *4 * [0.375]])
 
 
 def shorten(patch: Callable[[object, str, object], None]) -> None:
-    """Make searches short, from a gait that walks, by `setattr` or one that undoes."""
+    """Make searches short, by `setattr` or one that undoes.
+
+    They start from a gait that walks; hypotheses are few; pages have no film.
+    """
     real = synthesis._draw_genes
     patch(synthesis, "_RUNGS", ((1, 2, 2.0),))
     patch(synthesis, "_RANDOM", 2)
@@ -38,10 +41,6 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
     patch(synthesis, "_STEP", 0.02)
     patch(synthesis, "_AGAIN_STEP", 0.02)
     patch(plausible_plants, "_KEPT", 1)
-
-
-def shorten_catalogue(patch: Callable[[object, str, object], None]) -> None:
-    """Make hypotheses few and the page one without a film, as `shorten` does it."""
     patch(hypotheses, "_SCALES", (0.1, 0.5))
     for name in ("_JAMS", "AZIMUTHS"):
         patch(hypotheses, name, np.zeros(1))

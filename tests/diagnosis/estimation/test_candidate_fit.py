@@ -30,7 +30,7 @@ PLANTED = [
     ("arm", "torque_constant", 0, (0.6,)),
     ("arm", "velocity_feedforward", 1, (0.05,)),
     ("arm", "dead_band", 1, (0.3,)),
-    ("cart_pole", "dead_band", 0, (0.4,)),
+    pytest.param(("cart_pole", "dead_band", 0, (0.4,)), marks=pytest.mark.slow),
     ("arm", "sensor_bias", 1, (0.05,)),
     ("pendulum", "coulomb_friction", 0, (0.05,)),
     ("pendulum", "actuator_lag", 0, (0.05,)),
@@ -38,7 +38,7 @@ PLANTED = [
     ("pendulum", "sensor_delay", 0, (0.012,)),
     ("arm", "cogging", 1, (0.02, 11.0, 4.0)),
     ("pendulum", "cogging", 0, (0.2, 7.0, 1.0)),
-    ("cart_pole", "cogging", 0, (1.0, 30.0, 1.0)),
+    pytest.param(("cart_pole", "cogging", 0, (1.0, 30.0, 1.0)), marks=pytest.mark.slow),
 ]
 
 

@@ -26,6 +26,7 @@ from tests.support.problems import (
 )
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_where_only_the_prior_fixes_the_scale(pendulum):
     """Without torques all masses, gains and frictions are known up to one factor."""
     stated, term = (

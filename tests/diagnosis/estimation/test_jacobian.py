@@ -116,6 +116,7 @@ def test_responses_to_initial_states_are_those_of_each_alone(coupling, tmp_path)
     assert (simulated < 1 + 6) == (not coupling)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coupling", ["", COUPLED])
 def test_candidates_are_ranked_as_each_alone(coupling, tmp_path, monkeypatch):
     arms = _record(tmp_path, coupling)

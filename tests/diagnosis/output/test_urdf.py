@@ -102,6 +102,7 @@ def diagnosed(tmp_path_factory):
     return home
 
 
+@pytest.mark.slow
 def test_the_patch_is_mjcf_with_the_missing_friction(diagnosed):
     path = diagnosed / "out" / "patched.xml"
     assert ElementTree.parse(path).getroot().tag == "mujoco"
@@ -113,6 +114,7 @@ def test_the_patch_is_mjcf_with_the_missing_friction(diagnosed):
         np.testing.assert_allclose(getattr(model, field), getattr(given, field))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("other", [[], ["--model", "robot.urdf"]])
 def test_it_is_replayed_on_the_patch_and_on_the_urdf(
     other, diagnosed, tmp_path, monkeypatch

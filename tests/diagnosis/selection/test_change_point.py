@@ -107,6 +107,7 @@ def test_what_is_held_out_is_later(tmp_path, held, expected):
     assert all(name in ("003", "004", "005") for name in later)
 
 
+@pytest.mark.slow
 def test_friction_that_sets_in_is_named_and_dated(tmp_path):
     """In the midst of the only episode."""
     begin = 9.2

@@ -47,6 +47,7 @@ def test_what_held_out_segments_refute_gives_way_to_what_they_support(arm):
     assert try_equivalents(seen, held, refuted, with_it) == ([], with_it)
 
 
+@pytest.mark.slow
 def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(arm):
     dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
     problem = make_problem(arm, (dry,), (0.1,))

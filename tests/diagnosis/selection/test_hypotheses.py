@@ -32,6 +32,7 @@ def drive(tmp_path_factory):
     return diagnose(path, [record(ARM, episodes=3, seconds=3.0, seed=4, change=change)])
 
 
+@pytest.mark.slow
 def test_all_that_a_drive_lacks_is_named_at_every_joint(drive):
     found = {(f["effect"], f["target"]): f for f in drive.document["findings"]}
     joints = ("joint:shoulder", "joint:elbow")
@@ -46,6 +47,7 @@ def test_all_that_a_drive_lacks_is_named_at_every_joint(drive):
         assert friction["value"] == pytest.approx(value, rel=0.15)
 
 
+@pytest.mark.slow
 def test_errors_are_given_over_longer_and_longer_segments(drive):
     horizons = drive.document["fit"]["horizons"]
     seconds = [h["seconds"] for h in horizons]
@@ -54,6 +56,7 @@ def test_errors_are_given_over_longer_and_longer_segments(drive):
         assert horizon["floor"] <= horizon["patched"] < horizon["refit"]
 
 
+@pytest.mark.slow
 def test_a_free_pendulum_that_loses_its_energy_slowly_is_heard(tmp_path):
     """Half a second shows nothing of it."""
     robot = Robot(

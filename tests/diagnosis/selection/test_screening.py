@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from selfheal.diagnosis.effects import find_effect, load_catalogue
 from selfheal.diagnosis.estimation.candidate_fit import fit_candidate
@@ -39,6 +40,7 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
     assert [t.label for t in again] == [dry.label, boom.label]
 
 
+@pytest.mark.slow
 def test_many_candidates_are_sorted_out_before_they_are_fitted(arm):
     robot = arm.robot
     (_, dry) = find_effect("coulomb_friction").propose_terms(robot)
