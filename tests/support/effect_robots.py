@@ -12,7 +12,7 @@ from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import find_effect, load_catalogue
 from selfheal.diagnosis.effects.base import Term
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.output.build_result import build_patch
 from selfheal.diagnosis.output.document import list_parameters
 from selfheal.diagnosis.output.replay import replay_recording

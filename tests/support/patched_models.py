@@ -9,7 +9,7 @@ import numpy as np
 
 from selfheal.diagnosis.effects.base import Term
 from selfheal.diagnosis.effects.inertia import spatial_inertia
-from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.output.build_result import build_patch
 
 FIELDS = (

@@ -10,7 +10,7 @@ from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.evidence import Evidence

@@ -8,7 +8,7 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.output import build_result
 from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot

@@ -8,7 +8,7 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.output.build_result import patch_or_nominal
 from selfheal.diagnosis.output.replay import replay_recording
 from tests.support.effect_robots import (

@@ -7,7 +7,8 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.terms import restates_nominal_value
-from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.fit import Fit
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.quadratic_model import stack_bounds
 from selfheal.diagnosis.selection.criteria import (

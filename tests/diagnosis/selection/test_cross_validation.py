@@ -8,7 +8,8 @@ import pytest
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.candidate_fit import fit_candidate
-from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.fit import Fit
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.cross_validation import (
