@@ -63,7 +63,7 @@ def search_backward(
     state = replace(state, direction="backward")
     record.add_tried(usual)
     fit = _free_each_joint(state, richer, 1)
-    begun = equal.values_by_term
+    shared = equal.values_by_term
     del equal, richer  # their problem is as large as a Jacobian
     record.keep(state.with_fit(ScoredFit.from_fit(fit)))
     fit = fit_parameters(
@@ -72,7 +72,7 @@ def search_backward(
     fit = _reweight_repeatedly(fit)
     record.keep(state.with_fit(ScoredFit.from_fit(fit)))
     fit = fit_longer(fit, longer)
-    state = replace(state, plain=_fit_plain(fit, begun, usual))
+    state = replace(state, plain=_fit_plain(fit, shared, usual))
     fit = _exchange_forms(fit, state.candidates)
     tried = fit.terms[state.nominal_count :]
     fit = eliminate_backward(fit, state.nominal_count)
