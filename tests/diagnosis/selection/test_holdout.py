@@ -22,6 +22,7 @@ from selfheal.diagnosis.selection.holdout import (
     try_equivalents,
 )
 from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
+from selfheal.diagnosis.selection.replay_scores import HeldOutScores
 from tests.support.problems import STEPS, make_problem, name_effect
 from tests.support.recorded_robots import bench
 
@@ -109,7 +110,10 @@ def test_the_fit_of_all_usual_effects_is_handed_over_only_where_it_predicts_bett
     assert hand_over_plain(case, (replace(wrong, plain=right.final.fit), ())) is None
 
 
-def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(tmp_path):
+@pytest.mark.parametrize("is_longer", [False, True])
+def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(
+    is_longer, tmp_path
+):
     def change(model):
         model.dof_frictionloss[1] = 0.1
 
@@ -121,17 +125,27 @@ def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(tm
     )
     usual = ("coulomb_friction", "viscous_friction", "armature")
     terms = [t for name in usual for t in find_effect(name).propose_terms(real.robot)]
-    segments = cut_segments(training.simulator.episodes, STEPS)
     sigma = make_problem(training).sigma
-    problem = Problem(training.simulator, segments, sigma)
     start = np.concatenate([t.initial_values[0] for t in terms])
-    problem = marginalize_initial_states(problem, terms, start)
-    plain = fit_parameters(problem, tuple(terms), start)
-    nominal = ScoredFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
+
+    def pose(steps: int) -> Problem:
+        segments = cut_segments(training.simulator.episodes, steps)
+        problem = Problem(training.simulator, segments, sigma)
+        return marginalize_initial_states(problem, terms, start)
+
+    searched = pose(STEPS)  # and perhaps all usual effects in fewer, longer segments
+    longer = pose(2 * STEPS).select(np.arange(11)) if is_longer else searched
+    plain = fit_parameters(longer, tuple(terms), start)
+    nominal = ScoredFit.from_fit(fit_parameters(searched, (), np.zeros(0)))
     missed = Hypothesis(nominal, nominal, (), (), plain)
-    handed = hand_over_plain(SimpleNamespace(held_out=held.simulator), (missed, ("x",)))
+    case = SimpleNamespace(held_out=held.simulator)
+    handed = hand_over_plain(case, (missed, ("x",)))
     assert handed is not None and handed[1] == ("x",)
     found = handed[0]
+    assert found.problem is longer
+    # the fits that a replay compares are each read in their own segments
+    scores = HeldOutScores.compute(case, found)
+    assert scores.numbers["patched"] < scores.numbers["refit"]
     assert [n.term for n in found.named] == [terms[1]]
     assert set(found.final.fit.terms) <= set(terms)
     unseen = Problem(
