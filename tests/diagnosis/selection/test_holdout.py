@@ -134,7 +134,7 @@ def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(
         return marginalize_initial_states(problem, terms, start)
 
     searched = pose(STEPS)  # and perhaps all usual effects in fewer, longer segments
-    longer = pose(2 * STEPS).select(np.arange(11)) if is_longer else searched
+    longer = pose(STEPS + 50).select(np.arange(14)) if is_longer else searched
     plain = fit_parameters(longer, tuple(terms), start)
     nominal = ScoredFit.from_fit(fit_parameters(searched, (), np.zeros(0)))
     missed = Hypothesis(nominal, nominal, (), (), plain)
