@@ -145,6 +145,11 @@ def patch_or_nominal(
     """Text, difference and edits of `build_patch`, and "".
 
     Where the text cannot be patched, the text as given and the reason.
+
+    Args:
+        dataset: with the model as given.
+        terms: that become true.
+        values: (P) of them [units of the parameters].
     """
     try:
         return *build_patch(dataset, terms, values), ""

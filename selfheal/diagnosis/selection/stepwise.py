@@ -147,7 +147,7 @@ def _admit(state: SearchState, best: ScoredFit) -> tuple[SearchState, list[Term]
     Returns:
         The state, and the effects that were removed.
     """
-    is_whole = len(best.fit.residuals) == len(state.best.fit.residuals)
+    is_whole = best.fit.problem.segments is state.problem.segments
     jacobian = best.fit.jacobian if is_whole else None
     problem, start = state.problem, (best.fit.terms, best.fit.values)
     if best.is_reestimated and problem.regime.is_nonsmooth:  # begun from what was read

@@ -64,7 +64,7 @@ def search_backward(
     record.add_tried(usual)
     fit = _free_each_joint(state, richer, 1)
     shared = equal.values_by_term
-    del equal, richer  # their problem is as large as a Jacobian
+    del equal, richer  # bases of their initial states are as large as Jacobians
     record.keep(state.with_fit(ScoredFit.from_fit(fit)))
     fit = fit_parameters(
         fit.problem, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian
