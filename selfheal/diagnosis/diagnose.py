@@ -171,11 +171,7 @@ def _fit_nominal(
         rng=rng,
         progress=say,
     )
-    onset = (
-        None
-        if state.is_explained
-        else detect_change_point(state.problem, state.best.fit)
-    )
+    onset = None if state.is_explained else detect_change_point(state.best.fit)
     return state.with_candidates(set_onset(state.candidates, onset)), onset
 
 

@@ -12,7 +12,6 @@ from selfheal.diagnosis.data.segments import Segments
 from selfheal.diagnosis.effects import find_effect, load_catalogue
 from selfheal.diagnosis.effects.base import Term
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.output.build_result import build_patch
 from selfheal.diagnosis.output.document import list_parameters
 from selfheal.diagnosis.output.replay import replay_recording
@@ -114,7 +113,7 @@ def write_patch_text(b: EffectBench, terms: tuple[Term, ...], values) -> str:
     case = SimpleNamespace(
         compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
     )
-    return build_patch(case, Fit(terms, values, np.zeros(0), np.zeros((0, 0))))[0]
+    return build_patch(case, terms, values)[0]
 
 
 def make_document(nominal, factors, effects, values) -> dict:

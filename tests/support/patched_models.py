@@ -9,7 +9,6 @@ import numpy as np
 
 from selfheal.diagnosis.effects.base import Term
 from selfheal.diagnosis.effects.inertia import spatial_inertia
-from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.output.build_result import build_patch
 
 FIELDS = (
@@ -25,8 +24,7 @@ def compile_patch(
     case: SimpleNamespace, terms: Iterable[Term], values: np.ndarray, folder: Path
 ) -> mujoco.MjModel:
     """The compiled patch with terms of these values, beside the model."""
-    found = Fit(tuple(terms), values, np.zeros(0), np.zeros((0, 0)))
-    text, *_ = build_patch(case, found)
+    text, *_ = build_patch(case, tuple(terms), values)
     (folder / "patched.xml").write_text(text)
     return mujoco.MjModel.from_xml_path(str(folder / "patched.xml"))
 

@@ -10,7 +10,7 @@ from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
+from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.evidence import Evidence
@@ -94,8 +94,9 @@ def make_misread_problem(
 class ExactClockProblem(Problem):
     """A problem whose commands act exactly when their recording says."""
 
-    def clock_error(self, terms, values, residuals):
-        return np.zeros_like(residuals)
+    @property
+    def with_late_commands(self):
+        return self
 
 
 class MeasuredStatesProblem(Problem):
@@ -167,7 +168,7 @@ def make_linear_problem(
     linear = LinearProblem(
         problem.simulator, problem.segments, problem.sigma, y=y, jac=jac
     )
-    return linear, Fit(terms, values, y + jac @ values, jac), y
+    return linear, Fit(linear, terms, values, y + jac @ values, jac), y
 
 
 def name_effect(term: Term) -> NamedEffect:

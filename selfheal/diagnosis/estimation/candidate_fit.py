@@ -14,8 +14,9 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
+from .fit import Fit
 from .jacobian import compute_jacobian
-from .least_squares import Fit, Trial, search_dampings
+from .least_squares import Trial, search_dampings
 from .linearized_fit import LinearizedFit
 from .quadratic_model import (
     QuadraticModel,
@@ -50,6 +51,7 @@ def fit_candidate(
         partial(_fit_candidate, base, term, iterations)
     )
     return Fit(
+        old.problem,
         (*old.terms, term),
         np.concatenate([old.values + others_step, values]),
         residuals + old.jacobian @ others_step,

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.declaration import Parameter
-from .least_squares import Fit
+from .fit import Fit
 from .problem import Problem, assign_blocks
 from .quadratic_model import prior_precision
 from .settings import FIT
@@ -65,7 +65,7 @@ def _correlation_time(series: Floats) -> float:
     return float(min(n, 1 + 2 * rho[1:end].sum()))
 
 
-def standard_errors(problem: Problem, fit: Fit) -> Floats:
+def standard_errors(fit: Fit) -> Floats:
     """Standard errors of a fit's values, robust to correlation within a block.
 
     The larger of the usual and of the sandwich variance. To it are added the squared
@@ -73,7 +73,6 @@ def standard_errors(problem: Problem, fit: Fit) -> Floats:
     clock: parameters that are considered and not estimated (Schmidt 1966).
 
     Args:
-        problem: that was fitted.
         fit: with a Jacobian as fine as it can be (`refine_jacobian`).
 
     Returns:
@@ -89,15 +88,15 @@ def standard_errors(problem: Problem, fit: Fit) -> Floats:
     prior = np.diag(prior_precision(fit.terms)[is_observed] / norms[is_observed] ** 2)
     propagation = _Propagation.build(jacobian, prior)
     usual, clustered = _gradient_covariances(
-        problem, fit.residuals, jacobian, propagation.curvature - prior
+        fit.problem, fit.residuals, jacobian, propagation.curvature - prior
     )
     variance = np.maximum(
         propagation.compute_variances(_matrix_root(usual + prior)),
         propagation.compute_variances(_matrix_root(clustered + prior)),
     )
     gradients_of_errors = [
-        jacobian.T @ compute_error(fit.terms, fit.values, fit.residuals)
-        for compute_error in (problem.timestep_error, problem.clock_error)
+        jacobian.T @ compute_error()
+        for compute_error in (fit.timestep_error, fit.clock_error)
     ]
     variance += sum(
         propagation.compute_variances(g[:, None]) for g in gradients_of_errors

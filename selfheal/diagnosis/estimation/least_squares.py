@@ -16,15 +16,14 @@ chapter 10.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_restated
 from ..simulation.checkpoint import Arrays
-from ..simulation.model_variants import split_values
+from .fit import Fit
 from .jacobian import compute_jacobian
 from .problem import Problem
 from .quadratic_model import (
@@ -35,85 +34,6 @@ from .quadratic_model import (
     update_broyden,
 )
 from .settings import FIT
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Values of parameters that fit a problem, and the linearization there.
-
-    Attributes:
-        terms: that were fitted.
-        values: (P) [units of the parameters] of all terms in a row.
-        residuals: (R) [standard deviations] at the values.
-        jacobian: (R, P) [1 per unit of the parameter] of the residuals, at the values
-            or near them.
-        has_fine_jacobian: whether the Jacobian is differenced at the values, and as
-            finely as standard errors need it.
-    """
-
-    terms: tuple[Term, ...]
-    values: Floats
-    residuals: Floats
-    jacobian: Floats
-    has_fine_jacobian: bool = False
-
-    @property
-    def cost(self) -> float:
-        """Sum of squared residuals [1], without the prior."""
-        return float(self.residuals @ self.residuals)
-
-    @property
-    def prior_penalty(self) -> float:
-        """(x - 1)' Lambda (x - 1) [variances]: how far values are from their prior."""
-        return float(prior_precision(self.terms) @ (self.values - 1) ** 2)
-
-    @property
-    def values_by_term(self) -> dict[Term, Floats]:
-        """Values (p) of each term [units of its parameters]."""
-        split = split_values(self.terms, self.values)
-        return dict(zip(self.terms, split, strict=True))
-
-    def without_terms(self, *removed: Term) -> tuple[tuple[Term, ...], Floats]:
-        """The terms without some, and their values (P) [units of the parameters]."""
-        kept = tuple(t for t in self.terms if t not in removed)
-        return kept, self.values[self._find_kept_columns(removed)]
-
-    def jacobian_without(self, *removed: Term) -> Floats:
-        """(R, P) the Jacobian without the columns of some terms."""
-        return self.jacobian[:, self._find_kept_columns(removed)]
-
-    @cached_property
-    def restated_columns(self) -> dict[Term, list[tuple[int, int, float]]]:
-        """What terms state anew: own column, that of the stated value, and the value.
-
-        Only of terms that state something anew.
-        """
-        widths = [len(t.parameters) for t in self.terms]
-        first = np.cumsum([0, *widths]).tolist()
-        return {
-            t: [(first[n] + k, first[i], t.parameters[k].nominal) for k, i in restated]
-            for n, t in enumerate(self.terms)
-            if (restated := find_restated(t, self.terms).items())
-        }
-
-    def restore(self, removed: Sequence[Term]) -> "Fit":
-        """The fit in which stated values answer that some terms stated anew.
-
-        With y = nominal x, a column of the factor x is nominal times that of y.
-        """
-        known = self.restated_columns
-        restated = [each for term in removed for each in known.get(term, ())]
-        if not restated:
-            return self
-        jacobian = self.jacobian.copy()
-        for own, stated, nominal in restated:
-            jacobian[:, stated] = nominal * jacobian[:, own]
-        return replace(self, jacobian=jacobian)
-
-    def _find_kept_columns(self, removed: Sequence[Term]) -> np.ndarray:
-        """(P) whether each parameter stays without some terms."""
-        is_kept = [t not in removed for t in self.terms for _ in t.parameters]
-        return np.array(is_kept, bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +113,7 @@ def fit_parameters(
         _run_gauss_newton, problem, terms, start, iterations, jacobian, only_updates
     )
     values, residuals, last = problem.simulator.load_or_compute(compute)
-    return Fit(terms, values, residuals, last)
+    return Fit(problem, terms, values, residuals, last)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +265,7 @@ def _accept(
     return _Iterate(x, r, np.hstack([updated, differenced]), is_stale=True)
 
 
-def refine_undamped(problem: Problem, fit: Fit) -> Fit:
+def refine_undamped(fit: Fit) -> Fit:
     """Refine a fit by undamped Gauss-Newton steps with fine Jacobians.
 
     Readings without a torque leave all masses, gains and frictions free together, up to
@@ -354,20 +274,19 @@ def refine_undamped(problem: Problem, fit: Fit) -> Fit:
     how flat the valley is, and so how far the prior moves the values along it.
 
     Args:
-        problem: that was fitted.
         fit: to begin with.
 
     Returns:
         The fit of the lowest cost, with a fine Jacobian.
     """
-    terms, x, r = fit.terms, fit.values, fit.residuals
+    problem, terms, x, r = fit.problem, fit.terms, fit.values, fit.residuals
     best, lowest = fit, np.inf
     for i in range(FIT.undamped_iterations + 1):
         step_size = FIT.fine_difference_step
         jacobian = compute_jacobian(problem, terms, x, r, difference_step=step_size)
         cost = penalized_cost(terms, x, r)
         if cost < lowest:
-            best, lowest = Fit(terms, x, r, jacobian, has_fine_jacobian=True), cost
+            best, lowest = Fit(problem, terms, x, r, jacobian, True), cost
         model = QuadraticModel.linearize(terms, x, r, jacobian)
         step = model.solve()
         predicted_gain = -model.predict_change(step)
@@ -378,17 +297,17 @@ def refine_undamped(problem: Problem, fit: Fit) -> Fit:
     return best
 
 
-def refine_jacobian(problem: Problem, fit: Fit) -> Fit:
+def refine_jacobian(fit: Fit) -> Fit:
     """The fit with a fine Jacobian, as its standard errors need it.
 
     Over the difference steps of a search, readings of long segments bend. Along a
     valley large slopes cancel, and what that leaves of them would pass for information.
     In contact fine differences would show the roughness alone: the Jacobian stays.
     """
-    if problem.regime.is_nonsmooth or fit.has_fine_jacobian:
+    if fit.problem.regime.is_nonsmooth or fit.has_fine_jacobian:
         return fit
     jacobian = compute_jacobian(
-        problem,
+        fit.problem,
         fit.terms,
         fit.values,
         fit.residuals,

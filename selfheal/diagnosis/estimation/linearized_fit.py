@@ -12,7 +12,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import find_overridden
-from .least_squares import Fit
+from .fit import Fit
 from .problem import Problem
 from .quadratic_model import (
     QuadraticModel,
@@ -28,23 +28,26 @@ class LinearizedFit:
     """A fit and the quadratic model of its cost, beside which other terms are tried.
 
     Attributes:
-        problem: that was fitted.
-        fit: of its P values.
+        fit: of P values.
         prior: (P) diagonal of Lambda, the prior's precision.
         curvature: (P, P) J'J + Lambda.
     """
 
-    problem: Problem
     fit: Fit
     prior: Floats
     curvature: Floats
 
     @classmethod
-    def from_fit(cls, problem: Problem, fit: Fit) -> "LinearizedFit":
-        """Linearize a fit of a problem by its Jacobian."""
+    def from_fit(cls, fit: Fit) -> "LinearizedFit":
+        """Linearize a fit by its Jacobian."""
         prior = prior_precision(fit.terms)
         curvature = fit.jacobian.T @ fit.jacobian + np.diag(prior)
-        return cls(problem, fit, prior, curvature)
+        return cls(fit, prior, curvature)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that was fitted."""
+        return self.fit.problem
 
     def select(self, chosen: np.ndarray) -> "LinearizedFit":
         """The fit in segments `chosen` (w), with its values as they are."""
@@ -52,9 +55,9 @@ class LinearizedFit:
         width = segments.readings.shape[1]
         rows = segments.find_sample_rows(chosen)[:, None] * width + np.arange(width)
         residuals, jacobian = fit.residuals[rows.ravel()], fit.jacobian[rows.ravel()]
+        part = self.problem.select(chosen)
         return LinearizedFit.from_fit(
-            self.problem.select(chosen),
-            Fit(fit.terms, fit.values, residuals, jacobian),
+            Fit(part, fit.terms, fit.values, residuals, jacobian)
         )
 
     def release_overridden(self, term: Term) -> "LinearizedFit":
@@ -67,7 +70,7 @@ class LinearizedFit:
         curvature[overridden], curvature[:, overridden] = 0.0, 0.0
         curvature[overridden, overridden] = self.prior[overridden]
         fit = replace(self.fit, jacobian=jacobian)
-        return LinearizedFit(self.problem, fit, self.prior, curvature)
+        return LinearizedFit(fit, self.prior, curvature)
 
     @cached_property
     def gradient(self) -> Floats:
@@ -226,7 +229,7 @@ class LinearizedFit:
         """The fit in which all stated values answer as where they were stated anew."""
         if not self.fit.restated_columns:
             return self
-        return LinearizedFit.from_fit(self.problem, self.fit.restore(self.fit.terms))
+        return LinearizedFit.from_fit(self.fit.restore(self.fit.terms))
 
     @cached_property
     def _changes_to_nominal(self) -> tuple[dict[Term, np.ndarray], Floats]:

@@ -12,7 +12,7 @@ from ...recording.data import Floats
 from ..data.local_polynomial import ar1_error_factors, choose_half_width
 from ..data.robot_summary import repeat_by_column
 from ..simulation.simulator import Simulator
-from .least_squares import Fit
+from .fit import Fit
 from .problem import Problem
 from .settings import FIT
 
@@ -144,19 +144,24 @@ def _normalized_noise(problem: Problem) -> Floats:
     return np.nan_to_num(noise) / problem.sigma
 
 
-def noise_ratio(problem: Problem, residuals: Floats) -> float:
+def noise_ratio(fit: Fit) -> float:
+    """Root mean square of a fit's residuals over that of the readings' noise [1]."""
+    return normalize_rms(fit.problem, fit.residuals)
+
+
+def normalize_rms(problem: Problem, residuals: Floats) -> float:
     """Root mean square of residuals (R) over that of the readings' noise [1]."""
     expected = max(expected_noise(problem), FIT.min_expected_noise)
     return float(np.sqrt((residuals**2).sum() / expected))
 
 
-def expected_cost(problem: Problem, fit: Fit) -> float:
+def expected_cost(fit: Fit) -> float:
     """Squared residuals [1] that noise and the time step's error would leave."""
-    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
-    return expected_noise(problem) + float(error @ error)
+    error = fit.timestep_error()
+    return expected_noise(fit.problem) + float(error @ error)
 
 
-def worst_channel_ratio(problem: Problem, fit: Fit) -> float:
+def worst_channel_ratio(fit: Fit) -> float:
     """Root mean square residual over what is expected, in the worst scored column [1].
 
     Expected are the noise and the time step's error. Among many columns one that is
@@ -164,9 +169,10 @@ def worst_channel_ratio(problem: Problem, fit: Fit) -> float:
     segments does not count. In contact the median segment counts, for each may be wrong
     by an impact. Single readings do not tell the noise: 0.
     """
+    problem = fit.problem
     if not problem.regime.estimates_noise:
         return 0.0
-    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
+    error = fit.timestep_error()
     noise = _normalized_noise(problem)
     is_tested = repeat_by_column(problem.simulator.channels, "is_scored") & (noise > 0)
     squares, squared_errors = (

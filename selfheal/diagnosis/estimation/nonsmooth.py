@@ -12,7 +12,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..simulation.checkpoint import Arrays
-from .least_squares import Fit
+from .fit import Fit
 from .linearized_fit import LinearizedFit
 from .marginalization import marginalize_initial_states
 from .problem import Problem
@@ -43,7 +43,7 @@ def search_multiples(problem: Problem, terms: Sequence[Term], values: Floats) ->
     return values
 
 
-def search_along_valleys(problem: Problem, fit: Fit) -> Floats:
+def search_along_valleys(fit: Fit) -> Floats:
     """Search values near a fit, each with initial states of its own.
 
     States that were estimated with other values hold these where they are. So an
@@ -52,14 +52,13 @@ def search_along_valleys(problem: Problem, fit: Fit) -> Floats:
     searched where that takes more than `FIT.smoothed_effort`.
 
     Args:
-        problem: that was fitted.
         fit: to begin with.
 
     Returns:
         (P) likeliest values [units of the parameters].
     """
-    terms, values = fit.terms, fit.values
-    base = LinearizedFit.from_fit(problem, fit)
+    problem, terms, values = fit.problem, fit.terms, fit.values
+    base = LinearizedFit.from_fit(fit)
     effects = np.flatnonzero(base.prior == 0)
     # to linearize initial states: as they are, 2 nv offsets, an antithetic pair
     simulations = 2 * problem.simulator.compiler.nominal.nv + 3
@@ -101,7 +100,7 @@ def _follow_linearly(base: LinearizedFit, values: Floats, i: np.integer) -> Floa
     return moved
 
 
-def fit_smoothed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+def fit_smoothed(fit: Fit) -> Fit:
     """Continue a fit by Gauss-Newton steps over a smoothed cost.
 
     After an impact readings jump at any change of the values, by as much at a small as
@@ -111,16 +110,15 @@ def fit_smoothed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
     step, initial states are estimated again, for those of other values hold these.
 
     Args:
-        problem: that was fitted.
         fit: to begin with.
 
     Returns:
-        The problem with initial states of the last values, and the fit to it. Its
-        Jacobian is that of the last step.
+        The fit of the problem with initial states of the last values. Its Jacobian is
+        that of the last step.
     """
-    terms, values, jacobian = fit.terms, fit.values, fit.jacobian
+    problem, terms, values, jacobian = fit.problem, fit.terms, fit.values, fit.jacobian
     if not len(values):
-        return problem, fit
+        return fit
     points = len(values) + 2 + len(FIT.smoothed_step_shares)
     effort = _simulation_effort(problem) * FIT.smoothed_samples * points
     is_slow = effort >= FIT.smoothed_effort
@@ -136,7 +134,8 @@ def fit_smoothed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
         )
         problem = marginalized
     marginalized = marginalize_initial_states(problem, terms, values)
-    return marginalized, Fit(
+    return Fit(
+        marginalized,
         terms,
         values,
         marginalized.residuals_at(terms, values),
@@ -218,7 +217,7 @@ def _take_smoothed_step(
     moves = np.where(values + scale > high, -scale, scale)
     moved = [simulate(x[None])[0].mean(axis=0) for x in values + np.diag(moves)]
     jacobian = (np.array(moved) - residuals).T / moves
-    base = LinearizedFit.from_fit(problem, Fit(terms, values, residuals, jacobian))
+    base = LinearizedFit.from_fit(Fit(problem, terms, values, residuals, jacobian))
     _, step = base.minimize(residuals)
     shares = np.append(0.0, FIT.smoothed_step_shares)[:, None]
     points = np.clip(values + shares * step, low, high)

@@ -203,44 +203,19 @@ class Problem:
         )
         return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
-    def timestep_error(
-        self, terms: Sequence[Term], values: Floats, residuals: Floats
-    ) -> Floats:
-        """Error of residuals by the time step, by Richardson's extrapolation (1911).
-
-        Halving the step of a first-order integrator halves its error, so that the error
-        is 2 (r(h) - r(h / 2)). After an impact both are as wrong.
-
-        Args:
-            terms: effects beside the given model.
-            values: (P) [units of the parameters].
-            residuals: (R) r(h) at the values [standard deviations].
-
-        Returns:
-            (R) [standard deviations].
-        """
-        finer = replace(
+    @property
+    def with_half_step(self) -> "Problem":
+        """The problem simulated in steps half as long."""
+        return replace(
             self,
             simulator=self.simulator.with_half_step,
             segments=self.segments.with_finer_steps(2),
         )
-        return 2 * (residuals - finer.residuals_at(terms, values))
 
-    def clock_error(
-        self, terms: Sequence[Term], values: Floats, residuals: Floats
-    ) -> Floats:
-        """Change of residuals if commands act a fraction of a step later.
-
-        Args:
-            terms: effects beside the given model.
-            values: (P) [units of the parameters].
-            residuals: (R) at the values [standard deviations].
-
-        Returns:
-            (R) [standard deviations].
-        """
-        later = replace(self, simulator=self.simulator.with_late_commands)
-        return later.residuals_at(terms, values) - residuals
+    @property
+    def with_late_commands(self) -> "Problem":
+        """The problem whose commands act a fraction of a step later."""
+        return replace(self, simulator=self.simulator.with_late_commands)
 
     def select(self, chosen: np.ndarray) -> "Problem":
         """The problem in segments `chosen` (w)."""

@@ -15,7 +15,8 @@ from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from ..simulation.simulator import Simulator
-from .least_squares import Fit, fit_parameters
+from .fit import Fit
+from .least_squares import fit_parameters
 from .linearized_fit import LinearizedFit
 from .marginalization import marginalize_initial_states
 from .noise import noise_ratio, residual_rms, update_noise_model
@@ -23,26 +24,27 @@ from .problem import Problem
 from .settings import FIT
 
 
-def downweight_unscored(problem: Problem, fit: Fit) -> Floats:
+def downweight_unscored(fit: Fit) -> Floats:
     """(C) sigma [unit of each column], larger in unscored columns if much is left.
 
     A fit that leaves more than noise is a compromise between channels, and those that
     are not scored should hardly decide it.
     """
-    if noise_ratio(problem, fit.residuals) <= FIT.strictly_unexplained_ratio:
+    problem = fit.problem
+    if noise_ratio(fit) <= FIT.strictly_unexplained_ratio:
         return problem.sigma
     is_scored = repeat_by_column(problem.simulator.channels, "is_scored")
     return np.where(is_scored, problem.sigma, FIT.unscored_std_factor * problem.sigma)
 
 
-def reweight_residuals(problem: Problem, fit: Fit) -> Problem:
-    """The problem weighted by the residuals of a fit, with the noise that they show.
+def reweight_residuals(fit: Fit) -> Problem:
+    """A fit's problem weighted by its residuals, with the noise that they show.
 
     A noise model changes how far initial states may move, and states that may not move
     far enough leave more than noise. So noise is estimated a second time, with the
     states of the first one.
     """
-    residuals = fit.residuals
+    problem, residuals = fit.problem, fit.residuals
     simulator = update_noise_model(problem, residuals)
     problem = _weight_by_residuals(problem, fit, residuals, simulator)
     if not problem.regime.estimates_noise:
@@ -60,7 +62,7 @@ def _weight_by_residuals(
     """The problem with another noise model, weighted by residuals.
 
     Args:
-        problem: that was fitted.
+        problem: of the residuals.
         fit: with the values at which initial states are marginalized.
         residuals: (R) [standard deviations]; their root mean square is the new sigma,
             but no less than the noise.
@@ -93,7 +95,7 @@ def reestimate_initial_states(
     return marginalize_initial_states(problem, terms, values)
 
 
-def reestimate_misleading_states(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
+def reestimate_misleading_states(fit: Fit) -> Fit:
     """The fit with initial states estimated again where one segment holds its values.
 
     Whether a robot sticks or slips at first may depend on an initial state that was
@@ -101,8 +103,8 @@ def reestimate_misleading_states(problem: Problem, fit: Fit) -> tuple[Problem, F
     them. So states are searched with the values that all other segments ask for (case
     deletion, Cook 1977).
     """
-    for _ in range(problem.regime.misleading_state_trials):
-        base = LinearizedFit.from_fit(problem, fit)
+    for _ in range(fit.problem.regime.misleading_state_trials):
+        problem, base = fit.problem, LinearizedFit.from_fit(fit)
         deletions = [
             base.drop_residuals(problem.segment_of_residual == w)
             for w in range(len(problem.segments))
@@ -111,9 +113,8 @@ def reestimate_misleading_states(problem: Problem, fit: Fit) -> tuple[Problem, F
         if gain < FIT.misleading_cost_share * fit.cost:
             break
         values = fit.values + step
-        new_problem = marginalize_initial_states(problem, fit.terms, values)
         new_fit = fit_parameters(
-            new_problem,
+            marginalize_initial_states(problem, fit.terms, values),
             fit.terms,
             values,
             iterations=FIT.misleading_iterations,
@@ -121,5 +122,5 @@ def reestimate_misleading_states(problem: Problem, fit: Fit) -> tuple[Problem, F
         )
         if new_fit.cost > (1 - FIT.misleading_cost_share) * fit.cost:
             break
-        problem, fit = new_problem, new_fit
-    return problem, fit
+        fit = new_fit
+    return fit

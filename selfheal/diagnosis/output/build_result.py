@@ -15,9 +15,11 @@ from ...mjcf.edit import Edit, apply_edits, unified_diff
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
+from ..effects.base import Term
 from ..effects.nominal import is_unidentified
 from ..estimation.covariance import standard_errors
-from ..estimation.least_squares import Fit, refine_jacobian
+from ..estimation.fit import Fit
+from ..estimation.least_squares import refine_jacobian
 from ..selection.hypotheses import Hypothesis
 from ..selection.replay_scores import HeldOutScores, explainable_removed
 from ..selection.verdict import RemainingStructure
@@ -69,12 +71,13 @@ def build_diagnosis(
     """
     patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
-    problem = hypothesis.problem
-    errors = standard_errors(problem, refine_jacobian(problem, hypothesis.final.fit))
+    errors = standard_errors(refine_jacobian(hypothesis.final.fit))
     refit = doc.build_refit(patched, proof.unrestored.values, errors)
     unproven = doc.build_unproven(hypothesis, errors)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, unproven)
-    text, diff, edits, unpatched = patch_or_nominal(dataset, patched)
+    text, diff, edits, unpatched = patch_or_nominal(
+        dataset, patched.terms, patched.values
+    )
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -136,32 +139,42 @@ def explain_unpatchable(model: str | os.PathLike[str]) -> str:
     return ""
 
 
-def patch_or_nominal(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit], str]:
+def patch_or_nominal(
+    dataset: Dataset, terms: Sequence[Term], values: Floats
+) -> tuple[str, str, list[Edit], str]:
     """Text, difference and edits of `build_patch`, and "".
 
     Where the text cannot be patched, the text as given and the reason.
+
+    Args:
+        dataset: with the model as given.
+        terms: that become true.
+        values: (P) of them [units of the parameters].
     """
     try:
-        return *build_patch(dataset, found), ""
+        return *build_patch(dataset, terms, values), ""
     except ModelError as error:
         path = Path(dataset.compiler.path)
         return apply_edits(path, (), path.resolve().parent), "", [], str(error)
 
 
-def build_patch(dataset: Dataset, found: Fit) -> tuple[str, str, list[Edit]]:
+def build_patch(
+    dataset: Dataset, terms: Sequence[Term], values: Floats
+) -> tuple[str, str, list[Edit]]:
     """Text of patched.xml beside the given model, its difference, and the edits.
 
     Args:
         dataset: with the model as given.
-        found: the fit whose terms become true.
+        terms: that become true.
+        values: (P) of them [units of the parameters].
 
     Raises:
         ModelError: what was found has no place in the text, or MuJoCo refuses it.
     """
     path = Path(dataset.compiler.path)
     home = path.resolve().parent
-    variant = dataset.compiler.compile_variant(found.terms)
-    changes = build_edits(ModelSource(path), variant, found.terms, found.values)
+    variant = dataset.compiler.compile_variant(terms)
+    changes = build_edits(ModelSource(path), variant, terms, values)
     patched, folded = compile_patched(path, changes), fold_into_defaults(path, changes)
     if folded != changes and is_same_model(compile_patched(path, folded), patched):
         changes = folded

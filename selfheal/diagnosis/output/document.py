@@ -9,7 +9,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.covariance import confidence_interval
-from ..estimation.least_squares import Fit
+from ..estimation.fit import Fit
 from ..estimation.settings import FIT
 from ..selection.hypotheses import Hypothesis, NamedEffect
 from ..simulation.model_variants import split_values

@@ -16,9 +16,10 @@ from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from ..effects.terms import is_distinct, start_beside
 from ..estimation.candidate_fit import fit_candidate, spread_around
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
-from ..estimation.noise import noise_ratio
+from ..estimation.noise import normalize_rms
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
 from .criteria import is_plausible, is_rare_or_restating
@@ -62,15 +63,15 @@ def compute_removal_costs(
     return costs
 
 
-def is_needless(problem: Problem, fit: ScoredFit, less: ScoredFit) -> bool:
+def is_needless(fit: ScoredFit, less: ScoredFit) -> bool:
     """Whether a fit without an effect predicts as well, in each scored column too.
 
     Args:
-        problem: that both were fitted to.
         fit: with the effect.
-        less: without it.
+        less: without it, in the same problem.
     """
-    growth = compute_worst_growth(problem, fit.fit.residuals, less.fit.residuals)
+    before, after = fit.fit, less.fit
+    growth = compute_worst_growth(before.problem, before.residuals, after.residuals)
     limit = 1 + SELECTION.removal_tolerance
     return less.error < limit * fit.error and growth < limit
 
@@ -96,7 +97,7 @@ def _find_counted_columns(problem: Problem, residuals: Floats) -> np.ndarray:
     Where more than noise is left, an effect may stand for what is missing in one.
     """
     scored = repeat_by_column(problem.simulator.channels, "is_scored")
-    is_far = noise_ratio(problem, residuals) > FIT.strictly_unexplained_ratio
+    is_far = normalize_rms(problem, residuals) > FIT.strictly_unexplained_ratio
     squares = (residuals.reshape(-1, len(scored)) ** 2).sum(axis=0)
     return scored & (squares > 0) & (not is_far)
 
@@ -106,21 +107,20 @@ def find_negligible(fit: Fit) -> set[Term]:
     return {t for t, values in fit.values_by_term.items() if t.is_negligible(values)}
 
 
-def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
+def eliminate_backward(fit: Fit, nominal_count: int) -> Fit:
     """Remove effects that together cost next to nothing, up to half of them at a time.
 
     One after the other in the linearized fit, for of two that do the same one has to
     stay; then all others are fitted again.
 
     Args:
-        problem: that was fitted.
         fit: with all effects.
         nominal_count: number of nominal terms, which stand first.
     """
     limit = (1 + SELECTION.removal_tolerance) * (fit.cost + fit.prior_penalty)
-    while removed := _list_needless(problem, fit, nominal_count, limit):
+    while removed := _list_needless(fit, nominal_count, limit):
         fit = fit_parameters(
-            problem,
+            fit.problem,
             *fit.without_terms(*removed),
             iterations=1,
             jacobian=fit.restore(removed).jacobian_without(*removed),
@@ -128,18 +128,15 @@ def eliminate_backward(problem: Problem, fit: Fit, nominal_count: int) -> Fit:
     return fit
 
 
-def _list_needless(
-    problem: Problem, fit: Fit, nominal_count: int, limit: float
-) -> list[Term]:
+def _list_needless(fit: Fit, nominal_count: int, limit: float) -> list[Term]:
     """Up to half of the effects of a fit that together cost next to nothing.
 
     Args:
-        problem: that was fitted.
         fit: with all effects.
         nominal_count: number of nominal terms, which stand first.
         limit: of the penalized cost without them [1].
     """
-    base, effects = LinearizedFit.from_fit(problem, fit), fit.terms[nominal_count:]
+    base, effects = LinearizedFit.from_fit(fit), fit.terms[nominal_count:]
     share = limit / (fit.cost + fit.prior_penalty)
     removed: list[Term] = []
     while len(removed) < max(1, len(effects) // 2):
@@ -184,38 +181,35 @@ def _find_most_needless(
     return None
 
 
-def exchange_term(
-    problem: Problem, old: ScoredFit, term: Term, others: Sequence[Term]
-) -> ScoredFit:
+def exchange_term(old: ScoredFit, term: Term, others: Sequence[Term]) -> ScoredFit:
     """The fit with another term in one's place, if that predicts better.
 
     What looked best alone need not do so beside a later effect. Where the data do not
     tell two terms apart, the simpler one stays.
 
     Args:
-        problem: that was fitted.
         old: the fit with the term.
         term: that may be exchanged.
         others: terms that may take its place.
     """
-    kept, _ = old.fit.without_terms(term)
+    problem, (kept, _) = old.fit.problem, old.fit.without_terms(term)
     others = [
         start_beside(t, old.fit.terms, old.fit.values)
         for t in others
         if is_distinct(t, kept)
     ]
-    others = _keep_promising(problem, old.fit, term, others)
+    others = _keep_promising(old.fit, term, others)
     if not others:
         return old
-    less = fit_without(LinearizedFit.from_fit(problem, old.fit), term)
-    base = LinearizedFit.from_fit(problem, less)
+    less = fit_without(LinearizedFit.from_fit(old.fit), term)
+    base = LinearizedFit.from_fit(less)
     tried = [fit_candidate(base, other) for other in others]
-    tried.sort(key=lambda f: predict_held_out(problem, f).sum())
+    tried.sort(key=lambda f: predict_held_out(f).sum())
     for fit in tried[: SELECTION.max_exchange_trials]:
         fit_from = partial(fit_and_score, problem, fit.terms, jacobian=fit.jacobian)
         quick = fit_from(fit.values, iterations=3, only_updates=True)
         is_promising = quick.error < old.error or (
-            is_simpler(quick.candidate, term) and is_as_good(problem, quick, old)
+            is_simpler(quick.candidate, term) and is_as_good(quick, old)
         )
         if not is_promising and fit.cost > old.fit.cost:
             continue
@@ -223,33 +217,29 @@ def exchange_term(
         if not new.candidate.effect.is_consistent(new.values):
             continue
         grows = len(new.fit.values) > len(old.fit.values)
-        if grows and (
-            improvement_p_value(problem, old, new, len(others)) >= SELECTION.max_p_value
-        ):
+        p_value = improvement_p_value(old, new, len(others)) if grows else 0.0
+        if p_value >= SELECTION.max_p_value:
             continue
         if new.error < SELECTION.exchange_error_ratio * old.error:
-            if is_rare_or_restating(term) or is_plausible(problem, old, new):
+            if is_rare_or_restating(term) or is_plausible(old, new):
                 return new
-        elif is_simpler(new.candidate, term) and is_as_good(problem, new, old):
+        elif is_simpler(new.candidate, term) and is_as_good(new, old):
             return new
     return old
 
 
-def _keep_promising(
-    problem: Problem, fit: Fit, term: Term, others: Sequence[Term]
-) -> list[Term]:
+def _keep_promising(fit: Fit, term: Term, others: Sequence[Term]) -> list[Term]:
     """Those of some terms that are simpler than a term, or may predict better.
 
     In its place none can lower the cost by more than beside it. That is estimated by a
     score test (Rao 1948), from the responses to its initial values and around them.
 
     Args:
-        problem: that was fitted.
         fit: with the term.
         term: that may be exchanged.
         others: terms that may take its place.
     """
-    base = LinearizedFit.from_fit(problem, fit)
+    base = LinearizedFit.from_fit(fit)
     kept, values = fit.without_terms(term)
     least = SELECTION.min_score_gain * (1 - SELECTION.exchange_error_ratio) * fit.cost
     promising = []
@@ -258,7 +248,7 @@ def _keep_promising(
             around = spread_around(other, np.array(other.initial_values[0]))
             starts = np.vstack([other.initial_values, around])
             points = np.hstack([np.tile(values, (len(starts), 1)), starts])
-            residuals = problem.compute_residuals((*kept, other), points)
+            residuals = fit.problem.compute_residuals((*kept, other), points)
             if base.estimate_gain(residuals) < least:
                 continue
         promising.append(other)
@@ -280,8 +270,8 @@ def estimate_without(
     step = base.step_without(removed) if removed else np.zeros(len(fit.values))
     kept, values = replace(fit, values=fit.values + step).without_terms(*removed)
     residuals = fit.residuals + fit.jacobian @ step
-    less = Fit(kept, values, residuals, fit.jacobian_without(*removed))
-    return ScoredFit(less, predict_held_out(base.problem, less, linearly=True)), step
+    less = Fit(fit.problem, kept, values, residuals, fit.jacobian_without(*removed))
+    return ScoredFit(less, predict_held_out(less, linearly=True)), step
 
 
 def fit_without(base: LinearizedFit, term: Term) -> Fit:
@@ -299,7 +289,8 @@ def fit_without(base: LinearizedFit, term: Term) -> Fit:
     moved = replace(fit, values=fit.values + base.step_without([term]))
     kept, start = moved.without_terms(term)
     if predicted > SELECTION.clear_removal_error_ratio * fit.cost:
-        less = Fit(kept, start, problem.residuals_at(kept, start), jacobian)
+        residuals = problem.residuals_at(kept, start)
+        less = Fit(problem, kept, start, residuals, jacobian)
         if less.cost > SELECTION.clear_removal_error_ratio * fit.cost:
             return less
     less = fit_parameters(

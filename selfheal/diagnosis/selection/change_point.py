@@ -15,7 +15,8 @@ from ...recording import Recording, split, strip_window
 from ...recording.data import Floats
 from ..effects.base import Onset, Term
 from ..estimation.covariance import effective_sample_size
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import expected_noise_by_segment
 from ..estimation.problem import Problem
@@ -26,7 +27,7 @@ from .evidence import is_as_good
 from .settings import SELECTION
 
 
-def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
+def detect_change_point(fit: Fit) -> Onset | None:
     """Find since when segments show what earlier ones did not; None: they do not.
 
     Nominal values are fitted to more and more of the first segments, as long as that
@@ -35,16 +36,16 @@ def detect_change_point(problem: Problem, fit: Fit) -> Onset | None:
     readings do not tell the noise.
 
     Args:
-        problem: the segments.
-        fit: nominal values, fitted to all of them.
+        fit: nominal values, fitted to all segments.
     """
+    problem = fit.problem
     if problem.regime.has_single_readings:
         return None
     order = np.lexsort((problem.segments.first_step, problem.segments.episode))
     cuts = _list_cuts(problem.segments.episode[order])
     change, largest = None, SELECTION.change_point_error_ratio
     for cut, after in itertools.pairwise([*cuts, len(order)]):
-        early = _fit_if_explained(problem, np.sort(order[:cut]), fit)
+        early = _fit_if_explained(fit, np.sort(order[:cut]))
         if early is None:
             break
         ratios = _noise_ratios(problem, early)[order]
@@ -89,24 +90,23 @@ def _list_cuts(episode: np.ndarray) -> list[int]:
     return [int(cut) for cut in cuts[:: -(-len(cuts) // most)]]
 
 
-def _fit_if_explained(problem: Problem, chosen: np.ndarray, fit: Fit) -> Fit | None:
+def _fit_if_explained(fit: Fit, chosen: np.ndarray) -> Fit | None:
     """Fit some segments; None where most show more than noise and time step.
 
     Args:
-        problem: all segments.
+        fit: to all segments.
         chosen: (v) numbers of segments.
-        fit: to all of them.
     """
-    part = problem.select(chosen)
-    rows = np.isin(problem.segment_of_residual, chosen)
+    part = fit.problem.select(chosen)
+    rows = np.isin(fit.problem.segment_of_residual, chosen)
     early = fit_parameters(
         part, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian[rows]
     )
-    step_error = part.timestep_error(early.terms, early.values, early.residuals)
-    usual = expected_noise_by_segment(part) + part.sum_by_segment(step_error**2)
+    usual = expected_noise_by_segment(part)
+    usual += part.sum_by_segment(early.timestep_error() ** 2)
     squares = part.sum_by_segment(early.residuals**2)
     ratio = np.median(squares / np.maximum(usual, 1e-12))
-    return early if ratio <= problem.regime.explained_ratio**2 else None
+    return early if ratio <= part.regime.explained_ratio**2 else None
 
 
 def _build_onset(
@@ -146,18 +146,17 @@ def set_onset(terms: Sequence[Term], onset: Onset | None) -> tuple[Term, ...]:
     )
 
 
-def locate_change_point(problem: Problem, whole: Problem, best: ScoredFit) -> ScoredFit:
+def locate_change_point(whole: Problem, best: ScoredFit) -> ScoredFit:
     """Date the onset of effects, or drop it if they may as well always have been there.
 
     Args:
-        problem: the segments in which the effects were fitted.
         whole: all segments, with other weights.
         best: the fit with effects that set in at some time.
     """
-    fit = best.fit
+    problem, fit = best.fit.problem, best.fit
     refit = partial(fit_and_score, problem, start=fit.values, jacobian=fit.jacobian)
     always = refit(terms=set_onset(fit.terms, None), iterations=4)
-    if always.error <= best.error or is_as_good(problem, always, best):
+    if always.error <= best.error or is_as_good(always, best):
         return always
     whole = replace(whole, sigma=problem.sigma, simulator=problem.simulator)
     whole = marginalize_initial_states(whole, fit.terms, fit.values)

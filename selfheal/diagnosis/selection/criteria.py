@@ -6,19 +6,18 @@ error, to generalize across episodes, and to be usual enough for what it explain
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from ..effects.base import Term, implements
 from ..effects.terms import find_overridden
 from ..estimation.candidate_fit import fit_candidate
+from ..estimation.fit import Fit
 from ..estimation.jacobian import compute_jacobian
-from ..estimation.least_squares import Fit, fit_parameters, refine_undamped
+from ..estimation.least_squares import fit_parameters, refine_undamped
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import noise_ratio
-from ..estimation.problem import Problem
 from ..estimation.quadratic_model import prior_precision
 from ..estimation.reweighting import reestimate_initial_states
 from ..estimation.settings import FIT
@@ -50,46 +49,43 @@ class Claim:
     others: tuple[Term, ...] = ()
 
 
-def fit_finalists(
-    problem: Problem, fits: Sequence[Fit], progress: Progress
-) -> list[ScoredFit]:
+def fit_finalists(fits: Sequence[Fit], progress: Progress) -> list[ScoredFit]:
     """Score candidates; those that predict best with all other values fitted again.
 
     Args:
-        problem: that all were fitted to.
         fits: with one candidate each, from the screening.
         progress: called with a message and a share (0 to 1).
     """
-    scored = [ScoredFit.from_fit(problem, fit) for fit in fits]
+    scored = [ScoredFit.from_fit(fit) for fit in fits]
     scored.sort(key=lambda s: s.error)
     for i in range(min(SELECTION.max_finalists, len(scored))):
         old = scored[i]
         progress(f"fitting {old.candidate.label}", i / SELECTION.max_finalists)
-        new = _fit_on(problem, old)
+        new = _fit_on(old)
         # no fit that converged predicts so well, unless the cost is rough
-        if new.error < new.fit.cost and not problem.regime.has_rough_cost:
-            new = _fit_on(problem, new)
-        scored[i] = _score_reestimated(problem, new if new.error < old.error else old)
+        if new.error < new.fit.cost and not new.fit.problem.regime.has_rough_cost:
+            new = _fit_on(new)
+        scored[i] = _score_reestimated(new if new.error < old.error else old)
     return scored
 
 
-def _fit_on(problem: Problem, scored: ScoredFit) -> ScoredFit:
+def _fit_on(scored: ScoredFit) -> ScoredFit:
     """A fit after three more iterations, scored."""
     fit = scored.fit
     return fit_and_score(
-        problem, fit.terms, fit.values, iterations=3, jacobian=fit.jacobian
+        fit.problem, fit.terms, fit.values, iterations=3, jacobian=fit.jacobian
     )
 
 
-def _score_reestimated(problem: Problem, old: ScoredFit) -> ScoredFit:
+def _score_reestimated(old: ScoredFit) -> ScoredFit:
     """The fit with initial states estimated from its values, if it predicts better."""
-    terms, values = old.fit.terms, old.fit.values
+    problem, terms, values = old.fit.problem, old.fit.terms, old.fit.values
     reestimated = reestimate_initial_states(problem, terms, values)
     if reestimated is problem:
         return old
-    jacobian = problem.transfer_jacobian(reestimated, old.fit.jacobian)
+    jacobian = old.fit.transfer_jacobian(reestimated)
     new = fit_and_score(reestimated, terms, values, iterations=4, jacobian=jacobian)
-    new = replace(new, reestimated=reestimated)
+    new = replace(new, is_reestimated=True)
     return new if new.error < old.error else old
 
 
@@ -114,23 +110,21 @@ def fit_damages(
     lost = [t for t in damages if not t.parameters]
     return [
         *_fit_parameterless(base, nominal_count, lost, progress),
-        *fit_finalists(base.problem, fits, progress),
+        *fit_finalists(fits, progress),
     ]
 
 
-def is_clear(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
+def is_clear(old: ScoredFit, new: ScoredFit) -> bool:
     """Whether no other candidate can be likelier than a damage that earns its name.
 
     Args:
-        problem: that both were fitted to.
         old: the fit without it.
         new: the fit with it, which has no parameter or is seen in the readings.
     """
     if new.error >= SELECTION.large_gain_error_ratio * old.error:
         return False
-    ratio = noise_ratio(new.reestimated or problem, new.fit.residuals)
     is_shown = new.candidate.effect.is_directly_observed(new.candidate)
-    return is_shown or ratio <= FIT.unexplained_ratio
+    return is_shown or noise_ratio(new.fit) <= FIT.unexplained_ratio
 
 
 def _fit_parameterless(
@@ -169,41 +163,41 @@ def _fit_parameterless(
         terms = (*fit.terms, term)
         reestimated = marginalize_initial_states(as_read, terms, values)
         new = fit_and_score(reestimated, terms, values, iterations=4)
-        scored.append(replace(new, reestimated=reestimated))
+        scored.append(replace(new, is_reestimated=True))
     return scored
 
 
 def choose_winner(
-    problem: Problem, old: ScoredFit, finalists: Sequence[ScoredFit], tried: float
+    old: ScoredFit, finalists: Sequence[ScoredFit], tried: float
 ) -> tuple[ScoredFit, Claim] | None:
     """The candidate that earns a name, and its claim to it; None: no one does.
 
     Args:
-        problem: that all were fitted to.
         old: the fit without a candidate.
-        finalists: fits with one candidate each.
+        finalists: fits with one candidate each, to the same segments.
         tried: number of independent candidates (`screen_candidates`).
     """
-    p_value = {s: improvement_p_value(problem, old, s, tried) for s in finalists}
+    p_value = {s: improvement_p_value(old, s, tried) for s in finalists}
+    least = old.fit.problem.regime.min_gain
     good = [
         s
         for s in finalists
         if p_value[s] < SELECTION.max_p_value
         and not s.candidate.is_negligible(s.values)
-        and s.error < (1 - problem.regime.min_gain) * old.error
-        and is_plausible(problem, old, s)
-        and generalizes_across_episodes(problem, old.fit, s.fit, s.reestimated)
+        and s.error < (1 - least) * old.error
+        and is_plausible(old, s)
+        and generalizes_across_episodes(old.fit, s.fit)
     ]
     if not good:
         return None
-    best = _choose_likeliest(problem, old, sorted(good, key=lambda s: s.error))
+    best = _choose_likeliest(old, sorted(good, key=lambda s: s.error))
     others = [s for s in good if s is not best]
     margin = SELECTION.equivalence_margin
-    equivalent = [s for s in others if is_as_good(problem, s, best, margin)]
+    equivalent = [s for s in others if is_as_good(s, best, margin)]
     evidence = Evidence(
         gain_nats(old, best),
         p_value[best],
-        bootstrap_stability(problem, good, [best, *equivalent]),
+        bootstrap_stability(good, [best, *equivalent]),
     )
     return best, Claim(
         evidence,
@@ -234,23 +228,19 @@ def find_relieving(
     """
     from scipy.stats import chi2
 
-    problem = base.problem
-    if noise_ratio(problem, old.fit.residuals) >= FIT.strictly_unexplained_ratio:
+    if noise_ratio(old.fit) >= FIT.strictly_unexplained_ratio:
         return None
     # in contact the cost is too rough to follow a valley
-    refine = (
-        partial(refine_undamped, problem)
-        if not problem.regime.has_rough_cost
-        else lambda f: f
-    )
+    is_rough = base.problem.regime.has_rough_cost
+    refine = (lambda f: f) if is_rough else refine_undamped
     before = refine(old.fit)
     fits = []
     for i, term in enumerate(candidates):
         progress(f"trying {term.label}", i / len(candidates))
-        fits.append(_fit_freed(problem, before, term))
+        fits.append(_fit_freed(before, term))
     fits.sort(key=lambda f: f.cost + f.prior_penalty)
     best_fits = fits[: SELECTION.max_finalists]
-    scored = [ScoredFit.from_fit(problem, refine(f)) for f in best_fits]
+    scored = [ScoredFit.from_fit(refine(f)) for f in best_fits]
     relief = {
         s: before.prior_penalty
         - s.fit.prior_penalty
@@ -267,21 +257,21 @@ def find_relieving(
         return None
     good = [s for s in p_value if p_value[s] < SELECTION.max_p_value]
     rivals = tuple(s.candidate for s in good if s is not best)
-    stability = bootstrap_stability(problem, [old, *scored], [best])
+    stability = bootstrap_stability([old, *scored], [best])
     evidence = Evidence(gain_nats(old, best), p_value[best], stability)
     return best, Claim(evidence, rivals, rivals)
 
 
-def _fit_freed(problem: Problem, fit: Fit, term: Term) -> Fit:
+def _fit_freed(fit: Fit, term: Term) -> Fit:
     """One iteration from a fit; a term begins at the fitted value that it restates.
 
     The readings fit there; the prior tells how far the value has to go from there.
 
     Args:
-        problem: that was fitted.
         fit: without the term.
         term: that restates a nominal value.
     """
+    problem = fit.problem
     factors = {t.targets[0]: v for t, v in zip(fit.terms, fit.values, strict=True)}
     target = term.targets[0]
     restated = [
@@ -295,16 +285,13 @@ def _fit_freed(problem: Problem, fit: Fit, term: Term) -> Fit:
     return fit_parameters(problem, terms, start, iterations=1, jacobian=jacobian)
 
 
-def _choose_likeliest(
-    problem: Problem, old: ScoredFit, good: Sequence[ScoredFit]
-) -> ScoredFit:
+def _choose_likeliest(old: ScoredFit, good: Sequence[ScoredFit]) -> ScoredFit:
     """The candidate that gets the name, of some that earn it.
 
     Of candidates that the data cannot rank, those go first that leave nominal values
     far from the prior; of the rest the usual one with the fewest parameters stays.
 
     Args:
-        problem: that all were fitted to.
         old: the fit without a candidate.
         good: fits with one candidate each, the best first.
     """
@@ -313,19 +300,18 @@ def _choose_likeliest(
         if is_observed and s.error < SELECTION.large_gain_error_ratio * old.error:
             return s
     margin = SELECTION.equivalence_margin
-    if problem.regime.has_single_readings:
-        good = sorted(good, key=partial(bic, problem), reverse=True)
-        near = [s for s in good if is_as_good(problem, s, good[0], margin)]
+    if old.fit.problem.regime.has_single_readings:
+        good = sorted(good, key=bic, reverse=True)
+        near = [s for s in good if is_as_good(s, good[0], margin)]
         # a pose that is read once tells nothing of when a command arrives
         return min(
             near, key=lambda s: implements(s.candidate.effect, "transform_command")
         )
-    near = [s for s in good if is_as_good(problem, s, good[0], margin)]
+    near = [s for s in good if is_as_good(s, good[0], margin)]
     usual = [s for s in near if not _rank_rarity(s)[0]] or near
-    near = [s for s in usual if is_as_good(problem, s, usual[0], margin)]
-    limit = min(s.fit.prior_penalty for s in near) + significant_prior_penalty(
-        problem, near[0].fit
-    )
+    near = [s for s in usual if is_as_good(s, usual[0], margin)]
+    limit = min(s.fit.prior_penalty for s in near)
+    limit += significant_prior_penalty(near[0].fit)
     near = [s for s in near if s.fit.prior_penalty < limit]
     return min(near, key=_rank_rarity)
 
@@ -339,17 +325,17 @@ def _rank_rarity(s: ScoredFit) -> tuple:
     return term.effect.rate_rarity(term, s.values), free, s.error
 
 
-def significant_prior_penalty(problem: Problem, fit: Fit) -> float:
+def significant_prior_penalty(fit: Fit) -> float:
     """Prior penalty [variances] that is no accident.
 
     Impacts make the cost rough, which drives every nominal value some way.
     """
     values = np.count_nonzero(prior_precision(fit.terms))
-    by_roughness = problem.regime.prior_penalty_of_value * values
+    by_roughness = fit.problem.regime.prior_penalty_of_value * values
     return SELECTION.significant_prior_penalty + by_roughness
 
 
-def is_plausible(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
+def is_plausible(old: ScoredFit, new: ScoredFit) -> bool:
     """Whether an effect is usual enough for what it explains.
 
     Where much stays unexplained, an effect that is rare, or says that the model's own
@@ -357,15 +343,13 @@ def is_plausible(problem: Problem, old: ScoredFit, new: ScoredFit) -> bool:
     value ends at a bound: it would be larger yet than any robot has it.
 
     Args:
-        problem: that both were fitted to.
         old: the fit without the effect, or with another one.
         new: the fit with the effect as its last term.
     """
     is_usual = not is_rare_or_restating(new.candidate)
     is_large = new.error < SELECTION.large_gain_error_ratio * old.error
     is_likely = (is_usual or is_large) and not new.candidate.is_at_bound(new.values)
-    residuals = new.fit.residuals
-    return is_likely or noise_ratio(problem, residuals) < FIT.strictly_unexplained_ratio
+    return is_likely or noise_ratio(new.fit) < FIT.strictly_unexplained_ratio
 
 
 def is_rare_or_restating(term: Term) -> bool:

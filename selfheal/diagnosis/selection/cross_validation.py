@@ -12,7 +12,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.candidate_fit import fit_candidate
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.problem import Problem, assign_blocks
 from ..estimation.settings import FIT
@@ -27,18 +28,18 @@ class ScoredFit:
         fit: to all segments.
         held_out_errors: (W) [1] squared residuals of each segment in standard
             deviations, each predicted from the other folds.
-        reestimated: the problem with the initial states that the fit's values ask for;
-            None: those of before.
+        is_reestimated: whether the problem has the initial states that the fit's values
+            ask for, not those of before.
     """
 
     fit: Fit
     held_out_errors: Floats
-    reestimated: Problem | None = None
+    is_reestimated: bool = False
 
     @classmethod
-    def from_fit(cls, problem: Problem, fit: Fit) -> "ScoredFit":
-        """Score a fit of a problem by predicting every fold from the others."""
-        return cls(fit, predict_held_out(problem, fit))
+    def from_fit(cls, fit: Fit) -> "ScoredFit":
+        """Score a fit by predicting every fold from the others."""
+        return cls(fit, predict_held_out(fit))
 
     @property
     def error(self) -> float:
@@ -57,11 +58,7 @@ class ScoredFit:
 
 
 def predict_held_out(
-    problem: Problem,
-    fit: Fit,
-    folds: np.ndarray | None = None,
-    *,
-    linearly: bool = False,
+    fit: Fit, folds: np.ndarray | None = None, *, linearly: bool = False
 ) -> Floats:
     """Squared residuals of each fold, with the values that the other folds ask for.
 
@@ -77,8 +74,7 @@ def predict_held_out(
     `refit_without_folds` fits the latter.
 
     Args:
-        problem: that was fitted.
-        fit: its fit.
+        fit: to all segments.
         folds: (R) number of the fold of each residual; by default those of
             `assign_folds`.
         linearly: whether no fold is simulated.
@@ -86,9 +82,9 @@ def predict_held_out(
     Returns:
         (W) [1] sums over each segment, in squared standard deviations.
     """
-    values, jacobian, residuals = fit.values, fit.jacobian, fit.residuals
+    problem, jacobian, residuals = fit.problem, fit.jacobian, fit.residuals
     folds = assign_folds(problem) if folds is None else folds
-    base = LinearizedFit.from_fit(problem, fit)
+    base = LinearizedFit.from_fit(fit)
     squares = np.empty(len(residuals))
     whole = []
     for fold in np.unique(folds):
@@ -98,7 +94,7 @@ def predict_held_out(
         squares[rows] = (residuals[rows] + change) ** 2
         segments = np.unique(problem.segment_of_residual[rows])
         if np.isin(problem.segment_of_residual, segments).sum() == rows.sum():
-            whole.append((float(change @ change), rows, segments, values + step))
+            whole.append((float(change @ change), rows, segments, fit.values + step))
     if linearly or problem.regime.has_single_readings:
         return problem.sum_by_segment(squares)
     worst = 0.0
@@ -121,9 +117,7 @@ def assign_folds(problem: Problem) -> np.ndarray:
     return np.arange(rows) * FIT.max_blocks // rows
 
 
-def generalizes_across_episodes(
-    problem: Problem, old: Fit, new: Fit, reestimated: Problem | None = None
-) -> bool:
+def generalizes_across_episodes(old: Fit, new: Fit) -> bool:
     """Whether a fit predicts whole episodes from the others better than another one.
 
     Leave-one-episode-out cross-validation: neighboring segments share what is peculiar
@@ -131,19 +125,18 @@ def generalizes_across_episodes(
     shows an effect's size, the others cannot tell it. Two episodes are too few to ask.
 
     Args:
-        problem: that both were fitted to.
         old: the fit without a candidate.
-        new: the fit with it.
-        reestimated: the problem with the initial states of `new`; None: `problem`.
+        new: the fit with it, in the same segments.
     """
+    problem = old.problem
     episode_of_residual = problem.segments.episode[problem.segment_of_residual]
     if len(np.unique(episode_of_residual)) < SELECTION.min_episodes:
         return True
     before, after = (
         np.bincount(
-            problem.segments.episode, predict_held_out(p, fit, episode_of_residual)
+            problem.segments.episode, predict_held_out(fit, episode_of_residual)
         )
-        for p, fit in ((problem, old), (reestimated or problem, new))
+        for fit in (old, new)
     )
     if problem.regime.has_single_readings:
         return bool(after.sum() < before.sum())
@@ -201,4 +194,4 @@ def fit_and_score(
         start: (P) [units of the parameters] values to begin with.
         **options: those of `fit_parameters`.
     """
-    return ScoredFit.from_fit(problem, fit_parameters(problem, terms, start, **options))
+    return ScoredFit.from_fit(fit_parameters(problem, terms, start, **options))

@@ -12,9 +12,9 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.covariance import effective_sample_size, standard_errors
-from ..estimation.least_squares import Fit
+from ..estimation.fit import Fit
 from ..estimation.noise import noise_ratio
-from ..estimation.problem import Problem, assign_blocks
+from ..estimation.problem import assign_blocks
 from ..estimation.settings import FIT
 from ..simulation.model_variants import split_values
 from .cross_validation import ScoredFit
@@ -37,9 +37,7 @@ class Evidence:
     stability: float
 
 
-def improvement_p_value(
-    problem: Problem, old: ScoredFit, new: ScoredFit, tried: float
-) -> float:
+def improvement_p_value(old: ScoredFit, new: ScoredFit, tried: float) -> float:
     """p-value that a fit predicts better than another one with fewer parameters.
 
     A likelihood-ratio test of the held-out errors E, with n the effective sample size:
@@ -54,61 +52,52 @@ def improvement_p_value(
     readings the less of two likelihood ratios counts.
 
     Args:
-        problem: that both were fitted to.
         old: the fit with fewer parameters.
-        new: the fit with more of them.
+        new: the fit with more of them, to the same segments.
         tried: number of independent candidates of which `new` is one.
     """
     from scipy.stats import chi2
 
+    problem = old.fit.problem
     if problem.regime.has_single_readings:
         tests = 1
-        nats = min(_log_likelihoods(problem, new) - _log_likelihoods(problem, old))
+        nats = min(_log_likelihoods(new) - _log_likelihoods(old))
         nats = nats if old.error > new.error else 0.0
     else:
         block, gains = assign_blocks(problem), old.held_out_errors - new.held_out_errors
         by_block = np.bincount(block, gains)
         trimmed = ~np.isin(block, [by_block.argmin(), by_block.argmax()])
         tests = 2
-        nats = max(
-            _significant_nats(problem, old, new, w) for w in (block >= 0, trimmed)
-        )
+        nats = max(_significant_nats(old, new, w) for w in (block >= 0, trimmed))
     degrees = max(1, len(new.fit.values) - len(old.fit.values))
     return float(min(1.0, tests * tried * chi2.sf(2 * max(nats, 0.0), degrees)))
 
 
 def weigh_name(
-    problem: Problem,
-    less: ScoredFit,
-    best: ScoredFit,
-    tried: int,
-    rng: np.random.Generator,
+    less: ScoredFit, best: ScoredFit, tried: int, rng: np.random.Generator
 ) -> Evidence:
     """What speaks for a name, by the error with it and without it.
 
     Args:
-        problem: whose segments' errors are compared.
         less: the fit without it.
-        best: the fit with it.
+        best: the fit with it, to the same segments.
         tried: number of names that were tried together (Bonferroni).
         rng: draws resamples of the blocks.
     """
-    p_value = improvement_p_value(problem, less, best, tried)
+    p_value = improvement_p_value(less, best, tried)
     if less.error > (1 + SELECTION.max_uncertain_removal) * best.error:
         # few blocks can have most of the error, and speak for all
-        others = most_blocks_p_value(problem, less, best, tried)
+        others = most_blocks_p_value(less, best, tried)
         p_value = min(1.0, 2 * min(p_value, others))
     gains = np.bincount(
-        assign_blocks(problem), less.held_out_errors - best.held_out_errors
+        assign_blocks(less.fit.problem), less.held_out_errors - best.held_out_errors
     )
     draws = rng.integers(len(gains), size=(SELECTION.bootstrap_resamples, len(gains)))
     stability = float((gains[draws].sum(axis=1) > 0).mean())
     return Evidence(gain_nats(less, best), p_value, stability)
 
 
-def most_blocks_p_value(
-    problem: Problem, old: ScoredFit, new: ScoredFit, tried: float
-) -> float:
+def most_blocks_p_value(old: ScoredFit, new: ScoredFit, tried: float) -> float:
     """p-value that a fit predicts most blocks of segments better than another one.
 
     A paired t test of the logarithms of the blocks' held-out errors, in which no block
@@ -116,14 +105,13 @@ def most_blocks_p_value(
     error.
 
     Args:
-        problem: that both were fitted to.
         old: the fit with fewer parameters.
-        new: the fit with more of them.
+        new: the fit with more of them, to the same segments.
         tried: number of independent candidates of which `new` is one (Bonferroni).
     """
     from scipy.stats import ttest_1samp
 
-    block = assign_blocks(problem)
+    block = assign_blocks(old.fit.problem)
     before, after = (
         np.log(np.maximum(np.bincount(block, f.held_out_errors), FIT.tiny))
         for f in (old, new)
@@ -134,17 +122,15 @@ def most_blocks_p_value(
     return float(min(1.0, tried * test.pvalue))
 
 
-def _significant_nats(
-    problem: Problem, old: ScoredFit, new: ScoredFit, used: np.ndarray
-) -> float:
+def _significant_nats(old: ScoredFit, new: ScoredFit, used: np.ndarray) -> float:
     """Log-likelihood ratio [nats] of two fits in some segments; 0 if it is not steady.
 
     Args:
-        problem: that both were fitted to.
         old: the fit with fewer parameters.
-        new: the fit with more of them.
+        new: the fit with more of them, to the same segments.
         used: (W) which segments count.
     """
+    problem = old.fit.problem
     _, block = np.unique(assign_blocks(problem)[used], return_inverse=True)
     gains = np.bincount(block, (old.held_out_errors - new.held_out_errors)[used])
     if len(gains) < 2:
@@ -159,7 +145,7 @@ def _significant_nats(
     return float(0.5 * samples * np.log(before / max(after, FIT.tiny)))
 
 
-def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
+def _log_likelihoods(scored: ScoredFit) -> Floats:
     """Two log-likelihoods [nats] of held-out single readings, of unknown scale.
 
     Of segments w with m_w readings and squared errors E_w, up to a constant:
@@ -174,7 +160,8 @@ def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
     Returns:
         (2) [nats] normal, Student's t.
     """
-    is_known, errors = np.isfinite(problem.segments.readings), scored.held_out_errors
+    problem, errors = scored.fit.problem, scored.held_out_errors
+    is_known = np.isfinite(problem.segments.readings)
     count = np.zeros(len(errors))
     for channel in problem.simulator.channels:
         is_read = is_known[:, channel.columns].all(axis=1)
@@ -193,19 +180,18 @@ def _log_likelihoods(problem: Problem, scored: ScoredFit) -> Floats:
     return np.array([normal, -count.sum() / 2 * np.log(scale) - tails.sum()])
 
 
-def bic(problem: Problem, scored: ScoredFit) -> float:
+def bic(scored: ScoredFit) -> float:
     """Normal log-likelihood of single readings less half the BIC penalty [nats].
 
     log L - k/2 log(M) with k parameters and M readings: minus half of the Bayesian
     information criterion (Schwarz 1978), so that more is better.
     """
-    readings = np.isfinite(problem.segments.readings).sum()
+    readings = np.isfinite(scored.fit.problem.segments.readings).sum()
     penalty = 0.5 * np.log(readings) * len(scored.fit.values)
-    return float(_log_likelihoods(problem, scored)[0] - penalty)
+    return float(_log_likelihoods(scored)[0] - penalty)
 
 
 def is_as_good(
-    problem: Problem,
     other: ScoredFit,
     lead: ScoredFit,
     margin: float = SELECTION.exchange_margin,
@@ -217,14 +203,14 @@ def is_as_good(
     has to exceed its standard errors over the blocks.
 
     Args:
-        problem: that both were fitted to.
         other: that may be as good.
-        lead: that predicts best.
+        lead: that predicts best, in the same segments.
         margin: [standard errors or nats] by which the other one may be worse.
     """
+    problem = lead.fit.problem
     if problem.regime.has_single_readings:
-        return bic(problem, lead) - bic(problem, other) < margin
-    if _is_clearly_likelier(problem, lead, other):
+        return bic(lead) - bic(other) < margin
+    if _is_clearly_likelier(lead, other):
         return False
     losses = np.bincount(
         assign_blocks(problem), other.held_out_errors - lead.held_out_errors
@@ -238,29 +224,28 @@ def is_as_good(
     return bool(is_within_errors and is_close) or bool(nats < margin)
 
 
-def _is_clearly_likelier(problem: Problem, lead: ScoredFit, other: ScoredFit) -> bool:
+def _is_clearly_likelier(lead: ScoredFit, other: ScoredFit) -> bool:
     """Whether a fit surely predicts better, by more than it leaves beside the noise.
 
     The segment that speaks most for it does not count.
 
     Args:
-        problem: that both were fitted to.
         lead: the fit that may be better.
-        other: the fit that may be worse.
+        other: the fit that may be worse, to the same segments.
     """
     losses = other.held_out_errors - lead.held_out_errors
     rest = np.arange(len(losses)) != np.argmax(losses)
     before, after = (s.held_out_errors[rest].sum() for s in (other, lead))
     ratio = before / max(after, FIT.tiny)
-    left = noise_ratio(problem, lead.fit.residuals) ** 2
-    samples = effective_sample_size(problem, lead.fit.residuals)
+    left = noise_ratio(lead.fit) ** 2
+    samples = effective_sample_size(lead.fit.problem, lead.fit.residuals)
     nats = 0.5 * samples * np.log(max(ratio, FIT.tiny))
     least = max(left, 1 + SELECTION.certain_error_excess)
     return bool(nats > SELECTION.certain_nats and ratio > least)
 
 
 def bootstrap_stability(
-    problem: Problem, tried: Sequence[ScoredFit], winners: Sequence[ScoredFit]
+    tried: Sequence[ScoredFit], winners: Sequence[ScoredFit]
 ) -> float:
     """Share of bootstraps of the blocks in which one of the winners comes first.
 
@@ -268,12 +253,11 @@ def bootstrap_stability(
     (Meinshausen and Buehlmann 2010).
 
     Args:
-        problem: that all were fitted to.
-        tried: fits with one candidate each.
+        tried: fits with one candidate each, to the same segments.
         winners: the one that got the name, and those that cannot be told from it.
     """
     rng = np.random.default_rng(0)
-    block = assign_blocks(problem)
+    block = assign_blocks(tried[0].fit.problem)
     errors = np.array([np.bincount(block, s.held_out_errors) for s in tried])
     blocks = errors.shape[1]
     draws = rng.integers(blocks, size=(SELECTION.bootstrap_resamples, blocks))
@@ -287,7 +271,7 @@ def gain_nats(old: ScoredFit, new: ScoredFit) -> float:
     return float(0.5 * np.log(old.error / max(new.error, FIT.tiny)))
 
 
-def find_uncertain(problem: Problem, fit: Fit) -> list[Term]:
+def find_uncertain(fit: Fit) -> list[Term]:
     """Effects whose values are all within their standard errors of nominal ones.
 
     A Wald test (1943). The errors count those of the time step and of the commands'
@@ -295,12 +279,12 @@ def find_uncertain(problem: Problem, fit: Fit) -> list[Term]:
     could be trusted.
 
     Args:
-        problem: that was fitted.
         fit: with a Jacobian near its values.
     """
-    if problem.regime.has_rough_cost or problem.regime.has_single_readings:
+    regime = fit.problem.regime
+    if regime.has_rough_cost or regime.has_single_readings:
         return []
-    errors = split_values(fit.terms, standard_errors(problem, fit))
+    errors = split_values(fit.terms, standard_errors(fit))
     found = []
     for (term, values), limits in zip(fit.values_by_term.items(), errors, strict=True):
         each = zip(term.parameters, values, limits, strict=True)

@@ -14,14 +14,14 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import fit_candidate
-from ..estimation.jacobian import compute_jacobian
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import noise_ratio
+from ..estimation.noise import noise_ratio, normalize_rms
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
 from ..estimation.settings import FIT
@@ -84,8 +84,8 @@ def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list
     The geometric mean over segments of several lengths, as long as these inform: the
     longer ones show what builds up slowly.
     """
-    first = hypotheses[0]
-    sigma, fit = downweight_unscored(first.problem, first.final.fit), first.final.fit
+    fit = hypotheses[0].final.fit
+    sigma = downweight_unscored(fit)
     held_out = (
         _build_held_out(dataset, sigma, seconds)
         for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
@@ -148,18 +148,15 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
     hypothesis, plain = tested[0], tested[0].plain
     if plain is None:
         return None
-    residuals = hypothesis.final.fit.residuals
-    if noise_ratio(hypothesis.problem, residuals) <= FIT.unexplained_ratio:
+    if noise_ratio(hypothesis.final.fit) <= FIT.unexplained_ratio:
         return None  # what leaves little but noise misses nothing
-    problem, count = hypothesis.problem, len(hypothesis.nominal.fit.terms)
-    every = replace(hypothesis, final=ScoredFit.from_fit(problem, plain))
+    count = len(hypothesis.nominal.fit.terms)
+    every = replace(hypothesis, final=ScoredFit.from_fit(plain))
     limit, error = _held_out_errors(dataset, [hypothesis, every])
     if error >= limit / SELECTION.worse_replay_ratio**2:
         return None
-    fewer = ScoredFit.from_fit(problem, eliminate_backward(problem, plain, count))
-    named, proven = _find_proven(
-        dataset, problem, fewer.fit, count, len(plain.terms) - count
-    )
+    fewer = ScoredFit.from_fit(eliminate_backward(plain, count))
+    named, proven = _find_proven(dataset, fewer, count, len(plain.terms) - count)
     if not named:
         return None
     less, least = (replace(hypothesis, final=final) for final in (fewer, proven))
@@ -173,7 +170,7 @@ def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
 
 
 def _find_proven(
-    dataset: Dataset, problem: Problem, fit: Fit, nominal_count: int, tried: int
+    dataset: Dataset, scored: ScoredFit, nominal_count: int, tried: int
 ) -> tuple[tuple[NamedEffect, ...], ScoredFit]:
     """The effects that a likelihood-ratio test proves, in fitted or held-out segments.
 
@@ -184,24 +181,19 @@ def _find_proven(
 
     Args:
         dataset: with the held-out episodes.
-        problem: that was fitted.
-        fit: whose terms beside the nominal ones are to be tested.
+        scored: fit whose terms beside the nominal ones are to be tested.
         nominal_count: number of nominal terms, which stand first.
         tried: number of effects that were fitted together.
 
     Returns:
         The effects, and the fit without all others.
     """
+    fit, problem = scored.fit, scored.fit.problem
     held_out = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
     held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
-    weigh = partial(
-        _weigh_in_both, problem, held_out, 2 * tried, np.random.default_rng(4)
-    )
-    predicted = held_out.residuals_at(fit.terms, fit.values)
-    slopes = compute_jacobian(held_out, fit.terms, fit.values, predicted)
-    unseen = Fit(fit.terms, fit.values, predicted, slopes)
-    base = LinearizedFit.from_fit(problem, fit)
-    scored = ScoredFit.from_fit(problem, fit)
+    weigh = partial(_weigh_in_both, 2 * tried, np.random.default_rng(4))
+    unseen = fit_parameters(held_out, fit.terms, fit.values, iterations=0)
+    base = LinearizedFit.from_fit(fit)
     named: list[NamedEffect] = []
     untested = list(fit.terms[nominal_count:])
     costs = compute_removal_costs(base, untested)
@@ -210,50 +202,47 @@ def _find_proven(
         (less, step), (whole, _) = (estimate_without(base, x) for x in ([term], []))
         unseen = unseen.restore([term])
         predicted = unseen.residuals + unseen.jacobian @ step
-        evidence = weigh(less, predicted, whole, unseen.residuals)
+        slopes = unseen.jacobian_without(term)
+        without = Fit(held_out, less.fit.terms, less.fit.values, predicted, slopes)
+        evidence = weigh(less, without, whole, unseen)
         if evidence.p_value > SELECTION.clear_p_value:
-            less = ScoredFit.from_fit(problem, fit_without(base, term))
+            less = ScoredFit.from_fit(fit_without(base, term))
             predicted = held_out.residuals_at(less.fit.terms, less.fit.values)
-            evidence = weigh(less, predicted, scored, unseen.residuals)
+            without = Fit(held_out, less.fit.terms, less.fit.values, predicted, slopes)
+            evidence = weigh(less, without, scored, unseen)
         if evidence.p_value < SELECTION.max_p_value:
             named.append(NamedEffect(term, evidence, ()))
         else:
-            slopes, scored = unseen.jacobian_without(term), less
-            unseen = Fit(less.fit.terms, less.fit.values, predicted, slopes)
-            base = LinearizedFit.from_fit(problem, less.fit)
+            unseen, scored, base = without, less, LinearizedFit.from_fit(less.fit)
             costs = compute_removal_costs(base, untested)
     return tuple(named), scored
 
 
 def _weigh_in_both(
-    problem: Problem,
-    held_out: Problem,
     tried: int,
     rng: np.random.Generator,
     less: ScoredFit,
-    unseen_less: Floats,
+    unseen_less: Fit,
     whole: ScoredFit,
-    unseen: Floats,
+    unseen: Fit,
 ) -> Evidence:
     """What speaks for an effect, in the segments that show it better.
 
     Args:
-        problem: that was fitted.
-        held_out: segments that were not.
         tried: number of tests.
         rng: draws resamples.
         less: the fit without the effect.
-        unseen_less: (R) its held-out residuals [standard deviations].
+        unseen_less: the same in held-out segments.
         whole: the fit with it.
-        unseen: (R) its held-out residuals [standard deviations].
+        unseen: the same in held-out segments.
     """
     old, new = (
-        ScoredFit(replace(s.fit, residuals=r), held_out.sum_by_segment(r**2))
-        for s, r in ((less, unseen_less), (whole, unseen))
+        ScoredFit(fit, fit.problem.sum_by_segment(fit.residuals**2))
+        for fit in (unseen_less, unseen)
     )
     return min(
-        weigh_name(problem, less, whole, tried, rng),
-        weigh_name(held_out, old, new, tried, rng),
+        weigh_name(less, whole, tried, rng),
+        weigh_name(old, new, tried, rng),
         key=lambda e: e.p_value,
     )
 
@@ -275,12 +264,11 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
             break
         name, less = weakest
         refuted.append(name.term.label)
-        problem = hypothesis.problem
-        substitutes, best = try_equivalents(problem, held_out, name, less)
+        substitutes, best = try_equivalents(held_out, name, less)
         named = [[n] if n is not name else substitutes for n in hypothesis.named]
         hypothesis = replace(
             hypothesis,
-            final=ScoredFit.from_fit(problem, best),
+            final=ScoredFit.from_fit(best),
             named=tuple(chain(*named)),
         )
     return hypothesis, tuple(refuted)
@@ -309,14 +297,14 @@ def _find_weakest(
     predicted = held_out.residuals_at(fit.terms, fit.values)
     error = float(predicted @ predicted)
     least = SELECTION.min_held_out_gain * error
-    if noise_ratio(held_out, predicted) > FIT.unexplained_ratio:
+    if normalize_rms(held_out, predicted) > FIT.unexplained_ratio:
         before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
         trifle = SELECTION.min_held_out_share * (before - error)
         least = max(least, min(trifle, SELECTION.max_trifle * error))
     values = fit.values_by_term
     weakest, smallest = None, least
-    base = LinearizedFit.from_fit(hypothesis.problem, fit)
-    uncertain = find_uncertain(hypothesis.problem, fit)
+    base = LinearizedFit.from_fit(fit)
+    uncertain = find_uncertain(fit)
     for name in hypothesis.named:
         less = fit_without(base, name.term)
         without = held_out.residuals_at(less.terms, less.values)
@@ -324,7 +312,7 @@ def _find_weakest(
         if name.term in uncertain or name.term.is_negligible(values[name.term]):
             return name, less
         relief = less.prior_penalty - fit.prior_penalty
-        if relief > significant_prior_penalty(held_out, fit) and gain > -least:
+        if relief > significant_prior_penalty(fit) and gain > -least:
             continue
         change = float(((without - predicted) ** 2).sum()) / error
         if change < SELECTION.min_held_out_effect * (less.cost / fit.cost - 1):
@@ -338,12 +326,11 @@ def _find_weakest(
 
 
 def try_equivalents(
-    problem: Problem, held_out: Problem, refuted: NamedEffect, less: Fit
+    held_out: Problem, refuted: NamedEffect, less: Fit
 ) -> tuple[list[NamedEffect], Fit]:
     """The equivalent of a name that helps most in held-out episodes, if one does.
 
     Args:
-        problem: that is fitted.
         held_out: segments of the held-out episodes.
         refuted: the name.
         less: the fit without it.
@@ -356,8 +343,8 @@ def try_equivalents(
     for term in refuted.equivalent:
         if not is_distinct(term, less.terms):
             continue
-        tried = fit_candidate(LinearizedFit.from_fit(problem, less), term)
-        fit = fit_parameters(problem, tried.terms, tried.values, iterations=6)
+        tried = fit_candidate(LinearizedFit.from_fit(less), term)
+        fit = fit_parameters(less.problem, tried.terms, tried.values, iterations=6)
         if (error := squared_error(held_out, fit)) < limit:
             others = tuple(t for t in refuted.equivalent if t is not term)
             substitutes = [replace(refuted, term=fit.terms[-1], equivalent=others)]

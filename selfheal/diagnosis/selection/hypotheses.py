@@ -10,7 +10,7 @@ import numpy as np
 
 from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
-from ..estimation.least_squares import Fit
+from ..estimation.fit import Fit
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
 from .change_point import locate_change_point, set_onset
@@ -54,7 +54,6 @@ class Hypothesis:
     """What a search ended with.
 
     Attributes:
-        problem: the segments, weighted as at the end.
         nominal: the fit of the nominal model's values alone.
         final: the fit with the named effects.
         named: the effects.
@@ -63,12 +62,16 @@ class Hypothesis:
         plain: the fit of all usual effects, of which none was chosen; None: not made.
     """
 
-    problem: Problem
     nominal: ScoredFit
     final: ScoredFit
     named: tuple[NamedEffect, ...]
     ranking: tuple[tuple[Term, float], ...]
     plain: Fit | None = None
+
+    @property
+    def problem(self) -> Problem:
+        """The segments of the fit with the named effects, weighted as there."""
+        return self.final.fit.problem
 
     @property
     def has_unnamed(self) -> bool:
@@ -104,9 +107,7 @@ def start_search(
     chosen = draw_segments(problem, _count_search_steps(len(nominal_terms)), rng)
     state = start_state(problem, nominal_terms, candidates, chosen)
     if state.is_explained:
-        overlooked = find_overlooked_segments(
-            problem, chosen, state.problem, state.best.fit
-        )
+        overlooked = find_overlooked_segments(problem, chosen, state.best.fit)
         if len(overlooked):
             chosen = np.union1d(chosen, overlooked)
             state = start_state(problem, nominal_terms, candidates, chosen)
@@ -316,8 +317,7 @@ def _rank(backward: SearchState, forward: SearchState) -> list[SearchState]:
 def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
     """What a search found; `whole` has all segments, to date a change point in."""
     if any(t.onset for t in state.named):
-        best = locate_change_point(state.problem, whole, state.best)
-        state = state.with_fit(state.problem, best)
+        state = state.with_fit(locate_change_point(whole, state.best))
     terms, fit = state.named, state.best.fit
     nominal = fit_and_score(
         state.problem, *fit.without_terms(*terms), jacobian=fit.jacobian_without(*terms)
@@ -329,6 +329,4 @@ def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
         NamedEffect(t, c.evidence, set_onset(r, t.onset))
         for (t, c), r in zip(claims, rivals, strict=True)
     )
-    return Hypothesis(
-        state.problem, nominal, state.best, named, state.first_round, state.plain
-    )
+    return Hypothesis(nominal, state.best, named, state.first_round, state.plain)

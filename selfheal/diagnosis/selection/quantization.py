@@ -7,7 +7,7 @@ import numpy as np
 
 from ..data.robot_summary import Channel, RobotSummary
 from ..effects.base import Effect, Term
-from ..estimation.least_squares import Fit
+from ..estimation.fit import Fit
 from ..estimation.noise import residual_rms
 from .evidence import Evidence
 from .hypotheses import Hypothesis, NamedEffect

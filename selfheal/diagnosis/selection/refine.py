@@ -13,7 +13,7 @@ from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import noise_ratio
+from ..estimation.noise import noise_ratio, normalize_rms
 from ..estimation.nonsmooth import fit_smoothed, search_along_valleys, search_multiples
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
@@ -39,7 +39,7 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     its own serve.
     """
     fit, searched = hypothesis.final.fit, hypothesis.problem
-    sigma = downweight_unscored(searched, fit)
+    sigma = downweight_unscored(fit)
     rng = np.random.default_rng(2)
     wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
     least, most = count_native_steps(searched), SELECTION.refit_steps
@@ -88,11 +88,11 @@ def _find_longest_predicted(
         hypothesis: with a fit to the segments of the search.
     """
     fit = hypothesis.final.fit
-    usual = max(1.0, noise_ratio(hypothesis.problem, fit.residuals))
+    usual = max(1.0, noise_ratio(fit))
     for problem in reversed(problems):
         longest = marginalize_initial_states(problem, fit.terms, fit.values)
         residuals = longest.residuals_at(fit.terms, fit.values)
-        if noise_ratio(longest, residuals) < SELECTION.max_horizon_growth * usual:
+        if normalize_rms(longest, residuals) < SELECTION.max_horizon_growth * usual:
             break
     return longest
 
@@ -104,11 +104,11 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
     start = old.values
     if named:
         residuals = problem.residuals_at(old.terms, start)
-        if noise_ratio(problem, residuals) > FIT.unexplained_ratio:
+        if normalize_rms(problem, residuals) > FIT.unexplained_ratio:
             start = search_multiples(problem, old.terms, start)
     jacobian = None
     if problem.segments is hypothesis.problem.segments:
-        jacobian = hypothesis.problem.transfer_jacobian(problem, old.jacobian)
+        jacobian = old.transfer_jacobian(problem)
     final = fit_parameters(problem, old.terms, start, iterations=6, jacobian=jacobian)
     alone = final
     if named:
@@ -117,29 +117,32 @@ def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
             problem, nominal.terms, nominal.values, iterations=6, jacobian=jacobian,
             only_updates=problem.regime.is_nonsmooth,
         )  # fmt: skip
-        left = noise_ratio(problem, final.residuals)
+        left = noise_ratio(final)
         if problem.regime.is_nonsmooth:
             if left > FIT.strictly_unexplained_ratio:  # the cost has many minima
-                final = replace(final, values=search_along_valleys(problem, final))
-                problem, final = fit_smoothed(problem, final)
+                final = replace(final, values=search_along_valleys(final))
+                final = fit_smoothed(final)
         elif not problem.regime.has_rough_cost:
-            problem, final = reestimate_misleading_states(problem, final)
+            final = reestimate_misleading_states(final)
+        if final.problem is not problem:  # its initial states are other ones
+            problem, jacobian = final.problem, alone.transfer_jacobian(final.problem)
+            alone = fit_parameters(
+                problem, alone.terms, alone.values, iterations=0, jacobian=jacobian
+            )
     # in contact, or where error is left, the cost is too rough for it
     if (
         not problem.regime.has_rough_cost
-        and noise_ratio(problem, final.residuals) <= FIT.unexplained_ratio
+        and noise_ratio(final) <= FIT.unexplained_ratio
     ):
-        final = refine_undamped(problem, final)
-    scored = ScoredFit.from_fit(problem, final)
-    scored_alone = ScoredFit.from_fit(problem, alone) if hypothesis.named else scored
+        final = refine_undamped(final)
+    scored = ScoredFit.from_fit(final)
+    scored_alone = ScoredFit.from_fit(alone) if hypothesis.named else scored
     plain = hypothesis.plain
-    if noise_ratio(problem, final.residuals) <= FIT.unexplained_ratio:
+    if noise_ratio(final) <= FIT.unexplained_ratio:
         plain = None  # nothing is missed that it could show
     elif plain:
         plain = fit_parameters(problem, plain.terms, plain.values, iterations=2)
-    return replace(
-        hypothesis, problem=problem, nominal=scored_alone, final=scored, plain=plain
-    )
+    return replace(hypothesis, nominal=scored_alone, final=scored, plain=plain)
 
 
 def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:
@@ -148,10 +151,9 @@ def prefer_simpler_names(hypothesis: Hypothesis) -> Hypothesis:
     In more segments than those that named it a parameter may turn out to do nothing,
     such as the speed at which a motor's torque ends.
     """
-    problem = hypothesis.problem
     for name in hypothesis.named:
         simpler = [t for t in name.equivalent if is_simpler(t, name.term)]
-        final = exchange_term(problem, hypothesis.final, name.term, simpler)
+        final = exchange_term(hypothesis.final, name.term, simpler)
         if final is hypothesis.final:
             continue
         rest = tuple(t for t in name.equivalent if t.key != final.candidate.key)
@@ -173,9 +175,8 @@ def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
     Returns:
         The fit in the same segments, stepped as MuJoCo does.
     """
-    problem, fit = base.problem, base.fit
-    native, fixed = problem.native, fix_effects(fit)
+    fit, native = base.fit, base.problem.native
     best = fit_parameters(
-        native, fixed, fit.values, iterations=2, jacobian=fit.jacobian
+        native, fix_effects(fit), fit.values, iterations=2, jacobian=fit.jacobian
     )
-    return LinearizedFit.from_fit(native, replace(best, terms=fit.terms))
+    return LinearizedFit.from_fit(replace(best, terms=fit.terms))

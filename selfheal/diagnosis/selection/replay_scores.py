@@ -13,7 +13,7 @@ from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Term
 from ..estimation.covariance import standard_errors
-from ..estimation.least_squares import Fit
+from ..estimation.fit import Fit
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.multiple_shooting import build_initial_state_offsets
 from ..estimation.settings import FIT
@@ -80,21 +80,16 @@ class HeldOutScores:
     @classmethod
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Replay the model as given, re-fitted, and with the named effects."""
-        problem, rng = hypothesis.problem, np.random.default_rng(3)
-        some = draw_segments(problem, SELECTION.native_fit_steps, rng)
         fits = {"refit": hypothesis.nominal.fit}
         if hypothesis.plain:
             fits["plain"] = hypothesis.plain
         if hypothesis.named:
             fits["patched"] = hypothesis.final.fit
         refits = {
-            name: refit_native_timestep(
-                LinearizedFit.from_fit(problem, fit).select(some)
-            )
-            for name, fit in fits.items()
+            name: refit_native_timestep(_select_some(fit)) for name, fit in fits.items()
         }
         whole = refits.setdefault("patched", refits["refit"])
-        errors = standard_errors(problem, fits.get("patched", fits["refit"]))
+        errors = standard_errors(fits.get("patched", fits["refit"]))
         refits["patched"] = restore_stated(whole, errors)
         if not hypothesis.named:
             refits["refit"] = refits["patched"]
@@ -140,6 +135,13 @@ class HeldOutScores:
         )
         horizons = _score_horizons(dataset, models, patched)
         return cls(refits, unrestored, segments, count, squares, numbers, horizons)
+
+
+def _select_some(fit: Fit) -> LinearizedFit:
+    """A fit in as many of its segments as a native fit is made in."""
+    rng = np.random.default_rng(3)
+    some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
+    return LinearizedFit.from_fit(fit).select(some)
 
 
 def _score_horizons(

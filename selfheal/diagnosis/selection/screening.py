@@ -12,8 +12,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term, implements
 from ..estimation.candidate_fit import estimate_candidates, fit_candidate
+from ..estimation.fit import Fit
 from ..estimation.jacobian import find_tree_residuals
-from ..estimation.least_squares import Fit
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -108,7 +108,7 @@ def subsample_problem(
 
 
 def find_overlooked_segments(
-    problem: Problem, chosen: np.ndarray, part: Problem, fit: Fit
+    problem: Problem, chosen: np.ndarray, fit: Fit
 ) -> np.ndarray:
     """Find segments that were not drawn and that a fit explains much worse.
 
@@ -118,8 +118,7 @@ def find_overlooked_segments(
     Args:
         problem: all segments.
         chosen: (v) numbers of the segments that were drawn.
-        part: these segments, weighted by their residuals.
-        fit: the fit to them.
+        fit: the fit to these segments, weighted by their residuals.
 
     Returns:
         (w) numbers of the segments, the worst ones first.
@@ -131,6 +130,7 @@ def find_overlooked_segments(
         or not len(others)
     ):
         return others[:0]
+    part = fit.problem
     rest = replace(problem.select(others), sigma=part.sigma, simulator=part.simulator)
     rest = marginalize_initial_states(rest, fit.terms, fit.values)
     predicted = rest.residuals_at(fit.terms, fit.values)

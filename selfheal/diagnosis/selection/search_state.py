@@ -12,7 +12,8 @@ import numpy as np
 from ..effects.base import Term
 from ..effects.terms import find_other_forms, restates_nominal_value
 from ..estimation.covariance import effective_sample_size
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import (
     expected_cost,
@@ -34,7 +35,6 @@ class SearchState:
     """Where a search for effects is.
 
     Attributes:
-        problem: the segments, with the weights of now.
         best: the fit of the nominal terms and of the named effects.
         nominal_count: number of nominal terms, which stand first in the fit.
         candidates: terms that may earn a name.
@@ -45,7 +45,6 @@ class SearchState:
         direction: of the search, "forward" or "backward".
     """
 
-    problem: Problem
     best: ScoredFit
     nominal_count: int
     candidates: Sequence[Term]
@@ -54,9 +53,14 @@ class SearchState:
     plain: Fit | None = None
     direction: str = "forward"
 
-    def with_fit(self, problem: Problem, best: ScoredFit) -> "SearchState":
-        """The state with another fit, and the problem that it solves."""
-        return replace(self, problem=problem, best=best)
+    @property
+    def problem(self) -> Problem:
+        """The segments, with the weights of now."""
+        return self.best.fit.problem
+
+    def with_fit(self, best: ScoredFit) -> "SearchState":
+        """The state with another fit."""
+        return replace(self, best=best)
 
     def with_candidates(self, candidates: Sequence[Term]) -> "SearchState":
         """The state in which other terms may earn a name."""
@@ -79,7 +83,7 @@ class SearchState:
     @property
     def noise_ratio(self) -> float:
         """Root mean square of the residuals over that of the readings' noise."""
-        return noise_ratio(self.problem, self.best.fit.residuals)
+        return noise_ratio(self.best.fit)
 
     @property
     def is_white(self) -> bool:
@@ -91,13 +95,12 @@ class SearchState:
     @property
     def is_explained_by_timestep(self) -> bool:
         """Whether noise and the time step's error would leave as large residuals."""
-        fit = self.best.fit
-        return fit.cost <= expected_cost(self.problem, fit)
+        return self.best.fit.cost <= expected_cost(self.best.fit)
 
     @property
     def has_bad_channel(self) -> bool:
         """Whether one scored column is far above its noise, whatever the others are."""
-        return worst_channel_ratio(self.problem, self.best.fit) > FIT.unexplained_ratio
+        return worst_channel_ratio(self.best.fit) > FIT.unexplained_ratio
 
     @property
     def is_mostly_explained(self) -> bool:
@@ -197,30 +200,27 @@ def start_state(
     nominal = np.ones(len(nominal_terms))
     problem = marginalize_initial_states(problem.select(chosen), nominal_terms, nominal)
     fit = fit_parameters(problem, nominal_terms, nominal)
-    problem, best = reweight_and_fit(problem, fit, 8)
-    return SearchState(problem, best, len(nominal_terms), candidates)
+    return SearchState(reweight_and_fit(fit, 8), len(nominal_terms), candidates)
 
 
 def reweight_and_fit(
-    problem: Problem, fit: Fit, iterations: int, *, tries_multiples: bool = True
-) -> tuple[Problem, ScoredFit]:
-    """The problem weighted by a fit's residuals, and the fit repeated there.
+    fit: Fit, iterations: int, *, tries_multiples: bool = True
+) -> ScoredFit:
+    """A fit repeated in its problem weighted by its residuals.
 
     One iteration of feasible generalized least squares: each column of readings weighs
     by the variance of its own residuals.
 
     Args:
-        problem: that was fitted.
-        fit: its fit.
+        fit: to begin with.
         iterations: of Gauss-Newton, at most.
         tries_multiples: whether values are looked at farther off first.
     """
-    reweighted = reweight_residuals(problem, fit)
-    jacobian = problem.transfer_jacobian(reweighted, fit.jacobian)
+    reweighted = reweight_residuals(fit)
+    jacobian = fit.transfer_jacobian(reweighted)
     start = fit.values
     if tries_multiples:
         start = search_multiples(reweighted, fit.terms, start)
-    scored = fit_and_score(
+    return fit_and_score(
         reweighted, fit.terms, start, iterations=iterations, jacobian=jacobian
     )
-    return reweighted, scored

@@ -11,9 +11,9 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..estimation.covariance import standard_errors
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
-from ..estimation.problem import Problem
 from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
 from .cross_validation import ScoredFit
@@ -38,14 +38,14 @@ def _fix(term: Term, values: Floats) -> Term:
 
 def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
     """The hypothesis fitted again with every stated value as the model states it."""
-    problem, plain = hypothesis.problem, hypothesis.plain
+    plain = hypothesis.plain
 
     def hold(fit: Fit) -> Fit:
         """The fit of the effects alone."""
-        return _fit_restored(problem, fit, np.flatnonzero(is_stated(fit.terms)), 3)
+        return _fit_restored(fit, np.flatnonzero(is_stated(fit.terms)), 3)
 
     nominal, final = (
-        ScoredFit.from_fit(problem, hold(scored.fit))
+        ScoredFit.from_fit(hold(scored.fit))
         for scored in (hypothesis.nominal, hypothesis.final)
     )
     plain = hold(plain) if plain else None
@@ -64,17 +64,16 @@ def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
         base: a fit of stated values and effects.
         errors: (P) standard errors of its values [1].
     """
-    problem, terms = base.problem, base.fit.terms
-    fit = replace(base.fit, terms=fix_effects(base.fit))
+    terms, fit = base.fit.terms, replace(base.fit, terms=fix_effects(base.fit))
     half = FIT.interval_standard_errors * errors
-    restored = _find_restorable(LinearizedFit.from_fit(problem, fit), half)
-    less = _fit_restored(problem, fit, restored, 1) if restored.size else fit
+    restored = _find_restorable(LinearizedFit.from_fit(fit), half)
+    less = _fit_restored(fit, restored, 1) if restored.size else fit
     limit = (1 + SELECTION.max_restoring_cost) * (fit.cost + fit.prior_penalty)
     if less.cost + less.prior_penalty > limit:  # it is less linear than that
         less, restored = fit, np.zeros(0, int)
     half = np.where(np.isin(np.arange(len(half)), restored), 0.0, half)
-    values = _round(LinearizedFit.from_fit(problem, less), half, is_stated(terms))
-    return LinearizedFit.from_fit(problem, replace(less, terms=terms, values=values))
+    values = _round(LinearizedFit.from_fit(less), half, is_stated(terms))
+    return LinearizedFit.from_fit(replace(less, terms=terms, values=values))
 
 
 def round_effects(hypothesis: Hypothesis) -> Hypothesis:
@@ -82,10 +81,10 @@ def round_effects(hypothesis: Hypothesis) -> Hypothesis:
 
     Those that change nothing, such as a shift along a joint's axis, are nominal.
     """
-    problem, fit = hypothesis.problem, _reset_idle(hypothesis.final.fit)
-    errors = standard_errors(problem, fit)
+    fit = _reset_idle(hypothesis.final.fit)
+    errors = standard_errors(fit)
     half = FIT.interval_factor * FIT.interval_standard_errors * errors
-    values = _round(LinearizedFit.from_fit(problem, fit), half, ~is_stated(fit.terms))
+    values = _round(LinearizedFit.from_fit(fit), half, ~is_stated(fit.terms))
     residuals = fit.residuals + fit.jacobian @ (values - fit.values)
     rounded = replace(fit, values=values, residuals=residuals)
     return replace(hypothesis, final=replace(hypothesis.final, fit=rounded))
@@ -134,18 +133,15 @@ def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
     return np.array(found, int)
 
 
-def _fit_restored(
-    problem: Problem, fit: Fit, restored: np.ndarray, iterations: int
-) -> Fit:
+def _fit_restored(fit: Fit, restored: np.ndarray, iterations: int) -> Fit:
     """Fit again with some stated values as the model states them.
 
     Args:
-        problem: that was fitted.
         fit: to begin with.
         restored: numbers of these values.
         iterations: of the fit, at most.
     """
-    base = LinearizedFit.from_fit(problem, fit)
+    base = LinearizedFit.from_fit(fit)
     values = fit.values + base.move(restored, 1 - fit.values[restored])
     numbers = np.split(np.arange(len(values)), np.cumsum([
         len(t.parameters) for t in fit.terms
@@ -155,7 +151,7 @@ def _fit_restored(
         for t, n in zip(fit.terms, numbers[:-1], strict=True)
     ]
     return fit_parameters(
-        problem, terms, values, iterations=iterations, jacobian=fit.jacobian,
+        fit.problem, terms, values, iterations=iterations, jacobian=fit.jacobian,
         only_updates=True,
     )  # fmt: skip
 

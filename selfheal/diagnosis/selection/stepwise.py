@@ -108,13 +108,13 @@ def _select_next(
         if t.key not in taken and is_distinct(t, state.named)
     ]
     restating = [t for t in state.restating_candidates if t.key not in taken]
-    base = LinearizedFit.from_fit(state.problem, state.best.fit)
+    base = LinearizedFit.from_fit(state.best.fit)
     bases = [select_hard_segments(base, n, rng) for n in SELECTION.screening_steps]
     part = bases[-1]
-    before = ScoredFit.from_fit(part.problem, part.fit)
+    before = ScoredFit.from_fit(part.fit)
     damages = fit_damages(part, state.nominal_count, open_terms, record)
-    winner = choose_winner(part.problem, before, damages, len(open_terms))
-    if winner and is_clear(part.problem, before, winner[0]):
+    winner = choose_winner(before, damages, len(open_terms))
+    if winner and is_clear(before, winner[0]):
         return state, winner
     fits, independent, retried = screen_candidates(bases, open_terms, record)
     record.add_tried(open_terms)
@@ -126,12 +126,12 @@ def _select_next(
     if not state.first_round:
         ranking = tuple((f.terms[-1], f.cost / part.fit.cost) for f in fits)
         state = replace(state, first_round=ranking)
-    finalists = fit_finalists(part.problem, fits, record)
+    finalists = fit_finalists(fits, record)
     if has_single_readings:
         finalists = refit_without_folds(part, finalists, open_terms)
     fitted = {s.candidate.key for s in damages}
     others = [s for s in finalists if s.candidate.key not in fitted]
-    winner = choose_winner(part.problem, before, [*damages, *others], independent)
+    winner = choose_winner(before, [*damages, *others], independent)
     if winner is None and state.is_prior_violated:
         winner = find_relieving(part, before, restating, record)
     return state, winner
@@ -147,15 +147,15 @@ def _admit(state: SearchState, best: ScoredFit) -> tuple[SearchState, list[Term]
     Returns:
         The state, and the effects that were removed.
     """
-    is_whole = len(best.fit.residuals) == len(state.best.fit.residuals)
+    is_whole = best.fit.problem.segments is state.problem.segments
     jacobian = best.fit.jacobian if is_whole else None
     problem, start = state.problem, (best.fit.terms, best.fit.values)
-    if best.reestimated and problem.regime.is_nonsmooth:  # begun from what was read
+    if best.is_reestimated and problem.regime.is_nonsmooth:  # begun from what was read
         problem = marginalize_initial_states(problem.with_measured_states, *start)
-    elif best.reestimated:
+    elif best.is_reestimated:
         problem = reestimate_initial_states(problem, *start)
     fit = fit_parameters(problem, *start, iterations=6, jacobian=jacobian)
-    return remove_and_exchange(state.with_fit(*reweight_and_fit(problem, fit, 4)))
+    return remove_and_exchange(state.with_fit(reweight_and_fit(fit, 4)))
 
 
 def _add_siblings(
@@ -185,7 +185,7 @@ def _add_siblings(
     ]
     if not siblings:
         return state
-    base = LinearizedFit.from_fit(problem, old)
+    base = LinearizedFit.from_fit(old)
     part = select_hard_segments(base, SELECTION.screening_steps[0], rng)
     fits = [fit_candidate(part, t, iterations=1) for t in siblings]
     start = [f.values[len(old.values) :] for f in fits]
@@ -195,10 +195,10 @@ def _add_siblings(
         np.concatenate([old.values, *start]),
         iterations=6,
     )
-    fit = eliminate_backward(problem, fit, state.nominal_count)
+    fit = eliminate_backward(fit, state.nominal_count)
     if not any(t in fit.terms for t in siblings):
         return state
-    state, _ = remove_and_exchange(state.with_fit(*reweight_and_fit(problem, fit, 4)))
+    state, _ = remove_and_exchange(state.with_fit(reweight_and_fit(fit, 4)))
     return keep_significant(state, siblings, rng)
 
 
@@ -208,16 +208,16 @@ def remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
     Returns:
         The state, and the effects that were removed.
     """
-    problem, best = state.problem, state.best
+    best = state.best
     removed: list[Term] = []
     while len(state.named) > 1:
         trials = []
-        base = LinearizedFit.from_fit(problem, best.fit)
+        base = LinearizedFit.from_fit(best.fit)
         costs = compute_removal_costs(base, state.named)
         cheapest = sorted(state.named, key=lambda t: costs[t])
         for term in cheapest[: SELECTION.max_removal_trials]:
-            less = ScoredFit.from_fit(problem, fit_without(base, term))
-            if is_needless(problem, best, less):
+            less = ScoredFit.from_fit(fit_without(base, term))
+            if is_needless(best, less):
                 trials.append((term, less))
             if trials and len(state.named) > SELECTION.max_effects:
                 break  # most of them go anyway
@@ -225,14 +225,14 @@ def remove_and_exchange(state: SearchState) -> tuple[SearchState, list[Term]]:
             break
         negligible = find_negligible(best.fit)
         term, best = min(trials, key=lambda x: (x[0] not in negligible, x[1].error))
-        state = state.with_fit(problem, best)
+        state = state.with_fit(best)
         removed.append(term)
-    named = () if problem.regime.has_single_readings else state.named
+    named = () if state.problem.regime.has_single_readings else state.named
     for term in named:
         if term is named[-1] and term.key in state.claims:
             continue  # it has just won against all others
-        best = exchange_term(problem, best, term, state.find_alternatives(term))
-    return state.with_fit(problem, best), removed
+        best = exchange_term(best, term, state.find_alternatives(term))
+    return state.with_fit(best), removed
 
 
 def keep_significant(
@@ -248,20 +248,19 @@ def keep_significant(
             corrected (Bonferroni).
         rng: draws resamples.
     """
-    problem = state.problem
+    is_rough = state.problem.regime.has_rough_cost  # a Jacobian is, too
     keys = {t.key for t in tried}
     untested = [t for t in state.named if t.key in keys or t.key not in state.claims]
     for term in untested:
         best = state.best
-        base = LinearizedFit.from_fit(problem, best.fit)
+        base = LinearizedFit.from_fit(best.fit)
         (less, _), (whole, _) = (estimate_without(base, x) for x in ([term], []))
-        evidence = weigh_name(problem, less, whole, len(tried), rng)
-        is_rough = problem.regime.has_rough_cost  # a Jacobian is, too
+        evidence = weigh_name(less, whole, len(tried), rng)
         if is_rough or evidence.p_value > SELECTION.clear_p_value:
-            less = ScoredFit.from_fit(problem, fit_without(base, term))
-            evidence = weigh_name(problem, less, best, len(tried), rng)
+            less = ScoredFit.from_fit(fit_without(base, term))
+            evidence = weigh_name(less, best, len(tried), rng)
         if evidence.p_value >= SELECTION.max_p_value:
-            state = state.with_fit(problem, less)
+            state = state.with_fit(less)
         else:
             state = state.with_claim(term, Claim(evidence))
     return state
@@ -272,9 +271,8 @@ def vet_untested(state: SearchState, rng: np.random.Generator) -> SearchState:
     untested = [t for t in state.named if t.key not in state.claims]
     if not untested:
         return state
-    fit = eliminate_backward(state.problem, state.best.fit, state.nominal_count)
-    scored = ScoredFit.from_fit(state.problem, fit)
-    return keep_significant(state.with_fit(state.problem, scored), untested, rng)
+    scored = ScoredFit.from_fit(eliminate_backward(state.best.fit, state.nominal_count))
+    return keep_significant(state.with_fit(scored), untested, rng)
 
 
 def predicts_better(state: SearchState, other: SearchState) -> bool:
@@ -282,12 +280,10 @@ def predicts_better(state: SearchState, other: SearchState) -> bool:
 
     Both fits are repeated and compared in the segments of the first one.
     """
-    sigma = downweight_unscored(state.problem, state.best.fit)
-    problem = replace(state.problem, sigma=sigma)
-    problem = marginalize_initial_states(
-        problem, state.best.fit.terms, state.best.fit.values
-    )
-    known = state.problem.transfer_jacobian(problem, state.best.fit.jacobian)
+    fit = state.best.fit
+    problem = replace(fit.problem, sigma=downweight_unscored(fit))
+    problem = marginalize_initial_states(problem, fit.terms, fit.values)
+    known = fit.transfer_jacobian(problem)
     first, second = (
         fit_and_score(
             problem,
@@ -301,7 +297,7 @@ def predicts_better(state: SearchState, other: SearchState) -> bool:
     if first.error < SELECTION.exchange_error_ratio * second.error:
         return True
     is_simpler = _rank_simplicity(state) < _rank_simplicity(other)
-    return is_simpler and is_as_good(problem, first, second)
+    return is_simpler and is_as_good(first, second)
 
 
 def _rank_simplicity(state: SearchState) -> tuple[int, int, int]:

@@ -101,34 +101,33 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     A likelihood-ratio test of a free-form torque of each joint, and the size of the
     residuals beside that of noise and time step.
     """
-    fit = hypothesis.final.fit
     problem, jacobian = _pose_in_short_segments(dataset, hypothesis)
-    base = LinearizedFit.from_fit(
-        problem,
-        fit_parameters(problem, fit.terms, fit.values, iterations=0, jacobian=jacobian),
+    fit = hypothesis.final.fit
+    fit = fit_parameters(
+        problem, fit.terms, fit.values, iterations=0, jacobian=jacobian
     )
-    old = ScoredFit.from_fit(problem, base.fit)
+    base, old = LinearizedFit.from_fit(fit), ScoredFit.from_fit(fit)
     p_value, share = 1.0, 0.0
     terms = FreeFormTorque().propose_terms(dataset.robot)
     for term in _choose_likeliest(base, terms):
-        new = ScoredFit.from_fit(problem, fit_candidate(base, term, iterations=2))
-        p = improvement_p_value(problem, old, new, len(terms))
+        new = ScoredFit.from_fit(fit_candidate(base, term, iterations=2))
+        p = improvement_p_value(old, new, len(terms))
         p_value = min(p_value, p)
         share = max(share, 1 - new.error / old.error)
-    left = base.fit.cost
+    left = fit.cost
     before = (
         squared_error_reestimated(problem, hypothesis.nominal.fit)
         if hypothesis.named
         else left
     )
-    noise = expected_cost(problem, base.fit)
+    noise = expected_cost(fit)
     if hypothesis.named and problem.regime.has_single_readings:
-        noise = max(noise, robust_noise(problem, base.fit.residuals))
+        noise = max(noise, robust_noise(problem, fit.residuals))
     return RemainingStructure(
         p_value,
         share,
         float(np.sqrt(left / max(noise, 1e-12))),
-        worst_channel_ratio(problem, base.fit),
+        worst_channel_ratio(fit),
         float((before - left) / max(before - noise, 1e-12)),
     )
 

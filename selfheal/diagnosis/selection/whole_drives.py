@@ -5,7 +5,7 @@ first as if all drives were equal, then those of each joint, and removed backwar
 segments as long as the robot can be predicted.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +14,9 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import is_distinct, share_values, spread_values, start_beside
 from ..estimation.candidate_fit import spread_around
+from ..estimation.fit import Fit
 from ..estimation.jacobian import compute_jacobian
-from ..estimation.least_squares import Fit, fit_parameters
+from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     is_horizon_informative,
@@ -57,25 +58,26 @@ def search_backward(
     if not usual:
         return None
     record(f"fitting {len(usual)} usual effects at once", 0.0)
-    problem, equal = _fit_equal_drives(state.problem, usual)
-    richer = _enrich_equal_drives(problem, equal, state.candidates)
+    equal = _fit_equal_drives(state.problem, usual)
+    richer = _enrich_equal_drives(equal, state.candidates)
     state = replace(state, direction="backward")
     record.add_tried(usual)
-    fit = _free_each_joint(problem, state, richer, 1)
-    record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
+    fit = _free_each_joint(state, richer, 1)
+    shared = equal.values_by_term
+    del equal, richer  # bases of their initial states are as large as Jacobians
+    record.keep(state.with_fit(ScoredFit.from_fit(fit)))
     fit = fit_parameters(
-        problem, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian
+        fit.problem, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian
     )
-    problem, fit = _reweight_repeatedly(problem, fit)
-    record.keep(state.with_fit(problem, ScoredFit.from_fit(problem, fit)))
-    problem, fit = fit_longer(problem, fit, longer)
-    state = replace(state, plain=_fit_plain(problem, fit, equal, usual))
-    fit = _exchange_forms(problem, fit, state.candidates)
+    fit = _reweight_repeatedly(fit)
+    record.keep(state.with_fit(ScoredFit.from_fit(fit)))
+    fit = fit_longer(fit, longer)
+    state = replace(state, plain=_fit_plain(fit, shared, usual))
+    fit = _exchange_forms(fit, state.candidates)
     tried = fit.terms[state.nominal_count :]
-    fit = eliminate_backward(problem, fit, state.nominal_count)
+    fit = eliminate_backward(fit, state.nominal_count)
     # each multiple of each value is a simulation, and here values are many
-    reweighted = reweight_and_fit(problem, fit, 4, tries_multiples=False)
-    state = state.with_fit(*reweighted)
+    state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))
     record.keep(state)
     state, _ = remove_and_exchange(state)
     state = keep_significant(state, tried, rng)
@@ -98,8 +100,7 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
         return None
     progress(f"fitting {len(usual)} usual effects at once", 0.0)
     if not state.is_explained:
-        problem, equal = _fit_equal_drives(state.problem, usual)
-        return _free_each_joint(problem, state, equal, 5)
+        return _free_each_joint(state, _fit_equal_drives(state.problem, usual), 5)
     absent = [p.nominal for t in usual for p in t.parameters]
     start = np.concatenate([state.best.fit.values, absent])
     terms = (*state.best.fit.terms, *usual)
@@ -126,9 +127,8 @@ def estimate_usual_gain(state: SearchState) -> float:
         responses.append(problem.compute_residuals((*fit.terms, term), points))
     if not responses:
         return 0.0
-    base = LinearizedFit.from_fit(problem, fit)
-    error = problem.timestep_error(fit.terms, fit.values, fit.residuals)
-    by_timestep = fit.residuals + error[None]
+    base = LinearizedFit.from_fit(fit)
+    by_timestep = fit.residuals + fit.timestep_error()[None]
     gain = base.estimate_gain(np.vstack([by_timestep, *responses]))
     return (gain - base.estimate_gain(by_timestep)) / max(fit.cost, FIT.tiny)
 
@@ -138,8 +138,8 @@ def _list_usual(state: SearchState) -> list[Term]:
     return [t for t in state.candidates if t.effect.is_usual(t)]
 
 
-def _fit_equal_drives(problem: Problem, usual: Sequence[Term]) -> tuple[Problem, Fit]:
-    """The problem weighted anew, and a fit of effects whose values all joints share.
+def _fit_equal_drives(problem: Problem, usual: Sequence[Term]) -> Fit:
+    """A fit of effects whose values all joints share, to the problem weighted anew.
 
     They are a few numbers, which are found from far away. What the model states is as
     given.
@@ -150,7 +150,7 @@ def _fit_equal_drives(problem: Problem, usual: Sequence[Term]) -> tuple[Problem,
     """
     shared = share_values(usual)
     fit = fit_parameters(problem, shared, _search_initial_values(problem, shared))
-    return _reweight_repeatedly(problem, fit)
+    return _reweight_repeatedly(fit)
 
 
 def _search_initial_values(problem: Problem, terms: Sequence[Term]) -> Floats:
@@ -178,32 +178,30 @@ def _find_best(problem: Problem, terms: Sequence[Term], points: Floats) -> int:
     return int(np.argmin((residuals**2).sum(axis=1)))
 
 
-def _reweight_repeatedly(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
-    """The problem weighted by residuals that get smaller, and the fit there.
+def _reweight_repeatedly(fit: Fit) -> Fit:
+    """The fit to its problem weighted by residuals that get smaller.
 
     By the errors of the model as given one joint would outweigh all others.
     """
     for _ in range(SELECTION.reweightings_of_all):
-        problem, scored = reweight_and_fit(problem, fit, 6, tries_multiples=False)
-        fit = scored.fit
-    return problem, fit
+        fit = reweight_and_fit(fit, 6, tries_multiples=False).fit
+    return fit
 
 
-def _enrich_equal_drives(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+def _enrich_equal_drives(fit: Fit, candidates: Sequence[Term]) -> Fit:
     """The fit with richer models of equal drives, one after the other, if they explain.
 
     Friction with a Stribeck curve and of both sides of the gear, and a lag, as in
     nested models of drives (Rhoban's BAM, M1 to M6).
 
     Args:
-        problem: that was fitted.
         fit: of equal drives with the usual effects.
         candidates: terms that may earn a name.
     """
     in_models = [t for t in candidates if t.effect.is_in_drive_model(t)]
     forms = share_values([t for t in in_models if len(t.targets) == 1])
     while forms:
-        tried = [_fit_form(problem, fit, form) for form in forms]
+        tried = [_fit_form(fit, form) for form in forms]
         best = int(np.argmin([f.cost for f in tried]))
         if tried[best].cost > SELECTION.exchange_error_ratio * fit.cost:
             break
@@ -212,11 +210,10 @@ def _enrich_equal_drives(problem: Problem, fit: Fit, candidates: Sequence[Term])
     return fit
 
 
-def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
+def _fit_form(fit: Fit, form: Term) -> Fit:
     """The fit with one more form of drives, in place of what this overrides.
 
     Args:
-        problem: that was fitted.
         fit: of equal drives.
         form: term at all of their joints.
     """
@@ -230,13 +227,13 @@ def _fit_form(problem: Problem, fit: Fit, form: Term) -> Fit:
     kept, values = fit.without_terms(*replaced)
     terms = (*kept, form)
     starts = np.array([[*values, *x] for x in form.initial_values])
-    start = starts[_find_best(problem, terms, starts)]
-    return _fit_beside(problem, fit.jacobian_without(*replaced), terms, start)
+    start = starts[_find_best(fit.problem, terms, starts)]
+    return _fit_beside(fit, replaced, terms, start)
 
 
 def _fit_beside(
-    problem: Problem,
-    known: Floats,
+    fit: Fit,
+    replaced: Sequence[Term],
     terms: Sequence[Term],
     start: Floats,
     limit: float = np.inf,
@@ -244,50 +241,47 @@ def _fit_beside(
     """The fit of terms of which the first ones were fitted before.
 
     Args:
-        problem: that was fitted.
-        known: (R, p) Jacobian of the first p parameters.
+        fit: of these first terms, and of those that are replaced.
+        replaced: terms of the fit.
         terms: P parameters in all.
         start: (P) values to begin with [units of the parameters].
         limit: penalized cost [1] above which a closer fit would change nothing: what
             leaves more with this Jacobian, only updated, is not fitted with another.
     """
+    problem, known = fit.problem, fit.jacobian_without(*replaced)
     residuals = problem.residuals_at(terms, start)
     new = compute_jacobian(problem, terms, start, residuals, first=known.shape[1])
     jacobian = np.hstack([known, new])
     if limit < np.inf:
-        fit = fit_parameters(
+        rough = fit_parameters(
             problem, terms, start, iterations=3, jacobian=jacobian, only_updates=True
         )
-        if fit.cost + fit.prior_penalty > limit:
-            return fit
-        start, jacobian = fit.values, fit.jacobian
+        if rough.cost + rough.prior_penalty > limit:
+            return rough
+        start, jacobian = rough.values, rough.jacobian
     return fit_parameters(problem, terms, start, iterations=4, jacobian=jacobian)
 
 
-def _free_each_joint(
-    problem: Problem, state: SearchState, equal: Fit, iterations: int
-) -> Fit:
+def _free_each_joint(state: SearchState, equal: Fit, iterations: int) -> Fit:
     """The fit of what the model states and of each joint's own values.
 
     Args:
-        problem: weighted as the fit of equal drives.
         state: in which nothing has a name.
-        equal: fit of equal drives, where they begin.
+        equal: fit of equal drives, where they begin, and whose problem is fitted.
         iterations: of the fit, at most.
     """
     own = spread_values(equal.values_by_term, state.candidates)
     terms = (*state.best.fit.terms, *own)
     start = np.concatenate([np.ones(state.nominal_count), *own.values()])
-    return fit_parameters(problem, terms, start, iterations=iterations)
+    return fit_parameters(equal.problem, terms, start, iterations=iterations)
 
 
-def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> Fit:
+def _exchange_forms(fit: Fit, candidates: Sequence[Term]) -> Fit:
     """The fit with a lag of all drives in place of their delays, if that leaves less.
 
     What one drive does not tell, all of them together may.
 
     Args:
-        problem: that was fitted.
         fit: with the usual effects.
         candidates: terms that may earn a name.
     """
@@ -305,21 +299,20 @@ def _exchange_forms(problem: Problem, fit: Fit, candidates: Sequence[Term]) -> F
         new = [places[t.targets] for t in old]
         kept, start = fit.without_terms(*old)
         start = np.concatenate([start, *(values[t] for t in old)])
-        known, cost = fit.jacobian_without(*old), fit.cost + fit.prior_penalty
+        cost = fit.cost + fit.prior_penalty
         limit = (1 + SELECTION.max_uncertain_removal) * cost
-        other = _fit_beside(problem, known, (*kept, *new), start, limit)
+        other = _fit_beside(fit, old, (*kept, *new), start, limit)
         if other.cost + other.prior_penalty < cost:
             fit = other
     return fit
 
 
-def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) -> Fit:
+def _fit_plain(fit: Fit, equal: Mapping[Term, Floats], usual: Sequence[Term]) -> Fit:
     """The fit of all usual effects, and of no other.
 
     Args:
-        problem: that was fitted.
         fit: with other effects beside them, or in place of some.
-        equal: fit of equal drives with the usual effects.
+        equal: values (p) of the usual effects of equal drives.
         usual: terms of each joint.
     """
     beside = [t for t in fit.terms if t.effect.name != "stated" and t not in usual]
@@ -327,29 +320,26 @@ def _fit_plain(problem: Problem, fit: Fit, equal: Fit, usual: Sequence[Term]) ->
         return fit
     terms, values = fit.without_terms(*beside)
     missing = [t for t in usual if t not in terms]
-    begun = spread_values(equal.values_by_term, missing)
+    begun = spread_values(equal, missing)
     start = np.concatenate([values, *begun.values()])
-    known = fit.jacobian_without(*beside)
-    return _fit_beside(problem, known, (*terms, *begun), start)
+    return _fit_beside(fit, beside, (*terms, *begun), start)
 
 
-def fit_longer(
-    problem: Problem, fit: Fit, longer: Sequence[Problem]
-) -> tuple[Problem, Fit]:
+def fit_longer(fit: Fit, longer: Sequence[Problem]) -> Fit:
     """The fit repeated in longer and longer segments, as far as these inform.
 
     Args:
-        problem: that was fitted.
-        fit: its fit.
+        fit: to begin with.
         longer: the problem in longer and longer segments.
     """
     for other in longer:
+        problem = fit.problem
         other = replace(other, sigma=problem.sigma, simulator=problem.simulator)
         if not is_horizon_informative(other, problem, fit.terms, fit.values):
             break
-        problem = marginalize_initial_states(other, fit.terms, fit.values)
-        fit = fit_parameters(problem, fit.terms, fit.values, iterations=5)
-    return problem, fit
+        other = marginalize_initial_states(other, fit.terms, fit.values)
+        fit = fit_parameters(other, fit.terms, fit.values, iterations=5)
+    return fit
 
 
 def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchState:
@@ -368,8 +358,8 @@ def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchSt
             break
         if other.segments.lengths.mean() <= steps:
             continue
-        problem, fit = fit_longer(state.problem, state.best.fit, [other])
-        if problem is state.problem:
+        fit = fit_longer(state.best.fit, [other])
+        if fit is state.best.fit:
             break
-        state = state.with_fit(*reweight_and_fit(problem, fit, 4))
+        state = state.with_fit(reweight_and_fit(fit, 4))
     return state

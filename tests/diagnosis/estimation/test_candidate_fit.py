@@ -53,9 +53,7 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     ones = np.ones(len(stated))
     problem = make_problem(b, (*stated, term), (*ones, *values))
     rough = replace(problem, sigma=_error_of(problem))
-    base = LinearizedFit.from_fit(
-        rough, fit_parameters(rough, stated, ones, iterations=4)
-    )
+    base = LinearizedFit.from_fit(fit_parameters(rough, stated, ones, iterations=4))
     tried = fit_candidate(base, term)
     assert tried.cost < base.fit.cost
     # the responses to its initial values alone tell that it would
@@ -66,9 +64,7 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     assert begun.values == pytest.approx(tried.values, rel=1e-9)
     found = fit_parameters(rough, tried.terms, tried.values, iterations=6)
     found = fit_parameters(problem, found.terms, found.values, iterations=6)
-    error = (
-        FIT.interval_standard_errors * standard_errors(problem, found)[-len(values) :]
-    )
+    error = FIT.interval_standard_errors * standard_errors(found)[-len(values) :]
     apart = np.abs(found.values[-len(values) :] - values)
     # twice a 90 % interval: never by chance
     assert apart[0] < 2 * error[0] + 0.02 * values[0]
@@ -88,9 +84,7 @@ def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
     terms = (*list_nominal_terms(pendulum), spring)
     truth = np.append(np.full(len(terms) - 1, 1.05), (0.2, 0.3))
     problem = make_problem(pendulum, terms, truth)
-    base = LinearizedFit.from_fit(
-        problem, fit_parameters(problem, terms[:-1], truth[:-2])
-    )
+    base = LinearizedFit.from_fit(fit_parameters(problem, terms[:-1], truth[:-2]))
     tried = fit_candidate(base, spring)
     np.testing.assert_allclose(tried.values[-2:], truth[-2:], rtol=0.25)
     assert tried.cost < 0.01 * base.fit.cost
@@ -99,7 +93,7 @@ def test_a_stiff_spring_and_its_reference_are_found_at_once(pendulum):
 def test_a_limit_that_is_never_met_is_lowered_until_it_acts(arm):
     (limit, *_), truth = find_effect("torque_saturation").propose_terms(arm.robot), 2.0
     problem = make_problem(arm, (limit,), np.array([truth]))
-    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    base = LinearizedFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
     unmet = replace(limit, initial_values=((30 * truth,),))
     begun = problem.residuals_at((unmet,), np.array([30 * truth]))
     np.testing.assert_allclose(begun, base.fit.residuals, atol=1e-9)
@@ -111,7 +105,7 @@ def test_a_limit_that_is_never_met_is_lowered_until_it_acts(arm):
 def test_where_all_initial_values_diverge_nothing_more_is_simulated(pendulum):
     (boom,) = Explosion().propose_terms(pendulum.robot)
     problem = make_problem(pendulum)
-    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    base = LinearizedFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
     before = pendulum.simulator.counter.count
     with np.errstate(all="ignore"):
         fit_candidate(base, boom)
@@ -123,9 +117,7 @@ def test_a_nominal_value_that_an_effect_overrides_changes_no_residual(arm):
     stated = list_nominal_terms(arm)
     rotor = find_effect("armature").propose_terms(arm.robot)[1]
     ones = np.ones(len(stated))
-    base = LinearizedFit.from_fit(
-        make_problem(arm), fit_parameters(make_problem(arm), stated, ones)
-    )
+    base = LinearizedFit.from_fit(fit_parameters(make_problem(arm), stated, ones))
     idle = find_overridden(rotor, stated)
     assert [stated[i].targets for i in idle] == [("joint:elbow/armature",)]
     tried = fit_candidate(base, rotor, iterations=1)

@@ -125,8 +125,7 @@ def test_candidates_are_ranked_as_each_alone(coupling, tmp_path, monkeypatch):
         list_nominal_terms(arms),
     )
     problem = make_problem(arms, [dry], [0.03])
-    fit = fit_parameters(problem, stated, np.ones(len(stated)))
-    base = LinearizedFit.from_fit(problem, fit)
+    base = LinearizedFit.from_fit(fit_parameters(problem, stated, np.ones(len(stated))))
     effects = [e for e in load_catalogue().values() if not e.rounds_readings]
     terms = [t for effect in effects for t in effect.propose_terms(arms.robot)]
     ranked, counts = [], []

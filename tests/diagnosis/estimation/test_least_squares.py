@@ -121,7 +121,7 @@ def test_planted_nominal_values_are_recovered(name, request):
     assert found.cost < 1.05 * np.isfinite(problem.segments.readings).sum()
     low, high, _ = stack_bounds(terms)
     assert (low <= found.values).all() and (found.values <= high).all()
-    error = standard_errors(problem, found)
+    error = standard_errors(found)
     before = (high - low) / 4  # anything was read
     pinned = error < 0.25 * before
     apart = np.abs(found.values - truth)

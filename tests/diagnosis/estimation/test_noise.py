@@ -30,7 +30,7 @@ def test_one_column_with_large_residuals_is_found_among_many(arm):
             off = np.isin(segments.segment_of_sample, chosen)[:, None] * off
         segments = replace(segments, readings=segments.readings + off)
         changed = replace(problem, segments=segments)
-        return worst_channel_ratio(changed, fit_parameters(changed, (), np.zeros(0)))
+        return worst_channel_ratio(fit_parameters(changed, (), np.zeros(0)))
 
     quiet = ratio(0, 0)
     assert 0.5 < quiet < 2 and ratio(1, 20) > 10

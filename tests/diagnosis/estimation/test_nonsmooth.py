@@ -58,7 +58,7 @@ def test_initial_states_of_another_friction_do_not_fix_it(tmp_path):
     wrong = np.array([truth / 0.9])
     problem = marginalize_initial_states(problem, (slip,), wrong)
     found = fit_parameters(problem, (slip,), wrong, iterations=0)
-    assert search_along_valleys(problem, found) == pytest.approx(truth)
+    assert search_along_valleys(found) == pytest.approx(truth)
 
 
 def test_nominal_values_follow_an_effect_that_changes(arm):
@@ -69,7 +69,7 @@ def test_nominal_values_follow_an_effect_that_changes(arm):
     (size,) = drag.parameters
     still = replace(drag, parameters=(replace(size, low=0.1 / 1.1, high=0.1 / 1.1),))
     held = replace(fit_parameters(problem, (*terms[:-1], still), truth), terms=terms)
-    values = search_along_valleys(problem, held)
+    values = search_along_valleys(held)
     assert values[-1] == pytest.approx(0.1)
     alone = np.append(held.values[:-1], values[-1])
     costs = [
@@ -91,10 +91,10 @@ def test_in_contact_a_smoothed_fit_goes_further(tmp_path, monkeypatch):
     begin = np.append(np.ones(len(stated)), 0.8 * 0.3)
     problem = marginalize_initial_states(problem, terms, begin)
     found = fit_parameters(problem, terms, begin)
-    reestimated, new = nonsmooth.fit_smoothed(problem, found)
+    new = nonsmooth.fit_smoothed(found)
     assert new.cost < 0.7 * found.cost
     assert abs(new.values[-1] - 0.3) < abs(found.values[-1] - 0.3)
     np.testing.assert_array_equal(
-        new.residuals, reestimated.residuals_at(terms, new.values)
+        new.residuals, new.problem.residuals_at(terms, new.values)
     )
     assert new.jacobian.shape == found.jacobian.shape

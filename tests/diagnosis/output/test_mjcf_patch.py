@@ -8,7 +8,6 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.output import build_result
 from selfheal.diagnosis.output.build_result import build_patch, patch_or_nominal
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
@@ -237,8 +236,7 @@ def test_an_inertia_keeps_the_axes_of_the_model(written, tmp_path):
         if "lower" in t.label
     )
     for terms, value in (((term,), [1.1]), ((length,), [0.21])):
-        found = Fit(terms, np.array(value), np.zeros(0), np.zeros((0, 0)))
-        text, *_ = build_patch(case, found)
+        text, *_ = build_patch(case, terms, np.array(value))
         (inertial,) = re.findall("<inertial[^>]*>", text)
         assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
 
@@ -246,8 +244,7 @@ def test_an_inertia_keeps_the_axes_of_the_model(written, tmp_path):
 def test_a_change_of_one_number_changes_one_line(written, tmp_path):
     case = written("frames")
     term = find_effect("coulomb_friction").propose_terms(case.robot)[0]
-    found = Fit((term,), np.array([0.1]), np.zeros(0), np.zeros((0, 0)))
-    _, diff, _ = build_patch(case, found)
+    _, diff, _ = build_patch(case, (term,), np.array([0.1]))
     changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
     assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
 
@@ -255,7 +252,6 @@ def test_a_change_of_one_number_changes_one_line(written, tmp_path):
 def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
     wrong = [Set("joint", "elbow", {"stickiness": "much"})]
     monkeypatch.setattr(build_result, "build_edits", lambda *_: wrong)
-    case, found = written("plain"), Fit((), *np.zeros((2, 0)), np.zeros((0, 0)))
-    text, diff, edits, unpatched = patch_or_nominal(case, found)
+    text, diff, edits, unpatched = patch_or_nominal(written("plain"), (), np.zeros(0))
     assert (text, diff, edits) == (ARM, "", [])
     assert "MuJoCo refuses the patch" in unpatched and "stickiness" in unpatched

@@ -8,7 +8,6 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.estimation.least_squares import Fit
 from selfheal.diagnosis.output.build_result import patch_or_nominal
 from selfheal.diagnosis.output.replay import replay_recording
 from tests.support.effect_robots import (
@@ -52,8 +51,7 @@ def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
     case = SimpleNamespace(
         compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
     )
-    found = Fit(terms, values, np.zeros(0), np.zeros((0, 0)))
-    same, diff, edits, unpatched = patch_or_nominal(case, found)
+    same, diff, edits, unpatched = patch_or_nominal(case, terms, values)
     assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
     document = make_document(stated, factors, own, present) | {"unpatched": unpatched}
     write_diagnosis(tmp_path / "out", same, document)

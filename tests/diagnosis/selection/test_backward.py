@@ -31,9 +31,9 @@ def test_a_rare_effect_takes_a_usual_ones_place_only_where_little_is_left(arm, h
     now = fit_and_score(problem, (dry,), np.array([0.01]), iterations=4)
     rival = fit_and_score(problem, (rare,), np.zeros(3), iterations=4)
     assert rival.error < 0.9 * now.error
-    new = exchange_term(problem, now, dry, [rare])
+    new = exchange_term(now, dry, [rare])
     assert new.candidate is (dry if hidden else rare)
-    assert exchange_term(problem, rival, rare, [dry]) is rival
+    assert exchange_term(rival, rare, [dry]) is rival
 
 
 def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
@@ -46,9 +46,7 @@ def test_a_limit_that_is_never_met_costs_nothing_to_take_away(arm):
     for value in (limit.high, 0.05 * limit.high):
         found = fit_parameters(problem, (limit,), value, iterations=0)
         prices.append(
-            compute_removal_costs(LinearizedFit.from_fit(problem, found), [limit])[
-                limit
-            ]
+            compute_removal_costs(LinearizedFit.from_fit(found), [limit])[limit]
         )
     assert prices[0] == pytest.approx(1) and 1 < prices[1] < np.inf
 
@@ -64,11 +62,11 @@ def test_a_value_stated_anew_that_the_model_may_state_needs_no_name(
     problem = replace(problem, sigma=problem.sigma / 100)
     terms, start = (*stated, oil), np.append(np.ones(len(stated)), truth)
     found = fit_parameters(problem, terms, start, iterations=4)
-    base = LinearizedFit.from_fit(problem, found)
+    base = LinearizedFit.from_fit(found)
     cost = compute_removal_costs(base, [oil])[oil]
     less = fit_without(base, oil)
     assert (cost > 1.1) == stays == (less.cost > 1.1 * found.cost)
-    left = eliminate_backward(problem, found, len(stated))
+    left = eliminate_backward(found, len(stated))
     assert (oil in left.terms) == stays
 
 
@@ -78,7 +76,7 @@ def test_what_one_column_needs_stays_however_little_it_is_among_all(arm):
     given = np.array([t.parameters[0].nominal for t in terms])
     problem = make_problem(arm, terms, given + [MORE_OIL, 0.0])
     found = fit_parameters(problem, terms, given, iterations=20)
-    base = LinearizedFit.from_fit(problem, found)
+    base = LinearizedFit.from_fit(found)
     step = base.move(np.array([0]), given[:1] - found.values[:1])
     width = problem.segments.readings.shape[1]
     before, after = (
@@ -90,7 +88,7 @@ def test_what_one_column_needs_stays_however_little_it_is_among_all(arm):
     assert cost == pytest.approx((after / before)[scored].max(), rel=1e-3)
     limit = 1 + SELECTION.removal_tolerance
     assert cost > limit > after.sum() / before.sum()
-    assert eliminate_backward(problem, found, 0).terms == terms[:1]
+    assert eliminate_backward(found, 0).terms == terms[:1]
 
 
 def test_a_fit_without_an_effect_is_close_where_it_may_be_needless(arm):
@@ -99,7 +97,7 @@ def test_a_fit_without_an_effect_is_close_where_it_may_be_needless(arm):
     problem = make_problem(arm, (dry,), (0.1,))
     both = fit_parameters(problem, (dry, other), np.array([0.1, 0.0]))
     alone = fit_parameters(problem, (dry,), np.array([0.1]), iterations=20)
-    base = LinearizedFit.from_fit(problem, both)
+    base = LinearizedFit.from_fit(both)
     assert fit_without(base, other).cost == pytest.approx(alone.cost, rel=1e-3)
     assert fit_without(base, dry).cost > 2 * both.cost
 
@@ -111,7 +109,7 @@ def test_costs_of_removal_are_bounded_from_below_by_those_without_bounds(arm):
     problem = make_problem(arm, usual[:1], (0.1,))
     start = np.array([0.1, *absent[1:]])
     found = fit_parameters(problem, usual, start, iterations=10)
-    base, whole = LinearizedFit.from_fit(problem, found), found.cost
+    base, whole = LinearizedFit.from_fit(found), found.cost
     for removed in ([], list(usual[2:4])):
         left = [t for t in usual if t not in removed]
         bounds = base.bound_removal_costs(left, removed)

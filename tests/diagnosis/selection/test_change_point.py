@@ -40,7 +40,7 @@ def _changing(*, at: int, episodes: int = 6, seed: int = 0, change=_worn):
 
 
 def _stated_fit(folder, recording):
-    """A problem of all segments, and the fit of its nominal values."""
+    """The fit of the nominal values to all segments."""
     from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
     from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 
@@ -53,7 +53,7 @@ def _stated_fit(folder, recording):
         simulator, cut_segments(simulator.episodes, round(0.5 / STEP)), sigma
     )
     problem = marginalize_initial_states(problem, terms, np.ones(len(terms)))
-    return problem, fit_parameters(problem, terms, np.ones(len(terms)))
+    return fit_parameters(problem, terms, np.ones(len(terms)))
 
 
 def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
@@ -79,14 +79,14 @@ def test_a_dated_effect_is_there_from_its_onset_on(tmp_path):
 
 @pytest.mark.parametrize("at", [1, 3])
 def test_the_time_since_which_the_robot_differs_is_reported(tmp_path, at):
-    onset = detect_change_point(*_stated_fit(tmp_path, _changing(at=at)))
+    onset = detect_change_point(_stated_fit(tmp_path, _changing(at=at)))
     assert onset is not None and (onset.number, onset.episode) == (at, f"{at:03d}")
     assert onset.time == 0
 
 
 @pytest.mark.parametrize("at", [0, 6], ids=["always", "never"])
 def test_what_was_always_or_never_there_did_not_set_in(tmp_path, at):
-    assert detect_change_point(*_stated_fit(tmp_path, _changing(at=at))) is None
+    assert detect_change_point(_stated_fit(tmp_path, _changing(at=at))) is None
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import pytest
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.candidate_fit import fit_candidate
-from selfheal.diagnosis.estimation.least_squares import Fit, fit_parameters
+from selfheal.diagnosis.estimation.fit import Fit
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.cross_validation import (
@@ -32,7 +33,7 @@ def test_held_out_errors_are_those_of_fits_that_did_not_see_them(arm):
             seen = of != fold
             x = np.linalg.lstsq(found.jacobian[seen], -y[seen], rcond=None)[0]
             expected[~seen] = (y[~seen] + found.jacobian[~seen] @ x) ** 2
-        predicted = predict_held_out(problem, found, of)
+        predicted = predict_held_out(found, of)
         np.testing.assert_allclose(
             predicted, problem.sum_by_segment(expected), rtol=1e-5
         )
@@ -45,12 +46,10 @@ def test_whole_held_out_segments_are_simulated(arm):
     fold = problem.segment_of_residual == 1
     jac = np.where(fold[:, None], 1e3 * found.jacobian, found.jacobian)
     wrong, of = replace(found, jacobian=jac), problem.segment_of_residual
-    predicted, right = (predict_held_out(problem, f, of)[1] for f in (wrong, found))
+    predicted, right = (predict_held_out(f, of)[1] for f in (wrong, found))
     assert predicted == pytest.approx(right, rel=1e-3)
     # unless the Jacobian is to be believed
-    believed, same = (
-        predict_held_out(problem, f, of, linearly=True)[1] for f in (wrong, found)
-    )
+    believed, same = (predict_held_out(f, of, linearly=True)[1] for f in (wrong, found))
     assert same == pytest.approx(right, rel=1e-3) and believed > 2 * right
 
 
@@ -65,7 +64,7 @@ def test_few_held_out_segments_are_simulated_where_residuals_are_linear(
         return simulate(part, terms, values)
 
     monkeypatch.setattr(LinearProblem, "residuals_at", count)
-    predict_held_out(problem, found, problem.segment_of_residual)
+    predict_held_out(found, problem.segment_of_residual)
     assert 0 < len(simulated) < len(problem.segments)
 
 
@@ -74,9 +73,11 @@ def test_long_segments_are_divided_into_blocks(arm):
     problem, found, _ = make_linear_problem(arm, np.random.default_rng(0))
     few = problem.select(np.arange(3))
     rows = np.isin(problem.segment_of_residual, [0, 1, 2])
-    part = Fit(found.terms, found.values, found.residuals[rows], found.jacobian[rows])
-    whole = predict_held_out(few, part, few.segment_of_residual).sum()
-    assert part.cost < predict_held_out(few, part).sum() < whole
+    part = Fit(
+        few, found.terms, found.values, found.residuals[rows], found.jacobian[rows]
+    )
+    whole = predict_held_out(part, few.segment_of_residual).sum()
+    assert part.cost < predict_held_out(part).sum() < whole
 
 
 def test_what_explains_one_episode_only_does_not_generalize(arm):
@@ -96,24 +97,22 @@ def test_an_effect_that_one_episode_alone_shows_may_generalize(arm):
     problem, found, _ = make_linear_problem(arm, rng)
     log = problem.segments.episode[problem.segment_of_residual]
     column = rng.normal(size=len(log)) * np.array([1.0, 1e3, 1.0])[log]
-    lacking, old, new = _added(problem, found, column, 3 * column)
-    worse = new.jacobian.copy()
+    fits = _added(problem, found, column, 3 * column)
+    worse = fits[1].jacobian.copy()
     worse[log == 1, -1] *= -0.5  # from the others the wrong way
-    lacking = replace(lacking, jac=worse)
-    assert generalizes_across_episodes(lacking, old, new)
+    lacking = replace(fits[0].problem, jac=worse)
+    assert generalizes_across_episodes(*(replace(f, problem=lacking) for f in fits))
 
 
-def _added(
-    problem: LinearProblem, found: Fit, column, missing
-) -> tuple[LinearProblem, Fit, Fit]:
+def _added(problem: LinearProblem, found: Fit, column, missing) -> tuple[Fit, Fit]:
     """A fit that lacks something, and that with a column for it, at its best."""
-    old = replace(found, residuals=found.residuals + missing)
-    (new,) = np.linalg.lstsq(column[:, None], -old.residuals, rcond=None)[0]
     jac = np.column_stack([found.jacobian, column])
+    lacking = replace(problem, y=problem.y + missing, jac=jac)
+    old = replace(found, problem=lacking, residuals=found.residuals + missing)
+    (new,) = np.linalg.lstsq(column[:, None], -old.residuals, rcond=None)[0]
     terms = (*found.terms, replace(found.terms[0]))
     values, left = np.append(found.values, new), old.residuals + column * new
-    lacking = replace(problem, y=problem.y + missing, jac=jac)
-    return lacking, old, Fit(terms, values, left, jac)
+    return old, Fit(lacking, terms, values, left, jac)
 
 
 def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordings):
@@ -129,14 +128,14 @@ def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordi
     simulator = replace(simulator, has_contact=robot.has_contact)
     segments = cut_segments(simulator.episodes, None)
     problem = Problem(simulator, segments, np.full(segments.readings.shape[1], 0.02))
-    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    base = LinearizedFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
     terms = [
         t
         for name, target in (("limb_loss", "right_lower"), ("com_shift", "torso"))
         for t in find_effect(name).propose_terms(robot)
         if t.targets == (f"body:{target}",)
     ]
-    tried = [ScoredFit.from_fit(problem, fit_candidate(base, t)) for t in terms]
+    tried = [ScoredFit.from_fit(fit_candidate(base, t)) for t in terms]
     assert max(s.error for s in tried) < 0.1 * base.fit.cost
     (best,) = refit_without_folds(base, tried, terms)
     assert best.candidate is terms[0] and best.error < 0.1 * base.fit.cost

@@ -22,6 +22,7 @@ from selfheal.diagnosis.selection.holdout import (
     try_equivalents,
 )
 from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
+from selfheal.diagnosis.selection.replay_scores import HeldOutScores
 from tests.support.problems import STEPS, make_problem, name_effect
 from tests.support.recorded_robots import bench
 
@@ -37,14 +38,14 @@ def test_what_held_out_segments_refute_gives_way_to_what_they_support(arm):
     )
     less = fit_parameters(seen, (), np.zeros(0))
     refuted = NamedEffect(inert, Evidence(1.0, 1e-3, 1.0), (dry,))
-    ((instead,), best) = try_equivalents(seen, held, refuted, less)
+    ((instead,), best) = try_equivalents(held, refuted, less)
     assert instead.term.key == dry.key and instead.equivalent == ()
     assert best.terms == (instead.term,)
     assert best.values[0] == pytest.approx(0.1, rel=0.2)
     alone = replace(refuted, equivalent=())
-    assert try_equivalents(seen, held, alone, less) == ([], less)
+    assert try_equivalents(held, alone, less) == ([], less)
     with_it = fit_parameters(seen, (dry,), np.array([0.1]))  # it has a name already
-    assert try_equivalents(seen, held, refuted, with_it) == ([], with_it)
+    assert try_equivalents(held, refuted, with_it) == ([], with_it)
 
 
 @pytest.mark.slow
@@ -57,8 +58,8 @@ def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(
 
     def naming(value: float, *says) -> Hypothesis:
         at = fit_parameters(seen, (dry,), np.array([value]), iterations=0)
-        scored = ScoredFit.from_fit(seen, at)
-        return Hypothesis(seen, scored, scored, tuple(map(name_effect, says)), ())
+        scored = ScoredFit.from_fit(at)
+        return Hypothesis(scored, scored, tuple(map(name_effect, says)), ())
 
     # the held-out segments are those of a robot without any friction
     near, far, alike = ((naming(x, dry), ()) for x in (0.01, 0.1, 0.009))
@@ -68,11 +69,16 @@ def test_held_out_segments_decide_between_hypotheses_only_where_they_clearly_do(
     assert choose_hypothesis(case, [near, alike]) is alike
     # the last fit stands unless the search's predicts clearly better
     others = replace(seen, segments=replace(seen.segments))
+
+    def refit(naming: Hypothesis) -> Hypothesis:
+        fit = replace(naming.final.fit, problem=others)
+        return replace(naming, final=replace(naming.final, fit=fit))
+
     for refined, searched, kept in (far, near, near), (near, far, near):
-        last = replace(refined[0], problem=others)
+        last = refit(refined[0])
         chosen = keep_predictive(case, last, searched[0])
         assert chosen is (last if kept is refined else searched[0])
-    last = replace(near[0], problem=others)
+    last = refit(near[0])
     assert keep_predictive(case, last, naming(0.00999, dry)) is last
     # in the segments of the search it always does
     assert keep_predictive(case, far[0], near[0]) is far[0]
@@ -90,12 +96,12 @@ def test_the_fit_of_all_usual_effects_is_handed_over_only_where_it_predicts_bett
     given = np.array([t.parameters[0].nominal for t in terms])
     # the held-out segments are those of the model as given
     problem, case = make_problem(arm), SimpleNamespace(held_out=arm.simulator)
-    nominal = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    nominal = ScoredFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
 
     def at(values) -> Hypothesis:
         final = fit_parameters(problem, terms, np.array(values), iterations=0)
-        scored = ScoredFit.from_fit(problem, final)
-        return Hypothesis(problem, nominal, scored, tuple(map(name_effect, terms)), ())
+        scored = ScoredFit.from_fit(final)
+        return Hypothesis(nominal, scored, tuple(map(name_effect, terms)), ())
 
     right, wrong = at(given), at(3 * given)
     assert hand_over_plain(case, (wrong, ())) is None
@@ -105,7 +111,10 @@ def test_the_fit_of_all_usual_effects_is_handed_over_only_where_it_predicts_bett
     assert hand_over_plain(case, (replace(wrong, plain=right.final.fit), ())) is None
 
 
-def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(tmp_path):
+@pytest.mark.parametrize("is_longer", [False, True])
+def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(
+    is_longer, tmp_path
+):
     def change(model):
         model.dof_frictionloss[1] = 0.1
 
@@ -117,17 +126,27 @@ def test_what_is_handed_over_predicts_as_well_as_the_fit_of_all_usual_effects(tm
     )
     usual = ("coulomb_friction", "viscous_friction", "armature")
     terms = [t for name in usual for t in find_effect(name).propose_terms(real.robot)]
-    segments = cut_segments(training.simulator.episodes, STEPS)
     sigma = make_problem(training).sigma
-    problem = Problem(training.simulator, segments, sigma)
     start = np.concatenate([t.initial_values[0] for t in terms])
-    problem = marginalize_initial_states(problem, terms, start)
-    plain = fit_parameters(problem, tuple(terms), start)
-    nominal = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
-    missed = Hypothesis(problem, nominal, nominal, (), (), plain)
-    handed = hand_over_plain(SimpleNamespace(held_out=held.simulator), (missed, ("x",)))
+
+    def pose(steps: int) -> Problem:
+        segments = cut_segments(training.simulator.episodes, steps)
+        problem = Problem(training.simulator, segments, sigma)
+        return marginalize_initial_states(problem, terms, start)
+
+    searched = pose(STEPS)  # and perhaps all usual effects in fewer, longer segments
+    longer = pose(STEPS + 50).select(np.arange(14)) if is_longer else searched
+    plain = fit_parameters(longer, tuple(terms), start)
+    nominal = ScoredFit.from_fit(fit_parameters(searched, (), np.zeros(0)))
+    missed = Hypothesis(nominal, nominal, (), (), plain)
+    case = SimpleNamespace(held_out=held.simulator)
+    handed = hand_over_plain(case, (missed, ("x",)))
     assert handed is not None and handed[1] == ("x",)
     found = handed[0]
+    assert found.problem is longer
+    # the fits that a replay compares are each read in their own segments
+    scores = HeldOutScores.compute(case, found)
+    assert scores.numbers["patched"] < scores.numbers["refit"]
     assert [n.term for n in found.named] == [terms[1]]
     assert set(found.final.fit.terms) <= set(terms)
     unseen = Problem(

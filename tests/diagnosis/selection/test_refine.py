@@ -21,12 +21,10 @@ def test_a_parameter_without_effect_gives_way_to_the_simpler_name(arm):
     most = 0.5 * arm.robot.actuators[1].max_force
     problem = make_problem(arm, (limit,), (most,))
     at = np.array([most, falling.high[1]])  # at no speed that it reaches
-    found = ScoredFit.from_fit(
-        problem, fit_parameters(problem, (falling,), at, iterations=0)
-    )
-    alone = ScoredFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    found = ScoredFit.from_fit(fit_parameters(problem, (falling,), at, iterations=0))
+    alone = ScoredFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
     name = name_effect(falling)
-    naming = Hypothesis(problem, alone, found, (name,), ())
+    naming = Hypothesis(alone, found, (name,), ())
     assert prefer_simpler_names(naming) is naming
     rivaled = replace(naming, named=(replace(name, equivalent=(limit,)),))
     plain = prefer_simpler_names(rivaled)

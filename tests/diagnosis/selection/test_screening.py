@@ -26,7 +26,7 @@ def test_a_diverging_candidate_never_wins_and_never_raises(pendulum):
     with np.errstate(all="ignore"):
         r = problem.compute_residuals((boom,), np.array([[25.0]]))
         assert np.abs(r).max() == FIT.max_residual
-        base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+        base = LinearizedFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
         tried = fit_candidate(base, boom)
         assert np.isfinite(tried.cost) and np.isfinite(tried.jacobian).all()
         messages: list[str] = []
@@ -45,7 +45,7 @@ def test_many_candidates_are_sorted_out_before_they_are_fitted(arm):
     robot = arm.robot
     (_, dry) = find_effect("coulomb_friction").propose_terms(robot)
     problem = make_problem(arm, (dry,), (0.1,))
-    base = LinearizedFit.from_fit(problem, fit_parameters(problem, (), np.zeros(0)))
+    base = LinearizedFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
     effects = [e for e in load_catalogue().values() if not e.rounds_readings]
     proposed = [t for effect in effects for t in effect.propose_terms(robot)]
     assert len(proposed) > SELECTION.screening_scored
@@ -70,9 +70,7 @@ def test_a_segment_that_shows_an_effect_is_not_overlooked(arm):
     some, stated = np.arange(5), list_nominal_terms(arm)
     for p, numbers in ((problem, []), (odd, [5])):
         search = start_state(p, stated, (), some)
-        found = find_overlooked_segments(p, some, search.problem, search.best.fit)
+        found = find_overlooked_segments(p, some, search.best.fit)
         assert found.tolist() == numbers
     every = np.arange(len(odd.segments))
-    assert not len(
-        find_overlooked_segments(odd, every, search.problem, search.best.fit)
-    )
+    assert not len(find_overlooked_segments(odd, every, search.best.fit))

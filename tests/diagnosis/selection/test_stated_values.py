@@ -34,7 +34,7 @@ def _fit(arm, terms, factors):
     problem = make_problem(arm, terms, [*factors, FRICTION])
     start = np.array([*np.ones(len(factors)), 0.05])
     fit = fit_parameters(problem, terms, start, iterations=8)
-    return LinearizedFit.from_fit(problem, fit), standard_errors(problem, fit)
+    return LinearizedFit.from_fit(fit), standard_errors(fit)
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +83,8 @@ def test_a_changed_value_has_the_digits_of_its_interval(terms, wrong):
 
 def test_an_effect_has_the_digits_of_its_interval(terms, right):
     base, errors = right
-    scored = ScoredFit.from_fit(base.problem, base.fit)
-    naming = Hypothesis(base.problem, scored, scored, (name_effect(terms[-1]),), ())
+    scored = ScoredFit.from_fit(base.fit)
+    naming = Hypothesis(scored, scored, (name_effect(terms[-1]),), ())
     rounded = round_effects(naming).final.fit
     assert rounded.values[:-1] == pytest.approx(base.fit.values[:-1], abs=0)
     assert abs(rounded.values[-1] - base.fit.values[-1]) < errors[-1] / 3
@@ -96,19 +96,18 @@ def test_a_shift_along_the_axis_changes_nothing_and_is_none(pendulum):
     truth = (0.01, 0.0, 0.0)  # the axis is y
     problem = make_problem(pendulum, (shift,), truth)
     fit = fit_parameters(problem, (shift,), np.array([0.008, 0.05, 0.0]), iterations=4)
-    scored = ScoredFit.from_fit(problem, fit)
-    naming = Hypothesis(problem, scored, scored, (name_effect(shift),), ())
+    scored = ScoredFit.from_fit(fit)
+    naming = Hypothesis(scored, scored, (name_effect(shift),), ())
     x, y, _ = round_effects(naming).final.fit.values
     assert y == 0 and x == pytest.approx(truth[0], rel=0.1)
 
 
 def test_findings_alone_leave_what_the_model_states(terms, right):
     base, errors = right
-    scored = ScoredFit.from_fit(base.problem, base.fit)
+    scored = ScoredFit.from_fit(base.fit)
     nominal = fit_parameters(base.problem, terms[:-1], np.ones(len(terms) - 1))
     naming = Hypothesis(
-        base.problem, ScoredFit.from_fit(base.problem, nominal), scored,
-        (name_effect(terms[-1]),), (), base.fit,
+        ScoredFit.from_fit(nominal), scored, (name_effect(terms[-1]),), (), base.fit,
     )  # fmt: skip
     held = hold_stated(naming)
     for fit in (held.nominal.fit, held.final.fit, held.plain):

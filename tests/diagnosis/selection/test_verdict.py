@@ -37,8 +37,8 @@ def _make_hypothesis(b, value: float | None = None) -> Hypothesis:
         final = fit_parameters(problem, (term,), np.array([0.05]))
     else:
         final = fit_parameters(problem, (term,), np.array([value]), iterations=0)
-    scored = (ScoredFit.from_fit(problem, fit) for fit in (nominal, final))
-    return Hypothesis(problem, *scored, (), ())
+    scored = (ScoredFit.from_fit(fit) for fit in (nominal, final))
+    return Hypothesis(*scored, (), ())
 
 
 def _bench_with_friction(robot: str, folder, dry: float):

@@ -21,8 +21,8 @@ def test_equal_drives_tell_their_lag_from_a_delay(arm):
     lag = _propose(arm, "actuator_lag")
     hidden = [*_propose(arm, "coulomb_friction"), *lag]
     problem = make_problem(arm, hidden, np.array([0.1, 0.1, 0.04, 0.04]))
-    weighted, equal = _fit_equal_drives(problem, usual)
-    richer = _enrich_equal_drives(weighted, equal, usual + lag)
+    equal = _fit_equal_drives(problem, usual)
+    richer = _enrich_equal_drives(equal, usual + lag)
     values = dict(
         zip([t.effect.name for t in richer.terms], richer.values, strict=True)
     )
@@ -34,6 +34,6 @@ def test_equal_drives_tell_their_lag_from_a_delay(arm):
 def test_equal_drives_stay_as_they_are_if_nothing_richer_explains(arm):
     usual = _propose(arm, "coulomb_friction", "command_delay")
     problem = make_problem(arm, _propose(arm, "coulomb_friction"), np.full(2, 0.1))
-    weighted, equal = _fit_equal_drives(problem, usual)
+    equal = _fit_equal_drives(problem, usual)
     more = _propose(arm, "actuator_lag", "stribeck_friction")
-    assert _enrich_equal_drives(weighted, equal, usual + more) is equal
+    assert _enrich_equal_drives(equal, usual + more) is equal
