@@ -66,7 +66,11 @@ def _load_recovery(path: Path, member: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "kind, read", [("identified", _load_run), ("recovered", _load_recovery)]
+    "kind, read",
+    [
+        pytest.param("identified", _load_run, marks=pytest.mark.slow),
+        ("recovered", _load_recovery),
+    ],
 )
 def test_a_run_with_a_member_replaced_is_refused_or_gone_on_from(kind, read, request):
     faults, passed = find_faults(request.getfixturevalue(kind), read)

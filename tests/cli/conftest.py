@@ -80,6 +80,15 @@ def doctor(monkeypatch):
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Pages whose figures are empty; tests/report has them drawn."""
+    from matplotlib.figure import Figure
+
+    empty = "<svg />"
+    monkeypatch.setattr(Figure, "savefig", lambda fig, file, **how: file.write(empty))
+
+
+@pytest.fixture
 def files(recording, model, tmp_path):
     """A model, two recordings."""
     for name in ("a.h5", "b.h5"):

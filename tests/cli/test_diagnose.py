@@ -13,6 +13,8 @@ from selfheal.recording import read, shorten_names, write
 from selfheal.telemetry import Fault
 from tests.support.made_up_diagnosis import FINDING, make_diagnosis
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def _run(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])

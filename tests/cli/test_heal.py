@@ -11,7 +11,7 @@ from selfheal.cli import app
 from selfheal.recording import write
 from tests.support.short_heal import BODY, identified
 
-pytestmark = pytest.mark.usefixtures("short_heal")
+pytestmark = pytest.mark.usefixtures("short_heal", "undrawn")
 
 
 def _run(*words):

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import pytest
@@ -20,6 +21,7 @@ from tests.support.stick_robot import Toy
 
 SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]
 SMALL += ["--budget", "600", "--seed", "5"]
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def _run(*arguments):
@@ -108,20 +110,21 @@ def test_a_run_leaves_the_run_the_body_and_the_page(finished):
     assert page.startswith("<!doctype html>") or page.startswith("<!DOCTYPE html>")
 
 
-def test_progress_goes_to_stderr_and_the_table_to_stdout(tmp_path):
-    result = _identify(*SMALL, "--out", tmp_path)
-    assert result.exit_code == 0
-    for word in ("left_upper", "hangs on", "truth", "tilt error", "report.html"):
-        assert word in result.stdout
-    assert "disagreement" in result.stderr and "disagreement" not in result.stdout
-
-
-def test_files_go_to_a_folder_named_after_robot_and_seed(tmp_path, monkeypatch):
+def test_a_run_without_a_folder_gets_one_named_after_robot_and_seed(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    assert _identify(*SMALL, "--json").exit_code == 0
-    assert [str(p.parent) for p in tmp_path.rglob("run.h5")] == [
-        str(tmp_path / "runs" / "starfish-5")
-    ]
+    first, again = _identify(*SMALL), _identify(*SMALL, "--json")
+    told = json.loads(again.stdout)
+    assert (first.exit_code, again.exit_code) == (0, 0)
+    # progress goes to stderr and the table to stdout
+    for word in ("left_upper", "hangs on", "truth", "tilt error", "report.html"):
+        assert word in first.stdout
+    assert "disagreement" in first.stderr and "disagreement" not in first.stdout
+    run = load_run("runs/starfish-5/run.h5")
+    assert told["parent"] == run.result["parent"]
+    made = {tmp_path / "runs" / "starfish-5" / "run.h5", Path(told["run"])}
+    assert set(tmp_path.rglob("run.h5")) == made and len(made) == 2
 
 
 BAD = [
@@ -221,14 +224,6 @@ def test_files_of_somebody_else_are_not_overwritten_by_accident(name, tmp_path):
     assert f"{tmp_path / name} is there already; start over by --force" in said
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == "mine"
-
-
-def test_runs_without_a_folder_get_one_each(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    told = [json.loads(_identify(*SMALL, "--json").stdout) for _ in range(2)]
-    assert told[0]["run"] != told[1]["run"]
-    assert told[0]["parent"] == told[1]["parent"]
-    assert all((tmp_path / each["run"]).is_file() for each in told)
 
 
 def test_refused_settings_leave_the_old_run_even_by_force(copied):

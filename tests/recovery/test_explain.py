@@ -27,7 +27,10 @@ KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value
          Damage("slope", value=0.1), Damage("ground_friction", value=0.2)]  # fmt: skip
 
 
-@pytest.mark.parametrize("damage", [(), (DEAF,), (MOTOR,), (LOST, JAM, DEAF)])
+@pytest.mark.parametrize(
+    "damage",
+    [(), (DEAF,), (MOTOR,), pytest.param((LOST, JAM, DEAF), marks=pytest.mark.slow)],
+)
 def test_sensor_series_identify_what_broke(damage, walker, monkeypatch):
     monkeypatch.setattr(ours, "list_single_damages", lambda robot: KNOWN)
     trial, before = walk_damaged(damage, walker), walk_before(walker)

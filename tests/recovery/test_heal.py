@@ -71,10 +71,11 @@ def _told(run):
     return json.dumps(whole, default=np.ndarray.tolist, sort_keys=True)
 
 
+@pytest.mark.slow
 def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
-    save_phased_run(steps[3], tmp_path / "heal.h5")  # after the first action
+    save_phased_run(steps[4], tmp_path / "heal.h5")  # after the second action
     kept = load_phased_run(tmp_path / "heal.h5", HealRun)
-    assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01"]
+    assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01", "ask-02"]
     assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
 
 
