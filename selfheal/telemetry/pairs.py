@@ -85,7 +85,8 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     """How y follows x, in the rows that both have.
 
     Args:
-        x, y: (N), NaN where unknown.
+        x: (N), NaN where unknown.
+        y: (N), the same.
         episode: (N) number of the episode of each row; means are taken in each.
         lags: in rows, by which y may come later.
     """
