@@ -98,6 +98,8 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     x, y = _center(x, episode), _center(y, episode)
     found, nothing = {}, 1e-9
     for lag in lags:
+        if len(x) - abs(lag) < MIN_ROWS:
+            continue
         late = y[lag:] if lag >= 0 else y[:lag]
         early = x[: len(x) - lag] if lag >= 0 else x[-lag:]
         a, b = np.nan_to_num(early), np.nan_to_num(late)
