@@ -70,8 +70,6 @@ class Dataset:
         def with_noise(channels: Sequence[Channel]) -> tuple[Channel, ...]:
             return tuple(
                 replace(c, noise=known[c.name].noise, ar1=known[c.name].ar1)
-                if c.name in known
-                else c
                 for c in channels
             )
 
@@ -111,7 +109,7 @@ def prepare_dataset(
     simulator = build_simulator(compiler, fitted, recordings)
     simulator = replace(simulator, checkpoint=Checkpoint(memory))
     held_out_simulator = build_simulator(
-        compiler, [h for _, h in pairs if h.episodes], recordings
+        compiler, [h for _, h in pairs if h.episodes], recordings, simulator.channels
     )
     if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
