@@ -65,10 +65,7 @@ def keep_informative(
     """
     kept: list[Problem] = []
     for problem in problems:
-        is_cut = len(problem.segments) > 0  # the state is known where some begin
-        if kept and not (
-            is_cut and is_horizon_informative(problem, kept[-1], terms, values)
-        ):
+        if kept and not is_horizon_informative(problem, kept[-1], terms, values):
             break
         kept.append(problem)
     return kept

@@ -83,8 +83,6 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
         (v) numbers of segments, in order.
     """
     size = len(problem.segments)
-    if not size:
-        return np.arange(0)
     wanted = steps / _mean_native_steps(problem)
     least, seconds = SELECTION.min_search_segments, mean_seconds(problem)
     if seconds >= SELECTION.long_screening_segment:

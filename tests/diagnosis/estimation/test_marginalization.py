@@ -12,14 +12,12 @@ from selfheal.diagnosis.estimation import marginalization
 from selfheal.diagnosis.estimation.jacobian import respond_to_initial_states
 from selfheal.diagnosis.estimation.marginalization import (
     is_horizon_informative,
-    keep_informative,
     marginalize_initial_states,
 )
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.estimation.regime import CONTACT
 from selfheal.diagnosis.estimation.settings import FIT
-from selfheal.diagnosis.selection.screening import draw_segments
 from tests.support.problems import (
     NOISE,
     MeasuredStatesProblem,
@@ -143,14 +141,6 @@ def test_a_horizon_is_informative_while_errors_of_initial_states_stay_small(pend
     )
     loud = replace(problem, simulator=replace(simulator, channels=signals))
     assert not is_horizon_informative(loud, loud, (), np.zeros(0))
-
-
-def test_lengths_end_where_no_piece_begins_with_a_known_state(pendulum):
-    problem = make_problem(pendulum)
-    none = problem.select(draw_segments(problem.select(np.arange(0)), 100, None))
-    assert not len(none.segments)
-    kept = keep_informative([problem, problem, none, problem], (), np.zeros(0))
-    assert kept == [problem, problem]
 
 
 def _pieces(b, steps: int) -> Problem:
