@@ -48,7 +48,7 @@ def diagnose(
         memory: folder of what is worked out, in which the same diagnosis goes on where
             it was killed; remove it in the end.
         progress: told what is being done and how much of that is done (0 to 1).
-        minutes: [min] in which the search, the last fit and the tests have to be done,
+        minutes: [min] in which the fits, the search and the tests have to be done,
             about: the best answer so far is given then, and says what it left out.
         stop: asked before each batch of simulations; once True, that answer is given as
             soon as it is tested.

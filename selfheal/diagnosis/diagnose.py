@@ -9,7 +9,7 @@ import numpy as np
 
 from ..recording import Recording
 from .effects import load_catalogue
-from .effects.base import Onset
+from .effects.base import Onset, Term
 from .effects.nominal import build_nominal_terms
 from .estimation.problem import (
     Problem,
@@ -52,6 +52,7 @@ from .selection.verdict import (
     limit_verdict,
     makes_replay_worse,
     removes_too_little,
+    withhold_verdict,
 )
 from .simulation.cache import OutOfTime
 from .simulation.checks import check_dataset
@@ -99,7 +100,8 @@ def diagnose(
     say = progress or (lambda what, share: None)
     rng = np.random.default_rng(seed)
     dataset, problem = _read(model, recordings, held_out, memory, say)
-    state, onset = _fit_nominal(dataset, problem, rng, say)
+    record = SearchRecord(say)
+    state, onset = _fit_nominal(dataset, problem, rng, record, is_over)
     if onset and not held_out:
         later = choose_held_out_after(onset, recordings, dataset.held_out)
         if later:  # what is held out now could not show it
@@ -107,8 +109,9 @@ def diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
                 progress=progress, is_over=is_over, findings_only=findings_only,
             )  # fmt: skip
-    record = SearchRecord(say)
     hypotheses = _choose_effects(dataset, problem, state, rng, record, is_over)
+    is_stopped = bool(record.stopped)  # before the search was through
+    effects = {t.effect.name for t in state.candidates}
     untried = record.list_untried(state.candidates)
     del state  # each Jacobian of many joints takes as much as the whole program
     dataset, hypotheses = _fit_last(dataset, hypotheses, record, is_over, findings_only)
@@ -116,7 +119,7 @@ def diagnose(
     found = build_diagnosis(
         dataset,
         tested.hypothesis,
-        tested.verdict,
+        withhold_verdict(tested.verdict, is_stopped),
         tested.scores,
         tested.structure,
         tested.refuted,
@@ -124,7 +127,7 @@ def diagnose(
     )
     if not record.stopped:
         return found
-    return found.with_stop(record.stopped, untried)
+    return found.with_stop(record.stopped, len(effects), untried)
 
 
 def _read(
@@ -153,25 +156,39 @@ def _read(
 
 
 def _fit_nominal(
-    dataset: Dataset, problem: Problem, rng: np.random.Generator, say: Progress
+    dataset: Dataset,
+    problem: Problem,
+    rng: np.random.Generator,
+    record: SearchRecord,
+    is_over: Callable[[float], bool],
 ) -> tuple[SearchState, Onset | None]:
     """Stage 2: the nominal model's values, and since when they do not explain it all.
+
+    Where time is over before they are fitted, the model as it is given.
 
     Args:
         dataset: with the robot.
         problem: all segments.
         rng: draws the segments of the search.
-        say: called with a message and a share (0 to 1).
+        record: of the search.
+        is_over: whether a share of the time is over.
     """
-    state = start_search(
-        problem,
-        dataset.robot,
-        build_nominal_terms(dataset.robot),
-        load_catalogue().values(),
-        rng=rng,
-        progress=say,
-    )
-    onset = None if state.is_explained else detect_change_point(state.best.fit)
+
+    def start(terms: Sequence[Term]) -> SearchState:
+        """The state in which nothing has a name, and these terms are fitted."""
+        effects = load_catalogue().values()
+        return start_search(
+            problem, dataset.robot, terms, effects, rng=rng, progress=record
+        )
+
+    state = None
+    try:
+        with problem.simulator.counter.limit(lambda: is_over(SEARCH_SHARE)):
+            state = start(build_nominal_terms(dataset.robot))
+            onset = None if state.is_explained else detect_change_point(state.best.fit)
+    except OutOfTime:
+        record.stop()
+        return state or start(()), None
     return state.with_candidates(set_onset(state.candidates, onset)), onset
 
 

@@ -287,8 +287,13 @@ def settle_batch(
     """Settle N posed bodies; row i of every array is one simulation.
 
     Args:
-        parent, anchor, axis, length, thickness, mass: fields of `Bodies`.
+        parent: (N, P) of each part, 0 for the torso.
+        anchor: (N, P, 3) the joint in the parent's frame [m].
         turn: (N, P, 2) cosine and sine of the heading.
+        axis: (N, P, 3) unit hinge axis in the part's frame.
+        length: (N, P) [m].
+        thickness: (N, P) factor on a part's radius and housing [1].
+        mass: (N, P) of the capsule [kg].
         known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P) [m].
         q: (N, P) joint angles after the ramp [rad].
@@ -324,11 +329,19 @@ def race_batch(
     """Settle each body under one action after the other until its loss is too high.
 
     Args:
-        parent, anchor, turn, axis, length, thickness, mass, known, radius: N bodies,
-            as in `settle_batch`.
+        parent: (N, P) of each part, 0 for the torso.
+        anchor: (N, P, 3) the joint in the parent's frame [m].
+        turn: (N, P, 2) cosine and sine of the heading.
+        axis: (N, P, 3) unit hinge axis in the part's frame.
+        length: (N, P) [m].
+        thickness: (N, P) factor on a part's radius and housing [1].
+        mass: (N, P) of the capsule [kg].
+        known: torso_half, torso_mass, block_half, block_center, block_mass.
+        radius: (P) [m].
         targets: (n, P) joint targets of the actions [rad].
         felt: (n, 3) channels measured: tilts [deg], clearance [mm]; NaN = unknown.
-        weight, cap: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).
+        weight: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).
+        cap: (3) of the same.
         order: (N, n) of the actions, first to last to be tried.
         bound: (N, n) a body is given up once its loss reaches this before the first,
             second, ... action in its order.

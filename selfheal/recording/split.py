@@ -100,7 +100,8 @@ def _choose_windows(recording: Recording) -> _Windows:
     name, time = names[0], recording.episodes[names[0]].time
     if time.size < 3:
         raise Location(recording.file, name).make_error(
-            f"{time.size} samples are too few to hold out the last third"
+            f"too few samples to hold out the last third: {time.size}; would fit: at "
+            "least 3"
         )
     start = time[-1] - HELD_OUT_PART * (time[-1] - time[0])
     return {name: [(float(start), float(time[-1]))]}

@@ -334,5 +334,7 @@ def _make_method_section(
         "which of two hypotheses stays and which names do not help there and are taken "
         "back, and the result was replayed on them, open loop."
     )
+    if stopped := diagnosis.document.get("stopped"):
+        said += f" All that was done until it was stopped, while {stopped['while']}."
     body = make_table(("what", "which"), rows, "ll")
     return Section("How this was computed", (said, body))

@@ -27,6 +27,9 @@ MEANS = {
     "unlisted": "The re-fitted model is wrong in a way that is no noise, yet no effect "
     "of the catalogue predicts recordings better that the fit did not see. The map "
     "below tells where to look.",
+    "undecided": "The search was stopped before it was through, and nothing that it "
+    "had tried has proved itself. What was not tried may explain what is left: give it "
+    "more time. The map below tells where the model is wrong so far.",
     "nothing": "After re-fitting what the model states, what remains on recordings "
     "that the fit did not see is as large as noise. That holds for motions like these; "
     "what was never excited cannot be seen, and stands under Remarks.",
@@ -44,6 +47,13 @@ def state_verdict(document: Mapping[str, Any]) -> str:
         return (
             "Nothing is missing that these recordings can show: what the re-fitted "
             "model leaves is noise."
+        )
+    if verdict == "undecided":
+        stopped = document["stopped"]
+        return (
+            f"Stopped after {stopped['tried']} of {stopped['of']} effects were tried, "
+            f"while {stopped['while']}: nothing is proven yet, and structured error "
+            "remains."
         )
     if verdict == "unlisted" or not found:
         return (

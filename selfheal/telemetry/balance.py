@@ -165,6 +165,7 @@ class TorqueBalance:
         import copy
 
         import mujoco
+        from scipy.ndimage import maximum_filter1d
 
         model = copy.copy(self.given)
         model.geom_margin[:] = np.maximum(model.geom_margin, CONTACT_MARGIN)
@@ -175,10 +176,8 @@ class TorqueBalance:
             mujoco.mj_comPos(model, data)
             mujoco.mj_collision(model, data)
             touches[row] = data.ncon > 0
-        if not touches.size:
-            return touches > 0
         wide = round(CONTACT_KERNELS * self.series.kernel / self.series.step)
-        return np.convolve(touches, np.ones(2 * wide + 1), mode="same") > 0
+        return maximum_filter1d(touches, 2 * wide + 1, mode="constant") > 0
 
     def _list_dofs(self) -> np.ndarray:
         """Degrees of freedom whose actuators' forces can be computed."""

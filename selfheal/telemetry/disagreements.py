@@ -82,7 +82,8 @@ class Comparison:
         """How the second column of `other` follows the first of `one`.
 
         Args:
-            one, other: names of joints.
+            one: name of a joint.
+            other: of the other one.
             series: with the episodes.
             rows: (n) those that are compared.
         """

@@ -154,6 +154,8 @@ def find_odd_zeros(
         episode = _name_blocks(np.array(series.ids)[series.episode[known]], of)
         median = {k: float(np.median(mean[episode == k])) for k in ids
                   if (episode == k).any()}  # fmt: skip
+        if len(median) < MIN_EPISODES:  # the others are too short, or not read
+            continue
         middle = float(np.median(list(median.values())))
         far = sorted(median, key=lambda k: abs(median[k] - middle))
         here, there = (abs(median[k] - middle) for k in (far[-1], far[-2]))

@@ -85,7 +85,8 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     """How y follows x, in the rows that both have.
 
     Args:
-        x, y: (N), NaN where unknown.
+        x: (N), NaN where unknown.
+        y: (N), the same.
         episode: (N) number of the episode of each row; means are taken in each.
         lags: in rows, by which y may come later.
     """
@@ -97,6 +98,8 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     x, y = _center(x, episode), _center(y, episode)
     found, nothing = {}, 1e-9
     for lag in lags:
+        if len(x) - abs(lag) < MIN_ROWS:
+            continue
         late = y[lag:] if lag >= 0 else y[:lag]
         early = x[: len(x) - lag] if lag >= 0 else x[-lag:]
         a, b = np.nan_to_num(early), np.nan_to_num(late)

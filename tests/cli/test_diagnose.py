@@ -87,7 +87,7 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
     assert "trying" not in result.stdout
 
 
-@pytest.mark.parametrize("verdict", ["nothing", "unlisted"])
+@pytest.mark.parametrize("verdict", ["nothing", "unlisted", "undecided"])
 def test_a_diagnosis_without_findings_is_printed(verdict, doctor, files, tmp_path):
     answer = make_diagnosis(verdict, ())
     fit = answer.document["fit"] | {"floor": None, "explainable_removed": None}

@@ -114,6 +114,8 @@ def test_a_diagnosis_that_is_stopped_says_what_it_left_out(stopped, dry):
     said = found.document["stopped"]
     assert said["while"] and said["while"] in found.remarks[0]
     assert bool(said["not_tried"]) == (stage != "fitting everything")
+    assert said["tried"] + len(said["not_tried"]) == said["of"] > 5
+    assert (said["tried"] == 0) == (stage != "fitting everything")
     assert "stopped" not in dry.document
 
 
@@ -123,7 +125,7 @@ def test_a_diagnosis_that_is_stopped_claims_what_it_proved(stopped, dry):
     if stage == "fitting everything":
         assert _claimed(found) == _claimed(dry)
     else:
-        assert not _claimed(found) and found.document["verdict"] == "unlisted"
+        assert not _claimed(found) and found.document["verdict"] == "undecided"
     fit = found.document["fit"]
     assert fit["patched"] <= fit["refit"] * (1 + 1e-9)
 

@@ -87,6 +87,7 @@ def test_a_docstring_that_says_all_has_no_gap():
         ("of a link [m]", "of a link", "units"),
         ("        count: of links.\n", "", "args"),
         ("count: of links", "number: of links", "names"),
+        ("count: of links", "count, angles: of links", "names"),
         ("Turn links.", "The same for links.", "opening"),
         ("Turn links.", f"Turn {30 * 'many '}links.", "sentences"),
         ("Turn links.", "Turn links; see `bygone`.", "references"),

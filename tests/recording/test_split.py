@@ -157,7 +157,7 @@ def test_an_unknown_name_is_told_apart():
 
 def test_nothing_can_be_held_out_of_two_samples():
     recording = _recording("a", samples=2)
-    with pytest.raises(RecordingError, match="2 samples are too few"):
+    with pytest.raises(RecordingError, match="third: 2; would fit: at least 3"):
         split(recording)
 
 

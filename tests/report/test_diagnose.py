@@ -81,6 +81,11 @@ def _hostile() -> Diagnosis:
             "lacks physics that is not in the catalogue",
             "tells where to look",
         ),
+        (
+            "undecided",
+            "Stopped after 3 of 41 effects were tried, while trying",
+            "give it more time",
+        ),
         ("partly", "structured error remains that has no name", "no further effect"),
         ("explained", "explains 95", "as large as noise"),
     ],

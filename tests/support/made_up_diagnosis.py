@@ -73,7 +73,10 @@ DIFF = """--- model.xml
 
 def make_document(verdict="explained", findings=(FINDING,)) -> dict:
     """The document of that diagnosis."""
+    stopped = {"while": "trying hard_stop at joint:hip", "tried": 3, "of": 41,
+               "not_tried": ["cogging"]}  # fmt: skip
     return copy.deepcopy({
+        **({"stopped": stopped} if verdict == "undecided" else {}),
         "format": "selfheal-diagnosis",
         "version": 1,
         "verdict": verdict,

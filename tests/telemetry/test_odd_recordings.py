@@ -79,3 +79,27 @@ def test_poses_without_encoders_have_no_balance_of_torques(tmp_path):
     telemetry = examine_telemetry(recording, model)
     assert not telemetry.faults
     assert any("is not read" in line for line in telemetry.unchecked)
+
+
+def _shorten(recording, lengths, rate):
+    """The first rows of episodes, as if they had been read at another rate."""
+    episodes = {}
+    for (key, e), rows in zip(recording.episodes.items(), lengths, strict=False):
+        signals = {n: replace(s, values=s.values[:rows]) for n, s in e.signals.items()}
+        episodes[key] = replace(
+            e, time=np.arange(rows) / rate, ctrl=e.ctrl[:rows], signals=signals
+        )
+    return replace(recording, episodes=episodes)
+
+
+@pytest.mark.parametrize("robot", ["servo_arm", "rover"])
+def test_logs_of_any_length_are_examined(robot, request):
+    model, recording = request.getfixturevalue(robot)
+    for rows, rate in itertools.product((1, 3, 11, 13, 41, 56), (30, 100, 1000)):
+        examine_telemetry(_shorten(recording, (rows,), rate), model)
+
+
+@pytest.mark.parametrize("rows", [1, 12, 41])
+def test_short_episodes_beside_a_long_one_are_examined(servo_arm, rows):
+    model, recording = servo_arm
+    examine_telemetry(_shorten(recording, (300, rows, rows), 100), model)

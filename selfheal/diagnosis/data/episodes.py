@@ -102,7 +102,7 @@ def build_channels(
 
     Args:
         recordings: with one meaning of each signal's name.
-        empty: whether signals without a reading count.
+        empty: whether signals count of which a column has no reading.
     """
     episodes = [e for r in recordings for e in r.episodes.values()]
     meanings = collect_signal_meanings(recordings)
@@ -114,14 +114,14 @@ def build_channels(
             if name in e.signals
         ]
         readings = np.concatenate(values)
-        if not np.isfinite(readings).any():
+        if not np.isfinite(readings).any(axis=0).all():
             if not empty:
                 continue
             readings = np.ones_like(readings)
         scatter = np.sqrt(_pool_scatter(episodes, name))
         channel = Channel(
             name, kind, target, unit, width, first,
-            spread=float(np.sqrt(np.nanvar(readings, axis=0).sum())) or MIN_SPREAD,
+            spread=max(float(np.sqrt(np.nanvar(readings, axis=0).sum())), MIN_SPREAD),
             max_abs=float(np.nanmax(np.abs(readings))) or MIN_SPREAD,
             quantum=_find_quantum(readings) if width == 1 else 0.0,
             scatter=scatter, noise=scatter, ar1=np.zeros(width),

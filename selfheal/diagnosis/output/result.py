@@ -133,16 +133,22 @@ class Diagnosis:
     page: str = ""
     more_than_noise: bool = False
 
-    def with_stop(self, stage: str, untried: Sequence[str]) -> "Diagnosis":
+    def with_stop(self, stage: str, count: int, untried: Sequence[str]) -> "Diagnosis":
         """The result of a search that was stopped before its end.
 
         Args:
             stage: what was being done.
-            untried: names of the effects that were not tried everywhere.
+            count: of the effects that could be somewhere in the robot.
+            untried: names of those of them that were not tried everywhere.
         """
         left = f"; not tried everywhere: {join_names(untried)}" if untried else ""
         remark = f"Stopped before the end, while {stage}: the best answer so far{left}."
-        stopped = {"while": stage, "not_tried": list(untried)}
+        stopped = {
+            "while": stage,
+            "tried": count - len(untried),
+            "of": count,
+            "not_tried": list(untried),
+        }
         return replace(
             self,
             document={**self.document, "stopped": stopped},

@@ -86,7 +86,7 @@ def _list_cuts(episode: np.ndarray) -> list[int]:
     most = SELECTION.max_change_point_cuts
     if not len(cuts):
         shares = np.arange(SELECTION.min_explained_share, 1, 1 / most)
-        cuts = np.unique((shares * len(episode)).astype(int))
+        cuts = np.unique(np.maximum((shares * len(episode)).astype(int), 1))
     return [int(cut) for cut in cuts[:: -(-len(cuts) // most)]]
 
 

@@ -148,7 +148,10 @@ def _mean_squares(problem: Problem, residuals: Floats) -> Floats:
 
 
 def screen_candidates(
-    bases: Sequence[LinearizedFit], candidates: Sequence[Term], progress: Progress
+    bases: Sequence[LinearizedFit],
+    candidates: Sequence[Term],
+    progress: Progress,
+    note_tried: Callable[[Sequence[Term]], None] = lambda terms: None,
 ) -> tuple[list[Fit], float, list[Term]]:
     """Try candidates one at a time beside a fit, while its values answer linearly.
 
@@ -160,6 +163,7 @@ def screen_candidates(
             tried in them.
         candidates: terms to be tried.
         progress: called with a message and a share (0 to 1).
+        note_tried: called with the candidates that were just tried.
 
     Returns:
         Fits with one candidate each in the last of the bases, the best first. How many
@@ -170,7 +174,9 @@ def screen_candidates(
     responses: list[Floats] = []
     retried: list[Term] = []
     if len(candidates) > SELECTION.screening_scored:
-        order, responses, begun = _score_candidates(bases[0], candidates, progress)
+        order, responses, begun = _score_candidates(
+            bases[0], candidates, progress, note_tried
+        )
         retried = [candidates[i] for i in order[: SELECTION.max_retried_candidates]]
         candidates = [begun[i] for i in order[: SELECTION.screening_scored]]
     for base, iterations, keep in zip(
@@ -183,6 +189,7 @@ def screen_candidates(
         for i, term in enumerate(candidates):
             progress(f"trying {term.label}", i / len(candidates))
             fits.append(fit_candidate(base, term, iterations=iterations))
+            note_tried([term])
         responses = responses or [base.fit.residuals - f.residuals for f in fits]
         fits = _sort_by_bic(fits, base.fit.residuals)
         retried = retried or [f.terms[-1] for f in fits]
@@ -196,7 +203,10 @@ def screen_candidates(
 
 
 def _score_candidates(
-    base: LinearizedFit, candidates: Sequence[Term], progress: Progress
+    base: LinearizedFit,
+    candidates: Sequence[Term],
+    progress: Progress,
+    note_tried: Callable[[Sequence[Term]], None],
 ) -> tuple[np.ndarray, list[Floats], list[Term]]:
     """The order of n candidates by a score test, and what each would change.
 
@@ -204,6 +214,7 @@ def _score_candidates(
         base: the fit without a candidate.
         candidates: terms to be tried.
         progress: called with a message and a share (0 to 1).
+        note_tried: called with the candidates that were just tried.
 
     Returns:
         Their numbers (n), the best first; changes (R) of the residuals; and the
@@ -222,6 +233,7 @@ def _score_candidates(
             costs[i] = cost * penalty ** len(candidates[i].parameters)
             responses[i] = response
             begun[i] = replace(candidates[i], initial_values=(tuple(start),))
+        note_tried(terms)
     return np.argsort(costs, kind="stable"), responses, begun
 
 

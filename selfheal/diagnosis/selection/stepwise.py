@@ -116,8 +116,9 @@ def _select_next(
     winner = choose_winner(before, damages, len(open_terms))
     if winner and is_clear(before, winner[0]):
         return state, winner
-    fits, independent, retried = screen_candidates(bases, open_terms, record)
-    record.add_tried(open_terms)
+    fits, independent, retried = screen_candidates(
+        bases, open_terms, record, record.add_tried
+    )
     has_single_readings = part.problem.regime.has_single_readings
     if len(open_terms) > SELECTION.max_retried_candidates and not has_single_readings:
         tried = {t.key for t in open_terms}

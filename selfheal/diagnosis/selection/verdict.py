@@ -206,6 +206,14 @@ def decide_verdict(
     return hypothesis, "unlisted" if structure.is_significant else "nothing"
 
 
+def withhold_verdict(verdict: str, is_stopped: bool) -> str:
+    """The verdict of a search, as far as one that was stopped bears it out.
+
+    What it did not try may explain the structure that it leaves.
+    """
+    return "undecided" if is_stopped and verdict == "unlisted" else verdict
+
+
 def limit_verdict(verdict: str, scores: HeldOutScores) -> str:
     """The verdict as far as the scores over all horizons bear it out.
 

@@ -61,6 +61,7 @@ def build_simulator(
     compiler: ModelCompiler,
     recordings: Sequence[Recording],
     whole: Sequence[Recording] = (),
+    fitted: Sequence[Channel] = (),
 ) -> Simulator:
     """Build the simulator of recordings that fit a model.
 
@@ -69,9 +70,16 @@ def build_simulator(
         recordings: to be simulated.
         whole: recordings of which these are parts, in whose order episodes are
             numbered; none: these themselves.
+        fitted: channels of the data that are fitted, whose columns these have, too,
+            whatever is read here; none: every signal that is read has one.
     """
     model = compiler.nominal
     channels = build_channels(recordings)
+    if fitted:
+        read = {c.name: c for c in channels}
+        channels = tuple(
+            replace(read.get(c.name, c), first_column=c.first_column) for c in fitted
+        )
     step = float(model.opt.timestep)
     has_files = len(recordings) > 1
     names = [(r.file, name) for r in whole or recordings for name in r.episodes]

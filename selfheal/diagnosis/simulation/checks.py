@@ -7,6 +7,7 @@ import numpy as np
 from ...errors import ModelError, RecordingError
 from ...printable import join_names
 from ...recording.data import Floats
+from ..data.episodes import MIN_SPREAD
 from ..data.robot_summary import POSITION_LIKE
 from ..data.segments import Segments
 from ..effects.base import Term
@@ -85,8 +86,7 @@ def _check_motion(dataset: Dataset) -> None:
             f"no signal of kind {', '.join(POSITION_LIKE)} has a reading; would fit: "
             "at least one of them"
         )
-    readings = np.concatenate([e.readings for e in dataset.training.episodes])
-    if not any(np.nanstd(readings[:, c.columns], axis=0).any() for c in scored):
+    if not any(c.spread > MIN_SPREAD for c in scored):
         raise RecordingError(
             f"no position-like signal moves ({join_names(c.name for c in scored)}); "
             "would fit: a recording in which the robot moves"

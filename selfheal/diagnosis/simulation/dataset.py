@@ -70,8 +70,6 @@ class Dataset:
         def with_noise(channels: Sequence[Channel]) -> tuple[Channel, ...]:
             return tuple(
                 replace(c, noise=known[c.name].noise, ar1=known[c.name].ar1)
-                if c.name in known
-                else c
                 for c in channels
             )
 
@@ -111,7 +109,7 @@ def prepare_dataset(
     simulator = build_simulator(compiler, fitted, recordings)
     simulator = replace(simulator, checkpoint=Checkpoint(memory))
     held_out_simulator = build_simulator(
-        compiler, [h for _, h in pairs if h.episodes], recordings
+        compiler, [h for _, h in pairs if h.episodes], recordings, simulator.channels
     )
     if not simulator.channels:
         raise RecordingError("no signal holds a reading that the model can predict")
@@ -219,7 +217,8 @@ def choose_coarsening(simulator: Simulator) -> int:
 def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
     """Cut episodes into segments that begin where the state is measured.
 
-    An episode in which the state is mostly not measured stays whole.
+    An episode in which the state is mostly not measured, or is not where a segment
+    would begin, stays whole.
 
     Args:
         simulator: of the episodes.
@@ -233,7 +232,11 @@ def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
         part = cut_segments(simulator.episodes, steps if cut else None, only=i)
         if cut:
             is_known = _is_state_known(simulator, i, part.first_step)
-            part = part.select(np.flatnonzero(is_known))
+            part = (
+                part.select(np.flatnonzero(is_known))
+                if is_known.any()
+                else cut_segments(simulator.episodes, None, only=i)
+            )
         parts.append(part)
     return Segments.concatenate(parts)
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.data.episodes import (
+    MIN_SPREAD,
     _average_over_steps,
     _find_quantum,
     _remove_sign_jumps,
@@ -67,6 +68,21 @@ def test_a_signal_that_was_never_read_is_no_channel_unless_asked_for():
     recording = make_hinge_recording(time, knee=np.full(20, np.nan), hip=np.sin(time))
     assert [c.name for c in build_channels([recording])] == ["hip"]
     assert [c.name for c in build_channels([recording], empty=True)] == ["hip", "knee"]
+
+
+def test_a_vector_of_which_a_part_was_never_read_is_no_channel():
+    recording = record(ROBOTS["arm"], episodes=1, seconds=0.2)
+    tip = recording.episodes["000"].signals["tip"].values
+    tip[:, 2] = np.nan
+    names = [c.name for c in build_channels([recording])]
+    assert "tip" not in names and "elbow" in names
+
+
+def test_rounding_is_no_motion():
+    time, still = np.arange(50) * 0.01, np.full(50, 0.7)
+    assert np.var(still) > 0
+    (hip,) = build_channels([make_hinge_recording(time, hip=still)])
+    assert hip.spread == MIN_SPREAD
 
 
 def test_quaternions_become_continuous_and_stay_the_same_orientation():

@@ -14,6 +14,7 @@ from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.change_point import (
+    _list_cuts,
     choose_held_out_after,
     detect_change_point,
     set_onset,
@@ -128,3 +129,9 @@ def test_friction_that_sets_in_is_named_and_dated(tmp_path):
     assert onset["episode"] == "000"
     assert onset["time"] == pytest.approx(begin, abs=0.5)
     assert onset["low"] <= onset["time"] <= onset["high"]
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 50])
+def test_a_change_is_looked_for_after_some_segment(count):
+    cuts = _list_cuts(np.zeros(count, int))
+    assert cuts and min(cuts) >= 1 and max(cuts) < count

@@ -50,9 +50,14 @@ def test_many_candidates_are_sorted_out_before_they_are_fitted(arm):
     proposed = [t for effect in effects for t in effect.propose_terms(robot)]
     assert len(proposed) > SELECTION.screening_scored
     messages: list[str] = []
+    tried: set[tuple] = set()
     fits, _, again = screen_candidates(
-        [base] * 3, proposed, lambda what, share: messages.append(what)
+        [base] * 3,
+        proposed,
+        lambda what, share: messages.append(what),
+        lambda terms: tried.update(t.key for t in terms),
     )
+    assert tried == {t.key for t in proposed}
     assert fits[0].terms[-1].key == dry.key
     most = SELECTION.screening_scored + sum(SELECTION.screening_kept)
     assert len(messages) <= len(proposed) + most

@@ -17,6 +17,7 @@ from selfheal.diagnosis.selection.verdict import (
     is_replay_off,
     makes_replay_worse,
     removes_too_little,
+    withhold_verdict,
 )
 from selfheal.diagnosis.simulation import score
 from tests.support.diagnosis_folder import score_model
@@ -128,3 +129,10 @@ def test_a_coarse_time_step_makes_no_replay_off(tmp_path):
     b = bench("pendulum", tmp_path, episodes=2, seconds=2.0, finer=20)
     _, each, _ = score_model(b.path, b.recording)
     assert not _is_off(b, each[0] / 8)
+
+
+@pytest.mark.parametrize("verdict", ["explained", "partly", "unlisted", "nothing"])
+def test_only_a_search_that_was_through_knows_that_no_effect_explains_it(verdict):
+    assert withhold_verdict(verdict, False) == verdict
+    withheld = "undecided" if verdict == "unlisted" else verdict
+    assert withhold_verdict(verdict, True) == withheld

@@ -13,7 +13,8 @@ units: where such a thing is a float or an array and its name is that of a physi
     quantity (`QUANTITIES`), its description has a unit, such as `[rad]`, or `[1]`.
 args: from three arguments on, `Args:` describes each. Arguments of commands, which
     carry their help text in their annotation, need no second description.
-names: what `Args:` or `Attributes:` describes is there, under that name.
+names: what `Args:` or `Attributes:` describes is there, under that name; an entry of
+    `Args:` has one name, as documentation sites read it.
 opening: it begins with no word that hangs on another docstring (`OPENINGS`).
 sentences: none has more than 30 words. What stands in backticks counts as one word.
 references: what stands in backticks and looks like a name occurs in the code.

@@ -43,7 +43,8 @@ class Docstring:
             for line in sections.get(part, ()):
                 text, indent = line.strip(), len(line) - len(line.lstrip())
                 if found := _ENTRY.match(text) if indent == 4 else None:
-                    last = found[1].split(", ")
+                    # a documentation site takes an argument's entry as one name
+                    last = found[1].split(", ") if part != "Args" else [found[1]]
                     entries |= dict.fromkeys(last, found[2])
                 for name in () if found else last:
                     entries[name] += f" {text}"

@@ -1,0 +1,164 @@
+"""Short logs: every one gets an answer or a refusal, never a traceback or a warning.
+
+    python -m benchmarks.hardening.short_logs [--every N] [--diagnoses N]
+
+Logs of 1 to 300 rows at 30 to 1000 Hz, in several shapes, are checked as by `selfheal
+recording check --model`; of these, N drawn at random are diagnosed as well, each search
+stopped after some seconds. Writes docs/results/short-logs.md.
+"""
+
+import os
+import tempfile
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from benchmarks.writer import Section, make_parser, publish_results
+from selfheal.recording import Episode, Recording
+from tests.support.recorded_robots import ROBOTS, record
+
+ROWS = (*range(1, 121), *range(124, 301, 8), 300)
+RATES = (30, 50, 100, 200, 333, 500, 1000)  # [Hz]
+NAMES = ("pendulum", "arm", "cart_pole", "gimbal", "box")
+LONG = 300  # rows of a long episode beside short ones
+MISSING = 0.4  # share of the readings that are, where some are
+MINUTES = 0.05  # of a diagnosis, 3 s; chosen: some get to their end
+Case = tuple[str, Recording]
+
+
+def cut(episode: Episode, rows: int) -> Episode:
+    """The first rows of an episode."""
+    signals = {n: replace(s, values=s.values[:rows]) for n, s in
+               episode.signals.items()}  # fmt: skip
+    return replace(
+        episode, time=episode.time[:rows], ctrl=episode.ctrl[:rows], signals=signals
+    )
+
+
+def lose(episode: Episode, rng: np.random.Generator) -> Episode:
+    """The episode without some of its readings."""
+    signals = {}
+    for name, s in episode.signals.items():
+        values = s.values.copy()
+        values[rng.random(len(values)) < MISSING] = np.nan
+        signals[name] = replace(s, values=values)
+    return replace(episode, signals=signals)
+
+
+def list_shapes(recording: Recording, rows: int) -> Iterator[Case]:
+    """Logs of a robot with so many rows in an episode, by what they are like."""
+    rng = np.random.default_rng(rows)
+    episodes = list(recording.episodes.values())
+    short = [cut(e, rows) for e in episodes]
+    step = episodes[0].time[1]
+    late = short[0].time + rng.uniform(0, 0.6 * step, rows)
+    shapes = {
+        "one": short[:1],
+        "three": short,
+        "one long, two short": [cut(episodes[0], LONG), *short[1:]],
+        "readings missing": [lose(e, rng) for e in short],
+        "irregular": [replace(short[0], time=late)],
+    }
+    for shape, made in shapes.items():
+        named = {str(k): e for k, e in enumerate(made)}
+        yield shape, replace(recording, episodes=named)
+
+
+def list_cases(every: int) -> Iterator[tuple[str, str, Recording]]:
+    """Robot, name and log of each case, of each so many lengths."""
+    for name in NAMES:
+        for rate in RATES:
+            whole = record(
+                ROBOTS[name], seconds=LONG / rate, rate=rate, finer=1, states=False
+            )
+            for rows in ROWS[::every]:
+                for shape, recording in list_shapes(whole, rows):
+                    yield name, f"{name} {rate} Hz {rows} rows, {shape}", recording
+
+
+def attempt(act: Callable[[], Any]) -> str:
+    """What came of an act: answered, refused, or the error or warning it ended in."""
+    from selfheal.errors import InputError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            act()
+    except InputError:
+        return "refused"
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return "answered"
+
+
+def run(every: int, diagnoses: int) -> dict[str, Any]:
+    """Outcomes of checks and diagnoses by robot, and every fault."""
+    from selfheal.api import diagnose
+    from selfheal.telemetry import check_telemetry
+
+    cases = list(list_cases(every))
+    drawn = np.random.default_rng(0).permutation(len(cases))[:diagnoses]
+    outcomes: dict[str, Counter[str]] = {name: Counter() for name in NAMES}
+    faults: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="short-logs-") as room:
+        models, paths = {}, {}
+        for name in NAMES:
+            models[name] = mujoco.MjModel.from_xml_string(ROBOTS[name].xml)
+            paths[name] = Path(room) / f"{name}.xml"
+            paths[name].write_text(ROBOTS[name].xml)
+        acts: list[tuple[str, int, Callable[[], Any]]] = [
+            ("check", i, partial(check_telemetry, log, models[name]))
+            for i, (name, _, log) in enumerate(cases)
+        ]
+        for i in drawn:
+            name, _, log = cases[i]
+            answer = partial(diagnose, paths[name], log, minutes=MINUTES)
+            acts.append(("diagnose", int(i), answer))
+        for what, i, act in acts:
+            name, case, _ = cases[i]
+            told = attempt(act)
+            is_fault = told not in ("answered", "refused")
+            outcomes[name][f"{what} {'fault' if is_fault else told}"] += 1
+            if is_fault:
+                faults.append(f"{what} {case}: {told}")
+    return {"outcomes": outcomes, "faults": faults}
+
+
+def make_sections(data: dict[str, Any]) -> list[Section]:
+    """The page."""
+    head = ("check answered", "check refused", "check fault",
+            "diagnose answered", "diagnose refused", "diagnose fault")  # fmt: skip
+    rows = [(name, *(c[h] for h in head)) for name, c in data["outcomes"].items()]
+    text = (
+        f"{ROWS[0]} to {ROWS[-1]} rows at {RATES[0]} to {RATES[-1]} Hz: one episode, "
+        "three, a long one and two short ones, three with readings missing, and one "
+        "with irregular times. The diagnoses are drawn from all of these at random and "
+        f"stopped after {60 * MINUTES:.0f} s. A fault is a traceback or a warning."
+    )
+    table = Section("Outcomes", text, ("robot", *head), rows)
+    each = "\n".join(f"- {fault}" for fault in data["faults"]) or "None."
+    return [table, Section("Faults", each)]
+
+
+def main() -> None:
+    """Read the command line, run, write the page."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    line = make_parser(__doc__ or "")
+    line.add_argument("--every", type=int, default=1, help="of the numbers of rows")
+    line.add_argument("--diagnoses", type=int, default=300)
+    options = line.parse_args()
+    data = run(options.every, options.diagnoses)
+    publish_results(
+        options.root, "short-logs", "Logs of a few rows", make_sections(data), data
+    )
+
+
+if __name__ == "__main__":
+    main()
