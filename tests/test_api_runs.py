@@ -31,6 +31,7 @@ def _result(run):
     return {k: v for k, v in run.items() if k not in ("seconds", "run", "model")}
 
 
+@pytest.mark.slow
 def test_identify_is_what_the_command_runs(tmp_path):
     words = [w for k, v in SMALL.items() for w in (f"--{k}", str(v))]
     command = ["identify", "--robot", "starfish", *words, "--out", str(tmp_path)]

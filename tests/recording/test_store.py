@@ -79,6 +79,7 @@ def test_the_small_recording_has_every_kind(recording):
     assert {signal.kind for signal in signals} == set(KINDS)
 
 
+@pytest.mark.slow
 def test_real_recordings_are_read_and_survive(shared_recordings, tmp_path):
     paths = sorted(shared_recordings.rglob("*.h5"))
     assert paths

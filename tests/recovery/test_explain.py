@@ -50,7 +50,9 @@ def test_nothing_broke_where_robot_and_model_differ(walker):
     assert (belief.scale[-1] > FLAT[-1]).all()
 
 
-@pytest.mark.parametrize("damage", [(LOST,), (DEAF,)])
+@pytest.mark.parametrize(
+    "damage", [(LOST,), pytest.param((DEAF,), marks=pytest.mark.slow)]
+)
 def test_a_mismatched_model_adds_no_damage_to_what_is_there(
     damage, walker, mismatched, monkeypatch
 ):

@@ -40,10 +40,12 @@ def test_hypotheses_that_predict_the_same_are_counted_once():
     assert list(shares.values()) == [pytest.approx(0.65), pytest.approx(0.35)]
 
 
-@pytest.fixture
-def short(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def short():
     """Searches of a second."""
-    shorten(monkeypatch.setattr)
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch.setattr)
+        yield
 
 
 def _settings(method="ours", number=1, **more):
@@ -63,8 +65,14 @@ def _told(run):
     return json.dumps(told, default=np.ndarray.tolist, sort_keys=True)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_a_recovery_that_was_killed_goes_on_to_the_same_end(method, short, tmp_path):
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(m, marks=pytest.mark.slow) if m == "as-described" else m
+        for m in METHODS
+    ],
+)
+def test_a_recovery_that_was_killed_goes_on_to_the_same_end(method, tmp_path):
     settings = _settings(method, trials=2)
     steps = _steps(settings)
     save_phased_run(steps[1], tmp_path / "recover.h5")
@@ -76,8 +84,13 @@ def test_a_recovery_that_was_killed_goes_on_to_the_same_end(method, short, tmp_p
     assert "<script" not in page
 
 
-def test_the_result_has_what_scripts_need(short):
-    run = _steps(_settings(trials=1))[-1]
+@pytest.fixture(scope="module")
+def run(short):
+    """A recovery of one trial."""
+    return _steps(_settings(trials=1))[-1]
+
+
+def test_the_result_has_what_scripts_need(run):
     result = json.loads(json.dumps(run.result, allow_nan=False))
     assert list(result) == [
         *("format", "version", "robot", "seed", "scenario", "method", "damage"),
@@ -90,7 +103,7 @@ def test_the_result_has_what_scripts_need(short):
     assert list(result["distance"]) == ["intact", "damaged", "healed", "best_known"]
 
 
-def test_the_belief_never_depends_on_what_is_said_to_be_true(short):
+def test_the_belief_never_depends_on_what_is_said_to_be_true(run):
     """The hidden truth stands in the settings, for the report; nobody decides by it."""
     settings = _settings(trials=1)
     robot = SimulatedLegs(settings.legged_robot, 2)
@@ -105,11 +118,11 @@ def test_the_belief_never_depends_on_what_is_said_to_be_true(short):
         def struck(self, damage):
             return robot.struck((LOWER,))
 
-    *_, one = recover_robot(robot, settings)
-    *_, two = recover_robot(Other(), lied)
-    assert one.phases["estimate-1"]["believed"] == two.phases["estimate-1"]["believed"]
+    *_, other = recover_robot(Other(), lied)
+    believed = [r.phases["estimate-1"]["believed"] for r in (run, other)]
+    assert believed[0] == believed[1]
     np.testing.assert_array_equal(
-        one.phases["explore-1"]["weights"], two.phases["explore-1"]["weights"]
+        run.phases["explore-1"]["weights"], other.phases["explore-1"]["weights"]
     )
 
 
@@ -119,7 +132,7 @@ def test_a_file_of_something_else_is_refused(tmp_path):
         load_phased_run(tmp_path / "x.h5", RecoverRun)
 
 
-def test_in_doubt_the_trial_is_one_that_separates(short, monkeypatch):
+def test_in_doubt_the_trial_is_one_that_separates(monkeypatch):
     doubt = [(DEAF,), (JAM,)]
 
     def torn(robot, trims, trials, before, known, progress):

@@ -98,6 +98,7 @@ def _column(picture, color):
     return near.any(axis=0).nonzero()[0].mean()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", [0.0, 2.0])
 def test_the_way_along_the_heading_goes_to_the_right(opengl, heading):
     shown = render.render_lanes(_lanes(heading), heading, [0, ROWS - 1])

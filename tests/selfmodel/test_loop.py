@@ -55,7 +55,13 @@ def test_another_seed_gives_another_run():
     assert first.state["random"] != second.state["random"]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method",
+    [
+        m if m in ("default", "paper") else pytest.param(m, marks=pytest.mark.slow)
+        for m in METHODS
+    ],
+)
 def test_a_run_cut_after_any_cycle_goes_on_to_the_same_end(method, tmp_path):
     """Cut before the first one it is the same run again: the same seed, the same."""
     settings = replace(SMALL, method=method)

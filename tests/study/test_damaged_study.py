@@ -88,7 +88,15 @@ def _replace_each(value: Any) -> Iterator[Any]:
                 yield changed
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow)
+        if name in ("table3", "schema")
+        else name
+        for name in RUNS
+    ],
+)
 def test_tables_of_a_study_are_made_of_outcomes_that_fit(name, tmp_path):
     path = tmp_path / "study.h5"
     records = _write_study(path, name)

@@ -1,7 +1,7 @@
 """Robots on which every effect has a place, and what their simulations predict."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,12 +53,12 @@ def make_pendulum(folder: Path, **changes: str) -> EffectBench:
 
 
 def pick_terms(
-    benches: Mapping[str, EffectBench], name: str, most: int = 2
+    benches: Mapping[str, EffectBench], name: str, ends: Sequence[int] = (0, -1)
 ) -> Iterator[tuple[EffectBench, Term]]:
-    """Some places of an effect on each robot: the first, and the last."""
+    """Some places of an effect on each robot: the first and the last, or one."""
     for b in benches.values():
         found = find_effect(name).propose_terms(b.robot)
-        chosen = {0, len(found) - 1} if len(found) >= most else set(range(len(found)))
+        chosen = {range(len(found))[end] for end in ends if found}
         yield from ((b, found[i]) for i in sorted(chosen))
 
 

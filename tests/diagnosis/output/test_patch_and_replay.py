@@ -32,7 +32,7 @@ def test_the_patch_and_its_replay_predict_what_the_diagnosis_did(
     name, benches, tmp_path
 ):
     """All nominal values are changed; the patched and the given model are replayed."""
-    for n, (b, term) in enumerate(pick_terms(benches, name)):
+    for n, (b, term) in enumerate(pick_terms(benches, name, ends=(-1,))):
         # a contact makes much of a text's last digit
         limit = 0.03 if b.robot.has_contact else 3e-6
         check_replay(b, [term], tmp_path / str(n), limit)

@@ -115,6 +115,7 @@ def _added(problem: LinearProblem, found: Fit, column, missing) -> tuple[Fit, Fi
     return old, Fit(lacking, terms, values, left, jac)
 
 
+@pytest.mark.slow
 def test_what_fits_every_pose_has_to_predict_those_it_did_not_see(shared_recordings):
     """The damaged robot of 2006: a torso heavy on one side explains its poses too."""
     folder = shared_recordings / "starfish_2006"

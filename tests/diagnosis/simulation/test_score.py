@@ -133,13 +133,18 @@ def test_an_interval_holds_its_value(tmp_path):
 REAL = [
     ("xl330/model_released.xml", "xl330/test_released.h5", 2.76),
     ("xl330/servo/model_kp400.xml", "xl330/servo/test_kp400.h5", 0.237),
-    ("double_pendulum_c1/model.xml", "double_pendulum_c1/test.h5", 0.608),
+    pytest.param(
+        "double_pendulum_c1/model.xml",
+        "double_pendulum_c1/test.h5",
+        0.608,
+        marks=pytest.mark.slow,
+    ),
     ("cube_toss/model.xml", "cube_toss/test.h5", 0.712),
     ("starfish_2006/published_body.xml", "starfish_2006/damaged.h5", 0.6),
 ]
 
 
-@pytest.mark.parametrize("model, file, given", REAL, ids=[r[1] for r in REAL])
+@pytest.mark.parametrize("model, file, given", REAL)
 def test_the_score_of_a_real_recording_is_the_published_one(
     model, file, given, shared_recordings, tmp_path
 ):

@@ -84,11 +84,18 @@ class Coverage:
         return 1.0 - len(self.gaps[rule]) / seen if seen else 1.0
 
 
+@cache
+def _list_nodes(path: Path) -> list[ast.AST]:
+    """The nodes of a file, the module first."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def find_aliases(files: Sequence[Path]) -> set[str]:
     """Names of types that are arrays: NumPy's, JAX's and their aliases in the code."""
     known = {"ndarray", "NDArray", "ArrayLike", "Array"}
     for path in files:
-        for node in ast.parse(path.read_text()).body:
+        module, *_ = _list_nodes(path)
+        for node in module.body:
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
                 value = ast.unparse(node.value)
                 if re.match(r"(npt\.|np\.|jax\.)?(NDArray|ndarray|Array)\b", value):
@@ -101,9 +108,9 @@ def find_names(files: Sequence[Path]) -> set[str]:
     known: set[str] = set(dir(builtins))
     for path in files:
         known |= {path.stem, path.parent.name}
-        tree = ast.parse(path.read_text())
-        texts = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
-        for node in ast.walk(tree):
+        nodes = _list_nodes(path)
+        texts = {id(n.value) for n in nodes if isinstance(n, ast.Expr)}
+        for node in nodes:
             for kind in ("id", "attr", "arg", "name"):
                 if isinstance(name := getattr(node, kind, None), str):
                     known |= set(name.split("."))
@@ -114,7 +121,7 @@ def find_names(files: Sequence[Path]) -> set[str]:
 
 def find_classes(files: Sequence[Path]) -> dict[str, ast.ClassDef]:
     """The classes of the code by their names."""
-    nodes = [n for path in files for n in ast.walk(ast.parse(path.read_text()))]
+    nodes = [n for path in files for n in _list_nodes(path)]
     return {node.name: node for node in nodes if isinstance(node, ast.ClassDef)}
 
 
@@ -160,7 +167,7 @@ class RoomReader:
 
     def read_file(self, path: Path) -> None:
         """Look at a module and at what is public in it."""
-        tree = ast.parse(path.read_text())
+        tree, *_ = _list_nodes(path)
         name = str(path.relative_to(ROOT))
         self._check_text(ast.get_docstring(tree), name)
         self._read_body(tree, name)
