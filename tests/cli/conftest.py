@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from selfheal.recording import write
+from tests.support.browser import draw_nothing
 from tests.support.made_up_diagnosis import DELAY, FINDING, make_diagnosis
 
 
@@ -80,12 +81,10 @@ def doctor(monkeypatch):
 
 
 @pytest.fixture
-def undrawn(monkeypatch):
+def undrawn():
     """Pages whose figures are empty; tests/report has them drawn."""
-    from matplotlib.figure import Figure
-
-    empty = "<svg />"
-    monkeypatch.setattr(Figure, "savefig", lambda fig, file, **how: file.write(empty))
+    with draw_nothing():
+        yield
 
 
 @pytest.fixture

@@ -17,13 +17,20 @@ from selfheal.errors import UnknownNameError
 from selfheal.robot.actions import list_actions_2006, load_published_body
 from selfheal.selfmodel.evaluate import CAPPED_LOSS, stack_channels
 
-# mjx as in test_mjx.py: one program is compiled for all tests
-FAST = {"statics": Statics(10), "mjx": Mjx(batch=40)}
-ALL = FAST | {"mujoco": MuJoCo()}
+STATICS, MUJOCO = Statics(10), MuJoCo()
 TREES = 40
 
-fast = pytest.mark.parametrize("engine", FAST.values(), ids=FAST)
-every = pytest.mark.parametrize("engine", ALL.values(), ids=ALL)
+# one program is compiled for all tests; test_mjx.py has quicker laws of it
+fast = pytest.mark.parametrize(
+    "engine",
+    [
+        pytest.param(STATICS, id="statics"),
+        pytest.param(Mjx(batch=40), id="mjx", marks=pytest.mark.slow),
+    ],
+)
+every = pytest.mark.parametrize(
+    "engine", [*fast.args[1], pytest.param(MUJOCO, id="mujoco")]
+)
 
 
 def _trees() -> tuple[Bodies, np.ndarray]:
@@ -37,7 +44,7 @@ def _trees() -> tuple[Bodies, np.ndarray]:
 @functools.cache
 def _reference(what: str) -> Readings:
     """Native MuJoCo's readings of the star under all actions, or of the trees."""
-    return ALL["mujoco"].simulate(*(_star() if what == "star" else _trees()))
+    return MUJOCO.simulate(*(_star() if what == "star" else _trees()))
 
 
 def _star() -> tuple[Bodies, np.ndarray]:
@@ -144,7 +151,7 @@ def _race(bound: np.ndarray, order: np.ndarray | None = None):
         list_actions_2006()[:count],
         stack_channels(_reference("star"))[:count],
     )
-    each = FAST["statics"].race(
+    each = STATICS.race(
         bodies,
         targets,
         felt,
@@ -154,7 +161,7 @@ def _race(bound: np.ndarray, order: np.ndarray | None = None):
         bound=bound,
     )
     row = np.repeat(np.arange(TREES), count)
-    rest = FAST["statics"].simulate(bodies[row], np.tile(targets, (TREES, 1)))
+    rest = STATICS.simulate(bodies[row], np.tile(targets, (TREES, 1)))
     full = CAPPED_LOSS(stack_channels(rest), np.tile(felt, (TREES, 1)))
     return each, full.reshape(TREES, count)
 
@@ -187,7 +194,7 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
     bodies, _ = _trees()
     length = bodies.length.copy()
     length[1] = np.nan
-    each = FAST["statics"].race(
+    each = STATICS.race(
         replace(bodies, length=length)[:3],
         list_actions_2006()[:3],
         np.zeros((3, 3)),

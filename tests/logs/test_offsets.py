@@ -63,7 +63,9 @@ def _make_episode(model, late):
     return Episode(time, np.empty((time.size, 0)), (), signals), streams
 
 
-@pytest.mark.parametrize("late", [0.0, 0.0323, -0.12])
+@pytest.mark.parametrize(
+    "late", [0.0323, *(pytest.param(t, marks=pytest.mark.slow) for t in (0.0, -0.12))]
+)
 def test_the_offset_of_each_clock_is_found(model, late):
     episode, streams = _make_episode(model, late)
     found = {o.stream: o for o in estimate_offsets(episode, streams, model)}

@@ -29,7 +29,14 @@ KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value
 
 @pytest.mark.parametrize(
     "damage",
-    [(), (DEAF,), (MOTOR,), pytest.param((LOST, JAM, DEAF), marks=pytest.mark.slow)],
+    [
+        (),
+        (DEAF,),
+        *(
+            pytest.param(d, marks=pytest.mark.slow)
+            for d in ((MOTOR,), (LOST, JAM, DEAF))
+        ),
+    ],
 )
 def test_sensor_series_identify_what_broke(damage, walker, monkeypatch):
     monkeypatch.setattr(ours, "list_single_damages", lambda robot: KNOWN)
@@ -50,9 +57,8 @@ def test_nothing_broke_where_robot_and_model_differ(walker):
     assert (belief.scale[-1] > FLAT[-1]).all()
 
 
-@pytest.mark.parametrize(
-    "damage", [(LOST,), pytest.param((DEAF,), marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("damage", [(LOST,), (DEAF,)])
 def test_a_mismatched_model_adds_no_damage_to_what_is_there(
     damage, walker, mismatched, monkeypatch
 ):

@@ -4,6 +4,10 @@ import html
 import json
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
 
 HOSTILE = '<script>alert(1)</script>&"'  # a name that tries to break out of the page
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -15,6 +19,17 @@ document.body.dataset.pictures = JSON.stringify(
     return [box.x, box.y, box.width, box.height].map(Math.round);
   }));
 </script>"""
+
+
+@contextmanager
+def draw_nothing() -> Iterator[None]:
+    """Figures of pages are empty, for those who read words alone."""
+    from matplotlib.figure import Figure
+
+    empty = "<svg />"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", lambda fig, file, **how: file.write(empty))
+        yield
 
 
 def read_words(markup: str) -> str:

@@ -12,7 +12,7 @@ from selfheal.diagnosis.output.result import (
     Trace,
 )
 from selfheal.report.diagnose import make_diagnosis_page
-from tests.support.browser import read_words
+from tests.support.browser import draw_nothing, read_words
 
 NAN = float("nan")
 REGIMES = ("reversal", "slow", "fast", "high_load", "after_step", "always")
@@ -146,4 +146,5 @@ def write_page_text(diagnosis: Diagnosis) -> str:
 
 def read_page_words(diagnosis: Diagnosis) -> str:
     """The words of the page of a diagnosis."""
-    return read_words(write_page_text(diagnosis))
+    with draw_nothing():
+        return read_words(write_page_text(diagnosis))
