@@ -12,7 +12,6 @@ def shorten_searches() -> None:
 
     short_heal.shorten(replace_attribute)
     short_recover.shorten(replace_attribute)
-    short_heal.shorten_catalogue(replace_attribute)
     few = {name: load_catalogue()[name] for name in ("armature", "coulomb_friction")}
     replace_attribute(diagnose, "load_catalogue", lambda: few)
     _shorten_recoveries()

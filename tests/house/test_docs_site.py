@@ -82,3 +82,17 @@ def test_the_code_of_a_term_exists():
         path = ROOT / "selfheal" / f"{module.replace('.', '/')}.py"
         assert path.is_file(), f"{term}: {code}"
         assert re.search(rf"^(class|def) {name}\b", path.read_text(), re.M), code
+
+
+def test_the_page_of_tests_tells_of_every_file_that_has_slow_ones():
+    """What is left out of the plain suite is written down."""
+    tests = ROOT / "tests"
+    slow = {
+        path.relative_to(tests).as_posix()
+        for path in tests.rglob("test_*.py")
+        if re.search(r"mark\.slow\b", path.read_text())
+    }
+    page = (DOCS / "results" / "tests.md").read_text()
+    section = page.partition("## What is slow")[2].partition("What went")[0]
+    told = set(re.findall(r"`([\w/]+\.py)`", section))
+    assert {name for name in slow if not name.startswith("benchmarks/")} == told
