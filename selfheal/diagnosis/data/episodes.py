@@ -102,7 +102,7 @@ def build_channels(
 
     Args:
         recordings: with one meaning of each signal's name.
-        empty: whether signals count of which a column has no reading.
+        empty: whether signals without a reading count.
     """
     episodes = [e for r in recordings for e in r.episodes.values()]
     meanings = collect_signal_meanings(recordings)
@@ -114,10 +114,10 @@ def build_channels(
             if name in e.signals
         ]
         readings = np.concatenate(values)
-        if not np.isfinite(readings).any(axis=0).all():
-            if not empty:
-                continue
-            readings = np.ones_like(readings)
+        is_read = np.isfinite(readings).any(axis=0)
+        if not (is_read.any() or empty):
+            continue
+        readings[:, ~is_read] = 1.0
         scatter = np.sqrt(_pool_scatter(episodes, name))
         channel = Channel(
             name, kind, target, unit, width, first,
@@ -183,7 +183,8 @@ def _pool_scatter(episodes: Sequence[Episode], name: str) -> Floats:
     """Variance (width) of a signal about its local parabolas [unit^2], robustly.
 
     It is a mean, of which outliers are clipped: a median would take the noise of a
-    robot at rest for the noise of the robot.
+    robot at rest for the noise of the robot. A column that is never read has the mean
+    of the others, as it is asked for nothing.
     """
     squares = []
     for episode in episodes:
@@ -192,10 +193,14 @@ def _pool_scatter(episodes: Sequence[Episode], name: str) -> Floats:
             fit = fit_polynomials(episode.time, values)
             squares.append(np.where(fit.is_borrowed, np.nan, fit.scatter**2))
     square = np.concatenate(squares)
-    if not np.isfinite(square).any():
-        return np.full(square.shape[1], np.nan)
-    limit = MAX_SQUARED_SCATTER_RATIO * np.nanmedian(square, axis=0)
-    return np.nanmean(np.clip(square, 0, limit), axis=0)
+    is_known = np.isfinite(square).any(axis=0)
+    pooled = np.full(square.shape[1], np.nan)
+    if is_known.any():
+        square = square[:, is_known]
+        limit = MAX_SQUARED_SCATTER_RATIO * np.nanmedian(square, axis=0)
+        pooled[is_known] = np.nanmean(np.clip(square, 0, limit), axis=0)
+        pooled[~is_known] = pooled[is_known].mean()
+    return pooled
 
 
 def sample_episode(

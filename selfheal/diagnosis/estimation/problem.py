@@ -300,12 +300,12 @@ def build_problem(dataset: Dataset, seconds: float) -> Problem:
     segments = cut_readable_segments(simulator, seconds)
     predicted = simulator.simulate([], np.zeros((1, 0)), segments)[0]
     errors = predicted - segments.readings
-    sigma = np.sqrt(
-        np.nanmean(np.where(np.isfinite(errors), errors, np.nan) ** 2, axis=0)
-    )
+    count = np.isfinite(errors).sum(axis=0)
+    squares = np.where(np.isfinite(errors), errors, 0.0) ** 2
     spread = repeat_by_column(simulator.channels, "spread")
+    sigma = np.sqrt(squares.sum(axis=0) / np.maximum(count, 1))
     least = FIT.min_residual_std_share * spread
-    sigma = np.clip(np.where(np.isfinite(sigma), sigma, spread), least, spread)
+    sigma = np.clip(np.where(count, sigma, spread), least, spread)
     return Problem(simulator, segments, sigma)
 
 
