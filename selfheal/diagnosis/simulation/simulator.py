@@ -174,7 +174,7 @@ class Simulator(RecordedSystem):
     ) -> Floats:
         """Simulate all hypotheses at once; arguments and result as of `simulate`."""
         self.counter.add(len(values) * len(segments))
-        hypotheses = self._build_hypotheses(terms, values, centered)
+        hypotheses = self.build_hypotheses(terms, values, centered)
         initial = InitialStates(self, self.cache, hypotheses, segments).compute(
             initial_state_offset
         )
@@ -209,7 +209,7 @@ class Simulator(RecordedSystem):
             commands.reshape(*predicted.shape[:3], -1),
         )
 
-    def _build_hypotheses(
+    def build_hypotheses(
         self, terms: Sequence[Term], values: Floats, centered: bool
     ) -> Hypotheses:
         """Compile the models of n hypotheses with values (n, P)."""

@@ -23,12 +23,26 @@ from .sensors import SensorReader
 UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none has it
 
 
-class _Action(NamedTuple):
+class Action(NamedTuple):
     """An effect that acts at every step: where, and its values (N, p)."""
 
     effect: Effect
     place: Mapping[str, Any]
     values: Floats
+
+
+def list_actions(hypotheses: Hypotheses, count: int) -> list[Action]:
+    """What acts at every step of simulations of each hypothesis in `count` segments."""
+    return [
+        Action(
+            t.effect,
+            hypotheses.variant.map_place(place),
+            np.repeat(values, count, axis=0),
+        )
+        for t, values in zip(hypotheses.terms, hypotheses.term_values, strict=True)
+        if implements(t.effect, "apply_forces")
+        for place in t.places
+    ]
 
 
 @allow_divergence()
@@ -56,16 +70,10 @@ def run_stepwise(
         (N, K, C) true signals at each step [each channel's unit]; NaN in a simulation
         that diverged.
     """
-    variant, n, w = hypotheses.variant, len(hypotheses.models), len(segments)
-    actions = [
-        _Action(t.effect, variant.map_place(place), np.repeat(values, w, axis=0))
-        for t, values in zip(hypotheses.terms, hypotheses.term_values, strict=True)
-        if implements(t.effect, "apply_forces")
-        for place in t.places
-    ]
-    begin = np.tile(segments.first_step * step, n)
+    actions = list_actions(hypotheses, len(segments))
+    begin = np.tile(segments.first_step * step, len(hypotheses.models))
     batch = make_batch(hypotheses, initial)
-    forces = _EffectForces(batch, actions, initial.integral_errors, step)
+    forces = EffectForces(batch, actions, initial.integral_errors, step)
     if hypotheses.centered:
         _center_first_step(batch, forces, commands, begin, initial)
     return _run_steps(
@@ -76,7 +84,7 @@ def run_stepwise(
 
 def _center_first_step(
     batch,
-    forces: "_EffectForces",
+    forces: "EffectForces",
     commands: Floats,
     begin: Floats,
     initial: BatchState,
@@ -101,7 +109,7 @@ def _center_first_step(
 
 def _run_steps(
     batch,
-    forces: "_EffectForces",
+    forces: "EffectForces",
     commands: Floats,
     begin: Floats,
     sensors: SensorReader,
@@ -146,13 +154,13 @@ def _run_steps(
     return predicted.swapaxes(0, 1)
 
 
-class _EffectForces:
+class EffectForces:
     """Writes into a batch what effects do at each step."""
 
     def __init__(
         self,
         batch,
-        actions: Sequence[_Action],
+        actions: Sequence[Action],
         integral_errors: Mapping[int, Floats],
         timestep: float,
     ) -> None:

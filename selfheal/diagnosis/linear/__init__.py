@@ -1,0 +1,1 @@
+"""Equation errors of all candidates in one linear model."""

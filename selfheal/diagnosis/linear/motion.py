@@ -1,0 +1,379 @@
+"""Measured motion: takes recordings, gives states and accelerations at many moments.
+
+Each reading's neighbors have a local polynomial of degree four (Savitzky and Golay
+1964). Its half width is the largest one that the readings do not refute.
+"""
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field, replace
+from functools import cached_property
+from math import factorial
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ...recording.data import Floats
+from ..data.local_polynomial import find_nearest
+from ..data.robot_summary import Channel
+from ..data.segments import Segments
+from ..simulation.batch import BatchState
+from ..simulation.initial_states import InitialStates
+from ..simulation.simulator import Simulator
+
+DEGREE = 4  # of the polynomials: the lowest whose second derivative may bend
+# half widths that are tried [samples]; each about 1.3 times the one before
+HALF_WIDTHS = (4, 5, 7, 9, 12, 16, 21, 28, 37, 48, 64, 85, 112, 150)
+# [s] and samples of a window, the shorter of which is too short; a robot's motion has
+# a bandwidth of some hertz
+WINDOW_SECONDS, MIN_WINDOW_SAMPLES = 0.1, 12
+MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
+
+
+@dataclass(frozen=True, eq=False)
+class _Derivatives:
+    """Value, slope and curvature of signals at W moments, each (W, K); NaN unknown."""
+
+    value: Floats
+    slope: Floats
+    curvature: Floats
+
+
+def _fit_quartics(
+    time: Floats, y: Floats, m: int, at: Floats
+) -> tuple[_Derivatives, Floats]:
+    """Fit polynomials through m neighbors on each side of the samples nearest to times.
+
+    Args:
+        time: (T) of the samples [s].
+        y: (T) readings [unit]; NaN where missing.
+        m: half width [samples].
+        at: (W) [s]; nearer than m samples to an end nothing is known.
+
+    Returns:
+        Derivatives (W), and the variances (W, 3) of value, slope and curvature, of
+        noise of unit variance.
+    """
+    count = len(time)
+    unknown = np.full(len(at), np.nan)
+    variance = np.full((len(at), 3), np.nan)
+    out = _Derivatives(unknown, unknown.copy(), unknown.copy())
+    if count < 2 * m + 1:
+        return out, variance
+    near = find_nearest(time, at)
+    inside = (near >= m) & (near < count - m)
+    rows = np.flatnonzero(inside)
+    if not rows.size:
+        return out, variance
+    first = near[rows] - m
+    origin = at[rows]
+    times = sliding_window_view(time, 2 * m + 1)[first] - origin[:, None]
+    values = sliding_window_view(y, 2 * m + 1)[first]
+    half = np.abs(times).max(axis=1)
+    basis = (times / half[:, None])[..., None] ** np.arange(DEGREE + 1)
+    known = np.isfinite(values)
+    basis = basis * known[..., None]
+    normal = np.einsum("wki,wkj->wij", basis, basis)
+    enough = (known.sum(axis=1) > DEGREE + 1) & (
+        np.linalg.cond(normal) < 1e12
+    )  # of readings that do not lie on one side
+    rows, normal, half = rows[enough], normal[enough], half[enough]
+    inverse = np.linalg.inv(normal)
+    right = np.einsum("wki,wk->wi", basis[enough], np.nan_to_num(values[enough]))
+    x = np.einsum("wij,wj->wi", inverse, right)
+    scale = np.stack([np.ones_like(half), 1 / half, 2 / half**2], axis=1)
+    found = x[:, :3] * scale
+    out.value[rows], out.slope[rows], out.curvature[rows] = found.T
+    variance[rows] = np.einsum("wii->wi", inverse)[:, :3] * scale**2
+    return out, variance
+
+
+def _choose_half_width(
+    time: Floats, readings: Floats, noise: float, order: int, window: float
+) -> int:
+    """The largest half width of which the readings do not refute a derivative.
+
+    Of two nested least-squares estimates k'y, averaged over a window, the difference
+    has the variance |k1 - k2|^2 sigma^2, if noise alone makes it (Hausman 1978). The
+    width grows while the mean square of that difference is at most twice that, so that
+    its bias is no larger than its noise (Lepski 1990).
+
+    Args:
+        time: (T) of the samples [s].
+        readings: (T) [unit]; NaN where missing.
+        noise: their standard deviation [unit].
+        order: of the derivative that counts.
+        window: over which it is averaged [s].
+    """
+    gap = float(np.median(np.diff(time)))
+    known = np.isfinite(readings)
+    even = np.arange(time[0], time[-1], gap)
+    y = np.interp(even, time[known], readings[known])
+    hann = np.hanning(max(round(window / gap), 1) + 2)[1:-1]
+    best, before = HALF_WIDTHS[0], None
+    for m in HALF_WIDTHS:
+        kernel = np.convolve(_derivative_kernel(m, order, gap), hann / hann.sum())
+        if len(kernel) > len(y) or (before is not None and m * gap > window / 2):
+            break
+        if before is not None:
+            change = kernel.copy()
+            pad = (len(kernel) - len(before)) // 2
+            change[pad : len(kernel) - pad] -= before
+            apart = np.convolve(y, change[::-1], "valid")
+            if (apart**2).mean() > 2 * noise**2 * (change @ change):
+                break
+        best, before = m, kernel
+    return best
+
+
+def _derivative_kernel(m: int, order: int, gap: float) -> Floats:
+    """(2 m + 1) weights of even samples in a derivative of their polynomial."""
+    basis = np.vander(np.arange(-m, m + 1) * gap, DEGREE + 1, increasing=True)
+    return np.linalg.pinv(basis)[order] * factorial(order)
+
+
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """What joints did at W moments, as some hypothesis takes their signals.
+
+    Attributes:
+        offset: (W, 2 nv) from the states that a simulation begins at to those of the
+            polynomials [rad or m, and per s].
+        acceleration: (W, J) [rad/s^2 or m/s^2].
+        gain: (W, J) [1] from an acceleration to what is read of it.
+        mismatch: (W, K) velocity read less slope of the positions, as it is read [rad/s
+            or m/s].
+    """
+
+    offset: Floats
+    acceleration: Floats
+    gain: Floats
+    mismatch: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion:
+    """What was read of W moments, in R windows of them.
+
+    Attributes:
+        simulator: of the recordings.
+        joints: (J) whose positions are read, by id.
+        moments: W segments that begin there.
+        half_widths: of each signal's polynomials [samples].
+        windows: (R, k) moments of each window.
+        weights: (k) of the moments in a window, 1 in sum.
+        block: (R) number of each window's block; neighbors in time share one.
+    """
+
+    simulator: Simulator
+    joints: tuple[int, ...]
+    moments: Segments
+    half_widths: Mapping[str, int]
+    windows: np.ndarray
+    weights: Floats
+    block: np.ndarray
+    _read: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
+
+    @cached_property
+    def dofs(self) -> np.ndarray:
+        """(J) indices of the joints' velocities."""
+        model = self.simulator.compiler.nominal
+        return np.array([model.jnt_dofadr[j] for j in self.joints], int)
+
+    @cached_property
+    def width(self) -> int:
+        """Errors of a window: J accelerations and K velocities."""
+        return len(self.joints) + self.read({}).mismatch.shape[1]
+
+    def select(self, rows: np.ndarray) -> "MeasuredMotion":
+        """The motion in windows `rows` (r)."""
+        used, windows = np.unique(self.windows[rows], return_inverse=True)
+        part = replace(
+            self,
+            moments=self.moments.select(used),
+            windows=windows.reshape(len(rows), -1),
+            block=self.block[rows],
+            _read={},
+        )
+        for key, (signal, variance) in self._read.items():
+            part._read[key] = signal[:, used], variance[used]
+        return part
+
+    def average(self, values: Floats) -> Floats:
+        """(..., R, J) means over the windows of values (..., W, J) at the moments."""
+        return np.einsum("...rkj,k->...rj", values[..., self.windows, :], self.weights)
+
+    def draw_noise(self, rng) -> "MeasuredMotion":
+        """The motion with more noise of the readings' size added to them."""
+        simulator = self.simulator
+        noise = np.concatenate([c.noise for c in simulator.channels])
+        episodes = tuple(
+            replace(e, readings=e.readings + noise * rng.normal(size=e.readings.shape))
+            for e in simulator.episodes
+        )
+        noisy = replace(simulator, episodes=episodes)
+        return replace(self, simulator=noisy, _read={})
+
+    @cached_property
+    def given(self) -> BatchState:
+        """States (W) that a simulation of the given model begins at."""
+        simulator, moments = self.simulator, self.moments
+        hypotheses = simulator.build_hypotheses([], np.zeros((1, 0)), centered=False)
+        states = InitialStates(simulator, simulator.cache, hypotheses, moments)
+        found, variant = states.compute(None), hypotheses.variant
+        qpos, qvel = found.qpos[:, variant.qpos], found.qvel[:, variant.dof]
+        return replace(found, qpos=qpos, qvel=qvel)
+
+    def read(self, changes: Mapping[str, Mapping[str, float]]) -> _Readings:
+        """What joints did if their signals are changed.
+
+        Args:
+            changes: by signal, its "gain" [1], "bias" [unit] and "delay" [s].
+        """
+        return _read_joints(self, changes)
+
+    def differentiate(self, channel: Channel, delay: float) -> tuple[Floats, Floats]:
+        """Derivatives (3, W) of a signal some time later, and their variances (W, 3).
+
+        Args:
+            channel: of the signal.
+            delay: by which it is read later [s].
+        """
+        key = channel.name, delay
+        if key not in self._read:
+            while len(self._read) > MAX_READINGS:  # but the first ones
+                del self._read[next(reversed(self._read))]
+            self._read[key] = _differentiate(self, channel, delay)
+        return self._read[key]
+
+
+BLOCKS = 24  # of windows, at most, as many as a cross-validation needs
+MAX_READINGS = 200  # kept at once; those of a derivative are asked for again
+
+
+def measure_motion(simulator: Simulator) -> MeasuredMotion:
+    """States and accelerations of all hinges and slides that are read."""
+    model = simulator.compiler.nominal
+    read = {c.target for c in simulator.channels if c.kind == "joint_position"}
+    joints = tuple(
+        j
+        for j in range(model.njnt)
+        if model.jnt_type[j] in (2, 3) and model.joint(j).name in read
+    )
+    step = simulator.timestep
+    times = [e.sample_steps * step for e in simulator.episodes]
+    gap = float(np.median(np.concatenate([np.diff(t) for t in times])))
+    window = max(WINDOW_SECONDS, MIN_WINDOW_SAMPLES * gap)
+    apart = max(1, round(window / MOMENTS_PER_WINDOW / step))
+    firsts = [np.arange(0, int(e.sample_steps[-1]), apart) for e in simulator.episodes]
+    count, windows = 0, [np.zeros((0, MOMENTS_PER_WINDOW), int)]
+    for first in firsts:
+        last = len(first) - MOMENTS_PER_WINDOW + 1
+        starts = count + np.arange(0, last, MOMENTS_PER_WINDOW // 2)
+        windows.append(starts[:, None] + np.arange(MOMENTS_PER_WINDOW))
+        count += len(first)
+    width = sum(c.width for c in simulator.channels)
+    moments = Segments(
+        np.repeat(np.arange(len(firsts)), [len(f) for f in firsts]),
+        np.concatenate(firsts), np.ones(count, int), np.zeros(0, int), np.zeros(0),
+        np.zeros((0, width)),
+    )  # fmt: skip
+    hann = np.hanning(MOMENTS_PER_WINDOW + 2)[1:-1]
+    widths = _choose_widths(simulator, window)
+    motion = MeasuredMotion(
+        simulator, joints, moments, widths, np.concatenate(windows),
+        hann / hann.sum(), np.zeros(0, int),
+    )  # fmt: skip
+    read_all = motion.read({})
+    known = np.isfinite(np.hstack(astuple(read_all))).all(axis=1)
+    rows = np.flatnonzero(known[motion.windows].all(axis=1))
+    block = np.arange(len(rows)) * min(BLOCKS, len(rows)) // max(len(rows), 1)
+    return replace(replace(motion, block=np.zeros(len(motion.windows), int)).select(rows), block=block)
+
+
+def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:
+    """Half width [samples] of the polynomials of each joint's signals, by name."""
+    out = {}
+    longest = max(simulator.episodes, key=lambda e: len(e.sample_steps))
+    time = longest.sample_steps * simulator.timestep
+    for c in simulator.channels:
+        if c.kind in ("joint_position", "joint_velocity"):
+            order = 2 if c.kind == "joint_position" else 1
+            readings = longest.readings[:, c.first_column]
+            noise = float(c.noise[0])
+            out[c.name] = _choose_half_width(time, readings, noise, order, window)
+    return out
+
+
+def _read_joints(
+    motion: MeasuredMotion, changes: Mapping[str, Mapping[str, float]]
+) -> _Readings:
+    """What joints did at the moments, as `MeasuredMotion.read` has it."""
+    simulator, moments = motion.simulator, motion.moments
+    model = simulator.compiler.nominal
+    signals = {(c.kind, c.target): c for c in simulator.channels}
+    state = motion.given
+    offset = np.zeros((len(moments), 2 * model.nv))
+    acceleration = np.full((len(moments), len(motion.joints)), np.nan)
+    gain, mismatch = np.ones_like(acceleration), []
+    for k, j in enumerate(motion.joints):
+        name = model.joint(j).name
+        position = signals["joint_position", name]
+        change = changes.get(position.name, {})
+        (q, v, a), variance = _undo(motion, position, change)
+        gain[:, k] = change.get("gain", 1.0)
+        if velocity := signals.get(("joint_velocity", name)):
+            change = changes.get(velocity.name, {})
+            (speed, slope, _), other = _undo(motion, velocity, change)
+            own = np.full(len(a), change.get("gain", 1.0))
+            mismatch.append(own * (speed - v))
+            v = _combine(v, variance[:, 1], speed, other[:, 0])
+            a = _combine(a, variance[:, 2], slope, other[:, 1])
+            gain[:, k] = 1 / _combine(
+                1 / gain[:, k], variance[:, 2], 1 / own, other[:, 1]
+            )
+        acceleration[:, k] = a
+        dof = int(model.jnt_dofadr[j])
+        offset[:, dof] = q - state.qpos[:, model.jnt_qposadr[j]]
+        offset[:, model.nv + dof] = v - state.qvel[:, dof]
+    return _Readings(
+        offset,
+        acceleration,
+        gain,
+        np.stack(mismatch, axis=1) if mismatch else np.zeros((len(moments), 0)),
+    )
+
+
+def _undo(
+    motion: MeasuredMotion, channel: Channel, change: Mapping[str, float]
+) -> tuple[Floats, Floats]:
+    """Derivatives (3, W) of what a signal was of, and their variances (W, 3)."""
+    found, variance = motion.differentiate(channel, change.get("delay", 0.0))
+    bias = np.array([np.ravel(change.get("bias", 0.0))[0], 0.0, 0.0])
+    return (found - bias[:, None]) / change.get("gain", 1.0), variance
+
+
+def _differentiate(
+    motion: MeasuredMotion, channel: Channel, delay: float
+) -> tuple[Floats, Floats]:
+    """As `MeasuredMotion.differentiate` has it."""
+    moments, step = motion.moments, motion.simulator.timestep
+    out = np.full((3, len(moments)), np.nan)
+    variance = np.full((len(moments), 3), np.nan)
+    for i in np.unique(moments.episode):
+        rows = np.flatnonzero(moments.episode == i)
+        episode = motion.simulator.episodes[i]
+        fit, unit = _fit_quartics(
+            episode.sample_steps * step,
+            episode.readings[:, channel.first_column],
+            motion.half_widths[channel.name],
+            moments.first_step[rows] * step + delay,
+        )
+        out[:, rows] = fit.value, fit.slope, fit.curvature
+        variance[rows] = unit * float(channel.noise[0]) ** 2
+    return out, variance
+
+
+def _combine(x, x_var, y, y_var):
+    """Mean (W) of two estimates (W) by their inverse variances (W)."""
+    mean = (x / x_var + y / y_var) / (1 / x_var + 1 / y_var)
+    return np.where(np.isfinite(mean), mean, np.where(np.isfinite(x), x, y))

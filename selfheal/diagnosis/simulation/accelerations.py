@@ -1,0 +1,106 @@
+"""Accelerations: takes hypotheses and states, gives what each makes of every joint."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from ...recording.data import Floats
+from ..data.segments import Segments
+from ..effects.base import Term, implements
+from .batch import BatchState, Hypotheses, allow_divergence, find_diverged, make_batch
+from .commands import compute_commands
+from .initial_states import InitialStates
+from .simulator import MAX_BATCH_NUMBERS, Simulator
+from .stepwise import EffectForces, list_actions
+
+
+def compute_accelerations(
+    simulator: Simulator,
+    terms: Sequence[Term],
+    values: Floats,
+    moments: Segments,
+    state_offset: Floats,
+    *,
+    in_steps: bool = False,
+) -> Floats:
+    """Accelerations of n hypotheses where W segments begin: forward dynamics.
+
+    In continuous time: no integrator's damping, no error of a time step.
+
+    Args:
+        simulator: of the recordings.
+        terms: effects that the given model lacks, none of which adds a joint.
+        values: (n, P) of all terms' parameters, a row a hypothesis.
+        moments: W segments, of which the first steps count.
+        state_offset: (n, W, 2 nv) added to the states that were read, positions and then
+            velocities [rad or m, and per s].
+        in_steps: whether they are the change of velocity in a step of the simulation,
+            over its length, rather than those of continuous time.
+
+    Returns:
+        (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one.
+    """
+    values = np.atleast_2d(values)
+    model = simulator.compiler.nominal
+    numbers = len(moments) * (model.nv**2 + 20 * (model.nv + model.nbody))
+    size = max(1, int(MAX_BATCH_NUMBERS / numbers))
+    out = np.empty((len(values), len(moments), model.nv))
+    for i in range(0, len(values), size):
+        some = values[i : i + size]
+        simulator.counter.add(len(some))
+        hypotheses = simulator.build_hypotheses(terms, some, centered=False)
+        offset = state_offset[i : i + size]
+        initial = InitialStates(
+            simulator, simulator.cache, hypotheses, moments
+        ).compute(offset)
+        commands = compute_commands(
+            simulator, simulator.cache, hypotheses, moments, centered=False, mean=False
+        )
+        out[i : i + size] = _forward(
+            hypotheses, moments, initial, commands[:, 0], simulator.timestep, in_steps
+        ).reshape(len(some), len(moments), -1)
+    return out
+
+
+@allow_divergence()
+def _forward(
+    hypotheses: Hypotheses,
+    moments: Segments,
+    initial: BatchState,
+    ctrl: Floats,
+    step: float,
+    in_steps: bool,
+) -> Floats:
+    """Accelerations (n W, nv) of the given model's joints in the initial states.
+
+    Args:
+        hypotheses: n of them.
+        moments: W of them.
+        initial: states of the n W simulations.
+        ctrl: (n W, nu).
+        step: of the simulation [s].
+        in_steps: as `compute_accelerations` has it.
+    """
+    batch = make_batch(hypotheses, initial)
+    if ctrl.shape[-1]:
+        batch.bind("ctrl")[:] = ctrl
+    acceleration = batch.bind("qacc")  # filled from now on
+    stage = mujoco.mjtStage.mjSTAGE_ACC
+    actions = list_actions(hypotheses, len(moments))
+    if actions:
+        batch.forward(stage=stage)  # for the torques that effects read
+        time = np.tile(moments.first_step * step, len(hypotheses.models))
+        bound = batch.bind("ctrl") if ctrl.shape[-1] else None
+        EffectForces(batch, actions, initial.integral_errors, step).apply(
+            batch.bind("qpos"), batch.bind("qvel"), bound, time
+        )
+    if in_steps:
+        before = batch.bind("qvel").copy()
+        batch.step()
+        acceleration = (batch.bind("qvel") - before) / step
+    else:
+        batch.forward(stage=stage)
+    out = np.array(acceleration[:, hypotheses.variant.dof])
+    out[find_diverged(batch)] = np.nan
+    return out
