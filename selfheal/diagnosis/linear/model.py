@@ -15,7 +15,7 @@ from ..effects.terms import find_restated
 from ..simulation.accelerations import compute_accelerations
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
-from .motion import MeasuredMotion
+from .motion import MeasuredMotion, Readings
 
 # share of a column's norm that has to be its own, beside those before it; chosen: what
 # is less is the same direction
@@ -56,6 +56,7 @@ def compute_errors(
     shift: Mapping[str, Mapping[str, float]] | None = None,
     *,
     in_steps: bool = False,
+    reference: "Reference | None" = None,
 ) -> Floats:
     """Equation errors (n, R J) of hypotheses with values (n, P) [rad/s^2 or m/s^2].
 
@@ -65,26 +66,24 @@ def compute_errors(
         values: (n, P) of them [units of the parameters].
         shift: further changes of signals, as `MeasuredMotion.read` has them.
         in_steps: as `compute_accelerations` has it.
+        reference: in whose responses to torques they are; None: in accelerations.
     """
-    values = np.atleast_2d(values)
-    each = split_values(terms, values)
-    is_reading = [_only_reads(t) for t in terms]
-    acting = [t for t, reads in zip(terms, is_reading, strict=True) if not reads]
-    acts = np.hstack([
-        np.zeros((len(values), 0)),
-        *(v for v, reads in zip(each, is_reading, strict=True) if not reads),
-    ])  # fmt: skip
-    changes = _list_changes(motion, terms, each, len(values))
-    read = [motion.read({**(shift or {}), **c}) for c in changes]
-    a = compute_accelerations(
+    acting, acts, read = _split(motion, terms, np.atleast_2d(values), shift or {})
+    a, inertia = compute_accelerations(
         motion.simulator, acting, acts, motion.moments,
         np.stack([r.offset for r in read]), in_steps=in_steps,
     )  # fmt: skip
-    errors = a[..., motion.dofs] - np.stack([r.acceleration for r in read])
+    a = a[..., motion.dofs]
+    errors = a - np.stack([r.acceleration for r in read])
+    if reference is not None:
+        m = inertia[..., motion.dofs[:, None], motion.dofs]
+        torque = np.einsum("nwij,nwj->nwi", m, errors - reference.noise)
+        errors = np.einsum("wij,nwj->nwi", reference.response, torque)
+        errors += reference.noise
     errors *= np.stack([r.gain for r in read])
     mismatch = np.stack([r.mismatch for r in read])
     averaged = motion.average(np.concatenate([errors, mismatch], axis=-1))
-    return averaged.reshape(len(values), -1)
+    return averaged.reshape(len(averaged), -1)
 
 
 def compute_nuisance(
@@ -114,11 +113,77 @@ def compute_nuisance(
     return np.stack([0.5 / COMMAND_LATENESS * commanded, read, stepped])
 
 
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A hypothesis near which equation errors are linear in inertias, too.
+
+    With its inertia M0 and errors e0, of which about n is noise, another hypothesis has
+
+        e = M0^-1 M (a_model - a_read - n) + n,
+
+    a balance of torques, linear in masses, rotors, forces and gains, however far off
+    they are. In accelerations these are not linear; without n a robot without mass
+    would explain all noise.
+
+    Attributes:
+        response: (W, J, J) M0^-1.
+        noise: (W, J) n [rad/s^2 or m/s^2].
+    """
+
+    response: Floats
+    noise: Floats
+
+
+def make_reference(
+    motion: MeasuredMotion, terms: Sequence[Term], values: Floats
+) -> Reference | None:
+    """The reference of a hypothesis with values (P); None: not all joints are read."""
+    if len(motion.dofs) != motion.simulator.compiler.nominal.nv:
+        return None
+    acting, acts, read = _split(motion, terms, values[None], {})
+    a, inertia = compute_accelerations(
+        motion.simulator, acting, acts, motion.moments, read[0].offset[None]
+    )
+    errors = a[0][:, motion.dofs] - read[0].acceleration
+    noise = motion.acceleration_noise
+    share = noise**2 / np.maximum(np.median(errors**2, axis=0) / 0.455, noise**2)
+    inertia = inertia[0][:, motion.dofs[:, None], motion.dofs]
+    return Reference(np.linalg.inv(inertia), share * errors)
+
+
 def estimate_noise(motion: MeasuredMotion, terms, values, errors) -> Floats:
     """(J + K) standard deviation of the errors that noise of the readings makes."""
     noisy = compute_errors(motion.draw_noise(np.random.default_rng(0)), terms, values)
     change = (noisy[0] - errors).reshape(-1, motion.width)
     return 1.4826 * np.median(np.abs(change), axis=0)
+
+
+def _split(
+    motion: MeasuredMotion,
+    terms: Sequence[Term],
+    values: Floats,
+    shift: Mapping[str, Mapping[str, float]],
+) -> tuple[list[Term], Floats, list[Readings]]:
+    """What acts on the robot, and what each hypothesis makes of its readings.
+
+    Args:
+        motion: as measured.
+        terms: of n hypotheses.
+        values: (n, P) of them [units of the parameters].
+        shift: further changes of signals.
+
+    Returns:
+        Terms that do more than change readings, their values (n, p), and n readings.
+    """
+    each = split_values(terms, values)
+    is_reading = [_only_reads(t) for t in terms]
+    acting = [t for t, reads in zip(terms, is_reading, strict=True) if not reads]
+    acts = np.hstack([
+        np.zeros((len(values), 0)),
+        *(v for v, reads in zip(each, is_reading, strict=True) if not reads),
+    ])  # fmt: skip
+    changes = _list_changes(motion, terms, each, len(values))
+    return acting, acts, [motion.read({**shift, **c}) for c in changes]
 
 
 def _only_reads(term: Term) -> bool:
@@ -162,9 +227,13 @@ def differentiate(
     high = np.concatenate([t.high for t in terms])
     step = DERIVATIVE_STEP * scale
     step = np.where(values + step > high, -step, step)
-    return (
-        compute_errors(motion, terms, values + np.diag(step)) - errors
-    ) / step[:, None]
+    moved = compute_errors(
+        motion,
+        terms,
+        values + np.diag(step),
+        reference=make_reference(motion, terms, values),
+    )
+    return (moved - errors) / step[:, None]
 
 
 def propose_directions(
@@ -187,6 +256,7 @@ def propose_directions(
         candidates: terms that may be added.
     """
     out = []
+    reference = make_reference(motion, terms, values)
     for term in candidates:
         nominal = np.array([p.nominal for p in term.parameters])
         for k, i in find_restated(term, terms).items():  # which is no more as given
@@ -198,7 +268,9 @@ def propose_directions(
         steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
         tried = np.array([*(inside + steps if is_finite else []), *points])
         beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
-        changes = compute_errors(motion, (*terms, term), beside) - errors
+        changes = (
+            compute_errors(motion, (*terms, term), beside, reference=reference) - errors
+        )
         origin = nominal if is_finite else inside
         if is_finite:
             count = len(steps)

@@ -20,6 +20,7 @@ from ..simulation.batch import BatchState
 from ..simulation.initial_states import InitialStates
 from ..simulation.simulator import Simulator
 
+MAX_CONDITION = 1e12  # of normal equations; beyond it readings lie on one side
 DEGREE = 4  # of the polynomials: the lowest whose second derivative may bend
 # half widths that are tried [samples]; each about 1.3 times the one before
 HALF_WIDTHS = (4, 5, 7, 9, 12, 16, 21, 28, 37, 48, 64, 85, 112, 150)
@@ -30,61 +31,58 @@ MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
 
 @dataclass(frozen=True, eq=False)
-class _Derivatives:
-    """Value, slope and curvature of signals at W moments, each (W, K); NaN unknown."""
+class _Quartics:
+    """Polynomials through the neighbors of each of T readings; NaN where too few.
 
-    value: Floats
-    slope: Floats
-    curvature: Floats
-
-
-def _fit_quartics(
-    time: Floats, y: Floats, m: int, at: Floats
-) -> tuple[_Derivatives, Floats]:
-    """Fit polynomials through m neighbors on each side of the samples nearest to times.
-
-    Args:
+    Attributes:
         time: (T) of the samples [s].
-        y: (T) readings [unit]; NaN where missing.
-        m: half width [samples].
-        at: (W) [s]; nearer than m samples to an end nothing is known.
+        coefficients: (T, 5) of powers of the time since the sample [unit, per s^k].
+        variance: (T, 3) of value, slope and curvature, of noise of unit variance.
+    """
 
-    Returns:
-        Derivatives (W), and the variances (W, 3) of value, slope and curvature, of
-        noise of unit variance.
+    time: Floats
+    coefficients: Floats
+    variance: Floats
+
+    def differentiate(self, at: Floats) -> tuple[Floats, Floats]:
+        """Value, slope and curvature (3, W) at times (W) [s]; variances (W, 3)."""
+        near = find_nearest(self.time, at)
+        dt, a = at - self.time[near], self.coefficients[near].T
+        value = a[0] + dt * (a[1] + dt * (a[2] + dt * (a[3] + dt * a[4])))
+        slope = a[1] + dt * (2 * a[2] + dt * (3 * a[3] + dt * 4 * a[4]))
+        curvature = 2 * a[2] + dt * (6 * a[3] + dt * 12 * a[4])
+        return np.stack([value, slope, curvature]), self.variance[near]
+
+
+def _fit_quartics(time: Floats, y: Floats, m: int) -> _Quartics:
+    """Fit readings (T) [unit] at `time` (T) [s] through m neighbors on each side.
+
+    Nearer than m samples to an end there is no polynomial.
     """
     count = len(time)
-    unknown = np.full(len(at), np.nan)
-    variance = np.full((len(at), 3), np.nan)
-    out = _Derivatives(unknown, unknown.copy(), unknown.copy())
+    coefficients = np.full((count, DEGREE + 1), np.nan)
+    variance = np.full((count, 3), np.nan)
     if count < 2 * m + 1:
-        return out, variance
-    near = find_nearest(time, at)
-    inside = (near >= m) & (near < count - m)
-    rows = np.flatnonzero(inside)
-    if not rows.size:
-        return out, variance
-    first = near[rows] - m
-    origin = at[rows]
-    times = sliding_window_view(time, 2 * m + 1)[first] - origin[:, None]
-    values = sliding_window_view(y, 2 * m + 1)[first]
+        return _Quartics(time, coefficients, variance)
+    times = sliding_window_view(time, 2 * m + 1) - time[m : count - m, None]
+    values = sliding_window_view(y, 2 * m + 1)
     half = np.abs(times).max(axis=1)
-    basis = (times / half[:, None])[..., None] ** np.arange(DEGREE + 1)
     known = np.isfinite(values)
+    basis = (times / half[:, None])[..., None] ** np.arange(DEGREE + 1)
     basis = basis * known[..., None]
     normal = np.einsum("wki,wkj->wij", basis, basis)
     enough = (known.sum(axis=1) > DEGREE + 1) & (
-        np.linalg.cond(normal) < 1e12
-    )  # of readings that do not lie on one side
-    rows, normal, half = rows[enough], normal[enough], half[enough]
-    inverse = np.linalg.inv(normal)
+        np.linalg.cond(normal) < MAX_CONDITION
+    )
+    half = half[enough]
+    inverse = np.linalg.inv(normal[enough])
     right = np.einsum("wki,wk->wi", basis[enough], np.nan_to_num(values[enough]))
-    x = np.einsum("wij,wj->wi", inverse, right)
-    scale = np.stack([np.ones_like(half), 1 / half, 2 / half**2], axis=1)
-    found = x[:, :3] * scale
-    out.value[rows], out.slope[rows], out.curvature[rows] = found.T
-    variance[rows] = np.einsum("wii->wi", inverse)[:, :3] * scale**2
-    return out, variance
+    scale = half[:, None] ** -np.arange(DEGREE + 1.0)
+    rows = np.flatnonzero(enough) + m
+    coefficients[rows] = np.einsum("wij,wj->wi", inverse, right) * scale
+    diagonal = np.einsum("wii->wi", inverse)[:, :3]
+    variance[rows] = diagonal * (scale[:, :3] * [1, 1, 2]) ** 2
+    return _Quartics(time, coefficients, variance)
 
 
 def _choose_half_width(
@@ -132,7 +130,7 @@ def _derivative_kernel(m: int, order: int, gap: float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class _Readings:
+class Readings:
     """What joints did at W moments, as some hypothesis takes their signals.
 
     Attributes:
@@ -171,7 +169,7 @@ class MeasuredMotion:
     windows: np.ndarray
     weights: Floats
     block: np.ndarray
-    _read: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
+    _quartics: dict[tuple, _Quartics] = field(default_factory=dict)
 
     @cached_property
     def dofs(self) -> np.ndarray:
@@ -187,20 +185,23 @@ class MeasuredMotion:
     def select(self, rows: np.ndarray) -> "MeasuredMotion":
         """The motion in windows `rows` (r)."""
         used, windows = np.unique(self.windows[rows], return_inverse=True)
-        part = replace(
+        return replace(
             self,
             moments=self.moments.select(used),
             windows=windows.reshape(len(rows), -1),
             block=self.block[rows],
-            _read={},
         )
-        for key, (signal, variance) in self._read.items():
-            part._read[key] = signal[:, used], variance[used]
-        return part
 
     def average(self, values: Floats) -> Floats:
         """(..., R, J) means over the windows of values (..., W, J) at the moments."""
         return np.einsum("...rkj,k->...rj", values[..., self.windows, :], self.weights)
+
+    @cached_property
+    def acceleration_noise(self) -> Floats:
+        """(J) standard deviation of what noise does to accelerations, about."""
+        noisy = self.draw_noise(np.random.default_rng(0)).read({}).acceleration
+        change = np.abs(noisy - self.read({}).acceleration)
+        return 1.4826 * np.median(change, axis=0)
 
     def draw_noise(self, rng) -> "MeasuredMotion":
         """The motion with more noise of the readings' size added to them."""
@@ -211,7 +212,7 @@ class MeasuredMotion:
             for e in simulator.episodes
         )
         noisy = replace(simulator, episodes=episodes)
-        return replace(self, simulator=noisy, _read={})
+        return replace(self, simulator=noisy, _quartics={})
 
     @cached_property
     def given(self) -> BatchState:
@@ -223,7 +224,7 @@ class MeasuredMotion:
         qpos, qvel = found.qpos[:, variant.qpos], found.qvel[:, variant.dof]
         return replace(found, qpos=qpos, qvel=qvel)
 
-    def read(self, changes: Mapping[str, Mapping[str, float]]) -> _Readings:
+    def read(self, changes: Mapping[str, Mapping[str, float]]) -> Readings:
         """What joints did if their signals are changed.
 
         Args:
@@ -238,16 +239,25 @@ class MeasuredMotion:
             channel: of the signal.
             delay: by which it is read later [s].
         """
-        key = channel.name, delay
-        if key not in self._read:
-            while len(self._read) > MAX_READINGS:  # but the first ones
-                del self._read[next(reversed(self._read))]
-            self._read[key] = _differentiate(self, channel, delay)
-        return self._read[key]
+        moments, step = self.moments, self.simulator.timestep
+        out = np.empty((3, len(moments)))
+        variance = np.empty((len(moments), 3))
+        for i in np.unique(moments.episode):
+            key = channel.name, int(i)
+            if key not in self._quartics:
+                episode = self.simulator.episodes[i]
+                self._quartics[key] = _fit_quartics(
+                    episode.sample_steps * step,
+                    episode.readings[:, channel.first_column],
+                    self.half_widths[channel.name],
+                )
+            rows = np.flatnonzero(moments.episode == i)
+            at = moments.first_step[rows] * step + delay
+            out[:, rows], variance[rows] = self._quartics[key].differentiate(at)
+        return out, variance * float(channel.noise[0]) ** 2
 
 
 BLOCKS = 24  # of windows, at most, as many as a cross-validation needs
-MAX_READINGS = 200  # kept at once; those of a derivative are asked for again
 
 
 def measure_motion(simulator: Simulator) -> MeasuredMotion:
@@ -306,7 +316,7 @@ def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:
 
 def _read_joints(
     motion: MeasuredMotion, changes: Mapping[str, Mapping[str, float]]
-) -> _Readings:
+) -> Readings:
     """What joints did at the moments, as `MeasuredMotion.read` has it."""
     simulator, moments = motion.simulator, motion.moments
     model = simulator.compiler.nominal
@@ -335,7 +345,7 @@ def _read_joints(
         dof = int(model.jnt_dofadr[j])
         offset[:, dof] = q - state.qpos[:, model.jnt_qposadr[j]]
         offset[:, model.nv + dof] = v - state.qvel[:, dof]
-    return _Readings(
+    return Readings(
         offset,
         acceleration,
         gain,
@@ -350,27 +360,6 @@ def _undo(
     found, variance = motion.differentiate(channel, change.get("delay", 0.0))
     bias = np.array([np.ravel(change.get("bias", 0.0))[0], 0.0, 0.0])
     return (found - bias[:, None]) / change.get("gain", 1.0), variance
-
-
-def _differentiate(
-    motion: MeasuredMotion, channel: Channel, delay: float
-) -> tuple[Floats, Floats]:
-    """As `MeasuredMotion.differentiate` has it."""
-    moments, step = motion.moments, motion.simulator.timestep
-    out = np.full((3, len(moments)), np.nan)
-    variance = np.full((len(moments), 3), np.nan)
-    for i in np.unique(moments.episode):
-        rows = np.flatnonzero(moments.episode == i)
-        episode = motion.simulator.episodes[i]
-        fit, unit = _fit_quartics(
-            episode.sample_steps * step,
-            episode.readings[:, channel.first_column],
-            motion.half_widths[channel.name],
-            moments.first_step[rows] * step + delay,
-        )
-        out[:, rows] = fit.value, fit.slope, fit.curvature
-        variance[rows] = unit * float(channel.noise[0]) ** 2
-    return out, variance
 
 
 def _combine(x, x_var, y, y_var):

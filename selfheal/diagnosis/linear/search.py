@@ -19,6 +19,7 @@ from .model import (
     compute_nuisance,
     differentiate,
     estimate_noise,
+    make_reference,
     propose_directions,
 )
 from .motion import MeasuredMotion
@@ -26,7 +27,7 @@ from .motion import MeasuredMotion
 FREEDOM = 4.0  # degrees of freedom of Student's t
 RARITY_NATS = np.log(10.0)
 NUISANCE_BOUND = 1.0
-SCREENED_MOMENTS = 1000
+SCREENED_MOMENTS = 500
 FINALISTS = 30
 TRIED = 4
 
@@ -237,8 +238,40 @@ def _propose(fit, terms):
 
 
 def search(motion, nominal_terms, candidates, log=print, most=60):
-    fit = start(motion, nominal_terms)
+    """The better of the sets that are reached from none and from all usual effects."""
     count = len(candidates)
+    first = start(motion, nominal_terms)
+    log("FULL START")
+    full = search_from(start_full(first, candidates, log), candidates, log, most)
+    log("EMPTY START")
+    empty = search_from(first, candidates, log, most)
+    def score(fit):
+        return penalized(fit) + sum(penalty(t, count, fit.errors.size) for t in fit.named)
+    log("score full", round(score(full), 1), len(full.named), "empty", round(score(empty), 1), len(empty.named))
+    return min(full, empty, key=score)
+
+
+def start_full(fit, candidates, log):
+    """All usual effects at once, without those that do nothing."""
+    usual = []
+    for t in candidates:
+        if t.effect.is_usual(t) and is_distinct(t, usual):
+            usual.append(t)
+    log("usual", [t.label for t in usual])
+    p = fit.count
+    nominal = np.concatenate([np.clip([q.nominal for q in t.parameters], t.low, t.high) for t in usual])
+    values = np.concatenate([fit.values[:p], nominal, fit.values[p:]])
+    terms = (*fit.terms, *usual)
+    jacobian = np.vstack([fit.jacobian[:p], np.zeros((len(nominal), fit.errors.size)), fit.jacobian[p:]])
+    fit = replace(fit, terms=terms, values=values, jacobian=jacobian)
+    fit = replace(fit, errors=fit.evaluate(values))
+    fit = relinearize(fit, 8)
+    log("full", penalized(fit), {t.label: np.round(v, 4).tolist() for t, v in zip(fit.named, split(fit)[fit.stated:])})
+    return backward(fit, len(candidates), log)
+
+
+def search_from(fit, candidates, log, most):
+    motion, count = fit.motion, len(candidates)
     directions, is_fresh, tabu = [], False, set()
     log("start", penalized(fit))
     while len(fit.named) < most:
@@ -285,7 +318,6 @@ def rank(fit, directions, w):
     if not directions:
         return []
     h, g = normal_equations(fit, w)
-    h = h + np.diag(1e-9 * np.diag(h) + 1e-30)
     x = np.vstack([d.columns for d in directions])
     xw = x * w
     low, high, scale = fit.bounds
@@ -293,7 +325,7 @@ def rank(fit, directions, w):
     at = fit.values + step
     free = np.flatnonzero((at > low + 1e-6 * scale) & (at < high - 1e-6 * scale))
     cross = xw @ fit.jacobian[free].T
-    solved = cross @ np.linalg.inv(h[np.ix_(free, free)])
+    solved = cross @ invert(h[np.ix_(free, free)])
     rest = fit.errors + step @ fit.jacobian
     score = xw @ rest - solved @ (g + h @ step)[free]
     ends = np.cumsum([0, *(len(d.columns) for d in directions)])
@@ -362,7 +394,8 @@ def differentiate_some(motion, terms, values, errors, which):
     step = np.where(values + step > high, -step, step)
     points = np.tile(values, (len(which), 1))
     points[np.arange(len(which)), which] += step[which]
-    changes = compute_errors(motion, terms, points) - errors
+    reference = make_reference(motion, terms, values)
+    changes = compute_errors(motion, terms, points, reference=reference) - errors
     return {i: c / step[i] for i, c in zip(which, changes)}
 
 
@@ -379,43 +412,76 @@ def coordinate_bounds(d):
     return np.minimum(lo, 0), np.maximum(hi, 0)
 
 
-def remove(fit, i):
-    """The fit without its i-th term."""
+def invert(h):
+    """Inverse of a positive definite matrix whose units differ."""
+    size = 1 / np.sqrt(np.maximum(np.diag(h), 1e-30))
+    scaled = h * size * size[:, None]
+    return np.linalg.inv(scaled + 1e-9 * np.eye(len(h))) * size * size[:, None]
+
+
+def remove(fit, gone):
+    """The fit without some terms, by their numbers."""
     keep = np.ones(len(fit.values), bool)
-    keep[fit.slices[i]] = False
-    terms = tuple(x for k, x in enumerate(fit.terms) if k != i)
+    for i in gone:
+        keep[fit.slices[i]] = False
+    terms = tuple(x for k, x in enumerate(fit.terms) if k not in gone)
     less = replace(fit, terms=terms, values=fit.values[keep], jacobian=fit.jacobian[keep])
     return descend(replace(less, errors=less.evaluate(less.values)))
 
 
 def backward(fit, count, log):
     """Remove terms without which the loss is as low, but for their penalty."""
-    while fit.named:
-        w = weigh(fit.motion, fit.errors)
-        share = independence(fit.motion, fit.errors, w).mean()
-        rows = w.size * share
-        h, _ = normal_equations(fit, w)
-        inverse = np.linalg.inv(h + np.diag(1e-9 * np.diag(h) + 1e-30))
-        nets = []
-        for i, t in list(enumerate(fit.terms))[fit.stated :]:
-            a = fit.slices[i]
-            nominal = np.array([p.nominal for p in t.parameters])
-            if not np.isfinite(nominal).all():
-                nominal = np.clip(nominal, t.low, t.high)
-            off = fit.values[a] - nominal
-            cost = 0.5 * off @ np.linalg.pinv(inverse[a, a]) @ off
-            nets.append((cost * share - penalty(t, count, rows), cost, i))
-        net, cost, i = min(nets)
+    needed = set()
+    while True:
+        gone, least = plan_removal(fit, count, needed)
+        if not gone:
+            return fit
+        while True:
+            less = remove(fit, gone)
+            lost = penalized(less) - penalized(fit)
+            log("     drop", [fit.terms[i].label for i in gone], "lost", round(lost, 1), "of", round(least[len(gone) - 1], 1))
+            if lost <= least[len(gone) - 1]:
+                fit = less
+                break
+            if len(gone) == 1:
+                needed.add(fit.terms[gone[0]].key)
+                break
+            gone = gone[: len(gone) // 2]
+
+
+def plan_removal(fit, count, needed):
+    """Numbers of terms to remove, the most needless first, and what each may cost."""
+    w = weigh(fit.motion, fit.errors)
+    share = independence(fit.motion, fit.errors, w).mean()
+    rows = w.size * share
+    inverse = invert(normal_equations(fit, w)[0])
+    offs = {}
+    for i, t in list(enumerate(fit.terms))[fit.stated :]:
+        if t.key in needed:
+            continue
+        nominal = np.clip([p.nominal for p in t.parameters], t.low, t.high)
+        offs[i] = fit.values[fit.slices[i]] - nominal
+    gone, least, total, spent = [], [], 0.0, 0.0
+    while offs:
+        best = None
+        for i in offs:
+            columns = np.concatenate([np.r_[fit.slices[k]] for k in [*gone, i]]).astype(int)
+            off = np.concatenate([*(done[k] for k in gone), offs[i]]) if gone else offs[i]
+            cost = 0.5 * off @ invert(inverse[np.ix_(columns, columns)]) @ off if len(off) else 0.0
+            net = (cost - spent) * share - penalty(fit.terms[i], count, rows)
+            if best is None or net < best[0]:
+                best = net, cost, i
+        net, cost, i = best
         if net >= 0:
-            return fit
-        t = fit.terms[i]
-        less = remove(fit, i)
-        lost = penalized(less) - penalized(fit)
-        log("     drop", t.label, "first order", round(cost, 1), "lost", round(lost, 1))
-        if lost * share >= penalty(t, count, rows):
-            return fit
-        fit = less
-    return fit
+            break
+        if not gone:
+            done = {}
+        done[i] = offs.pop(i)
+        spent = cost
+        total += penalty(fit.terms[i], count, rows) / share
+        gone.append(i)
+        least.append(total)
+    return gone, least
 
 
 def split(fit):

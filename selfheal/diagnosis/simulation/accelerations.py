@@ -23,7 +23,7 @@ def compute_accelerations(
     state_offset: Floats,
     *,
     in_steps: bool = False,
-) -> Floats:
+) -> tuple[Floats, Floats]:
     """Accelerations of n hypotheses where W segments begin: forward dynamics.
 
     In continuous time: no integrator's damping, no error of a time step.
@@ -39,13 +39,15 @@ def compute_accelerations(
             over its length, rather than those of continuous time.
 
     Returns:
-        (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one.
+        (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one. And the
+        inertia matrices (n, W, nv, nv) [kg m^2 or kg].
     """
     values = np.atleast_2d(values)
     model = simulator.compiler.nominal
-    numbers = len(moments) * (model.nv**2 + 20 * (model.nv + model.nbody))
+    numbers = len(moments) * (2 * model.nv**2 + 20 * (model.nv + model.nbody))
     size = max(1, int(MAX_BATCH_NUMBERS / numbers))
     out = np.empty((len(values), len(moments), model.nv))
+    inertia = np.empty((*out.shape, model.nv))
     for i in range(0, len(values), size):
         some = values[i : i + size]
         simulator.counter.add(len(some))
@@ -57,10 +59,12 @@ def compute_accelerations(
         commands = compute_commands(
             simulator, simulator.cache, hypotheses, moments, centered=False, mean=False
         )
-        out[i : i + size] = _forward(
+        found = _forward(
             hypotheses, moments, initial, commands[:, 0], simulator.timestep, in_steps
-        ).reshape(len(some), len(moments), -1)
-    return out
+        )
+        for whole, part in zip((out, inertia), found, strict=True):
+            whole[i : i + size] = part.reshape(len(some), len(moments), *part.shape[1:])
+    return out, inertia
 
 
 @allow_divergence()
@@ -71,8 +75,8 @@ def _forward(
     ctrl: Floats,
     step: float,
     in_steps: bool,
-) -> Floats:
-    """Accelerations (n W, nv) of the given model's joints in the initial states.
+) -> tuple[Floats, Floats]:
+    """Accelerations (n W, nv) of the given model's joints, and inertia (n W, nv, nv).
 
     Args:
         hypotheses: n of them.
@@ -85,7 +89,8 @@ def _forward(
     batch = make_batch(hypotheses, initial)
     if ctrl.shape[-1]:
         batch.bind("ctrl")[:] = ctrl
-    acceleration = batch.bind("qacc")  # filled from now on
+    # filled from now on
+    acceleration, packed = batch.bind("qacc"), batch.bind("M")
     stage = mujoco.mjtStage.mjSTAGE_ACC
     actions = list_actions(hypotheses, len(moments))
     if actions:
@@ -101,6 +106,17 @@ def _forward(
         acceleration = (batch.bind("qvel") - before) / step
     else:
         batch.forward(stage=stage)
-    out = np.array(acceleration[:, hypotheses.variant.dof])
+    dofs = hypotheses.variant.dof
+    out = np.array(acceleration[:, dofs])
     out[find_diverged(batch)] = np.nan
+    inertia = _unpack(hypotheses.variant.model, packed)
+    return out, inertia[:, dofs[:, None], dofs]
+
+
+def _unpack(model, packed: Floats) -> Floats:
+    """Symmetric matrices (B, nv, nv) of MuJoCo's lower triangles in sparse rows."""
+    rows = np.repeat(np.arange(model.nv), model.M_rownnz)
+    out = np.zeros((len(packed), model.nv, model.nv))
+    out[:, rows, model.M_colind] = packed
+    out[:, model.M_colind, rows] = packed
     return out
