@@ -182,8 +182,14 @@ def _split(
         np.zeros((len(values), 0)),
         *(v for v, reads in zip(each, is_reading, strict=True) if not reads),
     ])  # fmt: skip
-    changes = _list_changes(motion, terms, each, len(values))
-    return acting, acts, [motion.read({**shift, **c}) for c in changes]
+    read: dict[str, Readings] = {}  # most hypotheses change readings alike
+    found = []
+    for change in _list_changes(motion, terms, each, len(values)):
+        key = repr(change)
+        if key not in read:
+            read[key] = motion.read({**shift, **change})
+        found.append(read[key])
+    return acting, acts, found
 
 
 def _only_reads(term: Term) -> bool:
@@ -213,27 +219,33 @@ def _list_changes(
 
 
 def differentiate(
-    motion: MeasuredMotion, terms: Sequence[Term], values: Floats, errors: Floats
+    motion: MeasuredMotion,
+    terms: Sequence[Term],
+    values: Floats,
+    errors: Floats,
+    *,
+    which: Sequence[int] | None = None,
+    reference: Reference | None = None,
 ) -> Floats:
-    """Derivatives (P, R J) of the equation errors by each value.
+    """Derivatives (p, R J) of the equation errors by each value.
 
     Args:
         motion: as measured.
         terms: of the hypothesis.
         values: (P) [units of the parameters].
         errors: (R J) there.
+        which: (p) numbers of the values; None: all.
+        reference: as `compute_errors` has it.
     """
+    chosen = np.arange(len(values)) if which is None else np.array(which, int)
     scale = np.concatenate([t.scale for t in terms])
     high = np.concatenate([t.high for t in terms])
     step = DERIVATIVE_STEP * scale
     step = np.where(values + step > high, -step, step)
-    moved = compute_errors(
-        motion,
-        terms,
-        values + np.diag(step),
-        reference=make_reference(motion, terms, values),
-    )
-    return (moved - errors) / step[:, None]
+    points = np.tile(values, (len(chosen), 1))
+    points[np.arange(len(chosen)), chosen] += step[chosen]
+    moved = compute_errors(motion, terms, points, reference=reference)
+    return (moved - errors) / step[chosen][:, None]
 
 
 def propose_directions(
@@ -256,7 +268,6 @@ def propose_directions(
         candidates: terms that may be added.
     """
     out = []
-    reference = make_reference(motion, terms, values)
     for term in candidates:
         nominal = np.array([p.nominal for p in term.parameters])
         for k, i in find_restated(term, terms).items():  # which is no more as given
@@ -268,9 +279,7 @@ def propose_directions(
         steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
         tried = np.array([*(inside + steps if is_finite else []), *points])
         beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
-        changes = (
-            compute_errors(motion, (*terms, term), beside, reference=reference) - errors
-        )
+        changes = compute_errors(motion, (*terms, term), beside) - errors
         origin = nominal if is_finite else inside
         if is_finite:
             count = len(steps)

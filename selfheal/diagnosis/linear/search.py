@@ -90,10 +90,11 @@ class LinearFit:
             + values[p:] @ self.jacobian[self.count :]
         )
 
-    def relinearized(self):
+    def relinearized(self, in_torques=False):
         p = self.count
         plain = self.errors - self.values[p:] @ self.jacobian[p:]
-        j = differentiate(self.motion, self.terms, self.values[:p], plain)
+        reference = make_reference(self.motion, self.terms, self.values[:p]) if in_torques else None
+        j = differentiate(self.motion, self.terms, self.values[:p], plain, reference=reference)
         n = compute_nuisance(self.motion, self.terms, self.values[None, :p], plain)
         new = replace(self, jacobian=np.vstack([j, n]))
         return replace(new, errors=plain + self.values[p:] @ n)
@@ -189,7 +190,7 @@ def relinearize(fit, iterations=4):
     """Gauss-Newton: the Jacobian anew before each descent."""
     cost = penalized(fit)
     for _ in range(iterations):
-        fit = descend(fit.relinearized(), 4)
+        fit = min((descend(fit.relinearized(t), 4) for t in (False, True)), key=penalized)
         after = penalized(fit)
         if cost - after < 0.5:
             break
@@ -225,9 +226,11 @@ def propose(fit, candidates):
     if share > 1.5 and len(open_) > FINALISTS:
         rows = np.unique((np.arange(0, len(motion.windows), share)).astype(int))
         part = fit.select(rows)
-        ranked = rank(part, _propose(part, open_), weigh(part.motion, part.errors))
-        keys = list(dict.fromkeys(d.term for _, d, _ in ranked))
-        open_ = keys[:FINALISTS]
+        moves = [(d,) for d in _propose(part, open_)]
+        ranked = rank(part, moves, weigh(part.motion, part.errors))
+        best = {m[0].term.key for _, m, _ in ranked[:FINALISTS]}
+        usual = [t for t in open_ if t.effect.is_usual(t)]
+        open_ = [t for t in open_ if t.key in best or t in usual]
     return _propose(fit, open_)
 
 
@@ -238,40 +241,15 @@ def _propose(fit, terms):
 
 
 def search(motion, nominal_terms, candidates, log=print, most=60):
-    """The better of the sets that are reached from none and from all usual effects."""
+    """The set of effects that the equation errors ask for, and its values.
+
+    Args:
+        motion: as measured.
+        nominal_terms: of the values that the model states.
+        candidates: terms that may be added.
+    """
     count = len(candidates)
-    first = start(motion, nominal_terms)
-    log("FULL START")
-    full = search_from(start_full(first, candidates, log), candidates, log, most)
-    log("EMPTY START")
-    empty = search_from(first, candidates, log, most)
-    def score(fit):
-        return penalized(fit) + sum(penalty(t, count, fit.errors.size) for t in fit.named)
-    log("score full", round(score(full), 1), len(full.named), "empty", round(score(empty), 1), len(empty.named))
-    return min(full, empty, key=score)
-
-
-def start_full(fit, candidates, log):
-    """All usual effects at once, without those that do nothing."""
-    usual = []
-    for t in candidates:
-        if t.effect.is_usual(t) and is_distinct(t, usual):
-            usual.append(t)
-    log("usual", [t.label for t in usual])
-    p = fit.count
-    nominal = np.concatenate([np.clip([q.nominal for q in t.parameters], t.low, t.high) for t in usual])
-    values = np.concatenate([fit.values[:p], nominal, fit.values[p:]])
-    terms = (*fit.terms, *usual)
-    jacobian = np.vstack([fit.jacobian[:p], np.zeros((len(nominal), fit.errors.size)), fit.jacobian[p:]])
-    fit = replace(fit, terms=terms, values=values, jacobian=jacobian)
-    fit = replace(fit, errors=fit.evaluate(values))
-    fit = relinearize(fit, 8)
-    log("full", penalized(fit), {t.label: np.round(v, 4).tolist() for t, v in zip(fit.named, split(fit)[fit.stated:])})
-    return backward(fit, len(candidates), log)
-
-
-def search_from(fit, candidates, log, most):
-    motion, count = fit.motion, len(candidates)
+    fit = start(motion, nominal_terms)
     directions, is_fresh, tabu = [], False, set()
     log("start", penalized(fit))
     while len(fit.named) < most:
@@ -280,26 +258,28 @@ def search_from(fit, candidates, log, most):
             is_fresh = True
             log("columns", len(directions))
         w = weigh(motion, fit.errors)
-        noise = estimate_noise(motion, fit.terms, fit.values[None, :fit.count], fit.evaluate(np.append(fit.values[:fit.count],np.zeros(fit.nuisance))))
-        log("   ratio", np.round(1.4826*np.median(np.abs(fit.errors.reshape(-1,motion.width)),axis=0)/noise,2), np.round(np.sqrt((fit.errors.reshape(-1,motion.width)**2).mean(0))/noise,2), "nuisance", np.round(fit.values[fit.count:],2))
-        share = independence(motion, fit.errors, w)
-        rows = w.size * share.mean()
-        ranked = rank(fit, [d for d in directions if d.term.key not in tabu and is_distinct(d.term, fit.named)], w)
-        log("  ", len(fit.named), "share", np.round(share, 2), "  ".join(f"{d.term.label}[{len(d.columns)}] {g:.0f}" for g, d, _ in ranked[:4]))
-        new, best = None, 0.0
-        for gain, d, coordinates in ranked[:TRIED]:
-            least = penalty(d.term, count, rows)
-            if gain * share.mean() < least:
+        share = float(independence(motion, fit.errors, w).mean())
+        rows = w.size * share
+        def least(move): return sum(penalty(d.term, count, rows) for d in move)
+        ranked = rank(fit, list_moves(fit, directions, tabu), w)
+        ranked.sort(key=lambda each: least(each[1]) - each[0] * share)
+        log("  ", len(fit.named), "share", round(share, 2), "  ".join(f"{name(move)} {g:.0f}" for g, move, _ in ranked[:4]))
+        new, best, worse = None, 0.0, 0
+        for gain, move, coordinates in ranked:
+            if gain * share < least(move) or worse == TRIED or (new and worse):
                 break
-            tried = add(fit, d, coordinates)
+            tried = add(fit, move, coordinates)
             gained = penalized(fit) - penalized(tried)
-            is_small = d.term.is_negligible(tried.values_of(-1))
-            log("     ", d.term.label, np.round(tried.values_of(-1), 5), round(gained), "predicted", round(gain), "small" if is_small else "")
-            net = gained * share.mean() - least
+            values = split(tried)[len(fit.terms):]
+            is_small = all(d.term.is_negligible(v) for d, v in zip(move, values))
+            log("     ", name(move), [np.round(v, 5).tolist() for v in values][:4], round(gained), "predicted", round(gain), "small" if is_small else "")
+            net = gained * share - least(move)
             if net < 0 or is_small:
-                tabu.add(d.term.key)
-            elif net > best:
+                tabu.add(name(move))
+            if net > best and not is_small:
                 new, best = tried, net
+            elif new:
+                worse += 1
         if new is None:
             if is_fresh or not ranked:
                 break
@@ -308,95 +288,115 @@ def search_from(fit, candidates, log, most):
             continue
         before = {t.key for t in fit.named}
         fit, is_fresh = backward(new, count, log), False
-        tabu |= before - {t.key for t in fit.named}
-    fit = backward(relinearize(fit), count, log)
-    return fit
+        tabu |= {str(k) for k in before - {t.key for t in fit.named}}
+    return backward(relinearize(fit), count, log)
 
 
-def rank(fit, directions, w):
-    """(gain [nats], direction, coordinates) of each beside the fit, the best first."""
-    if not directions:
+def name(move):
+    if len(move) == 1:
+        return str(move[0].term.key)
+    return f"{move[0].term.effect.name} at {len(move)}" 
+
+
+def list_moves(fit, directions, tabu):
+    """What may be added: each direction, and usual effects at all their places."""
+    open_ = [d for d in directions if is_distinct(d.term, fit.named)]
+    moves = [(d,) for d in open_]
+    groups = {}
+    for d in open_:
+        if d.term.effect.is_usual(d.term):
+            groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
+    moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
+    return [m for m in moves if name(m) not in tabu]
+
+
+def rank(fit, moves, w):
+    """(gain [nats], move, coordinates) of each beside the fit, the best first."""
+    if not moves:
         return []
     h, g = normal_equations(fit, w)
-    x = np.vstack([d.columns for d in directions])
-    xw = x * w
     low, high, scale = fit.bounds
     step = solve_bounded_step(h, g, low - fit.values, high - fit.values, scale, 1e-9)
     at = fit.values + step
     free = np.flatnonzero((at > low + 1e-6 * scale) & (at < high - 1e-6 * scale))
+    directions = list({id(d): d for m in moves for d in m}.values())
+    ends = np.cumsum([0, *(len(d.columns) for d in directions)])
+    columns = {id(d): np.arange(a, b) for d, a, b in zip(directions, ends[:-1], ends[1:])}
+    x = np.vstack([d.columns for d in directions])
+    xw = x * w
     cross = xw @ fit.jacobian[free].T
     solved = cross @ invert(h[np.ix_(free, free)])
     rest = fit.errors + step @ fit.jacobian
     score = xw @ rest - solved @ (g + h @ step)[free]
-    ends = np.cumsum([0, *(len(d.columns) for d in directions)])
-    before = loss(fit.motion, rest)
     out = []
-    for d, a, b in zip(directions, ends[:-1], ends[1:]):
-        whole = xw[a:b] @ x[a:b].T
-        own = whole - solved[a:b] @ cross[a:b].T
+    for move in moves:
+        a = np.concatenate([columns[id(d)] for d in move])
+        whole = xw[a] @ x[a].T
+        own = whole - solved[a] @ cross[a].T
         if (np.diag(own) < 1e-4 * np.diag(whole)).any():
             continue
-        lo, hi = coordinate_bounds(d)
+        bounds = [coordinate_bounds(d) for d in move]
+        lo, hi = (np.concatenate([b[k] for b in bounds]) for k in (0, 1))
         size = 1 / np.sqrt(np.diag(own))
-        z = solve_bounded_step(own, score[a:b], lo, hi, size, 1e-9)
-        gain = -(score[a:b] @ z + 0.5 * z @ own @ z)
-        out.append((float(gain), d, z, solved[a:b]))
+        z = solve_bounded_step(own, score[a], lo, hi, size, 1e-9)
+        gain = -(score[a] @ z + 0.5 * z @ own @ z)
+        out.append((float(gain), move, z, a))
+    before = loss(fit.motion, rest)
     out.sort(key=lambda each: -each[0])
     gains = []
-    for gain, d, z, others in out[:FINALISTS]:
-        change = z @ (d.columns - others @ fit.jacobian[free])
-        gains.append((before - loss(fit.motion, rest + change), d, z))
-    return _best_of_each(gains)
-
-
-def _best_of_each(gains):
-    """The best direction of each term, the best term first."""
+    for gain, move, z, a in out[:FINALISTS]:
+        change = z @ (x[a] - solved[a] @ fit.jacobian[free])
+        gains.append((before - loss(fit.motion, rest + change), move, z))
     gains.sort(key=lambda each: -each[0])
-    seen: dict[tuple, tuple] = {}
+    seen: dict[str, tuple] = {}  # the best direction of each term
     for each in gains:
-        seen.setdefault(each[1].term.key, each)
+        seen.setdefault(name(each[1]), each)
     return list(seen.values())
 
 
-def add(fit, d, coordinates):
-    origin = np.where(np.isfinite(d.start), d.start, 0.0)
-    is_finite = np.isfinite(d.start).all()
-    v = origin + coordinates @ d.steps if is_finite else d.steps[0]
-    v = np.clip(v, d.term.low, d.term.high)
-    terms = (*fit.terms, d.term)
+def add(fit, move, coordinates):
+    """The fit with the terms of a move, from its coordinates on."""
+    new, at = [], 0
+    for d in move:
+        z = coordinates[at : at + len(d.columns)]
+        at += len(d.columns)
+        is_finite = np.isfinite(d.start).all()
+        v = d.start + z @ d.steps if is_finite else d.steps[0]
+        new.append(np.clip(v, d.term.low, d.term.high))
+    v = np.concatenate(new)
+    terms = (*fit.terms, *(d.term for d in move))
     p = fit.count
     values = np.concatenate([fit.values[:p], v, fit.values[p:]])
     errors = fit.evaluate(values, terms)
-    plain = errors - values[p + len(v):] @ fit.jacobian[p:]
-    own = differentiate_some(fit.motion, terms, values[:p + len(v)], plain, touched(terms))
-    jacobian = np.vstack([fit.jacobian[:p], np.zeros((len(v), len(errors))), fit.jacobian[p:]])
-    for i, column in own.items():
-        jacobian[i] = column
-    return descend(replace(fit, terms=terms, values=values, errors=errors, jacobian=jacobian))
+    plain = errors - values[p + len(v) :] @ fit.jacobian[p:]
+    which = touched(terms, len(move))
+    jacobian = np.vstack(
+        [fit.jacobian[:p], np.zeros((len(v), len(errors))), fit.jacobian[p:]]
+    )
+    tried = []
+    for reference in (None, make_reference(fit.motion, terms, values[: p + len(v)])):
+        jacobian[which] = differentiate(
+            fit.motion, terms, values[: p + len(v)], plain,
+            which=which, reference=reference,
+        )  # fmt: skip
+        new = replace(fit, terms=terms, values=values, errors=errors, jacobian=jacobian.copy())
+        tried.append(descend(new))
+    return min(tried, key=penalized)
 
 
-def touched(terms):
-    """Numbers of values whose response the last term may change."""
-    new = terms[-1]
+def touched(terms, count):
+    """Numbers of values whose response the last `count` terms may change."""
+    new = terms[-count:]
+    targets = [b for t in new for b in t.targets]
     out, at = [], 0
     for t in terms:
         k = len(t.parameters)
-        if t is new or any(a.startswith(b) or b.startswith(a) for a in t.targets for b in new.targets):
+        if t in new or any(
+            a.startswith(b) or b.startswith(a) for a in t.targets for b in targets
+        ):
             out += range(at, at + k)
         at += k
     return out
-
-
-def differentiate_some(motion, terms, values, errors, which):
-    scale = np.concatenate([t.scale for t in terms])
-    high = np.concatenate([t.high for t in terms])
-    step = 1e-2 * scale
-    step = np.where(values + step > high, -step, step)
-    points = np.tile(values, (len(which), 1))
-    points[np.arange(len(which)), which] += step[which]
-    reference = make_reference(motion, terms, values)
-    changes = compute_errors(motion, terms, points, reference=reference) - errors
-    return {i: c / step[i] for i, c in zip(which, changes)}
 
 
 def coordinate_bounds(d):
