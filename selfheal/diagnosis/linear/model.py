@@ -25,20 +25,37 @@ DERIVATIVE_STEP = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
+class Errors:
+    """Equation errors of a hypothesis, or of n, and their volume.
+
+    Attributes:
+        values: (..., R (J + K)) balance of torques [N m or N] of J joints in R windows,
+            and K mismatches of velocities [rad/s or m/s].
+        volume: (...) sum of log det M over the windows, M the joints' inertia.
+    """
+
+    values: Floats
+    volume: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Direction:
     """A way in which a term's values may leave the nominal ones, and its response.
 
     Attributes:
         term: of the values.
-        start: (p) values at its origin [units of the parameters].
+        start: (p) values at its origin; NaN where these are infinite [units of the
+            parameters].
         steps: (k, p) change of the values by one unit of each coordinate.
-        columns: (k, R J) change of the equation errors [rad/s^2 or m/s^2].
+        columns: (k, R (J + K)) change of the equation errors.
+        volumes: (k) change of their volume.
     """
 
     term: Term
     start: Floats
     steps: Floats
     columns: Floats
+    volumes: Floats
 
 
 def can_be_linear(term: Term) -> bool:
@@ -56,9 +73,16 @@ def compute_errors(
     shift: Mapping[str, Mapping[str, float]] | None = None,
     *,
     in_steps: bool = False,
-    reference: "Reference | None" = None,
-) -> Floats:
-    """Equation errors (n, R J) of hypotheses with values (n, P) [rad/s^2 or m/s^2].
+) -> Errors:
+    """Equation errors of n hypotheses.
+
+    The balance of torques of joints with inertia M,
+
+        e = M (a_model - a_read) = tau - M a_read - c,
+
+    is linear in masses, rotors, forces and gains, however far off they are. As it is
+    a_read that has the noise, the log-likelihood of e has a term log det M: without it
+    a free robot would be explained by having no mass.
 
     Args:
         motion: as measured.
@@ -66,7 +90,6 @@ def compute_errors(
         values: (n, P) of them [units of the parameters].
         shift: further changes of signals, as `MeasuredMotion.read` has them.
         in_steps: as `compute_accelerations` has it.
-        reference: in whose responses to torques they are; None: in accelerations.
     """
     acting, acts, read = _split(motion, terms, np.atleast_2d(values), shift or {})
     a, inertia = compute_accelerations(
@@ -75,87 +98,13 @@ def compute_errors(
     )  # fmt: skip
     a = a[..., motion.dofs]
     errors = a - np.stack([r.acceleration for r in read])
-    if reference is not None:
-        m = inertia[..., motion.dofs[:, None], motion.dofs]
-        torque = np.einsum("nwij,nwj->nwi", m, errors - reference.noise)
-        errors = np.einsum("wij,nwj->nwi", reference.response, torque)
-        errors += reference.noise
     errors *= np.stack([r.gain for r in read])
+    m = inertia[..., motion.dofs[:, None], motion.dofs]
+    torque = np.einsum("nwij,nwj->nwi", m, errors)
     mismatch = np.stack([r.mismatch for r in read])
-    averaged = motion.average(np.concatenate([errors, mismatch], axis=-1))
-    return averaged.reshape(len(averaged), -1)
-
-
-def compute_nuisance(
-    motion: MeasuredMotion, terms: Sequence[Term], values: Floats, errors: Floats
-) -> Floats:
-    """(K, R J) changes of the errors by what nobody knows, each of one deviation.
-
-    Commands that act half a step later, velocities that are read half a step later,
-    and motion in steps of the simulation rather than in continuous time.
-
-    Args:
-        motion: as measured.
-        terms: of the hypothesis.
-        values: (P) of them [units of the parameters].
-        errors: (R J) with them.
-    """
-    simulator = motion.simulator
-    late = replace(motion, simulator=simulator.with_late_commands)
-    shift = {
-        c.name: {"delay": simulator.timestep / 2}
-        for c in simulator.channels
-        if c.kind == "joint_velocity"
-    }
-    commanded = compute_errors(late, terms, values)[0] - errors
-    read = compute_errors(motion, terms, values, shift)[0] - errors
-    stepped = compute_errors(motion, terms, values, in_steps=True)[0] - errors
-    return np.stack([0.5 / COMMAND_LATENESS * commanded, read, stepped])
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """A hypothesis near which equation errors are linear in inertias, too.
-
-    With its inertia M0 and errors e0, of which about n is noise, another hypothesis has
-
-        e = M0^-1 M (a_model - a_read - n) + n,
-
-    a balance of torques, linear in masses, rotors, forces and gains, however far off
-    they are. In accelerations these are not linear; without n a robot without mass
-    would explain all noise.
-
-    Attributes:
-        response: (W, J, J) M0^-1.
-        noise: (W, J) n [rad/s^2 or m/s^2].
-    """
-
-    response: Floats
-    noise: Floats
-
-
-def make_reference(
-    motion: MeasuredMotion, terms: Sequence[Term], values: Floats
-) -> Reference | None:
-    """The reference of a hypothesis with values (P); None: not all joints are read."""
-    if len(motion.dofs) != motion.simulator.compiler.nominal.nv:
-        return None
-    acting, acts, read = _split(motion, terms, values[None], {})
-    a, inertia = compute_accelerations(
-        motion.simulator, acting, acts, motion.moments, read[0].offset[None]
-    )
-    errors = a[0][:, motion.dofs] - read[0].acceleration
-    noise = motion.acceleration_noise
-    share = noise**2 / np.maximum(np.median(errors**2, axis=0) / 0.455, noise**2)
-    inertia = inertia[0][:, motion.dofs[:, None], motion.dofs]
-    return Reference(np.linalg.inv(inertia), share * errors)
-
-
-def estimate_noise(motion: MeasuredMotion, terms, values, errors) -> Floats:
-    """(J + K) standard deviation of the errors that noise of the readings makes."""
-    noisy = compute_errors(motion.draw_noise(np.random.default_rng(0)), terms, values)
-    change = (noisy[0] - errors).reshape(-1, motion.width)
-    return 1.4826 * np.median(np.abs(change), axis=0)
+    averaged = motion.average(np.concatenate([torque, mismatch], axis=-1))
+    volume = motion.average(np.linalg.slogdet(m)[1][..., None]).sum(axis=(-1, -2))
+    return Errors(averaged.reshape(len(averaged), -1), volume)
 
 
 def _split(
@@ -222,37 +171,68 @@ def differentiate(
     motion: MeasuredMotion,
     terms: Sequence[Term],
     values: Floats,
-    errors: Floats,
-    *,
+    errors: Errors,
     which: Sequence[int] | None = None,
-    reference: Reference | None = None,
-) -> Floats:
-    """Derivatives (p, R J) of the equation errors by each value.
+) -> Errors:
+    """Derivatives (p, R (J + K)) and (p) of a hypothesis's errors by each value.
 
     Args:
         motion: as measured.
         terms: of the hypothesis.
         values: (P) [units of the parameters].
-        errors: (R J) there.
+        errors: there.
         which: (p) numbers of the values; None: all.
-        reference: as `compute_errors` has it.
     """
     chosen = np.arange(len(values)) if which is None else np.array(which, int)
     scale = np.concatenate([t.scale for t in terms])
     high = np.concatenate([t.high for t in terms])
     step = DERIVATIVE_STEP * scale
-    step = np.where(values + step > high, -step, step)
+    step = np.where(values + step > high, -step, step)[chosen]
     points = np.tile(values, (len(chosen), 1))
-    points[np.arange(len(chosen)), chosen] += step[chosen]
-    moved = compute_errors(motion, terms, points, reference=reference)
-    return (moved - errors) / step[chosen][:, None]
+    points[np.arange(len(chosen)), chosen] += step
+    moved = compute_errors(motion, terms, points)
+    return Errors(
+        (moved.values - errors.values) / step[:, None],
+        (moved.volume - errors.volume) / step,
+    )
+
+
+def compute_nuisance(
+    motion: MeasuredMotion, terms: Sequence[Term], values: Floats, errors: Errors
+) -> Errors:
+    """Changes (K, ...) of errors by what nobody knows, each of one deviation.
+
+    Commands that act half a step later, velocities that are read half a step later,
+    and motion in steps of the simulation rather than in continuous time.
+
+    Args:
+        motion: as measured.
+        terms: of the hypothesis.
+        values: (P) of them [units of the parameters].
+        errors: with them.
+    """
+    simulator = motion.simulator
+    late = replace(motion, simulator=simulator.with_late_commands)
+    shift = {
+        c.name: {"delay": simulator.timestep / 2}
+        for c in simulator.channels
+        if c.kind == "joint_velocity"
+    }
+    found = [
+        compute_errors(late, terms, values),
+        compute_errors(motion, terms, values, shift),
+        compute_errors(motion, terms, values, in_steps=True),
+    ]
+    size = np.array([0.5 / COMMAND_LATENESS, 1.0, 1.0])
+    changes = np.concatenate([f.values - errors.values for f in found])
+    return Errors(size[:, None] * changes, np.zeros(len(found)))
 
 
 def propose_directions(
     motion: MeasuredMotion,
     terms: Sequence[Term],
     values: Floats,
-    errors: Floats,
+    errors: Errors,
     candidates: Sequence[Term],
 ) -> list[Direction]:
     """The directions of all candidates beside a hypothesis.
@@ -264,51 +244,65 @@ def propose_directions(
         motion: as measured.
         terms: of the hypothesis.
         values: (P) of them [units of the parameters].
-        errors: (R J) with them.
+        errors: with them.
         candidates: terms that may be added.
     """
-    out = []
-    for term in candidates:
-        nominal = np.array([p.nominal for p in term.parameters])
-        for k, i in find_restated(term, terms).items():  # which is no more as given
-            nominal[k] *= values[sum(len(t.parameters) for t in terms[:i])]
-        points = [np.array(x) for x in dict.fromkeys(term.initial_values)]
-        is_finite = bool(np.isfinite(nominal).all())
-        inside = np.clip(nominal, term.low, term.high)
+    return [
+        direction
+        for term in candidates
+        for direction in _propose(motion, terms, values, errors, term)
+    ]
+
+
+def _propose(
+    motion: MeasuredMotion,
+    terms: Sequence[Term],
+    values: Floats,
+    errors: Errors,
+    term: Term,
+) -> list[Direction]:
+    """The directions of one candidate; arguments as of `propose_directions`."""
+    nominal = np.array([p.nominal for p in term.parameters])
+    first = np.cumsum([0, *(len(t.parameters) for t in terms)])
+    for k, i in find_restated(term, terms).items():  # which is no more as given
+        nominal[k] *= values[first[i]]
+    points = np.array([np.array(x) for x in dict.fromkeys(term.initial_values)])
+    is_finite = bool(np.isfinite(nominal).all())
+    steps = np.zeros((0, len(nominal)))
+    if is_finite:
         steps = np.diag(DERIVATIVE_STEP * term.scale)
+        inside = np.clip(nominal, term.low, term.high)
         steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
-        tried = np.array([*(inside + steps if is_finite else []), *points])
-        beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
-        changes = compute_errors(motion, (*terms, term), beside) - errors
-        origin = nominal if is_finite else inside
-        if is_finite:
-            count = len(steps)
-            shown = np.linalg.norm(changes[:count], axis=1) > 0
-            if shown.any():
-                unit = steps[shown] / DERIVATIVE_STEP
-                columns = changes[:count][shown] / DERIVATIVE_STEP
-                out.append(Direction(term, origin, unit, columns))
-            changes, tried = changes[count:], tried[count:]
-        groups = [[i] for i in range(len(tried))]
-        if term.effect.is_periodic:
-            groups = [[i, i + 1] for i in range(0, len(tried) - 1, 2)]
-        for group in groups:
-            columns = changes[group]
-            if not np.linalg.norm(columns, axis=1).all() or not np.isfinite(
-                columns
-            ).all():
-                continue
-            known = out[-1] if out and out[-1].term is term else None
-            if known is not None and not _is_new(columns, known.columns):
-                continue
-            start = origin if is_finite else np.full(len(nominal), np.nan)
-            unit = tried[group] - start if is_finite else tried[group]
-            out.append(Direction(term, start, unit, columns))
+    tried = np.vstack([nominal + steps, points]) if is_finite else points
+    beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
+    found = compute_errors(motion, (*terms, term), beside)
+    changes, volumes = found.values - errors.values, found.volume - errors.volume
+    start = nominal if is_finite else np.full(len(nominal), np.nan)
+    count, out = len(steps), []
+    shown = np.flatnonzero(np.linalg.norm(changes[:count], axis=1) > 0)
+    if len(shown):
+        unit = 1 / DERIVATIVE_STEP
+        out.append(
+            Direction(
+                term, start, unit * steps[shown],
+                unit * changes[shown], unit * volumes[shown],
+            )
+        )  # fmt: skip
+    size = 2 if term.effect.is_periodic else 1
+    for i in range(count, len(tried) - size + 1, size):
+        a = slice(i, i + size)
+        columns = changes[a]
+        if not (np.linalg.norm(columns, axis=1) > 0).all():
+            continue
+        if len(shown) and not _is_new(columns, changes[shown]):
+            continue
+        unit_steps = tried[a] - start if is_finite else tried[a]
+        out.append(Direction(term, start, unit_steps, columns, volumes[a]))
     return out
 
 
 def _is_new(columns: Floats, known: Floats) -> bool:
-    """Whether columns (k, n) are no combination of known ones (m, n)."""
+    """Whether columns (k, n) are no combination of known ones (m, n); NaN are not."""
     basis, _ = np.linalg.qr(known.T)
     rest = columns - (columns @ basis) @ basis.T
     share = np.linalg.norm(rest, axis=1) / np.linalg.norm(columns, axis=1)

@@ -1,488 +1,303 @@
-"""Search for sets of effects in the linear model: takes directions, gives terms."""
+"""Search for sets of effects in the linear model: takes directions, gives terms.
+
+Forward selection with backward elimination after each step (Efroymson 1960), by the
+posterior of sets: likelihood, prior of values, and log-odds of each effect.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import is_distinct
-from ..estimation.quadratic_model import (
-    prior_precision,
-    solve_bounded_step,
-    stack_bounds,
+from ..estimation.quadratic_model import solve_bounded_step
+from .fit import (
+    LinearFit,
+    add_terms,
+    invert,
+    refine,
+    remove_terms,
+    start_fit,
 )
-from .model import (
-    Direction,
-    compute_errors,
-    compute_nuisance,
-    differentiate,
-    estimate_noise,
-    make_reference,
-    propose_directions,
-)
+from .likelihood import compute_loss, estimate_independence
+from .model import Direction, Errors, propose_directions
 from .motion import MeasuredMotion
 
-FREEDOM = 4.0  # degrees of freedom of Student's t
-RARITY_NATS = np.log(10.0)
-NUISANCE_BOUND = 1.0
-SCREENED_MOMENTS = 500
-FINALISTS = 30
-TRIED = 4
+RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
+SCREENED_MOMENTS = 500  # in which all candidates are tried
+FINALISTS = 30  # of them, that are tried in all moments
+TRIED = 3  # moves that are fitted beyond the best one
+MOST_EFFECTS = 60
+COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
+
+Move = tuple[Direction, ...]
+Log = Callable[..., None]
 
 
-@dataclass(frozen=True, eq=False)
-class LinearFit:
-    """Stated values and effects fitted to equation errors.
+class Search:
+    """A search for the set of effects that equation errors ask for."""
 
-    Attributes:
-        motion: as measured.
-        terms: stated ones first.
-        values: (P) and then of nuisances (K).
-        errors: (R J) at the values, with nuisances.
-        jacobian: (P + K, R J) near them.
-        stated: number of stated terms.
-    """
+    def __init__(
+        self,
+        motion: MeasuredMotion,
+        stated: Sequence[Term],
+        candidates: Sequence[Term],
+        log: Log = lambda *what: None,
+    ) -> None:
+        """What is searched.
 
-    motion: MeasuredMotion
-    terms: tuple[Term, ...]
-    values: Floats
-    errors: Floats
-    jacobian: Floats
-    nuisance: int
-    stated: int
+        Args:
+            motion: as measured.
+            stated: terms of the values that the model states.
+            candidates: terms that may be added.
+            log: called with what is tried.
+        """
+        self.candidates, self.log = candidates, log
+        self.fit = start_fit(motion, stated)
+        self._excluded: set[str] = set()
 
-    @property
-    def named(self):
-        return self.terms[self.stated :]
+    def run(self) -> LinearFit:
+        """The set of effects at the end, fitted."""
+        directions, is_fresh = list[Direction](), False
+        while len(self.fit.named) < MOST_EFFECTS:
+            if not directions:
+                directions, is_fresh = self._propose(), True
+            new = self._select(directions)
+            if new is not None:
+                before = {t.key for t in self.fit.named}
+                self.fit, is_fresh = self._eliminate(new), False
+                gone = before - {t.key for t in self.fit.named}
+                self._excluded |= {str(key) for key in gone}
+            elif is_fresh:
+                break
+            else:  # what was found may have made others visible
+                self.fit = refine(self.fit)
+                directions, self._excluded = [], set()
+        return self._eliminate(refine(self.fit))
 
-    @property
-    def count(self):
-        return len(self.values) - self.nuisance
+    def _penalty(self, term: Term, rows: float) -> float:
+        """[nats] by which a term has to lower the cost.
 
-    @property
-    def slices(self):
-        ends = np.cumsum([0, *(len(t.parameters) for t in self.terms)])
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:])]
-
-    def values_of(self, i):
-        return self.values[self.slices[i]]
-
-    @property
-    def prior(self):
-        """Precisions and means (P + K)."""
-        precision = np.append(prior_precision(self.terms), np.ones(self.nuisance))
-        mean = np.append(np.ones(self.count), np.zeros(self.nuisance))
-        return precision, mean
-
-    @property
-    def bounds(self):
-        low, high, scale = stack_bounds(self.terms)
-        k = np.full(self.nuisance, NUISANCE_BOUND)
-        return np.append(low, -k), np.append(high, k), np.append(scale, k)
-
-    def evaluate(self, values, terms=None):
-        """Errors at other values (P + K)."""
-        p = len(values) - self.nuisance
-        return (
-            compute_errors(self.motion, terms or self.terms, values[None, :p])[0]
-            + values[p:] @ self.jacobian[self.count :]
+        One of so many candidates (Bonferroni), a log n / 2 for each parameter (Schwarz
+        1978), and what its rarity makes it less likely.
+        """
+        return float(
+            np.log(len(self.candidates))
+            + 0.5 * len(term.parameters) * np.log(rows)
+            + RARITY_NATS * term.effect.rarity
         )
 
-    def relinearized(self, in_torques=False):
-        p = self.count
-        plain = self.errors - self.values[p:] @ self.jacobian[p:]
-        reference = make_reference(self.motion, self.terms, self.values[:p]) if in_torques else None
-        j = differentiate(self.motion, self.terms, self.values[:p], plain, reference=reference)
-        n = compute_nuisance(self.motion, self.terms, self.values[None, :p], plain)
-        new = replace(self, jacobian=np.vstack([j, n]))
-        return replace(new, errors=plain + self.values[p:] @ n)
+    def _independence(self) -> tuple[float, float]:
+        """Share of independent errors, and their number."""
+        fit, weights = self.fit, self.fit.weights
+        share = estimate_independence(fit.errors, weights, fit.motion.width)
+        return share, share * weights.size
 
-    def select(self, rows):
-        """The fit in some windows."""
-        width = self.motion.width
-        cut = lambda x: x.reshape(*x.shape[:-1], -1, width)[..., rows, :].reshape(*x.shape[:-1], -1)
-        return replace(self, motion=self.motion.select(rows), errors=cut(self.errors), jacobian=cut(self.jacobian))
+    def _propose(self) -> list[Direction]:
+        """Directions of the candidates that seem best in a part of the windows."""
+        fit = self.fit
+        share = len(fit.motion.moments) / SCREENED_MOMENTS
+        open_terms = [t for t in self.candidates if is_distinct(t, fit.named)]
+        if share > 1.5 and len(open_terms) > FINALISTS:
+            rows = np.unique(np.arange(0, len(fit.motion.windows), share).astype(int))
+            part = fit.select(rows)
+            ranked = rank(part, [(d,) for d in _differentiate(part, open_terms)])
+            best = {move[0].term.key for _, move, _ in ranked[:FINALISTS]}
+            open_terms = [
+                t for t in open_terms if t.key in best or t.effect.is_usual(t)
+            ]
+        return _differentiate(fit, open_terms)
 
-
-def weigh(motion, errors):
-    """(R J) weights of Student's t over the squared scale of each joint's errors."""
-    r = errors.reshape(-1, motion.width)
-    scale = _scale(r)
-    w = (FREEDOM + 1) / (FREEDOM + (r / scale) ** 2)
-    return (w / scale**2).ravel()
-
-
-def _scale(r):
-    scale = 1.4826 * np.median(np.abs(r), axis=0)
-    scale = np.maximum(scale, 1e-12 + 1e-3 * np.sqrt((r**2).mean(axis=0)))
-    for _ in range(20):
-        w = (FREEDOM + 1) / (FREEDOM + (r / scale) ** 2)
-        scale = np.sqrt((w * r**2).mean(axis=0))
-    return scale
-
-
-def loss(motion, errors):
-    """Negative log-likelihood [nats] of Student's t with each joint's own scale."""
-    r = errors.reshape(-1, motion.width)
-    if not np.isfinite(r).all():
-        return np.inf
-    scale = _scale(r)
-    return float(
-        len(r) * np.log(scale).sum()
-        + (FREEDOM + 1) / 2 * np.log1p((r / scale) ** 2 / FREEDOM).sum()
-    )
-
-
-def independence(motion, errors, w):
-    """(J) share of independent rows, by the autocorrelation of weighted errors."""
-    x = (np.sqrt(w) * errors).reshape(-1, motion.width)
-    n, shares = len(x), []
-    for column in x.T:
-        total, power = 1.0, column @ column
-        for lag in range(1, n // 4):
-            rho = column[lag:] @ column[:-lag] / power
-            if rho < 2 / np.sqrt(n):
-                break
-            total += 2 * rho
-        shares.append(1 / total)
-    return np.array(shares)
-
-
-def penalized(fit):
-    precision, mean = fit.prior
-    return loss(fit.motion, fit.errors) + 0.5 * precision @ (fit.values - mean) ** 2
-
-
-def normal_equations(fit, w):
-    precision, mean = fit.prior
-    h = (fit.jacobian * w) @ fit.jacobian.T + np.diag(precision)
-    g = (fit.jacobian * w) @ fit.errors + precision * (fit.values - mean)
-    return h, g
-
-
-def descend(fit: LinearFit, iterations=12) -> LinearFit:
-    """Gauss-Newton with the Jacobian held and the errors computed (chord method)."""
-    low, high, scale = fit.bounds
-    cost = penalized(fit)
-    shrink = 1.0
-    for _ in range(iterations):
-        h, g = normal_equations(fit, weigh(fit.motion, fit.errors))
-        step = solve_bounded_step(h, g, low - fit.values, high - fit.values, scale, 1e-7)
-        while True:
-            values = fit.values + shrink * step
-            new = replace(fit, values=values, errors=fit.evaluate(values))
-            after = penalized(new)
-            if after < cost or shrink < 0.05:
-                break
-            shrink /= 3
-        if not after < cost:
-            break
-        gained, cost, fit = cost - after, after, new
-        shrink = min(1.0, 2 * shrink)
-        if gained < 0.1:
-            break
-    return fit
-
-
-def relinearize(fit, iterations=4):
-    """Gauss-Newton: the Jacobian anew before each descent."""
-    cost = penalized(fit)
-    for _ in range(iterations):
-        fit = min((descend(fit.relinearized(t), 4) for t in (False, True)), key=penalized)
-        after = penalized(fit)
-        if cost - after < 0.5:
-            break
-        cost = after
-    return fit
-
-
-def start(motion, nominal_terms):
-    values = np.ones(len(nominal_terms))
-    errors = compute_errors(motion, nominal_terms, values[None])[0]
-    j = differentiate(motion, nominal_terms, values, errors)
-    n = compute_nuisance(motion, nominal_terms, values[None], errors)
-    return LinearFit(
-        motion, tuple(nominal_terms), np.append(values, np.zeros(len(n))), errors,
-        np.vstack([j, n]), len(n), len(nominal_terms),
-    )
-
-
-def penalty(term, count, rows):
-    """[nats] by which a term has to lower the loss."""
-    return (
-        np.log(count)
-        + 0.5 * len(term.parameters) * np.log(rows)
-        + RARITY_NATS * term.effect.rarity
-    )
-
-
-def propose(fit, candidates):
-    """Directions of the candidates that seem best in a part of the windows."""
-    motion = fit.motion
-    share = len(motion.moments) / SCREENED_MOMENTS
-    open_ = [t for t in candidates if is_distinct(t, fit.named)]
-    if share > 1.5 and len(open_) > FINALISTS:
-        rows = np.unique((np.arange(0, len(motion.windows), share)).astype(int))
-        part = fit.select(rows)
-        moves = [(d,) for d in _propose(part, open_)]
-        ranked = rank(part, moves, weigh(part.motion, part.errors))
-        best = {m[0].term.key for _, m, _ in ranked[:FINALISTS]}
-        usual = [t for t in open_ if t.effect.is_usual(t)]
-        open_ = [t for t in open_ if t.key in best or t in usual]
-    return _propose(fit, open_)
-
-
-def _propose(fit, terms):
-    p = fit.count
-    plain = fit.errors - fit.values[p:] @ fit.jacobian[p:]
-    return propose_directions(fit.motion, fit.terms, fit.values[:p], plain, terms)
-
-
-def search(motion, nominal_terms, candidates, log=print, most=60):
-    """The set of effects that the equation errors ask for, and its values.
-
-    Args:
-        motion: as measured.
-        nominal_terms: of the values that the model states.
-        candidates: terms that may be added.
-    """
-    count = len(candidates)
-    fit = start(motion, nominal_terms)
-    directions, is_fresh, tabu = [], False, set()
-    log("start", penalized(fit))
-    while len(fit.named) < most:
-        if not directions:
-            directions = propose(fit, candidates)
-            is_fresh = True
-            log("columns", len(directions))
-        w = weigh(motion, fit.errors)
-        share = float(independence(motion, fit.errors, w).mean())
-        rows = w.size * share
-        def least(move): return sum(penalty(d.term, count, rows) for d in move)
-        ranked = rank(fit, list_moves(fit, directions, tabu), w)
-        ranked.sort(key=lambda each: least(each[1]) - each[0] * share)
-        log("  ", len(fit.named), "share", round(share, 2), "  ".join(f"{name(move)} {g:.0f}" for g, move, _ in ranked[:4]))
+    def _select(self, directions: Sequence[Direction]) -> LinearFit | None:
+        """The fit with the move that lowers the cost most, beyond its penalty."""
+        fit, (share, rows) = self.fit, self._independence()
+        moves = [m for m in _list_moves(fit, directions) if self._is_open(m)]
+        least = {id(m): sum(self._penalty(d.term, rows) for d in m) for m in moves}
+        ranked = rank(fit, moves)
+        ranked.sort(key=lambda each: least[id(each[1])] - share * each[0])
+        self.log(len(fit.named), round(share, 2), [(_name(m), round(g)) for g, m, _ in ranked[:4]])
         new, best, worse = None, 0.0, 0
         for gain, move, coordinates in ranked:
-            if gain * share < least(move) or worse == TRIED or (new and worse):
+            if share * gain < least[id(move)] or worse == TRIED or (new and worse):
                 break
-            tried = add(fit, move, coordinates)
-            gained = penalized(fit) - penalized(tried)
-            values = split(tried)[len(fit.terms):]
-            is_small = all(d.term.is_negligible(v) for d, v in zip(move, values))
-            log("     ", name(move), [np.round(v, 5).tolist() for v in values][:4], round(gained), "predicted", round(gain), "small" if is_small else "")
-            net = gained * share - least(move)
+            tried = add_terms(fit, move, coordinates)
+            gained = fit.cost - tried.cost
+            net = share * gained - least[id(move)]
+            values = tried.named_values[len(fit.named) :]
+            is_small = all(
+                d.term.is_negligible(v) for d, v in zip(move, values, strict=True)
+            )
+            self.log("     ", _name(move), [np.round(v, 5).tolist() for v in values][:4], round(gained), "predicted", round(gain), "small" if is_small else "")
             if net < 0 or is_small:
-                tabu.add(name(move))
+                self._excluded.add(_name(move))
             if net > best and not is_small:
                 new, best = tried, net
-            elif new:
-                worse += 1
-        if new is None:
-            if is_fresh or not ranked:
+            else:
+                worse += bool(new)
+        return new
+
+    def _is_open(self, move: Move) -> bool:
+        """Whether a move was not tried in vain since the directions were computed."""
+        return _name(move) not in self._excluded
+
+    def _eliminate(self, fit: LinearFit) -> LinearFit:
+        """The fit without terms that cost less than their penalty, or are as good as 0."""
+        self.fit, needed = fit, set[tuple]()
+        while True:
+            removed, least = self._plan_removal(needed)
+            if not removed:
+                return self.fit
+            while removed:
+                less = remove_terms(self.fit, removed)
+                lost = less.cost - self.fit.cost
+                self.log("     drop", [self.fit.terms[i].label for i in removed], round(lost, 1), round(least[len(removed) - 1], 1))
+                if lost <= least[len(removed) - 1]:
+                    self.fit = less
+                    break
+                if len(removed) == 1:
+                    needed.add(self.fit.terms[removed[0]].key)
+                removed = removed[: len(removed) // 2]
+
+    def _plan_removal(self, needed: set[tuple]) -> tuple[list[int], list[float]]:
+        """Numbers of terms to remove, and what the first ones of them may cost.
+
+        To first order, all others refitted; the most needless first.
+        """
+        fit, (share, rows) = self.fit, self._independence()
+        inverse = invert(fit.quadratic_model(fit.weights)[0])
+        offsets = {}
+        for i, t in list(enumerate(fit.terms))[fit.stated :]:
+            nominal = np.clip([p.nominal for p in t.parameters], t.low, t.high)
+            if t.key not in needed:
+                offsets[i] = fit.values[fit.slices[i]] - nominal
+        removed: list[int] = []
+        least: list[float] = []
+        spent = total = 0.0
+
+        def cost_without(i: int) -> float:
+            gone = [*removed, i]
+            columns = np.concatenate([np.r_[fit.slices[k]] for k in gone]).astype(int)
+            off = np.concatenate([offsets[k] for k in gone])
+            block = invert(inverse[np.ix_(columns, columns)])
+            return float(0.5 * off @ block @ off)
+
+        while len(removed) < len(offsets):
+            costs = {i: cost_without(i) for i in offsets if i not in removed}
+            nets = {
+                i: share * (c - spent) - self._penalty(fit.terms[i], rows)
+                for i, c in costs.items()
+            }
+            i = min(nets, key=lambda k: nets[k])
+            if nets[i] >= 0:
                 break
-            fit = relinearize(fit)
-            directions, tabu = [], set()
-            continue
-        before = {t.key for t in fit.named}
-        fit, is_fresh = backward(new, count, log), False
-        tabu |= {str(k) for k in before - {t.key for t in fit.named}}
-    return backward(relinearize(fit), count, log)
+            spent = costs[i]
+            total += self._penalty(fit.terms[i], rows) / share
+            removed.append(i)
+            least.append(total)
+        return removed, least
 
 
-def name(move):
+def _differentiate(fit: LinearFit, terms: Sequence[Term]) -> list[Direction]:
+    """Directions of some terms beside a fit."""
+    values = fit.values[: fit.count]
+    return propose_directions(fit.motion, fit.terms, values, fit.plain_errors, terms)
+
+
+def _name(move: Move) -> str:
+    """What tells a move from others, whatever its initial values."""
     if len(move) == 1:
         return str(move[0].term.key)
-    return f"{move[0].term.effect.name} at {len(move)}" 
+    return f"{move[0].term.effect.name} at {len(move)} places"
 
 
-def list_moves(fit, directions, tabu):
-    """What may be added: each direction, and usual effects at all their places."""
-    open_ = [d for d in directions if is_distinct(d.term, fit.named)]
-    moves = [(d,) for d in open_]
-    groups = {}
-    for d in open_:
+def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
+    """What may be added: each direction, and a usual effect at all its places."""
+    open_directions = [d for d in directions if is_distinct(d.term, fit.named)]
+    groups: dict[str, dict[tuple, Direction]] = {}
+    for d in open_directions:
         if d.term.effect.is_usual(d.term):
             groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
-    moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
-    return [m for m in moves if name(m) not in tabu]
+    moves: list[Move] = [(d,) for d in open_directions]
+    return moves + [tuple(g.values()) for g in groups.values() if len(g) > 1]
 
 
-def rank(fit, moves, w):
-    """(gain [nats], move, coordinates) of each beside the fit, the best first."""
+def rank(
+    fit: LinearFit, moves: Sequence[Move]
+) -> list[tuple[float, Move, Floats]]:
+    """Gain [nats], move and coordinates (k) of each beside a fit, the best first.
+
+    All values of the fit answer to first order (Schur complement); those at a bound
+    stay there. Of the best ones the gain is that of the likelihood itself.
+
+    Args:
+        fit: with a Jacobian.
+        moves: that may be made.
+    """
     if not moves:
         return []
-    h, g = normal_equations(fit, w)
+    weights = fit.weights
+    h, g = fit.quadratic_model(weights)
     low, high, scale = fit.bounds
     step = solve_bounded_step(h, g, low - fit.values, high - fit.values, scale, 1e-9)
     at = fit.values + step
-    free = np.flatnonzero((at > low + 1e-6 * scale) & (at < high - 1e-6 * scale))
+    margin = 1e-6 * scale
+    free = np.flatnonzero((at > low + margin) & (at < high - margin))
+    rows = max(len(fit.motion.windows), 1)
     directions = list({id(d): d for m in moves for d in m}.values())
     ends = np.cumsum([0, *(len(d.columns) for d in directions)])
-    columns = {id(d): np.arange(a, b) for d, a, b in zip(directions, ends[:-1], ends[1:])}
+    columns = {
+        id(d): np.arange(a, b)
+        for d, a, b in zip(directions, ends[:-1], ends[1:], strict=True)
+    }
     x = np.vstack([d.columns for d in directions])
-    xw = x * w
-    cross = xw @ fit.jacobian[free].T
+    volumes = np.concatenate([d.volumes for d in directions])
+    j, own_volumes = fit.jacobian.values[free], fit.jacobian.volume
+    rest = Errors(
+        fit.errors.values + step @ fit.jacobian.values,
+        fit.errors.volume + step @ own_volumes,
+    )
+    xw = x * weights
+    cross = xw @ j.T + np.outer(volumes, own_volumes[free]) / rows
     solved = cross @ invert(h[np.ix_(free, free)])
-    rest = fit.errors + step @ fit.jacobian
-    score = xw @ rest - solved @ (g + h @ step)[free]
-    out = []
+    score = xw @ rest.values - volumes * (1 - step @ own_volumes / rows)
+    score -= solved @ (g + h @ step)[free]
+    found = []
     for move in moves:
         a = np.concatenate([columns[id(d)] for d in move])
-        whole = xw[a] @ x[a].T
+        whole = xw[a] @ x[a].T + np.outer(volumes[a], volumes[a]) / rows
         own = whole - solved[a] @ cross[a].T
-        if (np.diag(own) < 1e-4 * np.diag(whole)).any():
+        if (np.diag(own) < COLLINEAR_SHARE * np.diag(whole)).any():
             continue
-        bounds = [coordinate_bounds(d) for d in move]
-        lo, hi = (np.concatenate([b[k] for b in bounds]) for k in (0, 1))
+        lower, upper = (
+            np.concatenate(ends)
+            for ends in zip(*(_bound_coordinates(d) for d in move), strict=True)
+        )
         size = 1 / np.sqrt(np.diag(own))
-        z = solve_bounded_step(own, score[a], lo, hi, size, 1e-9)
-        gain = -(score[a] @ z + 0.5 * z @ own @ z)
-        out.append((float(gain), move, z, a))
-    before = loss(fit.motion, rest)
-    out.sort(key=lambda each: -each[0])
-    gains = []
-    for gain, move, z, a in out[:FINALISTS]:
-        change = z @ (x[a] - solved[a] @ fit.jacobian[free])
-        gains.append((before - loss(fit.motion, rest + change), move, z))
-    gains.sort(key=lambda each: -each[0])
-    seen: dict[str, tuple] = {}  # the best direction of each term
-    for each in gains:
-        seen.setdefault(name(each[1]), each)
-    return list(seen.values())
+        z = solve_bounded_step(own, score[a], lower, upper, size, 1e-9)
+        gain = float(-(score[a] @ z + 0.5 * z @ own @ z))
+        found.append((gain, move, z, a))
+    found.sort(key=lambda each: -each[0])
+    before, out = compute_loss(rest, fit.motion.width), {}
+    for _, move, z, a in found[: 2 * FINALISTS]:
+        change = z @ (x[a] - solved[a] @ j)
+        volume = z @ (volumes[a] - solved[a] @ own_volumes[free])
+        moved = Errors(rest.values + change, rest.volume + rows * np.log1p(max(volume / rows, -0.9)))
+        gain = before - compute_loss(moved, fit.motion.width)
+        if _name(move) not in out or gain > out[_name(move)][0]:
+            out[_name(move)] = gain, move, z
+    return sorted(out.values(), key=lambda each: -each[0])
 
 
-def add(fit, move, coordinates):
-    """The fit with the terms of a move, from its coordinates on."""
-    new, at = [], 0
-    for d in move:
-        z = coordinates[at : at + len(d.columns)]
-        at += len(d.columns)
-        is_finite = np.isfinite(d.start).all()
-        v = d.start + z @ d.steps if is_finite else d.steps[0]
-        new.append(np.clip(v, d.term.low, d.term.high))
-    v = np.concatenate(new)
-    terms = (*fit.terms, *(d.term for d in move))
-    p = fit.count
-    values = np.concatenate([fit.values[:p], v, fit.values[p:]])
-    errors = fit.evaluate(values, terms)
-    plain = errors - values[p + len(v) :] @ fit.jacobian[p:]
-    which = touched(terms, len(move))
-    jacobian = np.vstack(
-        [fit.jacobian[:p], np.zeros((len(v), len(errors))), fit.jacobian[p:]]
-    )
-    tried = []
-    for reference in (None, make_reference(fit.motion, terms, values[: p + len(v)])):
-        jacobian[which] = differentiate(
-            fit.motion, terms, values[: p + len(v)], plain,
-            which=which, reference=reference,
-        )  # fmt: skip
-        new = replace(fit, terms=terms, values=values, errors=errors, jacobian=jacobian.copy())
-        tried.append(descend(new))
-    return min(tried, key=penalized)
-
-
-def touched(terms, count):
-    """Numbers of values whose response the last `count` terms may change."""
-    new = terms[-count:]
-    targets = [b for t in new for b in t.targets]
-    out, at = [], 0
-    for t in terms:
-        k = len(t.parameters)
-        if t in new or any(
-            a.startswith(b) or b.startswith(a) for a in t.targets for b in targets
-        ):
-            out += range(at, at + k)
-        at += k
-    return out
-
-
-def coordinate_bounds(d):
-    """Bounds (k) of coordinates within those of the values."""
-    if not np.isfinite(d.start).all():
-        return np.zeros(len(d.steps)), np.ones(len(d.steps))
-    lo, hi = np.full(len(d.steps), -np.inf), np.full(len(d.steps), np.inf)
-    for k, step in enumerate(d.steps):
+def _bound_coordinates(direction: Direction) -> tuple[Floats, Floats]:
+    """Bounds (k) of a direction's coordinates, each alone, within those of the values."""
+    count, term = len(direction.steps), direction.term
+    if not np.isfinite(direction.start).all():
+        return np.zeros(count), np.ones(count)
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    for k, step in enumerate(direction.steps):
         for p in np.flatnonzero(step):
-            a = (d.term.low[p] - d.start[p]) / step[p]
-            b = (d.term.high[p] - d.start[p]) / step[p]
-            lo[k], hi[k] = max(lo[k], min(a, b)), min(hi[k], max(a, b))
-    return np.minimum(lo, 0), np.maximum(hi, 0)
-
-
-def invert(h):
-    """Inverse of a positive definite matrix whose units differ."""
-    size = 1 / np.sqrt(np.maximum(np.diag(h), 1e-30))
-    scaled = h * size * size[:, None]
-    return np.linalg.inv(scaled + 1e-9 * np.eye(len(h))) * size * size[:, None]
-
-
-def remove(fit, gone):
-    """The fit without some terms, by their numbers."""
-    keep = np.ones(len(fit.values), bool)
-    for i in gone:
-        keep[fit.slices[i]] = False
-    terms = tuple(x for k, x in enumerate(fit.terms) if k not in gone)
-    less = replace(fit, terms=terms, values=fit.values[keep], jacobian=fit.jacobian[keep])
-    return descend(replace(less, errors=less.evaluate(less.values)))
-
-
-def backward(fit, count, log):
-    """Remove terms without which the loss is as low, but for their penalty."""
-    needed = set()
-    while True:
-        gone, least = plan_removal(fit, count, needed)
-        if not gone:
-            return fit
-        while True:
-            less = remove(fit, gone)
-            lost = penalized(less) - penalized(fit)
-            log("     drop", [fit.terms[i].label for i in gone], "lost", round(lost, 1), "of", round(least[len(gone) - 1], 1))
-            if lost <= least[len(gone) - 1]:
-                fit = less
-                break
-            if len(gone) == 1:
-                needed.add(fit.terms[gone[0]].key)
-                break
-            gone = gone[: len(gone) // 2]
-
-
-def plan_removal(fit, count, needed):
-    """Numbers of terms to remove, the most needless first, and what each may cost."""
-    w = weigh(fit.motion, fit.errors)
-    share = independence(fit.motion, fit.errors, w).mean()
-    rows = w.size * share
-    inverse = invert(normal_equations(fit, w)[0])
-    offs = {}
-    for i, t in list(enumerate(fit.terms))[fit.stated :]:
-        if t.key in needed:
-            continue
-        nominal = np.clip([p.nominal for p in t.parameters], t.low, t.high)
-        offs[i] = fit.values[fit.slices[i]] - nominal
-    gone, least, total, spent = [], [], 0.0, 0.0
-    while offs:
-        best = None
-        for i in offs:
-            columns = np.concatenate([np.r_[fit.slices[k]] for k in [*gone, i]]).astype(int)
-            off = np.concatenate([*(done[k] for k in gone), offs[i]]) if gone else offs[i]
-            cost = 0.5 * off @ invert(inverse[np.ix_(columns, columns)]) @ off if len(off) else 0.0
-            net = (cost - spent) * share - penalty(fit.terms[i], count, rows)
-            if best is None or net < best[0]:
-                best = net, cost, i
-        net, cost, i = best
-        if net >= 0:
-            break
-        if not gone:
-            done = {}
-        done[i] = offs.pop(i)
-        spent = cost
-        total += penalty(fit.terms[i], count, rows) / share
-        gone.append(i)
-        least.append(total)
-    return gone, least
-
-
-def split(fit):
-    return [fit.values[a] for a in fit.slices]
+            ends = np.array([term.low[p], term.high[p]]) - direction.start[p]
+            a, b = np.sort(ends / step[p])
+            low[k], high[k] = max(low[k], a), min(high[k], b)
+    return np.minimum(low, 0), np.maximum(high, 0)

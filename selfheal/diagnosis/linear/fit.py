@@ -1,0 +1,295 @@
+"""Fits to equation errors: stated values, effects and nuisances, by Gauss-Newton."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..effects.base import Term
+from ..estimation.quadratic_model import (
+    prior_precision,
+    solve_bounded_step,
+    stack_bounds,
+)
+from ..simulation.model_variants import split_values
+from .likelihood import compute_loss, weigh
+from .model import (
+    Direction,
+    Errors,
+    compute_errors,
+    compute_nuisance,
+    differentiate,
+)
+from .motion import MeasuredMotion
+
+NUISANCE_BOUND = 1.0  # deviations; more than half a step is a finding
+DAMPING = 1e-7  # share of the diagonal: what nothing tells stays where it is
+ITERATIONS = 12
+SHORTEST_STEP = 0.05
+LEAST_GAIN = 0.1  # [nats] of an iteration; below any that counts
+RIDGE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """Stated values and effects fitted to equation errors.
+
+    Attributes:
+        motion: as measured.
+        terms: stated ones first.
+        stated: how many of them are.
+        values: (P) [units of the parameters], and (K) of nuisances.
+        errors: at the values, with nuisances.
+        jacobian: (P + K, ...) derivatives of the errors, near the values.
+    """
+
+    motion: MeasuredMotion
+    terms: tuple[Term, ...]
+    stated: int
+    values: Floats
+    errors: Errors
+    jacobian: Errors
+
+    @property
+    def named(self) -> tuple[Term, ...]:
+        """Terms of effects."""
+        return self.terms[self.stated :]
+
+    @property
+    def count(self) -> int:
+        """How many parameters the terms have."""
+        return sum(len(t.parameters) for t in self.terms)
+
+    @property
+    def slices(self) -> list[slice]:
+        """Columns of each term."""
+        ends = np.cumsum([0, *(len(t.parameters) for t in self.terms)])
+        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    @property
+    def named_values(self) -> list[Floats]:
+        """Values (p) of each effect [units of its parameters]."""
+        return split_values(self.terms, self.values[: self.count])[self.stated :]
+
+    @property
+    def plain_errors(self) -> Errors:
+        """Errors without the nuisances."""
+        p = self.count
+        change = self.values[p:] @ self.jacobian.values[p:]
+        return replace(self.errors, values=self.errors.values - change)
+
+    @property
+    def weights(self) -> Floats:
+        """(R (J + K)) of the errors."""
+        return weigh(self.errors, self.motion.width)
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood [nats] and prior, up to a constant."""
+        precision, mean = self._prior
+        prior = 0.5 * precision @ (self.values - mean) ** 2
+        return compute_loss(self.errors, self.motion.width) + float(prior)
+
+    @property
+    def _prior(self) -> tuple[Floats, Floats]:
+        """Precisions and means (P + K) of the normal prior."""
+        count = len(self.values) - self.count
+        return (
+            np.append(prior_precision(self.terms), np.ones(count)),
+            np.append(np.ones(self.count), np.zeros(count)),
+        )
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats, Floats]:
+        """Lower and upper bounds and scales (P + K) of the values."""
+        low, high, scale = stack_bounds(self.terms)
+        bound = np.full(len(self.values) - self.count, NUISANCE_BOUND)
+        return np.append(low, -bound), np.append(high, bound), np.append(scale, bound)
+
+    def quadratic_model(self, weights: Floats) -> tuple[Floats, Floats]:
+        """Curvature (P + K, P + K) and gradient (P + K) of the cost.
+
+        That of -log det M is the square of its gradient, as of the logarithm of a
+        single inertia.
+        """
+        precision, mean = self._prior
+        j, v = self.jacobian.values, self.jacobian.volume
+        rows = max(len(self.motion.windows), 1)
+        h = (j * weights) @ j.T + np.diag(precision) + np.outer(v, v) / rows
+        g = (j * weights) @ self.errors.values + precision * (self.values - mean) - v
+        return h, g
+
+    def at(self, values: Floats, terms: Sequence[Term] | None = None) -> "LinearFit":
+        """The fit at other values (P + K), perhaps of other terms."""
+        terms = self.terms if terms is None else tuple(terms)
+        p, old = sum(len(t.parameters) for t in terms), self.count
+        found = compute_errors(self.motion, terms, values[None, :p])
+        nuisance = values[p:] @ self.jacobian.values[old:]
+        errors = Errors(found.values[0] + nuisance, found.volume[0])
+        return replace(self, terms=terms, values=values, errors=errors)
+
+    def linearized(self) -> "LinearFit":
+        """The fit with a Jacobian at its values."""
+        p, plain = self.count, self.plain_errors
+        values = self.values[:p]
+        own = differentiate(self.motion, self.terms, values, plain)
+        other = compute_nuisance(self.motion, self.terms, values[None], plain)
+        errors = replace(plain, values=plain.values + self.values[p:] @ other.values)
+        return replace(self, jacobian=join(own, other), errors=errors)
+
+    def select(self, rows: np.ndarray) -> "LinearFit":
+        """The fit in windows `rows` (r)."""
+        width, share = self.motion.width, len(rows) / len(self.motion.windows)
+
+        def cut(errors: Errors) -> Errors:
+            x = errors.values
+            x = x.reshape(*x.shape[:-1], -1, width)[..., rows, :]
+            return Errors(x.reshape(*x.shape[:-2], -1), share * errors.volume)
+
+        return replace(
+            self,
+            motion=self.motion.select(rows),
+            errors=cut(self.errors),
+            jacobian=cut(self.jacobian),
+        )
+
+
+def join(*parts: Errors) -> Errors:
+    """Derivatives of several values in a row."""
+    return Errors(
+        np.vstack([p.values for p in parts]),
+        np.concatenate([p.volume for p in parts]),
+    )
+
+
+def start_fit(motion: MeasuredMotion, stated: Sequence[Term]) -> LinearFit:
+    """The fit of a model as it is given.
+
+    Args:
+        motion: as measured.
+        stated: terms of the values that the model states.
+    """
+    values = np.ones(len(stated))
+    found = compute_errors(motion, stated, values[None])
+    errors = Errors(found.values[0], found.volume[0])
+    own = differentiate(motion, stated, values, errors)
+    other = compute_nuisance(motion, stated, values[None], errors)
+    values = np.append(values, np.zeros(len(other.values)))
+    jacobian = join(own, other)
+    return LinearFit(motion, tuple(stated), len(stated), values, errors, jacobian)
+
+
+def descend(fit: LinearFit, iterations: int = ITERATIONS) -> LinearFit:
+    """Gauss-Newton within bounds, with the Jacobian held and the errors computed.
+
+    The chord method, with shorter steps where the cost would grow.
+
+    Args:
+        fit: to begin with.
+        iterations: at most.
+    """
+    low, high, scale = fit.bounds
+    cost, share = fit.cost, 1.0
+    for _ in range(iterations):
+        h, g = fit.quadratic_model(fit.weights)
+        step = solve_bounded_step(
+            h, g, low - fit.values, high - fit.values, scale, DAMPING
+        )
+        while True:
+            new = fit.at(fit.values + share * step)
+            after = new.cost
+            if after < cost or share < SHORTEST_STEP:
+                break
+            share /= 3
+        if not after < cost:
+            break
+        gained, cost, fit = cost - after, after, new
+        share = min(1.0, 2 * share)
+        if gained < LEAST_GAIN:
+            break
+    return fit
+
+
+def refine(fit: LinearFit, iterations: int = 4) -> LinearFit:
+    """Gauss-Newton with a new Jacobian before each descent."""
+    cost = fit.cost
+    for _ in range(iterations):
+        fit = descend(fit.linearized(), 4)
+        after = fit.cost
+        if cost - after < 5 * LEAST_GAIN:
+            break
+        cost = after
+    return fit
+
+
+def add_terms(
+    fit: LinearFit, directions: Sequence[Direction], coordinates: Floats
+) -> LinearFit:
+    """The fit with the terms of some directions, descended from their coordinates.
+
+    Args:
+        fit: without them.
+        directions: k coordinates in all.
+        coordinates: (k) of them.
+    """
+    new, at = [], 0
+    for d in directions:
+        z = coordinates[at : at + len(d.columns)]
+        at += len(d.columns)
+        is_finite = np.isfinite(d.start).all()
+        value = d.start + z @ d.steps if is_finite else d.steps[0]
+        new.append(np.clip(value, d.term.low, d.term.high))
+    own = np.concatenate(new)
+    p = fit.count
+    terms = (*fit.terms, *(d.term for d in directions))
+    values = np.concatenate([fit.values[:p], own, fit.values[p:]])
+    added = replace(fit.at(values, terms), jacobian=fit.jacobian)
+    which = _find_touched(terms, len(directions))
+    old = Errors(fit.jacobian.values[:p], fit.jacobian.volume[:p])
+    other = Errors(fit.jacobian.values[p:], fit.jacobian.volume[p:])
+    empty = Errors(np.zeros((len(own), old.values.shape[1])), np.zeros(len(own)))
+    jacobian = join(old, empty, other)
+    added = replace(added, jacobian=jacobian)
+    found = differentiate(
+        fit.motion, terms, values[: p + len(own)], added.plain_errors, which
+    )
+    jacobian.values[which], jacobian.volume[which] = found.values, found.volume
+    return descend(added)
+
+
+def _find_touched(terms: Sequence[Term], count: int) -> list[int]:
+    """Numbers of values whose response the last `count` terms may have changed.
+
+    Their own, and those of what they act at.
+    """
+    new = terms[-count:]
+    targets = [target for t in new for target in t.targets]
+    out: list[int] = []
+    at = 0
+    for t in terms:
+        near = any(
+            a.startswith(b) or b.startswith(a) for a in t.targets for b in targets
+        )
+        if near or t in new:
+            out += range(at, at + len(t.parameters))
+        at += len(t.parameters)
+    return out
+
+
+def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
+    """The fit without some terms, by their numbers, descended from where it was."""
+    keep = np.ones(len(fit.values), bool)
+    for i in removed:
+        keep[fit.slices[i]] = False
+    terms = tuple(t for i, t in enumerate(fit.terms) if i not in removed)
+    jacobian = Errors(fit.jacobian.values[keep], fit.jacobian.volume[keep])
+    less = replace(fit, terms=terms, values=fit.values[keep], jacobian=jacobian)
+    return descend(less.at(less.values))
+
+
+def invert(curvature: Floats) -> Floats:
+    """Inverse of a positive definite matrix (n, n) whose rows have their own units."""
+    size = 1 / np.sqrt(np.maximum(np.diag(curvature), np.finfo(float).tiny))
+    scaled = curvature * size * size[:, None]
+    return np.linalg.inv(scaled + RIDGE * np.eye(len(size))) * size * size[:, None]
