@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..estimation.quadratic_model import (
     stack_bounds,
 )
 from ..simulation.model_variants import split_values
-from .likelihood import compute_loss, weigh
+from .likelihood import Whitening, whiten
 from .model import (
     Direction,
     Errors,
@@ -79,17 +80,17 @@ class LinearFit:
         change = self.values[p:] @ self.jacobian.values[p:]
         return replace(self.errors, values=self.errors.values - change)
 
-    @property
-    def weights(self) -> Floats:
-        """(R (J + K)) of the errors."""
-        return weigh(self.errors, self.motion.width)
+    @cached_property
+    def whitening(self) -> Whitening:
+        """Of the errors."""
+        return whiten(self.motion, self.errors)
 
-    @property
+    @cached_property
     def cost(self) -> float:
         """Negative log-likelihood [nats] and prior, up to a constant."""
         precision, mean = self._prior
         prior = 0.5 * precision @ (self.values - mean) ** 2
-        return compute_loss(self.errors, self.motion.width) + float(prior)
+        return self.whitening.loss + float(prior)
 
     @property
     def _prior(self) -> tuple[Floats, Floats]:
@@ -107,18 +108,20 @@ class LinearFit:
         bound = np.full(len(self.values) - self.count, NUISANCE_BOUND)
         return np.append(low, -bound), np.append(high, bound), np.append(scale, bound)
 
-    def quadratic_model(self, weights: Floats) -> tuple[Floats, Floats]:
+    @cached_property
+    def quadratic_model(self) -> tuple[Floats, Floats]:
         """Curvature (P + K, P + K) and gradient (P + K) of the cost.
 
         That of -log det M is the square of its gradient, as of the logarithm of a
         single inertia.
         """
         precision, mean = self._prior
-        j, v = self.jacobian.values, self.jacobian.volume
+        j = self.whitening.apply(self.jacobian.values)
+        v = self.jacobian.volume
         rows = max(len(self.motion.windows), 1)
-        h = (j * weights) @ j.T + np.diag(precision) + np.outer(v, v) / rows
-        g = (j * weights) @ self.errors.values + precision * (self.values - mean) - v
-        return h, g
+        e = (self.whitening.weights * self.whitening.errors).ravel()
+        h = j @ j.T + np.diag(precision) + np.outer(v, v) / rows
+        return h, j @ e + precision * (self.values - mean) - v
 
     def at(self, values: Floats, terms: Sequence[Term] | None = None) -> "LinearFit":
         """The fit at other values (P + K), perhaps of other terms."""
@@ -126,7 +129,8 @@ class LinearFit:
         p, old = sum(len(t.parameters) for t in terms), self.count
         found = compute_errors(self.motion, terms, values[None, :p])
         nuisance = values[p:] @ self.jacobian.values[old:]
-        errors = Errors(found.values[0] + nuisance, found.volume[0])
+        errors = _take_first(found)
+        errors = replace(errors, values=errors.values + nuisance)
         return replace(self, terms=terms, values=values, errors=errors)
 
     def linearized(self) -> "LinearFit":
@@ -145,7 +149,10 @@ class LinearFit:
         def cut(errors: Errors) -> Errors:
             x = errors.values
             x = x.reshape(*x.shape[:-1], -1, width)[..., rows, :]
-            return Errors(x.reshape(*x.shape[:-2], -1), share * errors.volume)
+            inertia = None if errors.inertia is None else errors.inertia[rows]
+            return Errors(
+                x.reshape(*x.shape[:-2], -1), share * errors.volume, inertia
+            )
 
         return replace(
             self,
@@ -153,6 +160,11 @@ class LinearFit:
             errors=cut(self.errors),
             jacobian=cut(self.jacobian),
         )
+
+
+def _take_first(errors: Errors) -> Errors:
+    """The errors of the first of several hypotheses."""
+    return replace(errors, values=errors.values[0], volume=errors.volume[0])
 
 
 def join(*parts: Errors) -> Errors:
@@ -172,7 +184,7 @@ def start_fit(motion: MeasuredMotion, stated: Sequence[Term]) -> LinearFit:
     """
     values = np.ones(len(stated))
     found = compute_errors(motion, stated, values[None])
-    errors = Errors(found.values[0], found.volume[0])
+    errors = _take_first(found)
     own = differentiate(motion, stated, values, errors)
     other = compute_nuisance(motion, stated, values[None], errors)
     values = np.append(values, np.zeros(len(other.values)))
@@ -192,7 +204,7 @@ def descend(fit: LinearFit, iterations: int = ITERATIONS) -> LinearFit:
     low, high, scale = fit.bounds
     cost, share = fit.cost, 1.0
     for _ in range(iterations):
-        h, g = fit.quadratic_model(fit.weights)
+        h, g = fit.quadratic_model
         step = solve_bounded_step(
             h, g, low - fit.values, high - fit.values, scale, DAMPING
         )

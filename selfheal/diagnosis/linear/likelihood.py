@@ -1,12 +1,90 @@
-"""Likelihood of equation errors: heavy tails, and neighbors that are alike."""
+"""Likelihood of equation errors: noise of accelerations, and torques that are missing.
+
+The balance of torques of a window is e = M n + d, with inertia M, noise n of the
+accelerations that were read, and discrepancies d of each joint's torque. Its covariance
+is C = M S M' + D with diagonal S, which is known, and D. Whitened by a root of C errors
+have Student's t, so that blows do not count.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...recording.data import Floats
 from .model import Errors
+from .motion import MeasuredMotion
 
 FREEDOM = 4.0  # degrees of freedom of Student's t (Lange, Little and Taylor 1989)
 ITERATIONS = 20  # of its scale; each halves the error, or more
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """What makes errors independent and of unit variance, by window.
+
+    Attributes:
+        roots: (R, C, C) inverse roots of the covariance, in Student's scale.
+        weights: (R, C) roots of Student's weights of the errors.
+        errors: (R, C) whitened.
+        loss: negative log-likelihood [nats] of the errors, up to a constant.
+    """
+
+    roots: Floats
+    weights: Floats
+    errors: Floats
+    loss: float
+
+    def apply(self, changes: Floats) -> Floats:
+        """(..., R C) changes of errors, whitened and weighted."""
+        shape = changes.shape
+        x = changes.reshape(*shape[:-1], *self.errors.shape)
+        x = np.einsum("rij,...rj->...ri", self.roots, x) * self.weights
+        return x.reshape(shape)
+
+    def predict_loss(self, change: Floats, volume: float) -> float:
+        """The loss [nats] with other errors, in the same covariance.
+
+        Args:
+            change: (R C) of the errors.
+            volume: its change.
+        """
+        x = change.reshape(self.errors.shape)
+        r = self.errors + np.einsum("rij,rj->ri", self.roots, x)
+        scale = estimate_scale(r)
+        before = estimate_scale(self.errors)
+        gained = _sum_tails(self.errors, before) - _sum_tails(r, scale)
+        gained += len(r) * np.log(before / scale).sum()
+        return self.loss - float(gained) - volume
+
+
+def whiten(motion: MeasuredMotion, errors: Errors) -> Whitening:
+    """The whitening of a hypothesis's errors, with the likeliest discrepancies.
+
+    The loss is infinite where errors are not finite.
+    """
+    e = errors.values.reshape(-1, motion.width)
+    joints = len(motion.joints)
+    roots = np.zeros((len(e), motion.width, motion.width))
+    if not np.isfinite(e).all() or errors.inertia is None:
+        return Whitening(roots, np.zeros_like(e), e, np.inf)
+    noise = errors.inertia * motion.acceleration_noise
+    noise = noise @ noise.swapaxes(-1, -2)
+    known = np.einsum("rjj->rj", noise)
+    spread = estimate_scale(e) ** 2
+    missing = np.maximum(spread[:joints] - np.median(known, axis=0), 0.0)
+    missing += 1e-6 * spread[:joints] + np.finfo(float).tiny
+    covariance = noise + missing * np.eye(joints)
+    root = np.linalg.cholesky(covariance)
+    roots[:, :joints, :joints] = np.linalg.inv(root)
+    other = np.arange(joints, motion.width)
+    roots[:, other, other] = 1 / np.sqrt(spread[joints:])
+    r = np.einsum("rij,rj->ri", roots, e)
+    scale = estimate_scale(r)
+    size = np.log(np.einsum("rjj->rj", roots)).sum() + errors.volume
+    loss = len(e) * np.log(scale).sum() - size + _sum_tails(r, scale)
+    r, roots = r / scale, roots / scale[:, None]
+    weights = np.sqrt((FREEDOM + 1) / (FREEDOM + r**2))
+    return Whitening(roots, weights, r, float(loss))
 
 
 def estimate_scale(errors: Floats) -> Floats:
@@ -20,35 +98,18 @@ def estimate_scale(errors: Floats) -> Floats:
     return scale
 
 
-def weigh(errors: Errors, width: int) -> Floats:
-    """(R C) Student's weights over the squared scale of each of C columns."""
-    e = errors.values.reshape(-1, width)
-    scale = estimate_scale(e)
-    return ((FREEDOM + 1) / (FREEDOM * scale**2 + e**2)).ravel()
+def _sum_tails(errors: Floats, scale: Floats) -> float:
+    """What Student's t makes of errors (R, C) beside their scale (C) [nats]."""
+    return float((FREEDOM + 1) / 2 * np.log1p((errors / scale) ** 2 / FREEDOM).sum())
 
 
-def compute_loss(errors: Errors, width: int) -> float:
-    """Negative log-likelihood [nats] of errors, up to a constant.
-
-    Student's t with the likeliest scale of each column; infinite where they are not
-    finite.
-    """
-    e = errors.values.reshape(-1, width)
-    if not np.isfinite(e).all():
-        return np.inf
-    scale = estimate_scale(e)
-    tails = np.log1p((e / scale) ** 2 / FREEDOM).sum()
-    size = len(e) * np.log(scale).sum() - errors.volume
-    return float(size + (FREEDOM + 1) / 2 * tails)
-
-
-def estimate_independence(errors: Errors, weights: Floats, width: int) -> float:
+def estimate_independence(whitening: Whitening) -> float:
     """Share of rows that are independent, by the correlation of neighbors in time.
 
     R / (1 + 2 sum_k rho_k), over the lags whose autocorrelation is beyond two standard
     errors of none; the mean over the columns.
     """
-    x = (np.sqrt(weights) * errors.values).reshape(-1, width)
+    x = whitening.weights * whitening.errors
     count, shares = len(x), []
     for column in x.T:
         total, power = 1.0, column @ column

@@ -22,6 +22,7 @@ from .motion import MeasuredMotion, Readings
 OWN_SHARE = 1e-3
 # of the scale of a parameter, the step of a derivative; its square is below rounding
 DERIVATIVE_STEP = 1e-2
+ROUNDING = 1e-9  # share of the errors below which a change of them is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +33,13 @@ class Errors:
         values: (..., R (J + K)) balance of torques [N m or N] of J joints in R windows,
             and K mismatches of velocities [rad/s or m/s].
         volume: (...) sum of log det M over the windows, M the joints' inertia.
+        inertia: (R, J, J) M of a single hypothesis, mean over each window; of several
+            it is not kept.
     """
 
     values: Floats
     volume: Floats
+    inertia: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +108,11 @@ def compute_errors(
     mismatch = np.stack([r.mismatch for r in read])
     averaged = motion.average(np.concatenate([torque, mismatch], axis=-1))
     volume = motion.average(np.linalg.slogdet(m)[1][..., None]).sum(axis=(-1, -2))
-    return Errors(averaged.reshape(len(averaged), -1), volume)
+    mean = None
+    if len(m) == 1:
+        flat = m[0].reshape(len(motion.moments), -1)
+        mean = motion.average(flat).reshape(-1, *m.shape[2:])
+    return Errors(averaged.reshape(len(averaged), -1), volume, mean)
 
 
 def _split(
@@ -279,7 +287,9 @@ def _propose(
     changes, volumes = found.values - errors.values, found.volume - errors.volume
     start = nominal if is_finite else np.full(len(nominal), np.nan)
     count, out = len(steps), []
-    shown = np.flatnonzero(np.linalg.norm(changes[:count], axis=1) > 0)
+    size = np.linalg.norm(changes, axis=1)
+    is_shown = size > ROUNDING * np.linalg.norm(errors.values)  # and no NaN
+    shown = np.flatnonzero(is_shown[:count])
     if len(shown):
         unit = 1 / DERIVATIVE_STEP
         out.append(
@@ -288,11 +298,11 @@ def _propose(
                 unit * changes[shown], unit * volumes[shown],
             )
         )  # fmt: skip
-    size = 2 if term.effect.is_periodic else 1
-    for i in range(count, len(tried) - size + 1, size):
-        a = slice(i, i + size)
+    width = 2 if term.effect.is_periodic else 1
+    for i in range(count, len(tried) - width + 1, width):
+        a = slice(i, i + width)
         columns = changes[a]
-        if not (np.linalg.norm(columns, axis=1) > 0).all():
+        if not is_shown[a].all():
             continue
         if len(shown) and not _is_new(columns, changes[shown]):
             continue

@@ -198,10 +198,10 @@ class MeasuredMotion:
 
     @cached_property
     def acceleration_noise(self) -> Floats:
-        """(J) standard deviation of what noise does to accelerations, about."""
+        """(J) standard deviation of the noise of a window's acceleration, about."""
         noisy = self.draw_noise(np.random.default_rng(0)).read({}).acceleration
-        change = np.abs(noisy - self.read({}).acceleration)
-        return 1.4826 * np.median(change, axis=0)
+        change = self.average(noisy - self.read({}).acceleration)
+        return 1.4826 * np.median(np.abs(change), axis=0)
 
     def draw_noise(self, rng) -> "MeasuredMotion":
         """The motion with more noise of the readings' size added to them."""

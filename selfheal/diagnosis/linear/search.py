@@ -20,8 +20,8 @@ from .fit import (
     remove_terms,
     start_fit,
 )
-from .likelihood import compute_loss, estimate_independence
-from .model import Direction, Errors, propose_directions
+from .likelihood import estimate_independence
+from .model import Direction, propose_directions
 from .motion import MeasuredMotion
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
@@ -29,6 +29,7 @@ SCREENED_MOMENTS = 500  # in which all candidates are tried
 FINALISTS = 30  # of them, that are tried in all moments
 TRIED = 3  # moves that are fitted beyond the best one
 MOST_EFFECTS = 60
+LEAST_VOLUME = -0.9  # change of log det M, in its first order
 COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
 
 Move = tuple[Direction, ...]
@@ -90,9 +91,9 @@ class Search:
 
     def _independence(self) -> tuple[float, float]:
         """Share of independent errors, and their number."""
-        fit, weights = self.fit, self.fit.weights
-        share = estimate_independence(fit.errors, weights, fit.motion.width)
-        return share, share * weights.size
+        whitening = self.fit.whitening
+        share = estimate_independence(whitening)
+        return share, share * whitening.errors.size
 
     def _propose(self) -> list[Direction]:
         """Directions of the candidates that seem best in a part of the windows."""
@@ -165,7 +166,7 @@ class Search:
         To first order, all others refitted; the most needless first.
         """
         fit, (share, rows) = self.fit, self._independence()
-        inverse = invert(fit.quadratic_model(fit.weights)[0])
+        inverse = invert(fit.quadratic_model[0])
         offsets = {}
         for i, t in list(enumerate(fit.terms))[fit.stated :]:
             nominal = np.clip([p.nominal for p in t.parameters], t.low, t.high)
@@ -236,8 +237,7 @@ def rank(
     """
     if not moves:
         return []
-    weights = fit.weights
-    h, g = fit.quadratic_model(weights)
+    h, g = fit.quadratic_model
     low, high, scale = fit.bounds
     step = solve_bounded_step(h, g, low - fit.values, high - fit.values, scale, 1e-9)
     at = fit.values + step
@@ -252,20 +252,18 @@ def rank(
     }
     x = np.vstack([d.columns for d in directions])
     volumes = np.concatenate([d.volumes for d in directions])
-    j, own_volumes = fit.jacobian.values[free], fit.jacobian.volume
-    rest = Errors(
-        fit.errors.values + step @ fit.jacobian.values,
-        fit.errors.volume + step @ own_volumes,
-    )
-    xw = x * weights
-    cross = xw @ j.T + np.outer(volumes, own_volumes[free]) / rows
+    whitening, jacobian = fit.whitening, fit.jacobian
+    own_volumes = jacobian.volume
+    xw, jw = whitening.apply(x), whitening.apply(jacobian.values)
+    errors = (whitening.weights * whitening.errors).ravel() + step @ jw
+    cross = xw @ jw[free].T + np.outer(volumes, own_volumes[free]) / rows
     solved = cross @ invert(h[np.ix_(free, free)])
-    score = xw @ rest.values - volumes * (1 - step @ own_volumes / rows)
+    score = xw @ errors - volumes * (1 - step @ own_volumes / rows)
     score -= solved @ (g + h @ step)[free]
     found = []
     for move in moves:
         a = np.concatenate([columns[id(d)] for d in move])
-        whole = xw[a] @ x[a].T + np.outer(volumes[a], volumes[a]) / rows
+        whole = xw[a] @ xw[a].T + np.outer(volumes[a], volumes[a]) / rows
         own = whole - solved[a] @ cross[a].T
         if (np.diag(own) < COLLINEAR_SHARE * np.diag(whole)).any():
             continue
@@ -278,12 +276,15 @@ def rank(
         gain = float(-(score[a] @ z + 0.5 * z @ own @ z))
         found.append((gain, move, z, a))
     found.sort(key=lambda each: -each[0])
-    before, out = compute_loss(rest, fit.motion.width), {}
+    moved = step @ jacobian.values
+    before = whitening.predict_loss(moved, float(step @ own_volumes))
+    out: dict[str, tuple[float, Move, Floats]] = {}
     for _, move, z, a in found[: 2 * FINALISTS]:
-        change = z @ (x[a] - solved[a] @ j)
+        change = moved + z @ (x[a] - solved[a] @ jacobian.values[free])
         volume = z @ (volumes[a] - solved[a] @ own_volumes[free])
-        moved = Errors(rest.values + change, rest.volume + rows * np.log1p(max(volume / rows, -0.9)))
-        gain = before - compute_loss(moved, fit.motion.width)
+        volume = rows * np.log1p(max(volume / rows, LEAST_VOLUME))
+        after = whitening.predict_loss(change, float(step @ own_volumes + volume))
+        gain = before - after
         if _name(move) not in out or gain > out[_name(move)][0]:
             out[_name(move)] = gain, move, z
     return sorted(out.values(), key=lambda each: -each[0])
