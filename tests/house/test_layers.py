@@ -17,7 +17,8 @@ ROOMS = [
 ]
 INNER = {  # rooms of rooms
     "diagnosis": [
-        *("data", "effects", "simulation", "estimation", "selection", "output"),
+        *("data", "effects", "simulation", "estimation", "linear", "selection"),
+        "output",
         "diagnose",
     ],
 }

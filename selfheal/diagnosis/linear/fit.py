@@ -150,9 +150,7 @@ class LinearFit:
             x = errors.values
             x = x.reshape(*x.shape[:-1], -1, width)[..., rows, :]
             inertia = None if errors.inertia is None else errors.inertia[rows]
-            return Errors(
-                x.reshape(*x.shape[:-2], -1), share * errors.volume, inertia
-            )
+            return Errors(x.reshape(*x.shape[:-2], -1), share * errors.volume, inertia)
 
         return replace(
             self,
@@ -289,15 +287,24 @@ def _find_touched(terms: Sequence[Term], count: int) -> list[int]:
     return out
 
 
-def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
-    """The fit without some terms, by their numbers, descended from where it was."""
+def remove_terms(
+    fit: LinearFit, removed: Sequence[int], *, descends: bool = True
+) -> LinearFit:
+    """The fit without some terms, by their numbers.
+
+    Args:
+        fit: with them.
+        removed: numbers of the terms.
+        descends: whether the other values are fitted again.
+    """
     keep = np.ones(len(fit.values), bool)
     for i in removed:
         keep[fit.slices[i]] = False
     terms = tuple(t for i, t in enumerate(fit.terms) if i not in removed)
     jacobian = Errors(fit.jacobian.values[keep], fit.jacobian.volume[keep])
     less = replace(fit, terms=terms, values=fit.values[keep], jacobian=jacobian)
-    return descend(less.at(less.values))
+    less = less.at(less.values)
+    return descend(less) if descends else less
 
 
 def invert(curvature: Floats) -> Floats:

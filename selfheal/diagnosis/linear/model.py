@@ -169,9 +169,7 @@ def _list_changes(
     for name, by_kind in changes.items():
         if name in motion.half_widths:
             for i, change in enumerate(out):
-                change[name] = {
-                    k: np.ravel(v[i])[0].item() for k, v in by_kind.items()
-                }
+                change[name] = {k: np.ravel(v[i])[0].item() for k, v in by_kind.items()}
     return out
 
 

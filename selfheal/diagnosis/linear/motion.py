@@ -71,9 +71,7 @@ def _fit_quartics(time: Floats, y: Floats, m: int) -> _Quartics:
     basis = (times / half[:, None])[..., None] ** np.arange(DEGREE + 1)
     basis = basis * known[..., None]
     normal = np.einsum("wki,wkj->wij", basis, basis)
-    enough = (known.sum(axis=1) > DEGREE + 1) & (
-        np.linalg.cond(normal) < MAX_CONDITION
-    )
+    enough = (known.sum(axis=1) > DEGREE + 1) & (np.linalg.cond(normal) < MAX_CONDITION)
     half = half[enough]
     inverse = np.linalg.inv(normal[enough])
     right = np.einsum("wki,wk->wi", basis[enough], np.nan_to_num(values[enough]))
@@ -260,6 +258,16 @@ class MeasuredMotion:
 BLOCKS = 24  # of windows, at most, as many as a cross-validation needs
 
 
+def is_measured(simulator: Simulator) -> bool:
+    """Whether equation errors tell all: hinges and slides that are read, and no contact."""
+    model = simulator.compiler.nominal
+    read = {c.target for c in simulator.channels if c.kind == "joint_position"}
+    return not simulator.has_contact and all(
+        model.jnt_type[j] in (2, 3) and model.joint(j).name in read
+        for j in range(model.njnt)
+    )
+
+
 def measure_motion(simulator: Simulator) -> MeasuredMotion:
     """States and accelerations of all hinges and slides that are read."""
     model = simulator.compiler.nominal
@@ -297,7 +305,10 @@ def measure_motion(simulator: Simulator) -> MeasuredMotion:
     known = np.isfinite(np.hstack(astuple(read_all))).all(axis=1)
     rows = np.flatnonzero(known[motion.windows].all(axis=1))
     block = np.arange(len(rows)) * min(BLOCKS, len(rows)) // max(len(rows), 1)
-    return replace(replace(motion, block=np.zeros(len(motion.windows), int)).select(rows), block=block)
+    return replace(
+        replace(motion, block=np.zeros(len(motion.windows), int)).select(rows),
+        block=block,
+    )
 
 
 def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:

@@ -33,7 +33,7 @@ LEAST_VOLUME = -0.9  # change of log det M, in its first order
 COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
 
 Move = tuple[Direction, ...]
-Log = Callable[..., None]
+Progress = Callable[[str, float], None]
 
 
 class Search:
@@ -44,7 +44,7 @@ class Search:
         motion: MeasuredMotion,
         stated: Sequence[Term],
         candidates: Sequence[Term],
-        log: Log = lambda *what: None,
+        progress: Progress = lambda what, share: None,
     ) -> None:
         """What is searched.
 
@@ -52,11 +52,12 @@ class Search:
             motion: as measured.
             stated: terms of the values that the model states.
             candidates: terms that may be added.
-            log: called with what is tried.
+            progress: called with a message and a share (0 to 1).
         """
-        self.candidates, self.log = candidates, log
+        self.candidates, self.say = candidates, progress
         self.fit = start_fit(motion, stated)
         self._excluded: set[str] = set()
+        self._directions: list[Direction] = []
 
     def run(self) -> LinearFit:
         """The set of effects at the end, fitted."""
@@ -64,6 +65,7 @@ class Search:
         while len(self.fit.named) < MOST_EFFECTS:
             if not directions:
                 directions, is_fresh = self._propose(), True
+                self._directions = directions
             new = self._select(directions)
             if new is not None:
                 before = {t.key for t in self.fit.named}
@@ -76,6 +78,21 @@ class Search:
                 self.fit = refine(self.fit)
                 directions, self._excluded = [], set()
         return self._eliminate(refine(self.fit))
+
+    def find_rivals(self, term: Term) -> tuple[Term, ...]:
+        """Candidates that explain as much in a term's place, the likeliest first.
+
+        Those whose gain is less by no more than what a parameter more would have to
+        gain.
+        """
+        fit, (share, rows) = self.fit, self._independence()
+        less = remove_terms(fit, [fit.terms.index(term)], descends=False)
+        moves = [(d,) for d in self._directions if is_distinct(d.term, less.named)]
+        own = [(d,) for d in _differentiate(less, [term])]
+        ranked = rank(less, [*own, *(m for m in moves if m[0].term.key != term.key)])
+        gains = {move[0].term: gain for gain, move, _ in ranked}
+        least = gains.get(term, np.inf) - 0.5 * np.log(rows) / share
+        return tuple(t for t, gain in gains.items() if gain >= least and t is not term)
 
     def _penalty(self, term: Term, rows: float) -> float:
         """[nats] by which a term has to lower the cost.
@@ -117,7 +134,9 @@ class Search:
         least = {id(m): sum(self._penalty(d.term, rows) for d in m) for m in moves}
         ranked = rank(fit, moves)
         ranked.sort(key=lambda each: least[id(each[1])] - share * each[0])
-        self.log(len(fit.named), round(share, 2), [(_name(m), round(g)) for g, m, _ in ranked[:4]])
+        if ranked:
+            gain, move, _ = ranked[0]
+            self.say(f"{move[0].term.label} explains {gain:.0f} nats", 0.0)
         new, best, worse = None, 0.0, 0
         for gain, move, coordinates in ranked:
             if share * gain < least[id(move)] or worse == TRIED or (new and worse):
@@ -129,7 +148,6 @@ class Search:
             is_small = all(
                 d.term.is_negligible(v) for d, v in zip(move, values, strict=True)
             )
-            self.log("     ", _name(move), [np.round(v, 5).tolist() for v in values][:4], round(gained), "predicted", round(gain), "small" if is_small else "")
             if net < 0 or is_small:
                 self._excluded.add(_name(move))
             if net > best and not is_small:
@@ -152,7 +170,6 @@ class Search:
             while removed:
                 less = remove_terms(self.fit, removed)
                 lost = less.cost - self.fit.cost
-                self.log("     drop", [self.fit.terms[i].label for i in removed], round(lost, 1), round(least[len(removed) - 1], 1))
                 if lost <= least[len(removed) - 1]:
                     self.fit = less
                     break
@@ -223,9 +240,7 @@ def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
     return moves + [tuple(g.values()) for g in groups.values() if len(g) > 1]
 
 
-def rank(
-    fit: LinearFit, moves: Sequence[Move]
-) -> list[tuple[float, Move, Floats]]:
+def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Floats]]:
     """Gain [nats], move and coordinates (k) of each beside a fit, the best first.
 
     All values of the fit answer to first order (Schur complement); those at a bound

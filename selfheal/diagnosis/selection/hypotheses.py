@@ -16,6 +16,7 @@ from ..estimation.settings import FIT
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
 from .evidence import Evidence
+from .linear_start import search_linear_model
 from .screening import (
     Progress,
     draw_segments,
@@ -27,7 +28,6 @@ from .search_state import SearchState, start_state
 from .settings import SELECTION
 from .stepwise import predicts_better, search_forward, vet_untested
 from .whole_drives import (
-    estimate_usual_gain,
     fit_usual_effects,
     lengthen_segments,
     search_backward,
@@ -152,10 +152,11 @@ def name_effects(
     start = lengthen_segments(start, longer)
     if start.is_complete:
         return [_finish_search(_add_plain(start, start, record), problem)]
-    if problem.regime.has_rough_cost:
-        states = _search_in_contact(start, longer, rng, record)
+    linear = search_linear_model(start, longer, rng, record)
+    if linear is not None:
+        states = _search_measured(start, linear, longer, rng, record)
     else:
-        states = _search_both_ways(start, longer, rng, record)
+        states = _search_in_contact(start, longer, rng, record)
     plain = states[0].plain or states[-1].plain
     return [_finish_search(replace(s, plain=plain), problem) for s in states]
 
@@ -181,20 +182,21 @@ def finish_early(
     return [_finish_search(vet_untested(state, rng), problem) for state in states]
 
 
-def _search_both_ways(
+def _search_measured(
     start: SearchState,
+    linear: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
     record: SearchRecord,
 ) -> list[SearchState]:
-    """Search backward from all usual effects at once, and forward from none.
+    """Search on from what the linear model says.
 
-    One name ends the search if it leaves noise alone, to which all usual effects could
-    add little: no other hypothesis is simpler. So does it that none earns a name.
-    What the backward search leaves is searched forward, too, if nothing explains all.
+    What it cannot have, as play inside a gear, is searched by simulations; and all is,
+    where its effects leave something.
 
     Args:
         start: state in which nothing has a name yet.
+        linear: with the effects of the linear model.
         longer: longer and longer segments.
         rng: draws segments and resamples.
         record: of what was tried and found.
@@ -202,39 +204,12 @@ def _search_both_ways(
     Returns:
         The states at the end, the likelier first.
     """
-    forward = search_forward(start, rng, record, 1)
-    if (forward.is_complete or not forward.named) and (
-        estimate_usual_gain(forward.with_candidates(start.candidates))
-        < SELECTION.max_usual_gain
-    ):
-        if not forward.named:
-            return [_add_plain(forward, start, record)]
-        extended = lengthen_segments(forward, longer)
-        if extended.is_complete:
-            return [extended]
-    backward = search_backward(start, longer, rng, record)
-    if backward is None or not backward.named:
-        forward = replace(forward, plain=backward.plain if backward else None)
-        if forward.named:
-            forward = _search_to_end(forward, longer, rng, record)
-        return [forward]
-    count = len(backward.named)
-    if count > SELECTION.max_rivals:  # a few others would have to do as much
-        if not backward.is_explained and predicts_better(forward, backward):
-            forward = _search_to_end(forward, longer, rng, record)
-    elif backward.is_explained:  # only as many others, or fewer, can be likelier
-        forward = search_forward(forward, rng, record, count - 1)
-    else:
-        forward = _search_to_end(forward, longer, rng, record)
-    backward = backward.with_history_of(forward)
-    if not backward.is_explained and not forward.is_explained:
-        # beside many names each round is dear, and little is left to gain
-        is_near = count > SELECTION.max_rivals and (
-            backward.noise_ratio < FIT.unexplained_ratio
-        )
-        most = 1 if is_near else SELECTION.max_effects
-        backward = search_forward(backward, rng, record, most)
-    return _rank(backward, forward)
+    if linear.named and linear.is_explained:
+        return [linear]
+    found = _search_to_end(linear, longer, rng, record)
+    if not found.named or found.is_explained:
+        return [_add_plain(found, start, record)]
+    return [replace(found, plain=fit_usual_effects(start, record))]
 
 
 def _search_in_contact(

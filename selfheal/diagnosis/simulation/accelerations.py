@@ -7,7 +7,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Term, implements
+from ..effects.base import Term
 from .batch import BatchState, Hypotheses, allow_divergence, find_diverged, make_batch
 from .commands import compute_commands
 from .initial_states import InitialStates

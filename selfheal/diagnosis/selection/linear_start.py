@@ -1,0 +1,80 @@
+"""From equation errors to simulations: takes a search's state, gives it with effects.
+
+Which effects are missing, and about how large they are, the linear model tells. Their
+values are then fitted to simulations, in segments as long as the robot can be
+predicted, and what these do not ask for is removed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..estimation.least_squares import fit_parameters
+from ..estimation.marginalization import marginalize_initial_states
+from ..estimation.problem import Problem
+from ..linear.model import can_be_linear
+from ..linear.motion import is_measured, measure_motion
+from ..linear.search import Search
+from .criteria import Claim
+from .cross_validation import ScoredFit
+from .search_record import SearchRecord
+from .search_state import SearchState, reweight_and_fit
+from .settings import SELECTION
+from .stepwise import keep_significant, remove_and_exchange
+from .whole_drives import fit_longer
+
+MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
+
+
+def search_linear_model(
+    state: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    record: SearchRecord,
+) -> SearchState | None:
+    """The state with the effects that the linear model asks for, fitted and tested.
+
+    Args:
+        state: in which nothing has a name.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
+        record: of what was tried and found.
+
+    Returns:
+        The state; None where not all joints are read, or something touches.
+    """
+    simulator = state.problem.simulator
+    candidates = [t for t in state.candidates if can_be_linear(t)]
+    if not is_measured(simulator) or any(t.onset for t in candidates):
+        return None
+    record("measuring accelerations", 0.0)
+    motion = measure_motion(simulator)
+    if len(motion.windows) < MIN_WINDOWS:
+        return None
+    stated = state.best.fit.terms[: state.nominal_count]
+    search = Search(motion, stated, candidates, record)
+    linear = search.run()
+    record.add_tried(candidates)
+    state = replace(state, direction="linear")
+    if not linear.named:
+        return state
+    record(f"fitting {len(linear.named)} effects to simulations", 0.0)
+    terms, values = linear.terms, linear.values[: linear.count]
+    problem = marginalize_initial_states(state.problem, terms, values)
+    fit = fit_parameters(problem, terms, values, iterations=4)
+    for _ in range(SELECTION.reweightings_of_all):
+        fit = reweight_and_fit(fit, 4, tries_multiples=False).fit
+    record.keep(state.with_fit(ScoredFit.from_fit(fit)))
+    fit = fit_longer(fit, longer)
+    state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))
+    record.keep(state)
+    state, _ = remove_and_exchange(state)
+    state = keep_significant(state, linear.named, rng)
+    for term in state.named:
+        if term in linear.named and term.key in state.claims:
+            rivals = search.find_rivals(term)
+            claim = Claim(state.claims[term.key].evidence, rivals, rivals)
+            state = state.with_claim(term, claim)
+    record.keep(state)
+    return state
