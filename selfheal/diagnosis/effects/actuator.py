@@ -13,6 +13,7 @@ from ...recording.actuator_laws import (
 )
 from .by_target import ActuatorEffect
 from .commands import (
+    STALE_STEPS,
     change_columns,
     delay_column,
     filter_column,
@@ -36,13 +37,10 @@ class CommandDelay(ActuatorEffect):
     native_is_stepwise = True
 
     def make_parameters(self, robot, actuator):
+        least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
         return (
             self.make_parameter(
-                "delay",
-                low=0.0,
-                high=0.3,
-                scale=0.01,
-                resolution=robot.contact_timing_error,
+                "delay", low=0.0, high=0.3, scale=0.01, resolution=least
             ),
         )
 
@@ -92,7 +90,12 @@ class ActuatorLag(ActuatorEffect):
     holds_previous_command = True
 
     def make_parameters(self, robot, actuator):
-        return (self.make_parameter("timeconst", low=0.0, high=1.0, scale=0.02),)
+        least = STALE_STEPS * robot.timestep
+        return (
+            self.make_parameter(
+                "timeconst", low=0.0, high=1.0, scale=0.02, resolution=least
+            ),
+        )
 
     def make_initial_values(self, robot, actuator):
         return ((0.01,), (0.05,), (0.2,))

@@ -8,6 +8,9 @@ from ...body.changes import limit_rate
 from ...recording.data import Floats
 
 # steps of a simulation by which a command may act early or late; chosen: an integrator
+# share of a time step below which a delay is how recordings are made: who records a
+# simulation, or a control loop, reads what was computed a moment ago; chosen
+STALE_STEPS = 0.5
 # of first order moves it by half a step
 SAME_INSTANT_STEPS = 1.5
 

@@ -2,11 +2,9 @@
 
 from ..data.robot_summary import Channel, RobotSummary
 from .by_target import SensorEffect
+from .commands import STALE_STEPS
 from .declaration import ParameterSpec
 
-# share of a time step below which a delay is how recordings are made: who records a
-# simulation, or a control loop, reads what was computed a moment ago; chosen
-STALE_STEPS = 0.5
 GAIN_RESOLUTION = 0.005  # of a gain, as well as sensors are calibrated; chosen
 
 

@@ -22,7 +22,7 @@ from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term
 from ..effects.terms import remove_rounding
 from ..simulation.dataset import (
-    LONG_SEGMENTS,
+    FITTED_SEGMENTS,
     MIN_SEGMENTS,
     MIN_SNR,
     SHORT_SEGMENT,
@@ -317,7 +317,7 @@ def build_longer_problems(dataset: Dataset, problem: Problem) -> list[Problem]:
         problem: in short segments, whose weights are used.
     """
     longer = []
-    for seconds in LONG_SEGMENTS:
+    for seconds in FITTED_SEGMENTS:
         segments = cut_readable_segments(dataset.training, seconds)
         if len(segments) < min(FIT.min_long_segments, len(problem.segments)):
             break

@@ -287,24 +287,15 @@ def _find_touched(terms: Sequence[Term], count: int) -> list[int]:
     return out
 
 
-def remove_terms(
-    fit: LinearFit, removed: Sequence[int], *, descends: bool = True
-) -> LinearFit:
-    """The fit without some terms, by their numbers.
-
-    Args:
-        fit: with them.
-        removed: numbers of the terms.
-        descends: whether the other values are fitted again.
-    """
+def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
+    """The fit without some terms, by their numbers, descended from where it was."""
     keep = np.ones(len(fit.values), bool)
     for i in removed:
         keep[fit.slices[i]] = False
     terms = tuple(t for i, t in enumerate(fit.terms) if i not in removed)
     jacobian = Errors(fit.jacobian.values[keep], fit.jacobian.volume[keep])
     less = replace(fit, terms=terms, values=fit.values[keep], jacobian=jacobian)
-    less = less.at(less.values)
-    return descend(less) if descends else less
+    return descend(less.at(less.values))
 
 
 def invert(curvature: Floats) -> Floats:

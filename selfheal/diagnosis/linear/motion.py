@@ -108,7 +108,7 @@ def _choose_half_width(
     best, before = HALF_WIDTHS[0], None
     for m in HALF_WIDTHS:
         kernel = np.convolve(_derivative_kernel(m, order, gap), hann / hann.sum())
-        if len(kernel) > len(y) or (before is not None and m * gap > window / 2):
+        if len(kernel) > len(y) or (before is not None and m * gap > window / 4):
             break
         if before is not None:
             change = kernel.copy()
@@ -258,8 +258,20 @@ class MeasuredMotion:
 BLOCKS = 24  # of windows, at most, as many as a cross-validation needs
 
 
+def _find_prime(least: float) -> int:
+    """The smallest prime that is no less, or 1.
+
+    Moments so many steps apart lie at all phases of a command that is held for a whole
+    number of steps: it counts by its mean.
+    """
+    n = max(1, int(np.ceil(least)))
+    while any(n % k == 0 for k in range(2, int(n**0.5) + 1)):
+        n += 1
+    return n
+
+
 def is_measured(simulator: Simulator) -> bool:
-    """Whether equation errors tell all: hinges and slides that are read, and no contact."""
+    """Whether all joints are hinges and slides that are read, and nothing touches."""
     model = simulator.compiler.nominal
     read = {c.target for c in simulator.channels if c.kind == "joint_position"}
     return not simulator.has_contact and all(
@@ -281,7 +293,7 @@ def measure_motion(simulator: Simulator) -> MeasuredMotion:
     times = [e.sample_steps * step for e in simulator.episodes]
     gap = float(np.median(np.concatenate([np.diff(t) for t in times])))
     window = max(WINDOW_SECONDS, MIN_WINDOW_SAMPLES * gap)
-    apart = max(1, round(window / MOMENTS_PER_WINDOW / step))
+    apart = _find_prime(window / MOMENTS_PER_WINDOW / step)
     firsts = [np.arange(0, int(e.sample_steps[-1]), apart) for e in simulator.episodes]
     count, windows = 0, [np.zeros((0, MOMENTS_PER_WINDOW), int)]
     for first in firsts:

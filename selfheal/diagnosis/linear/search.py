@@ -86,13 +86,19 @@ class Search:
         gain.
         """
         fit, (share, rows) = self.fit, self._independence()
-        less = remove_terms(fit, [fit.terms.index(term)], descends=False)
+        less = remove_terms(fit, [fit.terms.index(term)])
+        least = less.cost - fit.cost - 0.5 * np.log(rows) / share
         moves = [(d,) for d in self._directions if is_distinct(d.term, less.named)]
-        own = [(d,) for d in _differentiate(less, [term])]
-        ranked = rank(less, [*own, *(m for m in moves if m[0].term.key != term.key)])
-        gains = {move[0].term: gain for gain, move, _ in ranked}
-        least = gains.get(term, np.inf) - 0.5 * np.log(rows) / share
-        return tuple(t for t, gain in gains.items() if gain >= least and t is not term)
+        ranked = rank(less, [m for m in moves if m[0].term.key != term.key])
+        found = []
+        for gain, move, coordinates in ranked[: 2 * TRIED]:
+            if gain < least:
+                break
+            gained = less.cost - add_terms(less, move, coordinates).cost
+            if gained >= least:
+                found.append((gained, move[0].term))
+        found.sort(key=lambda each: -each[0])
+        return tuple(t for _, t in found)
 
     def _penalty(self, term: Term, rows: float) -> float:
         """[nats] by which a term has to lower the cost.
@@ -161,7 +167,7 @@ class Search:
         return _name(move) not in self._excluded
 
     def _eliminate(self, fit: LinearFit) -> LinearFit:
-        """The fit without terms that cost less than their penalty, or are as good as 0."""
+        """The fit without terms whose removal costs less than their penalty."""
         self.fit, needed = fit, set[tuple]()
         while True:
             removed, least = self._plan_removal(needed)
@@ -306,7 +312,7 @@ def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Float
 
 
 def _bound_coordinates(direction: Direction) -> tuple[Floats, Floats]:
-    """Bounds (k) of a direction's coordinates, each alone, within those of the values."""
+    """Bounds (k) of coordinates, each alone, within those of the values."""
     count, term = len(direction.steps), direction.term
     if not np.isfinite(direction.start).all():
         return np.zeros(count), np.ones(count)

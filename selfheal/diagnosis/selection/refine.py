@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Onset
 from ..estimation.least_squares import fit_parameters, refine_undamped
@@ -19,7 +20,7 @@ from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored, reestimate_misleading_states
 from ..estimation.settings import FIT
 from ..simulation.dataset import (
-    LONG_SEGMENTS,
+    FITTED_SEGMENTS,
     SHORT_SEGMENT,
     Dataset,
     cut_readable_segments,
@@ -55,9 +56,9 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
         segments = _cut(dataset, seconds, onsets)
         return subsample_problem(Problem(dataset.training, segments, sigma), steps, rng)
 
-    lengths = (SHORT_SEGMENT, *LONG_SEGMENTS[: 1 if onsets else None])
+    lengths = (SHORT_SEGMENT, *FITTED_SEGMENTS[: 1 if onsets else None])
     informative = keep_informative(map(pose, lengths), fit.terms, fit.values)
-    return _refit(_find_longest_predicted(informative, hypothesis), hypothesis)
+    return _refit(*_lengthen(informative, hypothesis), hypothesis)
 
 
 def _cut(dataset: Dataset, seconds: float, onsets: Sequence[Onset]) -> Segments:
@@ -75,33 +76,46 @@ def _cut(dataset: Dataset, seconds: float, onsets: Sequence[Onset]) -> Segments:
     return segments.select(np.flatnonzero(keeps)) if keeps.any() else segments
 
 
-def _find_longest_predicted(
+def _lengthen(
     problems: Sequence[Problem], hypothesis: Hypothesis
-) -> Problem:
-    """The longest segments that are predicted about as well as those of the search.
+) -> tuple[Problem, Floats]:
+    """The longest segments that a hypothesis can be made to predict as well as short.
 
-    Over longer ones errors of the time step, or of what is still missing, can grow so
-    far that they decide the fit.
+    What builds up over longer ones is fitted there first. Over still longer ones errors
+    of the time step, or of what is missing, can grow so far that they decide the fit.
 
     Args:
         problems: in longer and longer segments.
         hypothesis: with a fit to the segments of the search.
+
+    Returns:
+        The segments, and values (P) of the hypothesis that were fitted on the way.
     """
     fit = hypothesis.final.fit
-    usual = max(1.0, noise_ratio(fit))
-    for problem in reversed(problems):
-        longest = marginalize_initial_states(problem, fit.terms, fit.values)
-        residuals = longest.residuals_at(fit.terms, fit.values)
-        if normalize_rms(longest, residuals) < SELECTION.max_horizon_growth * usual:
-            break
-    return longest
+    limit = SELECTION.max_horizon_growth * max(1.0, noise_ratio(fit))
+    longest, values = problems[0], fit.values
+    for problem in problems:
+        longer = marginalize_initial_states(problem, fit.terms, values)
+        residuals = longer.residuals_at(fit.terms, values)
+        if normalize_rms(longer, residuals) >= limit:
+            tried = fit_parameters(longer, fit.terms, values, iterations=6)
+            if normalize_rms(longer, tried.residuals) >= limit:
+                break
+            values = tried.values
+        longest = longer
+    return longest, values
 
 
-def _refit(problem: Problem, hypothesis: Hypothesis) -> Hypothesis:
-    """Fit the nominal terms alone, and all terms of a hypothesis, to other segments."""
+def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesis:
+    """Fit the nominal terms alone, and all terms of a hypothesis, to other segments.
+
+    Args:
+        problem: the segments.
+        start: (P) values of the hypothesis to begin with.
+        hypothesis: fitted to the segments of the search.
+    """
     old, nominal = hypothesis.final.fit, hypothesis.nominal.fit
     named = tuple(n.term for n in hypothesis.named)
-    start = old.values
     if named:
         residuals = problem.residuals_at(old.terms, start)
         if normalize_rms(problem, residuals) > FIT.unexplained_ratio:

@@ -33,8 +33,8 @@ def compute_accelerations(
         terms: effects that the given model lacks, none of which adds a joint.
         values: (n, P) of all terms' parameters, a row a hypothesis.
         moments: W segments, of which the first steps count.
-        state_offset: (n, W, 2 nv) added to the states that were read, positions and then
-            velocities [rad or m, and per s].
+        state_offset: (n, W, 2 nv) added to the states that were read, of positions and
+            then velocities [rad or m, and per s].
         in_steps: whether they are the change of velocity in a step of the simulation,
             over its length, rather than those of continuous time.
 
@@ -57,7 +57,7 @@ def compute_accelerations(
             simulator, simulator.cache, hypotheses, moments
         ).compute(offset)
         commands = compute_commands(
-            simulator, simulator.cache, hypotheses, moments, centered=False, mean=False
+            simulator, simulator.cache, hypotheses, moments, centered=True, mean=True
         )
         found = _forward(
             hypotheses, moments, initial, commands[:, 0], simulator.timestep, in_steps

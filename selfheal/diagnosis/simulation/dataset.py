@@ -33,6 +33,8 @@ from .simulator import Simulator
 SHORT_SEGMENT = 0.5  # [s] of a segment; chosen: as long as the contract scores
 # [s] of longer segments, in which slow effects show; chosen: each is four times as long
 LONG_SEGMENTS = (2.0, 8.0)
+# [s] of those that are fitted; chosen: in the longest friction sums up to what decides
+FITTED_SEGMENTS = (*LONG_SEGMENTS, 32.0)
 COARSENINGS = (4, 3, 2)  # steps of the model in one of a fit's simulation; chosen
 # standard deviations of a reading's noise by which larger steps may change it; chosen:
 # a hundredth of its variance
