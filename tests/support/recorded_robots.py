@@ -293,6 +293,8 @@ def read_one(model, data, kind: str, target: str) -> float | np.ndarray:
     """One reading of a perfect sensor."""
     if kind == "joint_position":
         return float(data.joint(target).qpos[0])
+    if kind == "joint_velocity":
+        return float(data.joint(target).qvel[0])
     if kind == "joint_torque":
         gear, force = model.actuator(target).gear[0], data.actuator(target).force[0]
         return float(gear * force)

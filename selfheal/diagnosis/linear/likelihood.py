@@ -67,7 +67,7 @@ def whiten(motion: MeasuredMotion, errors: Errors) -> Whitening:
     roots = np.zeros((len(e), motion.width, motion.width))
     if not np.isfinite(e).all() or errors.inertia is None:
         return Whitening(roots, np.zeros_like(e), e, np.inf)
-    noise = errors.inertia * motion.acceleration_noise
+    noise = errors.inertia * motion.noise
     noise = noise @ noise.swapaxes(-1, -2)
     known = np.einsum("rjj->rj", noise)
     spread = estimate_scale(e) ** 2

@@ -13,6 +13,7 @@ from ...recording.data import Floats
 from ..effects.base import Term, implements
 from ..effects.terms import find_restated
 from ..simulation.accelerations import compute_accelerations
+from ..simulation.batch import allow_divergence
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
 from .motion import MeasuredMotion, Readings
@@ -70,6 +71,7 @@ def can_be_linear(term: Term) -> bool:
     return not implements(term.effect, "edit_spec")
 
 
+@allow_divergence()
 def compute_errors(
     motion: MeasuredMotion,
     terms: Sequence[Term],

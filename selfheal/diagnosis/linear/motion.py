@@ -1,130 +1,23 @@
-"""Measured motion: takes recordings, gives states and accelerations at many moments.
-
-Each reading's neighbors have a local polynomial of degree four (Savitzky and Golay
-1964). Its half width is the largest one that the readings do not refute.
-"""
+"""Measured motion: takes recordings, gives states and accelerations at many moments."""
 
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
-from math import factorial
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from ...recording.data import Floats
-from ..data.local_polynomial import find_nearest
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
 from ..simulation.batch import BatchState
 from ..simulation.initial_states import InitialStates
 from ..simulation.simulator import Simulator
+from .quartics import Quartics, choose_half_width, fit_quartics
 
-MAX_CONDITION = 1e12  # of normal equations; beyond it readings lie on one side
-DEGREE = 4  # of the polynomials: the lowest whose second derivative may bend
-# half widths that are tried [samples]; each about 1.3 times the one before
-HALF_WIDTHS = (4, 5, 7, 9, 12, 16, 21, 28, 37, 48, 64, 85, 112, 150)
-# [s] and samples of a window, the shorter of which is too short; a robot's motion has
-# a bandwidth of some hertz
+# [s] and samples of a window, the longer of which counts: a robot's motion has a
+# bandwidth of some hertz, and a polynomial needs its samples
 WINDOW_SECONDS, MIN_WINDOW_SAMPLES = 0.1, 12
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
-
-
-@dataclass(frozen=True, eq=False)
-class _Quartics:
-    """Polynomials through the neighbors of each of T readings; NaN where too few.
-
-    Attributes:
-        time: (T) of the samples [s].
-        coefficients: (T, 5) of powers of the time since the sample [unit, per s^k].
-        variance: (T, 3) of value, slope and curvature, of noise of unit variance.
-    """
-
-    time: Floats
-    coefficients: Floats
-    variance: Floats
-
-    def differentiate(self, at: Floats) -> tuple[Floats, Floats]:
-        """Value, slope and curvature (3, W) at times (W) [s]; variances (W, 3)."""
-        near = find_nearest(self.time, at)
-        dt, a = at - self.time[near], self.coefficients[near].T
-        value = a[0] + dt * (a[1] + dt * (a[2] + dt * (a[3] + dt * a[4])))
-        slope = a[1] + dt * (2 * a[2] + dt * (3 * a[3] + dt * 4 * a[4]))
-        curvature = 2 * a[2] + dt * (6 * a[3] + dt * 12 * a[4])
-        return np.stack([value, slope, curvature]), self.variance[near]
-
-
-def _fit_quartics(time: Floats, y: Floats, m: int) -> _Quartics:
-    """Fit readings (T) [unit] at `time` (T) [s] through m neighbors on each side.
-
-    Nearer than m samples to an end there is no polynomial.
-    """
-    count = len(time)
-    coefficients = np.full((count, DEGREE + 1), np.nan)
-    variance = np.full((count, 3), np.nan)
-    if count < 2 * m + 1:
-        return _Quartics(time, coefficients, variance)
-    times = sliding_window_view(time, 2 * m + 1) - time[m : count - m, None]
-    values = sliding_window_view(y, 2 * m + 1)
-    half = np.abs(times).max(axis=1)
-    known = np.isfinite(values)
-    basis = (times / half[:, None])[..., None] ** np.arange(DEGREE + 1)
-    basis = basis * known[..., None]
-    normal = np.einsum("wki,wkj->wij", basis, basis)
-    enough = (known.sum(axis=1) > DEGREE + 1) & (np.linalg.cond(normal) < MAX_CONDITION)
-    half = half[enough]
-    inverse = np.linalg.inv(normal[enough])
-    right = np.einsum("wki,wk->wi", basis[enough], np.nan_to_num(values[enough]))
-    scale = half[:, None] ** -np.arange(DEGREE + 1.0)
-    rows = np.flatnonzero(enough) + m
-    coefficients[rows] = np.einsum("wij,wj->wi", inverse, right) * scale
-    diagonal = np.einsum("wii->wi", inverse)[:, :3]
-    variance[rows] = diagonal * (scale[:, :3] * [1, 1, 2]) ** 2
-    return _Quartics(time, coefficients, variance)
-
-
-def _choose_half_width(
-    time: Floats, readings: Floats, noise: float, order: int, window: float
-) -> int:
-    """The largest half width of which the readings do not refute a derivative.
-
-    Of two nested least-squares estimates k'y, averaged over a window, the difference
-    has the variance |k1 - k2|^2 sigma^2, if noise alone makes it (Hausman 1978). The
-    width grows while the mean square of that difference is at most twice that, so that
-    its bias is no larger than its noise (Lepski 1990).
-
-    Args:
-        time: (T) of the samples [s].
-        readings: (T) [unit]; NaN where missing.
-        noise: their standard deviation [unit].
-        order: of the derivative that counts.
-        window: over which it is averaged [s].
-    """
-    gap = float(np.median(np.diff(time)))
-    known = np.isfinite(readings)
-    even = np.arange(time[0], time[-1], gap)
-    y = np.interp(even, time[known], readings[known])
-    hann = np.hanning(max(round(window / gap), 1) + 2)[1:-1]
-    best, before = HALF_WIDTHS[0], None
-    for m in HALF_WIDTHS:
-        kernel = np.convolve(_derivative_kernel(m, order, gap), hann / hann.sum())
-        if len(kernel) > len(y) or (before is not None and m * gap > window / 4):
-            break
-        if before is not None:
-            change = kernel.copy()
-            pad = (len(kernel) - len(before)) // 2
-            change[pad : len(kernel) - pad] -= before
-            apart = np.convolve(y, change[::-1], "valid")
-            if (apart**2).mean() > 2 * noise**2 * (change @ change):
-                break
-        best, before = m, kernel
-    return best
-
-
-def _derivative_kernel(m: int, order: int, gap: float) -> Floats:
-    """(2 m + 1) weights of even samples in a derivative of their polynomial."""
-    basis = np.vander(np.arange(-m, m + 1) * gap, DEGREE + 1, increasing=True)
-    return np.linalg.pinv(basis)[order] * factorial(order)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +50,8 @@ class MeasuredMotion:
         half_widths: of each signal's polynomials [samples].
         windows: (R, k) moments of each window.
         weights: (k) of the moments in a window, 1 in sum.
-        block: (R) number of each window's block; neighbors in time share one.
+        noise: (J) standard deviation of the noise of a window's acceleration
+            [rad/s^2 or m/s^2].
     """
 
     simulator: Simulator
@@ -166,8 +60,8 @@ class MeasuredMotion:
     half_widths: Mapping[str, int]
     windows: np.ndarray
     weights: Floats
-    block: np.ndarray
-    _quartics: dict[tuple, _Quartics] = field(default_factory=dict)
+    noise: Floats
+    _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
 
     @cached_property
     def dofs(self) -> np.ndarray:
@@ -187,30 +81,28 @@ class MeasuredMotion:
             self,
             moments=self.moments.select(used),
             windows=windows.reshape(len(rows), -1),
-            block=self.block[rows],
         )
 
     def average(self, values: Floats) -> Floats:
         """(..., R, J) means over the windows of values (..., W, J) at the moments."""
         return np.einsum("...rkj,k->...rj", values[..., self.windows, :], self.weights)
 
-    @cached_property
-    def acceleration_noise(self) -> Floats:
-        """(J) standard deviation of the noise of a window's acceleration, about."""
-        noisy = self.draw_noise(np.random.default_rng(0)).read({}).acceleration
-        change = self.average(noisy - self.read({}).acceleration)
-        return 1.4826 * np.median(np.abs(change), axis=0)
+    def estimate_noise(self, rng: np.random.Generator) -> Floats:
+        """(J) standard deviation of what noise makes of a window's acceleration.
 
-    def draw_noise(self, rng) -> "MeasuredMotion":
-        """The motion with more noise of the readings' size added to them."""
+        By more noise of the readings' size, which `rng` draws.
+        """
         simulator = self.simulator
-        noise = np.concatenate([c.noise for c in simulator.channels])
+        size = np.concatenate([c.noise for c in simulator.channels])
         episodes = tuple(
-            replace(e, readings=e.readings + noise * rng.normal(size=e.readings.shape))
+            replace(e, readings=e.readings + size * rng.normal(size=e.readings.shape))
             for e in simulator.episodes
         )
-        noisy = replace(simulator, episodes=episodes)
-        return replace(self, simulator=noisy, _quartics={})
+        noisy = replace(
+            self, simulator=replace(simulator, episodes=episodes), _quartics={}
+        )
+        change = self.average(noisy.read({}).acceleration - self.read({}).acceleration)
+        return np.sqrt((change**2).mean(axis=0))
 
     @cached_property
     def given(self) -> BatchState:
@@ -244,7 +136,7 @@ class MeasuredMotion:
             key = channel.name, int(i)
             if key not in self._quartics:
                 episode = self.simulator.episodes[i]
-                self._quartics[key] = _fit_quartics(
+                self._quartics[key] = fit_quartics(
                     episode.sample_steps * step,
                     episode.readings[:, channel.first_column],
                     self.half_widths[channel.name],
@@ -253,9 +145,6 @@ class MeasuredMotion:
             at = moments.first_step[rows] * step + delay
             out[:, rows], variance[rows] = self._quartics[key].differentiate(at)
         return out, variance * float(channel.noise[0]) ** 2
-
-
-BLOCKS = 24  # of windows, at most, as many as a cross-validation needs
 
 
 def _find_prime(least: float) -> int:
@@ -280,8 +169,13 @@ def is_measured(simulator: Simulator) -> bool:
     )
 
 
-def measure_motion(simulator: Simulator) -> MeasuredMotion:
-    """States and accelerations of all hinges and slides that are read."""
+def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMotion:
+    """States and accelerations of all hinges and slides that are read.
+
+    Args:
+        simulator: of the recordings, with the model's own step.
+        rng: draws noise.
+    """
     model = simulator.compiler.nominal
     read = {c.target for c in simulator.channels if c.kind == "joint_position"}
     joints = tuple(
@@ -304,23 +198,22 @@ def measure_motion(simulator: Simulator) -> MeasuredMotion:
     width = sum(c.width for c in simulator.channels)
     moments = Segments(
         np.repeat(np.arange(len(firsts)), [len(f) for f in firsts]),
-        np.concatenate(firsts), np.ones(count, int), np.zeros(0, int), np.zeros(0),
+        np.concatenate(firsts), np.full(count, apart), np.zeros(0, int), np.zeros(0),
         np.zeros((0, width)),
     )  # fmt: skip
     hann = np.hanning(MOMENTS_PER_WINDOW + 2)[1:-1]
     widths = _choose_widths(simulator, window)
     motion = MeasuredMotion(
         simulator, joints, moments, widths, np.concatenate(windows),
-        hann / hann.sum(), np.zeros(0, int),
+        hann / hann.sum(), np.zeros(0),
     )  # fmt: skip
     read_all = motion.read({})
     known = np.isfinite(np.hstack(astuple(read_all))).all(axis=1)
     rows = np.flatnonzero(known[motion.windows].all(axis=1))
-    block = np.arange(len(rows)) * min(BLOCKS, len(rows)) // max(len(rows), 1)
-    return replace(
-        replace(motion, block=np.zeros(len(motion.windows), int)).select(rows),
-        block=block,
-    )
+    motion = motion.select(rows)
+    if not len(rows):
+        return motion
+    return replace(motion, noise=motion.estimate_noise(rng))
 
 
 def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:
@@ -333,7 +226,7 @@ def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:
             order = 2 if c.kind == "joint_position" else 1
             readings = longest.readings[:, c.first_column]
             noise = float(c.noise[0])
-            out[c.name] = _choose_half_width(time, readings, noise, order, window)
+            out[c.name] = choose_half_width(time, readings, noise, order, window)
     return out
 
 

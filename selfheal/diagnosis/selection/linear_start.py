@@ -49,7 +49,7 @@ def search_linear_model(
     if not is_measured(simulator) or any(t.onset for t in candidates):
         return None
     record("measuring accelerations", 0.0)
-    motion = measure_motion(simulator.native)
+    motion = measure_motion(simulator.native, rng)
     if len(motion.windows) < MIN_WINDOWS:
         return None
     stated = state.best.fit.terms[: state.nominal_count]

@@ -1,6 +1,7 @@
 """Accelerations: takes hypotheses and states, gives what each makes of every joint."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -32,7 +33,8 @@ def compute_accelerations(
         simulator: of the recordings.
         terms: effects that the given model lacks, none of which adds a joint.
         values: (n, P) of all terms' parameters, a row a hypothesis.
-        moments: W segments, of which the first steps count.
+        moments: W segments, in whose first states they are; commands count by their
+            means over as many steps, about the first one.
         state_offset: (n, W, 2 nv) added to the states that were read, of positions and
             then velocities [rad or m, and per s].
         in_steps: whether they are the change of velocity in a step of the simulation,
@@ -48,6 +50,9 @@ def compute_accelerations(
     size = max(1, int(MAX_BATCH_NUMBERS / numbers))
     out = np.empty((len(values), len(moments), model.nv))
     inertia = np.empty((*out.shape, model.nv))
+    around = simulator.cache.load_or_compute(
+        moments, "steps around", lambda: _shift_back(moments)
+    )
     for i in range(0, len(values), size):
         some = values[i : i + size]
         simulator.counter.add(len(some))
@@ -57,14 +62,25 @@ def compute_accelerations(
             simulator, simulator.cache, hypotheses, moments
         ).compute(offset)
         commands = compute_commands(
-            simulator, simulator.cache, hypotheses, moments, centered=True, mean=True
-        )
+            simulator, simulator.cache, hypotheses, around, centered=True, mean=True
+        )[:, : int(moments.lengths.max())]
         found = _forward(
-            hypotheses, moments, initial, commands[:, 0], simulator.timestep, in_steps
+            hypotheses,
+            moments,
+            initial,
+            commands.mean(axis=1),
+            simulator.timestep,
+            in_steps,
         )
         for whole, part in zip((out, inertia), found, strict=True):
             whole[i : i + size] = part.reshape(len(some), len(moments), *part.shape[1:])
     return out, inertia
+
+
+def _shift_back(moments: Segments) -> Segments:
+    """Segments of the same lengths in whose middles some others begin."""
+    first = np.maximum(moments.first_step - moments.lengths // 2, 0)
+    return replace(moments, first_step=first)
 
 
 @allow_divergence()
