@@ -16,7 +16,7 @@ from ..simulation.accelerations import compute_accelerations
 from ..simulation.batch import allow_divergence
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
-from .motion import MeasuredMotion, Readings
+from .motion import MOMENTS_PER_WINDOW, MeasuredMotion, Readings
 
 # share of a column's norm that has to be its own, beside those before it; chosen: what
 # is less is the same direction
@@ -34,8 +34,8 @@ class Errors:
         values: (..., R (J + K)) balance of torques [N m or N] of J joints in R windows,
             and K mismatches of velocities [rad/s or m/s].
         volume: (...) sum of log det M over the windows, M the joints' inertia.
-        inertia: (R, J, J) M of a single hypothesis, mean over each window; of several
-            it is not kept.
+        inertia: (R, J, J) M of a single hypothesis in each window; of several it is
+            not kept.
     """
 
     values: Floats
@@ -109,12 +109,13 @@ def compute_errors(
     torque = np.einsum("nwij,nwj->nwi", m, errors)
     mismatch = np.stack([r.mismatch for r in read])
     averaged = motion.average(np.concatenate([torque, mismatch], axis=-1))
-    volume = motion.average(np.linalg.slogdet(m)[1][..., None]).sum(axis=(-1, -2))
-    mean = None
-    if len(m) == 1:
-        flat = m[0].reshape(len(motion.moments), -1)
-        mean = motion.average(flat).reshape(-1, *m.shape[2:])
-    return Errors(averaged.reshape(len(averaged), -1), volume, mean)
+    middle = motion.windows[:, MOMENTS_PER_WINDOW // 2]
+    mean = m[:, middle]  # it varies little in a window
+    missed = np.stack([r.missed * r.gain[middle] for r in read])
+    averaged[..., : len(motion.dofs)] -= np.einsum("nrij,nrj->nri", mean, missed)
+    volume = np.linalg.slogdet(mean)[1].sum(axis=1)
+    known = mean[0] if len(mean) == 1 else None
+    return Errors(averaged.reshape(len(averaged), -1), volume, known)
 
 
 def _split(

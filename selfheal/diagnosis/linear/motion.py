@@ -1,7 +1,7 @@
 """Measured motion: takes recordings, gives states and accelerations at many moments."""
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..simulation.batch import BatchState
 from ..simulation.initial_states import InitialStates
 from ..simulation.simulator import Simulator
 from .quartics import Quartics, choose_half_width, fit_quartics
+from .weak_form import average_derivative
 
 # [s] and samples of a window, the longer of which counts: a robot's motion has a
 # bandwidth of some hertz, and a polynomial needs its samples
@@ -28,6 +29,8 @@ class Readings:
         offset: (W, 2 nv) from the states that a simulation begins at to those of the
             polynomials [rad or m, and per s].
         acceleration: (W, J) [rad/s^2 or m/s^2].
+        missed: (R, J) by how much the mean acceleration of a window is larger than that
+            of its moments [rad/s^2 or m/s^2].
         gain: (W, J) [1] from an acceleration to what is read of it.
         mismatch: (W, K) velocity read less slope of the positions, as it is read [rad/s
             or m/s].
@@ -35,6 +38,7 @@ class Readings:
 
     offset: Floats
     acceleration: Floats
+    missed: Floats
     gain: Floats
     mismatch: Floats
 
@@ -101,7 +105,9 @@ class MeasuredMotion:
         noisy = replace(
             self, simulator=replace(simulator, episodes=episodes), _quartics={}
         )
-        change = self.average(noisy.read({}).acceleration - self.read({}).acceleration)
+        ours, theirs = self.read({}), noisy.read({})
+        change = self.average(theirs.acceleration - ours.acceleration)
+        change += theirs.missed - ours.missed
         return np.sqrt((change**2).mean(axis=0))
 
     @cached_property
@@ -142,8 +148,9 @@ class MeasuredMotion:
                     self.half_widths[channel.name],
                 )
             rows = np.flatnonzero(moments.episode == i)
-            at = moments.first_step[rows] * step + delay
-            out[:, rows], variance[rows] = self._quartics[key].differentiate(at)
+            at = moments.first_step[rows] * step
+            found = self._quartics[key].differentiate(at, delay)
+            out[:, rows], variance[rows] = found
         return out, variance * float(channel.noise[0]) ** 2
 
 
@@ -208,7 +215,8 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
         hann / hann.sum(), np.zeros(0),
     )  # fmt: skip
     read_all = motion.read({})
-    known = np.isfinite(np.hstack(astuple(read_all))).all(axis=1)
+    at_moments = read_all.offset, read_all.acceleration, read_all.mismatch
+    known = np.isfinite(np.hstack(at_moments)).all(axis=1)
     rows = np.flatnonzero(known[motion.windows].all(axis=1))
     motion = motion.select(rows)
     if not len(rows):
@@ -230,6 +238,30 @@ def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:
     return out
 
 
+def _average(
+    motion: MeasuredMotion, channel: Channel, change: Mapping[str, float], order: int
+) -> tuple[Floats, Floats]:
+    """Means (R) of a derivative of what a signal was of, and their variances (R)."""
+    moments, step = motion.moments, motion.simulator.timestep
+    ends = moments.first_step[motion.windows[:, [0, -1]]] * step
+    centers = ends.mean(axis=1) + change.get("delay", 0.0)
+    count = MOMENTS_PER_WINDOW
+    half = float(np.diff(ends).max(initial=step)) * (count + 1) / (count - 1) / 2
+    episodes = moments.episode[motion.windows[:, 0]]
+    mean, variance = np.empty(len(centers)), np.empty(len(centers))
+    for i in np.unique(episodes):
+        rows, episode = np.flatnonzero(episodes == i), motion.simulator.episodes[i]
+        mean[rows], variance[rows] = average_derivative(
+            episode.sample_steps * step,
+            episode.readings[:, channel.first_column],
+            centers[rows],
+            half,
+            order,
+        )
+    noise = float(channel.noise[0])
+    return mean / change.get("gain", 1.0), variance * noise**2
+
+
 def _read_joints(
     motion: MeasuredMotion, changes: Mapping[str, Mapping[str, float]]
 ) -> Readings:
@@ -240,12 +272,14 @@ def _read_joints(
     state = motion.given
     offset = np.zeros((len(moments), 2 * model.nv))
     acceleration = np.full((len(moments), len(motion.joints)), np.nan)
+    mean = np.zeros((len(motion.windows), len(motion.joints)))
     gain, mismatch = np.ones_like(acceleration), []
     for k, j in enumerate(motion.joints):
         name = model.joint(j).name
         position = signals["joint_position", name]
         change = changes.get(position.name, {})
         (q, v, a), variance = _undo(motion, position, change)
+        mean[:, k], spread = _average(motion, position, change, 2)
         gain[:, k] = change.get("gain", 1.0)
         if velocity := signals.get(("joint_velocity", name)):
             change = changes.get(velocity.name, {})
@@ -254,6 +288,9 @@ def _read_joints(
             mismatch.append(own * (speed - v))
             v = _combine(v, variance[:, 1], speed, other[:, 0])
             a = _combine(a, variance[:, 2], slope, other[:, 1])
+            mean[:, k] = _combine(
+                mean[:, k], spread, *_average(motion, velocity, change, 1)
+            )
             gain[:, k] = 1 / _combine(
                 1 / gain[:, k], variance[:, 2], 1 / own, other[:, 1]
             )
@@ -264,6 +301,7 @@ def _read_joints(
     return Readings(
         offset,
         acceleration,
+        mean - motion.average(acceleration),
         gain,
         np.stack(mismatch, axis=1) if mismatch else np.zeros((len(moments), 0)),
     )

@@ -36,10 +36,20 @@ class Quartics:
     coefficients: Floats
     variance: Floats
 
-    def differentiate(self, at: Floats) -> tuple[Floats, Floats]:
-        """Value, slope and curvature (3, W) at times (W) [s]; variances (W, 3)."""
-        near = find_nearest(self.time, at)
-        dt, a = at - self.time[near], self.coefficients[near].T
+    def differentiate(self, at: Floats, delay: float = 0.0) -> tuple[Floats, Floats]:
+        """Value, slope and curvature (3, W) at times, and their variances (W, 3).
+
+        All times go over to the next samples' polynomials at the same delay, so that
+        errors are smooth in it but there.
+
+        Args:
+            at: (W) [s].
+            delay: by which the times are later [s].
+        """
+        gap = float(np.median(np.diff(self.time)))
+        near = find_nearest(self.time, at) + round(delay / gap)
+        near = np.clip(near, 0, len(self.time) - 1)
+        dt, a = at + delay - self.time[near], self.coefficients[near].T
         value = a[0] + dt * (a[1] + dt * (a[2] + dt * (a[3] + dt * a[4])))
         slope = a[1] + dt * (2 * a[2] + dt * (3 * a[3] + dt * 4 * a[4]))
         curvature = 2 * a[2] + dt * (6 * a[3] + dt * 12 * a[4])
