@@ -201,6 +201,8 @@ def descend(fit: LinearFit, iterations: int = ITERATIONS) -> LinearFit:
     """
     low, high, scale = fit.bounds
     cost, share = fit.cost, 1.0
+    if not np.isfinite(cost):
+        return fit
     for _ in range(iterations):
         h, g = fit.quadratic_model
         step = solve_bounded_step(

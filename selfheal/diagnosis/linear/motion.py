@@ -1,6 +1,6 @@
 """Measured motion: takes recordings, gives states and accelerations at many moments."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from .weak_form import average_derivative
 # [s] and samples of a window, the longer of which counts: a robot's motion has a
 # bandwidth of some hertz, and a polynomial needs its samples
 WINDOW_SECONDS, MIN_WINDOW_SAMPLES = 0.1, 12
+MAX_KNOWN = 200  # derivatives of signals at some delay, kept at once
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
 
@@ -66,6 +67,7 @@ class MeasuredMotion:
     weights: Floats
     noise: Floats
     _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
+    _known: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
 
     @cached_property
     def dofs(self) -> np.ndarray:
@@ -85,6 +87,7 @@ class MeasuredMotion:
             self,
             moments=self.moments.select(used),
             windows=windows.reshape(len(rows), -1),
+            _known={},
         )
 
     def average(self, values: Floats) -> Floats:
@@ -103,7 +106,10 @@ class MeasuredMotion:
             for e in simulator.episodes
         )
         noisy = replace(
-            self, simulator=replace(simulator, episodes=episodes), _quartics={}
+            self,
+            simulator=replace(simulator, episodes=episodes),
+            _quartics={},
+            _known={},
         )
         ours, theirs = self.read({}), noisy.read({})
         change = self.average(theirs.acceleration - ours.acceleration)
@@ -135,23 +141,33 @@ class MeasuredMotion:
             channel: of the signal.
             delay: by which it is read later [s].
         """
-        moments, step = self.moments, self.simulator.timestep
-        out = np.empty((3, len(moments)))
-        variance = np.empty((len(moments), 3))
-        for i in np.unique(moments.episode):
-            key = channel.name, int(i)
-            if key not in self._quartics:
-                episode = self.simulator.episodes[i]
-                self._quartics[key] = fit_quartics(
-                    episode.sample_steps * step,
-                    episode.readings[:, channel.first_column],
-                    self.half_widths[channel.name],
-                )
-            rows = np.flatnonzero(moments.episode == i)
-            at = moments.first_step[rows] * step
-            found = self._quartics[key].differentiate(at, delay)
-            out[:, rows], variance[rows] = found
-        return out, variance * float(channel.noise[0]) ** 2
+        return self._recall(("moments", channel.name, delay), lambda: _differentiate(
+            self, channel, delay
+        ))  # fmt: skip
+
+    def average_derivative(
+        self, channel: Channel, delay: float, order: int
+    ) -> tuple[Floats, Floats]:
+        """Means (R) of a signal's derivative some time later, and their variances (R).
+
+        Args:
+            channel: of the signal.
+            delay: by which it is read later [s].
+            order: of the derivative, 1 or 2.
+        """
+        return self._recall((order, channel.name, delay), lambda: _average(
+            self, channel, delay, order
+        ))  # fmt: skip
+
+    def _recall(
+        self, key: tuple, compute: Callable[[], tuple[Floats, Floats]]
+    ) -> tuple[Floats, Floats]:
+        """What was computed before; most hypotheses leave most signals as they are."""
+        if key not in self._known:
+            if len(self._known) >= MAX_KNOWN:
+                self._known.clear()
+            self._known[key] = compute()
+        return self._known[key]
 
 
 def _find_prime(least: float) -> int:
@@ -216,7 +232,7 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
     )  # fmt: skip
     read_all = motion.read({})
     at_moments = read_all.offset, read_all.acceleration, read_all.mismatch
-    known = np.isfinite(np.hstack(at_moments)).all(axis=1)
+    known = np.asarray(np.isfinite(np.hstack(at_moments)).all(axis=1))
     rows = np.flatnonzero(known[motion.windows].all(axis=1))
     motion = motion.select(rows)
     if not len(rows):
@@ -238,13 +254,37 @@ def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:
     return out
 
 
-def _average(
-    motion: MeasuredMotion, channel: Channel, change: Mapping[str, float], order: int
+def _differentiate(
+    motion: MeasuredMotion, channel: Channel, delay: float
 ) -> tuple[Floats, Floats]:
-    """Means (R) of a derivative of what a signal was of, and their variances (R)."""
+    """As `MeasuredMotion.differentiate` has it."""
+    moments, step = motion.moments, motion.simulator.timestep
+    out = np.empty((3, len(moments)))
+    variance = np.empty((len(moments), 3))
+    for i in np.unique(moments.episode):
+        key = channel.name, int(i)
+        if key not in motion._quartics:
+            episode = motion.simulator.episodes[i]
+            motion._quartics[key] = fit_quartics(
+                episode.sample_steps * step,
+                episode.readings[:, channel.first_column],
+                motion.half_widths[channel.name],
+            )
+        rows = np.flatnonzero(moments.episode == i)
+        found = motion._quartics[key].differentiate(
+            moments.first_step[rows] * step, delay
+        )
+        out[:, rows], variance[rows] = found
+    return out, variance * float(channel.noise[0]) ** 2
+
+
+def _average(
+    motion: MeasuredMotion, channel: Channel, delay: float, order: int
+) -> tuple[Floats, Floats]:
+    """As `MeasuredMotion.average_derivative` has it."""
     moments, step = motion.moments, motion.simulator.timestep
     ends = moments.first_step[motion.windows[:, [0, -1]]] * step
-    centers = ends.mean(axis=1) + change.get("delay", 0.0)
+    centers = ends.mean(axis=1) + delay
     count = MOMENTS_PER_WINDOW
     half = float(np.diff(ends).max(initial=step)) * (count + 1) / (count - 1) / 2
     episodes = moments.episode[motion.windows[:, 0]]
@@ -258,8 +298,7 @@ def _average(
             half,
             order,
         )
-    noise = float(channel.noise[0])
-    return mean / change.get("gain", 1.0), variance * noise**2
+    return mean, variance * float(channel.noise[0]) ** 2
 
 
 def _read_joints(
@@ -279,8 +318,10 @@ def _read_joints(
         position = signals["joint_position", name]
         change = changes.get(position.name, {})
         (q, v, a), variance = _undo(motion, position, change)
-        mean[:, k], spread = _average(motion, position, change, 2)
-        gain[:, k] = change.get("gain", 1.0)
+        delay, scale = change.get("delay", 0.0), change.get("gain", 1.0)
+        mean[:, k], spread = motion.average_derivative(position, delay, 2)
+        mean[:, k] /= scale
+        gain[:, k] = scale
         if velocity := signals.get(("joint_velocity", name)):
             change = changes.get(velocity.name, {})
             (speed, slope, _), other = _undo(motion, velocity, change)
@@ -288,9 +329,10 @@ def _read_joints(
             mismatch.append(own * (speed - v))
             v = _combine(v, variance[:, 1], speed, other[:, 0])
             a = _combine(a, variance[:, 2], slope, other[:, 1])
-            mean[:, k] = _combine(
-                mean[:, k], spread, *_average(motion, velocity, change, 1)
+            slopes, faith = motion.average_derivative(
+                velocity, change.get("delay", 0.0), 1
             )
+            mean[:, k] = _combine(mean[:, k], spread, slopes / own[0], faith)
             gain[:, k] = 1 / _combine(
                 1 / gain[:, k], variance[:, 2], 1 / own, other[:, 1]
             )

@@ -40,15 +40,18 @@ class Quartics:
         """Value, slope and curvature (3, W) at times, and their variances (W, 3).
 
         All times go over to the next samples' polynomials at the same delay, so that
-        errors are smooth in it but there.
+        errors are smooth in it but there. What is unknown without a delay stays so.
 
         Args:
             at: (W) [s].
             delay: by which the times are later [s].
         """
         gap = float(np.median(np.diff(self.time)))
-        near = find_nearest(self.time, at) + round(delay / gap)
-        near = np.clip(near, 0, len(self.time) - 1)
+        near = find_nearest(self.time, at)
+        known = np.flatnonzero(np.isfinite(self.coefficients[:, 0]))
+        if delay and len(known):
+            wanted = near + float(round(delay / gap))
+            near = known[find_nearest(known.astype(float), wanted)]
         dt, a = at + delay - self.time[near], self.coefficients[near].T
         value = a[0] + dt * (a[1] + dt * (a[2] + dt * (a[3] + dt * a[4])))
         slope = a[1] + dt * (2 * a[2] + dt * (3 * a[3] + dt * 4 * a[4]))

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import is_distinct
+from ..effects.terms import find_other_forms, is_distinct
 from ..estimation.quadratic_model import solve_bounded_step
 from .fit import (
     LinearFit,
@@ -77,7 +77,29 @@ class Search:
             else:  # what was found may have made others visible
                 self.fit = refine(self.fit)
                 directions, self._excluded = [], set()
-        return self._eliminate(refine(self.fit))
+        self.fit = self._eliminate(refine(self.fit))
+        for term in self.fit.named:
+            self._exchange(term)
+        return self.fit
+
+    def _exchange(self, term: Term) -> None:
+        """Put another form of a term in its place where that is likelier."""
+        fit, (share, rows) = self.fit, self._independence()
+        others = find_other_forms(term, self.candidates)
+        others = [
+            t for t in others if is_distinct(t, [x for x in fit.named if x is not term])
+        ]
+        if not others:
+            return
+        less = remove_terms(fit, [fit.terms.index(term)])
+        best = share * fit.cost + self._penalty(term, rows)
+        moves = [(d,) for d in _differentiate(less, others)]
+        for _, move, coordinates in rank(less, moves)[:TRIED]:
+            new = add_terms(less, move, coordinates)
+            cost = share * new.cost + self._penalty(move[0].term, rows)
+            is_small = move[0].term.is_negligible(new.named_values[-1])
+            if cost < best and not is_small:
+                self.fit, best = new, cost
 
     def find_rivals(self, term: Term) -> tuple[Term, ...]:
         """Candidates that explain as much in a term's place, the likeliest first.

@@ -61,4 +61,4 @@ def _average_powers(order: int) -> Floats:
     step = np.eye(DEGREE + 1)
     derived = np.polynomial.polynomial.polyder(step, order)  # of each power
     each = powers[:, : len(derived)] @ derived
-    return np.trapezoid(window[:, None] * each, QUADRATURE, axis=0)
+    return np.asarray(np.trapezoid(window[:, None] * each, QUADRATURE, axis=0))

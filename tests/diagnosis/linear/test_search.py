@@ -62,7 +62,9 @@ def drives(tmp_path_factory):
 
 
 def test_all_that_drives_lack_is_found_at_once(drives):
-    wanted = {(e, f"joint:{j}") for e in ("coulomb_friction", "armature") for j in ANGLES}
+    wanted = {
+        (e, f"joint:{j}") for e in ("coulomb_friction", "armature") for j in ANGLES
+    }
     assert set(drives) == wanted
     for joint, friction in zip(ANGLES, DRY, strict=True):
         found = drives["coulomb_friction", f"joint:{joint}"]
