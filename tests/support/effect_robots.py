@@ -181,4 +181,9 @@ def check_replay(b: EffectBench, effects, folder: Path, limit: float) -> None:
     for model in (None, b.path):
         replay = replay_recording(folder, b.recording, model=model)
         apart = compare_replay(b, replay, predicted)
-        assert apart < limit, (effects[0].label, effects[0].note, model, apart)
+        assert apart < limit, (
+            effects[0].label,
+            effects[0].finding_fields,
+            model,
+            apart,
+        )

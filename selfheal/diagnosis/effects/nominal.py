@@ -348,7 +348,10 @@ def _affine_terms(model, a: Actuator) -> Iterator[Term]:
             )
     gear = float(model.actuator_gear[find_output(model, a.id), 0])
     is_plain_motor = gain == 1.0 and not bias.any() and a.dof >= 0
-    if is_plain_motor and gear:  # its strength, also where that is 1
+    if is_plain_motor and abs(gear) == 1.0:  # its strength, which a gear would say
+        unit = f"{a.force}/ctrl"
+        yield _make_term(_scale_gain, f"{name}/gain", OTHER_BOUND, 1.0, unit, place)
+    elif is_plain_motor and gear:
         yield _make_term(_scale_gear, f"{name}/gear", OTHER_BOUND, gear, "1", place)
     if bias[2]:
         unit = f"{a.force} s/{a.unit}"

@@ -26,10 +26,10 @@ from .motion import MeasuredMotion
 
 NUISANCE_BOUND = 1.0  # deviations; more than half a step is a finding
 DAMPING = 1e-7  # share of the diagonal: what nothing tells stays where it is
-ITERATIONS = 12
+DESCENT_ITERATIONS = 12
 SHORTEST_STEP = 0.05
 LEAST_GAIN = 0.1  # [nats] of an iteration; below any that counts
-RIDGE = 1e-9
+INVERSE_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +190,7 @@ def start_fit(motion: MeasuredMotion, stated: Sequence[Term]) -> LinearFit:
     return LinearFit(motion, tuple(stated), len(stated), values, errors, jacobian)
 
 
-def descend(fit: LinearFit, iterations: int = ITERATIONS) -> LinearFit:
+def descend(fit: LinearFit, iterations: int = DESCENT_ITERATIONS) -> LinearFit:
     """Gauss-Newton within bounds, with the Jacobian held and the errors computed.
 
     The chord method, with shorter steps where the cost would grow.
@@ -304,4 +304,6 @@ def invert(curvature: Floats) -> Floats:
     """Inverse of a positive definite matrix (n, n) whose rows have their own units."""
     size = 1 / np.sqrt(np.maximum(np.diag(curvature), np.finfo(float).tiny))
     scaled = curvature * size * size[:, None]
-    return np.linalg.inv(scaled + RIDGE * np.eye(len(size))) * size * size[:, None]
+    return (
+        np.linalg.inv(scaled + INVERSE_RIDGE * np.eye(len(size))) * size * size[:, None]
+    )

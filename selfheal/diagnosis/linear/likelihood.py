@@ -15,7 +15,7 @@ from .model import Errors
 from .motion import MeasuredMotion
 
 FREEDOM = 4.0  # degrees of freedom of Student's t (Lange, Little and Taylor 1989)
-ITERATIONS = 20  # of its scale; each halves the error, or more
+SCALE_ITERATIONS = 20  # of its scale; each halves the error, or more
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def estimate_scale(errors: Floats) -> Floats:
     scale = 1.4826 * np.median(np.abs(errors), axis=0)
     least = 1e-3 * np.sqrt((errors**2).mean(axis=0)) + np.finfo(float).tiny
     scale = np.maximum(scale, least)
-    for _ in range(ITERATIONS):
+    for _ in range(SCALE_ITERATIONS):
         weights = (FREEDOM + 1) / (FREEDOM + (errors / scale) ** 2)
         scale = np.sqrt((weights * errors**2).mean(axis=0))
     return scale

@@ -12,10 +12,10 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term, implements
 from ..effects.terms import find_restated
-from ..simulation.accelerations import compute_accelerations
 from ..simulation.batch import allow_divergence
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
+from .accelerations import compute_accelerations
 from .motion import MOMENTS_PER_WINDOW, MeasuredMotion, Readings
 
 # share of a column's norm that has to be its own, beside those before it; chosen: what
@@ -23,7 +23,7 @@ from .motion import MOMENTS_PER_WINDOW, MeasuredMotion, Readings
 OWN_SHARE = 1e-3
 # of the scale of a parameter, the step of a derivative; its square is below rounding
 DERIVATIVE_STEP = 1e-2
-ROUNDING = 1e-9  # share of the errors below which a change of them is none
+ERROR_ROUNDING = 1e-9  # share of the errors below which a change of them is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +289,7 @@ def _propose(
     start = nominal if is_finite else np.full(len(nominal), np.nan)
     count, out = len(steps), []
     size = np.linalg.norm(changes, axis=1)
-    is_shown = size > ROUNDING * np.linalg.norm(errors.values)  # and no NaN
+    is_shown = size > ERROR_ROUNDING * np.linalg.norm(errors.values)  # and no NaN
     shown = np.flatnonzero(is_shown[:count])
     if len(shown):
         unit = 1 / DERIVATIVE_STEP

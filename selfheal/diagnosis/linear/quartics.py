@@ -14,7 +14,7 @@ from ...recording.data import Floats
 from ..data.local_polynomial import find_nearest
 
 MAX_CONDITION = 1e12  # of normal equations; beyond it readings lie on one side
-DEGREE = 4  # of the polynomials: the lowest whose second derivative may bend
+POLYNOMIAL_DEGREE = 4  # of the polynomials: the lowest whose second derivative may bend
 # half widths that are tried [samples]; each about 1.3 times the one before
 HALF_WIDTHS = (4, 5, 7, 9, 12, 16, 21, 28, 37, 48, 64, 85, 112, 150)
 # of a window, the widest half width: what a polynomial smooths is then little beside
@@ -60,12 +60,15 @@ class Quartics:
 
 
 def fit_quartics(time: Floats, y: Floats, m: int) -> Quartics:
-    """Fit readings (T) [unit] at `time` (T) [s] through m neighbors on each side.
+    """Fit polynomials; nearer than m samples to an end there is none.
 
-    Nearer than m samples to an end there is no polynomial.
+    Args:
+        time: (T) of the samples [s].
+        y: (T) readings [unit]; NaN where missing.
+        m: neighbors on each side.
     """
     count = len(time)
-    coefficients = np.full((count, DEGREE + 1), np.nan)
+    coefficients = np.full((count, POLYNOMIAL_DEGREE + 1), np.nan)
     variance = np.full((count, 3), np.nan)
     if count < 2 * m + 1:
         return Quartics(time, coefficients, variance)
@@ -73,14 +76,16 @@ def fit_quartics(time: Floats, y: Floats, m: int) -> Quartics:
     values = sliding_window_view(y, 2 * m + 1)
     half = np.abs(times).max(axis=1)
     known = np.isfinite(values)
-    basis = (times / half[:, None])[..., None] ** np.arange(DEGREE + 1)
+    basis = (times / half[:, None])[..., None] ** np.arange(POLYNOMIAL_DEGREE + 1)
     basis = basis * known[..., None]
     normal = np.einsum("wki,wkj->wij", basis, basis)
-    enough = (known.sum(axis=1) > DEGREE + 1) & (np.linalg.cond(normal) < MAX_CONDITION)
+    enough = (known.sum(axis=1) > POLYNOMIAL_DEGREE + 1) & (
+        np.linalg.cond(normal) < MAX_CONDITION
+    )
     half = half[enough]
     inverse = np.linalg.inv(normal[enough])
     right = np.einsum("wki,wk->wi", basis[enough], np.nan_to_num(values[enough]))
-    scale = half[:, None] ** -np.arange(DEGREE + 1.0)
+    scale = half[:, None] ** -np.arange(POLYNOMIAL_DEGREE + 1.0)
     rows = np.flatnonzero(enough) + m
     coefficients[rows] = np.einsum("wij,wj->wi", inverse, right) * scale
     diagonal = np.einsum("wii->wi", inverse)[:, :3]
@@ -132,5 +137,7 @@ def choose_half_width(
 
 def _derivative_kernel(m: int, order: int, gap: float) -> Floats:
     """(2 m + 1) weights of even samples in a derivative of their polynomial."""
-    basis = np.vander(np.arange(-m, m + 1) * gap, DEGREE + 1, increasing=True)
+    basis = np.vander(
+        np.arange(-m, m + 1) * gap, POLYNOMIAL_DEGREE + 1, increasing=True
+    )
     return np.linalg.pinv(basis)[order] * factorial(order)

@@ -8,10 +8,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.terms import find_other_forms, is_distinct
-from ..estimation.quadratic_model import solve_bounded_step
 from .fit import (
     LinearFit,
     add_terms,
@@ -23,21 +21,25 @@ from .fit import (
 from .likelihood import estimate_independence
 from .model import Direction, propose_directions
 from .motion import MeasuredMotion
+from .ranking import Move, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 SCREENED_MOMENTS = 500  # in which all candidates are tried
 FINALISTS = 30  # of them, that are tried in all moments
 TRIED = 3  # moves that are fitted beyond the best one
 MOST_EFFECTS = 60
-LEAST_VOLUME = -0.9  # change of log det M, in its first order
-COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
 
-Move = tuple[Direction, ...]
 Progress = Callable[[str, float], None]
 
 
 class Search:
-    """A search for the set of effects that equation errors ask for."""
+    """A search for the set of effects that equation errors ask for.
+
+    Attributes:
+        fit: of what has a name so far.
+        first_ranking: candidates beside the model as given, each with the share of the
+            mean square error that it leaves.
+    """
 
     def __init__(
         self,
@@ -58,6 +60,7 @@ class Search:
         self.fit = start_fit(motion, stated)
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
+        self.first_ranking: tuple[tuple[Term, float], ...] = ()
 
     def run(self) -> LinearFit:
         """The set of effects at the end, fitted."""
@@ -161,6 +164,10 @@ class Search:
         moves = [m for m in _list_moves(fit, directions) if self._is_open(m)]
         least = {id(m): sum(self._penalty(d.term, rows) for d in m) for m in moves}
         ranked = rank(fit, moves)
+        if not self.first_ranking:
+            singles = ((m[0].term, gain) for gain, m, _ in ranked if len(m) == 1)
+            size = fit.whitening.errors.size
+            self.first_ranking = tuple((t, np.exp(-2 * g / size)) for t, g in singles)
         ranked.sort(key=lambda each: least[id(each[1])] - share * each[0])
         if ranked:
             gain, move, _ = ranked[0]
@@ -177,7 +184,7 @@ class Search:
                 d.term.is_negligible(v) for d, v in zip(move, values, strict=True)
             )
             if net < 0 or is_small:
-                self._excluded.add(_name(move))
+                self._excluded.add(name_move(move))
             if net > best and not is_small:
                 new, best = tried, net
             else:
@@ -186,7 +193,7 @@ class Search:
 
     def _is_open(self, move: Move) -> bool:
         """Whether a move was not tried in vain since the directions were computed."""
-        return _name(move) not in self._excluded
+        return name_move(move) not in self._excluded
 
     def _eliminate(self, fit: LinearFit) -> LinearFit:
         """The fit without terms whose removal costs less than their penalty."""
@@ -250,13 +257,6 @@ def _differentiate(fit: LinearFit, terms: Sequence[Term]) -> list[Direction]:
     return propose_directions(fit.motion, fit.terms, values, fit.plain_errors, terms)
 
 
-def _name(move: Move) -> str:
-    """What tells a move from others, whatever its initial values."""
-    if len(move) == 1:
-        return str(move[0].term.key)
-    return f"{move[0].term.effect.name} at {len(move)} places"
-
-
 def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
     """What may be added: each direction, and a usual effect at all its places."""
     open_directions = [d for d in directions if is_distinct(d.term, fit.named)]
@@ -266,82 +266,3 @@ def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
             groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
     moves: list[Move] = [(d,) for d in open_directions]
     return moves + [tuple(g.values()) for g in groups.values() if len(g) > 1]
-
-
-def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Floats]]:
-    """Gain [nats], move and coordinates (k) of each beside a fit, the best first.
-
-    All values of the fit answer to first order (Schur complement); those at a bound
-    stay there. Of the best ones the gain is that of the likelihood itself.
-
-    Args:
-        fit: with a Jacobian.
-        moves: that may be made.
-    """
-    if not moves:
-        return []
-    h, g = fit.quadratic_model
-    low, high, scale = fit.bounds
-    step = solve_bounded_step(h, g, low - fit.values, high - fit.values, scale, 1e-9)
-    at = fit.values + step
-    margin = 1e-6 * scale
-    free = np.flatnonzero((at > low + margin) & (at < high - margin))
-    rows = max(len(fit.motion.windows), 1)
-    directions = list({id(d): d for m in moves for d in m}.values())
-    ends = np.cumsum([0, *(len(d.columns) for d in directions)])
-    columns = {
-        id(d): np.arange(a, b)
-        for d, a, b in zip(directions, ends[:-1], ends[1:], strict=True)
-    }
-    x = np.vstack([d.columns for d in directions])
-    volumes = np.concatenate([d.volumes for d in directions])
-    whitening, jacobian = fit.whitening, fit.jacobian
-    own_volumes = jacobian.volume
-    xw, jw = whitening.apply(x), whitening.apply(jacobian.values)
-    errors = (whitening.weights * whitening.errors).ravel() + step @ jw
-    cross = xw @ jw[free].T + np.outer(volumes, own_volumes[free]) / rows
-    solved = cross @ invert(h[np.ix_(free, free)])
-    score = xw @ errors - volumes * (1 - step @ own_volumes / rows)
-    score -= solved @ (g + h @ step)[free]
-    found = []
-    for move in moves:
-        a = np.concatenate([columns[id(d)] for d in move])
-        whole = xw[a] @ xw[a].T + np.outer(volumes[a], volumes[a]) / rows
-        own = whole - solved[a] @ cross[a].T
-        if (np.diag(own) < COLLINEAR_SHARE * np.diag(whole)).any():
-            continue
-        lower, upper = (
-            np.concatenate(ends)
-            for ends in zip(*(_bound_coordinates(d) for d in move), strict=True)
-        )
-        size = 1 / np.sqrt(np.diag(own))
-        z = solve_bounded_step(own, score[a], lower, upper, size, 1e-9)
-        gain = float(-(score[a] @ z + 0.5 * z @ own @ z))
-        found.append((gain, move, z, a))
-    found.sort(key=lambda each: -each[0])
-    moved = step @ jacobian.values
-    before = whitening.predict_loss(moved, float(step @ own_volumes))
-    out: dict[str, tuple[float, Move, Floats]] = {}
-    for _, move, z, a in found[: 2 * FINALISTS]:
-        change = moved + z @ (x[a] - solved[a] @ jacobian.values[free])
-        volume = z @ (volumes[a] - solved[a] @ own_volumes[free])
-        volume = rows * np.log1p(max(volume / rows, LEAST_VOLUME))
-        after = whitening.predict_loss(change, float(step @ own_volumes + volume))
-        gain = before - after
-        if _name(move) not in out or gain > out[_name(move)][0]:
-            out[_name(move)] = gain, move, z
-    return sorted(out.values(), key=lambda each: -each[0])
-
-
-def _bound_coordinates(direction: Direction) -> tuple[Floats, Floats]:
-    """Bounds (k) of coordinates, each alone, within those of the values."""
-    count, term = len(direction.steps), direction.term
-    if not np.isfinite(direction.start).all():
-        return np.zeros(count), np.ones(count)
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    for k, step in enumerate(direction.steps):
-        for p in np.flatnonzero(step):
-            ends = np.array([term.low[p], term.high[p]]) - direction.start[p]
-            a, b = np.sort(ends / step[p])
-            low[k], high[k] = max(low[k], a), min(high[k], b)
-    return np.minimum(low, 0), np.maximum(high, 0)

@@ -12,7 +12,10 @@ import numpy as np
 
 from ...recording.data import Floats
 
-DEGREE = 5  # of a polynomial that is integrated exactly, so that sums see what is left
+SUBTRACTED_DEGREE = (
+    5  # of a polynomial that is integrated exactly, so that sums see what is left
+)
+WEAK_RIDGE = 1e-9  # of normal equations; a window without readings has a mean, too
 QUADRATURE = np.linspace(-1, 1, 201)  # of a window's own integrals
 
 
@@ -39,9 +42,11 @@ def average_derivative(
     used = (np.abs(s) <= 1) & np.isfinite(y)
     used[:, 1:] &= near[:, 1:] > near[:, :-1]
     gaps = np.gradient(time)[near] * used
-    basis = s[..., None] ** np.arange(DEGREE + 1) * used[..., None]
+    basis = s[..., None] ** np.arange(SUBTRACTED_DEGREE + 1) * used[..., None]
     y = np.where(used, y, 0.0)
-    normal = np.einsum("rki,rkj->rij", basis, basis) + 1e-9 * np.eye(DEGREE + 1)
+    normal = np.einsum("rki,rkj->rij", basis, basis) + 1e-9 * np.eye(
+        SUBTRACTED_DEGREE + 1
+    )
     x = np.linalg.solve(normal, np.einsum("rki,rk->ri", basis, y)[..., None])[..., 0]
     left = y - np.einsum("rki,ri->rk", basis, x)
     if order == 1:
@@ -57,8 +62,8 @@ def average_derivative(
 def _average_powers(order: int) -> Floats:
     """Means of derivatives of s^k over a window, k up to the degree."""
     window = (1 + np.cos(np.pi * QUADRATURE)) / 2
-    powers = np.polynomial.polynomial.polyvander(QUADRATURE, DEGREE)
-    step = np.eye(DEGREE + 1)
+    powers = np.polynomial.polynomial.polyvander(QUADRATURE, SUBTRACTED_DEGREE)
+    step = np.eye(SUBTRACTED_DEGREE + 1)
     derived = np.polynomial.polynomial.polyder(step, order)  # of each power
     each = powers[:, : len(derived)] @ derived
     return np.asarray(np.trapezoid(window[:, None] * each, QUADRATURE, axis=0))

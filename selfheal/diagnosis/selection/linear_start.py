@@ -56,7 +56,7 @@ def search_linear_model(
     search = Search(motion, stated, candidates, record)
     linear = search.run()
     record.add_tried(candidates)
-    state = replace(state, direction="linear")
+    state = replace(state, direction="linear", first_round=search.first_ranking)
     if not linear.named:
         return state
     record(f"fitting {len(linear.named)} effects to simulations", 0.0)

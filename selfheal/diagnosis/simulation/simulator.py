@@ -212,7 +212,13 @@ class Simulator(RecordedSystem):
     def build_hypotheses(
         self, terms: Sequence[Term], values: Floats, centered: bool
     ) -> Hypotheses:
-        """Compile the models of n hypotheses with values (n, P)."""
+        """Build the models of n hypotheses.
+
+        Args:
+            terms: effects that the given model lacks.
+            values: (n, P) of all terms' parameters, a row a hypothesis.
+            centered: as `simulate` has it.
+        """
         variant = self.compiler.compile_variant(
             terms, leaping=centered, touching=self.has_contact or not centered
         )

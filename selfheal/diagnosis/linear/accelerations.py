@@ -9,11 +9,17 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Term
-from .batch import BatchState, Hypotheses, allow_divergence, find_diverged, make_batch
-from .commands import compute_commands
-from .initial_states import InitialStates
-from .simulator import MAX_BATCH_NUMBERS, Simulator
-from .stepwise import EffectForces, list_actions
+from ..simulation.batch import (
+    BatchState,
+    Hypotheses,
+    allow_divergence,
+    find_diverged,
+    make_batch,
+)
+from ..simulation.commands import compute_commands
+from ..simulation.initial_states import InitialStates
+from ..simulation.simulator import MAX_BATCH_NUMBERS, Simulator
+from ..simulation.stepwise import EffectForces, list_actions
 
 
 def compute_accelerations(

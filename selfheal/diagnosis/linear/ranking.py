@@ -1,0 +1,146 @@
+"""Ranking of moves: takes a fit and directions, gives what each would gain."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..estimation.quadratic_model import solve_bounded_step
+from .fit import LinearFit, invert
+from .model import Direction
+
+RANKED = 60  # moves whose likelihood is computed, those best by its curvature
+LEAST_VOLUME = -0.9  # change of log det M, in its first order
+COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
+SOLVER_SHARE = 1e-9  # of the diagonal, that is added to it; below what values show
+BOUND_MARGIN = 1e-6  # scales from a bound within which a value is at it
+
+Move = tuple[Direction, ...]
+
+
+def name_move(move: Move) -> str:
+    """What tells a move from others, whatever its initial values."""
+    if len(move) == 1:
+        return str(move[0].term.key)
+    return f"{move[0].term.effect.name} at {len(move)} places"
+
+
+@dataclass(frozen=True, eq=False)
+class _Relaxed:
+    """A fit whose values answer to first order, and directions beside it.
+
+    Attributes:
+        fit: as it is.
+        free: (f) numbers of its values that are not at a bound.
+        step: (P + K) to its lowest cost.
+        columns: (k, R (J + K)) changes of the errors by all directions.
+        volumes: (k) those of their volume.
+        own: (k, k) curvature beside the free values.
+        whole: (k) its diagonal alone.
+        score: (k) gradient beside the free values.
+        solved: (k, f) how the free values answer.
+    """
+
+    fit: LinearFit
+    free: np.ndarray
+    step: Floats
+    columns: Floats
+    volumes: Floats
+    own: Floats
+    whole: Floats
+    score: Floats
+    solved: Floats
+
+    def predict_gain(self, of: np.ndarray, coordinates: Floats) -> float:
+        """Gain of the likelihood [nats] by coordinates (c) of directions `of` (c)."""
+        jacobian, whitening = self.fit.jacobian, self.fit.whitening
+        rows = max(len(self.fit.motion.windows), 1)
+        moved = self.step @ jacobian.values
+        volume = float(self.step @ jacobian.volume)
+        answers = coordinates @ self.solved[of]
+        change = coordinates @ self.columns[of] - answers @ jacobian.values[self.free]
+        more = coordinates @ self.volumes[of] - answers @ jacobian.volume[self.free]
+        more = rows * np.log1p(max(more / rows, LEAST_VOLUME))
+        before = whitening.predict_loss(moved, volume)
+        return before - whitening.predict_loss(moved + change, volume + float(more))
+
+
+def _relax(fit: LinearFit, directions: Sequence[Direction]) -> _Relaxed:
+    """Let the values of a fit answer to directions (Schur complement)."""
+    h, g = fit.quadratic_model
+    low, high, scale = fit.bounds
+    step = solve_bounded_step(
+        h, g, low - fit.values, high - fit.values, scale, SOLVER_SHARE
+    )
+    at, margin = fit.values + step, BOUND_MARGIN * scale
+    free = np.flatnonzero((at > low + margin) & (at < high - margin))
+    rows = max(len(fit.motion.windows), 1)
+    x = np.vstack([d.columns for d in directions])
+    volumes = np.concatenate([d.volumes for d in directions])
+    whitening, own_volumes = fit.whitening, fit.jacobian.volume
+    xw, jw = whitening.apply(x), whitening.apply(fit.jacobian.values)
+    errors = (whitening.weights * whitening.errors).ravel() + step @ jw
+    cross = xw @ jw[free].T + np.outer(volumes, own_volumes[free]) / rows
+    solved = cross @ invert(h[np.ix_(free, free)])
+    score = xw @ errors - volumes * (1 - step @ own_volumes / rows)
+    score -= solved @ (g + h @ step)[free]
+    whole = xw @ xw.T + np.outer(volumes, volumes) / rows
+    own = whole - solved @ cross.T
+    return _Relaxed(
+        fit, free, step, x, volumes, own, np.diag(whole).copy(), score, solved
+    )
+
+
+def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Floats]]:
+    """Gain [nats], move and coordinates (k) of each beside a fit, the best first.
+
+    Of the best ones by the quadratic model the gain is that of the likelihood itself.
+
+    Args:
+        fit: with a Jacobian.
+        moves: that may be made.
+    """
+    if not moves:
+        return []
+    directions = list({id(d): d for m in moves for d in m}.values())
+    ends = np.cumsum([0, *(len(d.columns) for d in directions)])
+    columns = {
+        id(d): np.arange(a, b)
+        for d, a, b in zip(directions, ends[:-1], ends[1:], strict=True)
+    }
+    relaxed = _relax(fit, directions)
+    found = []
+    for move in moves:
+        a = np.concatenate([columns[id(d)] for d in move])
+        own, score = relaxed.own[np.ix_(a, a)], relaxed.score[a]
+        if (np.diag(own) < COLLINEAR_SHARE * relaxed.whole[a]).any():
+            continue
+        low, high = (
+            np.concatenate(bounds)
+            for bounds in zip(*(_bound_coordinates(d) for d in move), strict=True)
+        )
+        size = 1 / np.sqrt(np.diag(own))
+        z = solve_bounded_step(own, score, low, high, size, SOLVER_SHARE)
+        found.append((float(-(score @ z + 0.5 * z @ own @ z)), move, z, a))
+    found.sort(key=lambda each: -each[0])
+    best: dict[str, tuple[float, Move, Floats]] = {}
+    for _, move, z, a in found[:RANKED]:
+        gain = relaxed.predict_gain(a, z)
+        if name_move(move) not in best or gain > best[name_move(move)][0]:
+            best[name_move(move)] = gain, move, z
+    return sorted(best.values(), key=lambda each: -each[0])
+
+
+def _bound_coordinates(direction: Direction) -> tuple[Floats, Floats]:
+    """Bounds (k) of coordinates, each alone, within those of the values."""
+    count, term = len(direction.steps), direction.term
+    if not np.isfinite(direction.start).all():
+        return np.zeros(count), np.ones(count)
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    for k, step in enumerate(direction.steps):
+        for p in np.flatnonzero(step):
+            ends = np.array([term.low[p], term.high[p]]) - direction.start[p]
+            a, b = np.sort(ends / step[p])
+            low[k], high[k] = max(low[k], a), min(high[k], b)
+    return np.minimum(low, 0), np.maximum(high, 0)
