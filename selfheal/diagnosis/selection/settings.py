@@ -180,11 +180,6 @@ class SelectionSettings:
     Chosen: a value at its bound counts 4, and in singles 78 and 84 five and four were
     there."""
 
-    max_usual_gain: float = 0.2
-    """Share of the cost beside one name that all usual effects could remove, by a score
-    test, below which that name is all. Chosen between 0.04 to 0.10 of three robots that
-    lacked one effect and 0.33 and 0.93 of two that lacked whole drives."""
-
     max_rivals: int = 3
     """Effects listed as equivalent to a name (contract, section 2: at most three)."""
 

@@ -12,18 +12,15 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import is_distinct, share_values, spread_values, start_beside
-from ..estimation.candidate_fit import spread_around
+from ..effects.terms import share_values, spread_values, start_beside
 from ..estimation.fit import Fit
 from ..estimation.jacobian import compute_jacobian
 from ..estimation.least_squares import fit_parameters
-from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     is_horizon_informative,
     marginalize_initial_states,
 )
 from ..estimation.problem import Problem
-from ..estimation.settings import FIT
 from .backward import eliminate_backward, find_negligible
 from .cross_validation import ScoredFit
 from .screening import Progress
@@ -105,32 +102,6 @@ def fit_usual_effects(state: SearchState, progress: Progress) -> Fit | None:
     start = np.concatenate([state.best.fit.values, absent])
     terms = (*state.best.fit.terms, *usual)
     return fit_parameters(state.problem, terms, start, iterations=5)
-
-
-def estimate_usual_gain(state: SearchState) -> float:
-    """Share of the cost [1] that all usual effects at once could remove.
-
-    A score test: from the responses to one scale of each of their parameters. What the
-    time step's error explains, they need not.
-
-    Args:
-        state: with names beside which they are tried.
-    """
-    problem, fit = state.problem, state.best.fit
-    taken = {t.key for t in state.named}
-    responses = []
-    for term in _list_usual(state):
-        if term.key in taken or not is_distinct(term, state.named):
-            continue
-        points = spread_around(term, np.array([p.nominal for p in term.parameters]))
-        points = np.hstack([np.tile(fit.values, (len(points), 1)), points])
-        responses.append(problem.compute_residuals((*fit.terms, term), points))
-    if not responses:
-        return 0.0
-    base = LinearizedFit.from_fit(fit)
-    by_timestep = fit.residuals + fit.timestep_error()[None]
-    gain = base.estimate_gain(np.vstack([by_timestep, *responses]))
-    return (gain - base.estimate_gain(by_timestep)) / max(fit.cost, FIT.tiny)
 
 
 def _list_usual(state: SearchState) -> list[Term]:
