@@ -47,16 +47,18 @@ def average_derivative(
     normal = np.einsum("rki,rkj->rij", basis, basis) + 1e-9 * np.eye(
         SUBTRACTED_DEGREE + 1
     )
-    x = np.linalg.solve(normal, np.einsum("rki,rk->ri", basis, y)[..., None])[..., 0]
-    left = y - np.einsum("rki,ri->rk", basis, x)
     if order == 1:
         weights = np.pi * np.sin(np.pi * s) / (2 * half**2)
     else:
         weights = -(np.pi**2) * np.cos(np.pi * s) / (2 * half**3)
     weights = weights * gaps
-    exact = x @ _average_powers(order) / half**order
-    mean = exact + (weights * left).sum(axis=1)
-    return mean, (weights**2).sum(axis=1)
+    # of the polynomial the mean is exact, of what is left about it a sum
+    exact = _average_powers(order) / half**order - np.einsum(
+        "rki,rk->ri", basis, weights
+    )
+    x = np.linalg.solve(normal, exact[..., None])[..., 0]
+    weights = weights + np.einsum("rki,ri->rk", basis, x)
+    return (weights * y).sum(axis=1), (weights**2).sum(axis=1)
 
 
 def _average_powers(order: int) -> Floats:
