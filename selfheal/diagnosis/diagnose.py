@@ -38,7 +38,7 @@ from .selection.hypotheses import (
     start_search,
 )
 from .selection.quantization import name_quantization
-from .selection.refine import prefer_simpler_names, refine_hypothesis
+from .selection.refine import choose_equivalents, refine_hypothesis
 from .selection.replay_scores import HeldOutScores
 from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
@@ -251,7 +251,7 @@ def _fit_last(
     try:
         with counter.limit(lambda: is_over(FIT_SHARE)):
             return dataset, [
-                prefer_simpler_names(
+                choose_equivalents(
                     keep_predictive(dataset, refine_hypothesis(dataset, h), h)
                 )
                 for h in hypotheses

@@ -329,13 +329,17 @@ class Bench:
 
 def bench(robot: Robot | str, folder: Path, **how) -> Bench:
     """The robot's model in a folder, and a recording of it."""
+    robot = ROBOTS[robot] if isinstance(robot, str) else robot
+    return make_bench(robot, folder, record(robot, **how))
+
+
+def make_bench(robot: Robot, folder: Path, recording: Recording) -> Bench:
+    """The robot's model in a folder, and what a diagnosis makes of a recording."""
     from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
     from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 
-    robot = ROBOTS[robot] if isinstance(robot, str) else robot
     path = folder / "model.xml"
     path.write_text(robot.xml)
-    recording = record(robot, **how)
     simulator = build_simulator(ModelCompiler(str(path)), [recording])
     summary = summarize_robot(simulator)
     simulator = replace(simulator, has_contact=summary.has_contact)

@@ -64,11 +64,16 @@ class Direction:
 
 
 def can_be_linear(term: Term) -> bool:
-    """Whether accelerations at the measured state show a term.
+    """Whether the balance of torques at the measured state shows a term.
 
-    What adds a joint has a state of its own that is not read.
+    What adds a joint has a state of its own that is not read. If positions come late,
+    accelerations are read of other samples: errors of other noise are no likelihoods of
+    the same data.
     """
-    return not implements(term.effect, "edit_spec")
+    is_late = any(p.name == "delay" for p in term.parameters) and any(
+        place.get("kind") == "joint_position" for place in term.places
+    )
+    return not implements(term.effect, "edit_spec") and not is_late
 
 
 @allow_divergence()

@@ -129,12 +129,13 @@ class Search:
         """[nats] by which a term has to lower the cost.
 
         One of so many candidates (Bonferroni), a log n / 2 for each parameter (Schwarz
-        1978), and what its rarity makes it less likely.
+        1978), and what it makes it less likely that it is rare, or not usual.
         """
+        rank = term.effect.rarity + (0.0 if term.effect.is_usual(term) else 0.5)
         return float(
             np.log(len(self.candidates))
             + 0.5 * len(term.parameters) * np.log(rows)
-            + RARITY_NATS * term.effect.rarity
+            + RARITY_NATS * rank
         )
 
     def _independence(self) -> tuple[float, float]:
@@ -171,7 +172,9 @@ class Search:
         ranked.sort(key=lambda each: least[id(each[1])] - share * each[0])
         if ranked:
             gain, move, _ = ranked[0]
-            self.say(f"{move[0].term.label} explains {gain:.0f} nats", 0.0)
+            self.say(
+                f"trying {move[0].term.label}, which explains {gain:.0f} nats", 0.0
+            )
         new, best, worse = None, 0.0, 0
         for gain, move, coordinates in ranked:
             if share * gain < least[id(move)] or worse == TRIED or (new and worse):

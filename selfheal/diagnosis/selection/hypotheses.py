@@ -1,6 +1,7 @@
 """Which physics is missing: takes a fit of the nominal model, gives hypotheses.
 
-Two stepwise searches (`stepwise`): one from nothing, one from all usual effects.
+The linear model says it where all joints are read (`linear_start`), and stepwise
+searches by simulations what that cannot have, or all where it cannot be made.
 """
 
 from collections.abc import Iterable, Sequence
@@ -130,8 +131,9 @@ def name_effects(
 ) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
-    Two stepwise searches: one removes effects from all usual ones at once, the other
-    adds effects to none. What the first one leaves is searched forward, too.
+    What the linear model leaves is searched by simulations. Where there is none, two
+    stepwise searches are made: one removes effects from all usual ones at once, the
+    other adds effects to none.
 
     Args:
         start: state in which nothing has a name yet.
@@ -207,9 +209,7 @@ def _search_measured(
     if linear.named and linear.is_explained:
         return [linear]
     found = _search_to_end(linear, longer, rng, record)
-    if not found.named or found.is_explained:
-        return [_add_plain(found, start, record)]
-    return [replace(found, plain=fit_usual_effects(start, record))]
+    return [_add_plain(found, start, record)]
 
 
 def _search_in_contact(

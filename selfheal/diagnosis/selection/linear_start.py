@@ -16,6 +16,7 @@ from ..estimation.problem import Problem
 from ..linear.model import can_be_linear
 from ..linear.motion import is_measured, measure_motion
 from ..linear.search import Search
+from .backward import exchange_term
 from .criteria import Claim
 from .cross_validation import ScoredFit
 from .search_record import SearchRecord
@@ -70,11 +71,19 @@ def search_linear_model(
     state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))
     record.keep(state)
     state, _ = remove_and_exchange(state)
-    state = keep_significant(state, linear.named, rng)
+    rivals = {t.key: search.find_rivals(t) for t in linear.named}
+    for term in state.named:  # over longer segments they may differ
+        best = exchange_term(state.best, term, rivals.get(term.key, ()))
+        if best is not state.best:
+            rest = (t for t in rivals[term.key] if t.key != best.candidate.key)
+            rivals[best.candidate.key] = (term, *rest)
+            state = state.with_fit(best)
+    state = keep_significant(state, state.named, rng)
     for term in state.named:
-        if term in linear.named and term.key in state.claims:
-            rivals = search.find_rivals(term)
-            claim = Claim(state.claims[term.key].evidence, rivals, rivals)
-            state = state.with_claim(term, claim)
+        evidence = state.claims[term.key].evidence
+        others = rivals.get(term.key, ())
+        state = state.with_claim(term, Claim(evidence, others, others))
+    if state.is_explained:  # nothing is left that others could explain
+        record.add_tried(state.candidates)
     record.keep(state)
     return state

@@ -9,7 +9,7 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.hypotheses import Hypothesis
-from selfheal.diagnosis.selection.refine import prefer_simpler_names
+from selfheal.diagnosis.selection.refine import choose_equivalents
 from tests.support.problems import make_problem, name_effect
 
 
@@ -25,9 +25,9 @@ def test_a_parameter_without_effect_gives_way_to_the_simpler_name(arm):
     alone = ScoredFit.from_fit(fit_parameters(problem, (), np.zeros(0)))
     name = name_effect(falling)
     naming = Hypothesis(alone, found, (name,), ())
-    assert prefer_simpler_names(naming) is naming
+    assert choose_equivalents(naming) is naming
     rivaled = replace(naming, named=(replace(name, equivalent=(limit,)),))
-    plain = prefer_simpler_names(rivaled)
+    plain = choose_equivalents(rivaled)
     (new,) = plain.named
     assert (new.term.key, new.equivalent) == (limit.key, (falling,))
     assert plain.final.fit.terms == (new.term,)

@@ -144,7 +144,7 @@ def whole(few, dry_pendulum):
     return diagnose(model, [recording])
 
 
-@pytest.mark.parametrize("last", [4, pytest.param(9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("last", [4, pytest.param(7, marks=pytest.mark.slow)])
 def test_a_killed_diagnosis_goes_on_to_the_same_end(
     last, whole, dry_pendulum, tmp_path
 ):
