@@ -16,7 +16,7 @@ from ..estimation.problem import Problem
 from ..linear.model import can_be_linear
 from ..linear.motion import is_measured, measure_motion
 from ..linear.search import Search
-from .backward import exchange_term
+from .backward import exchange_equivalent
 from .criteria import Claim
 from .cross_validation import ScoredFit
 from .search_record import SearchRecord
@@ -73,7 +73,7 @@ def search_linear_model(
     state, _ = remove_and_exchange(state)
     rivals = {t.key: search.find_rivals(t) for t in linear.named}
     for term in state.named:  # over longer segments they may differ
-        best = exchange_term(state.best, term, rivals.get(term.key, ()))
+        best = exchange_equivalent(state.best, term, rivals.get(term.key, ()))
         if best is not state.best:
             rest = (t for t in rivals[term.key] if t.key != best.candidate.key)
             rivals[best.candidate.key] = (term, *rest)

@@ -25,7 +25,7 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
-from .backward import exchange_term
+from .backward import exchange_equivalent
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .screening import count_native_steps, mean_seconds, subsample_problem
@@ -162,15 +162,12 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
 def choose_equivalents(hypothesis: Hypothesis) -> Hypothesis:
     """Exchange each name for an equivalent one that predicts better, or is simpler.
 
-    In more and longer segments than those that named it two effects may be told apart,
-    and a parameter may turn out to do nothing, such as the speed at which a motor's
-    torque ends. Of those that do as well the usual one is taken.
+    More and longer segments than those that named it may tell two effects apart. And a
+    parameter may turn out to do nothing, such as the speed at which a motor's torque
+    ends.
     """
     for name in hypothesis.named:
-        usual = [t for t in name.equivalent if t.effect.is_usual(t)]
-        final = exchange_term(hypothesis.final, name.term, usual)
-        if final is hypothesis.final:
-            final = exchange_term(final, name.term, name.equivalent)
+        final = exchange_equivalent(hypothesis.final, name.term, name.equivalent)
         if final is hypothesis.final:
             continue
         rest = tuple(t for t in name.equivalent if t.key != final.candidate.key)
