@@ -183,10 +183,15 @@ def _find_prime(least: float) -> int:
 
 
 def is_measured(simulator: Simulator) -> bool:
-    """Whether all joints are hinges and slides that are read, and nothing touches."""
+    """Whether all joints are hinges and slides that are read, and nothing touches.
+
+    A robot without joints has no balance of torques.
+    """
     model = simulator.compiler.nominal
     read = {c.target for c in simulator.channels if c.kind == "joint_position"}
-    return not simulator.has_contact and all(
+    if simulator.has_contact or not model.njnt:
+        return False
+    return all(
         model.jnt_type[j] in (2, 3) and model.joint(j).name in read
         for j in range(model.njnt)
     )

@@ -46,10 +46,10 @@ class Quartics:
             at: (W) [s].
             delay: by which the times are later [s].
         """
-        gap = float(np.median(np.diff(self.time)))
         near = find_nearest(self.time, at)
         known = np.flatnonzero(np.isfinite(self.coefficients[:, 0]))
         if delay and len(known):
+            gap = float(np.median(np.diff(self.time)))
             wanted = near + float(round(delay / gap))
             near = known[find_nearest(known.astype(float), wanted)]
         dt, a = at + delay - self.time[near], self.coefficients[near].T

@@ -158,7 +158,7 @@ def name_effects(
     if linear is not None:
         states = _search_measured(start, linear, longer, rng, record)
     else:
-        states = _search_in_contact(start, longer, rng, record)
+        states = _search_by_simulation(start, longer, rng, record)
     plain = states[0].plain or states[-1].plain
     return [_finish_search(replace(s, plain=plain), problem) for s in states]
 
@@ -212,7 +212,7 @@ def _search_measured(
     return [_add_plain(found, start, record)]
 
 
-def _search_in_contact(
+def _search_by_simulation(
     start: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
@@ -220,9 +220,9 @@ def _search_in_contact(
 ) -> list[SearchState]:
     """Search forward; backward only where that leaves something.
 
-    Impacts make the cost rough, so that many values at once are the last resort: not
-    for one channel's sake where names leave little. And what sets in while a robot is
-    recorded is no usual effect of all its drives.
+    Impacts, and states that are not read, make the cost rough, so that many values at
+    once are the last resort: not for one channel's sake where names leave little. And
+    what sets in while a robot is recorded is no usual effect of all its drives.
 
     Args:
         start: state in which nothing has a name yet.
