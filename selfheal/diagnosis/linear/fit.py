@@ -63,6 +63,11 @@ class LinearFit:
         return sum(len(t.parameters) for t in self.terms)
 
     @property
+    def rows(self) -> int:
+        """How many windows the errors have, at least 1."""
+        return max(len(self.motion.windows), 1)
+
+    @property
     def slices(self) -> list[slice]:
         """Columns of each term."""
         ends = np.cumsum([0, *(len(t.parameters) for t in self.terms)])
@@ -118,9 +123,8 @@ class LinearFit:
         precision, mean = self._prior
         j = self.whitening.apply(self.jacobian.values)
         v = self.jacobian.volume
-        rows = max(len(self.motion.windows), 1)
         e = (self.whitening.weights * self.whitening.errors).ravel()
-        h = j @ j.T + np.diag(precision) + np.outer(v, v) / rows
+        h = j @ j.T + np.diag(precision) + np.outer(v, v) / self.rows
         return h, j @ e + precision * (self.values - mean) - v
 
     def at(self, values: Floats, terms: Sequence[Term] | None = None) -> "LinearFit":

@@ -7,6 +7,7 @@ have Student's t, so that blows do not count.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -50,11 +51,12 @@ class Whitening:
         """
         x = change.reshape(self.errors.shape)
         r = self.errors + np.einsum("rij,rj->ri", self.roots, x)
-        scale = estimate_scale(r)
-        before = estimate_scale(self.errors)
-        gained = _sum_tails(self.errors, before) - _sum_tails(r, scale)
-        gained += len(r) * np.log(before / scale).sum()
-        return self.loss - float(gained) - volume
+        return self.loss + _compute_size(r, estimate_scale(r)) - self._size - volume
+
+    @cached_property
+    def _size(self) -> float:
+        """Negative log-likelihood [nats] of the whitened errors."""
+        return _compute_size(self.errors, estimate_scale(self.errors))
 
 
 def whiten(motion: MeasuredMotion, errors: Errors) -> Whitening:
@@ -80,8 +82,8 @@ def whiten(motion: MeasuredMotion, errors: Errors) -> Whitening:
     roots[:, other, other] = 1 / np.sqrt(spread[joints:])
     r = np.einsum("rij,rj->ri", roots, e)
     scale = estimate_scale(r)
-    size = np.log(np.einsum("rjj->rj", roots)).sum() + errors.volume
-    loss = len(e) * np.log(scale).sum() - size + _sum_tails(r, scale)
+    volume = np.log(np.einsum("rjj->rj", roots)).sum() + errors.volume
+    loss = _compute_size(r, scale) - volume
     r, roots = r / scale, roots / scale[:, None]
     weights = np.sqrt((FREEDOM + 1) / (FREEDOM + r**2))
     return Whitening(roots, weights, r, float(loss))
@@ -98,9 +100,11 @@ def estimate_scale(errors: Floats) -> Floats:
     return scale
 
 
-def _sum_tails(errors: Floats, scale: Floats) -> float:
-    """What Student's t makes of errors (R, C) beside their scale (C) [nats]."""
-    return float((FREEDOM + 1) / 2 * np.log1p((errors / scale) ** 2 / FREEDOM).sum())
+def _compute_size(errors: Floats, scale: Floats) -> float:
+    """Negative log-likelihood [nats] of errors (R, C) with columns of scales (C)."""
+    tails = np.log1p((errors / scale) ** 2 / FREEDOM).sum()
+    size = len(errors) * np.log(scale).sum() + (FREEDOM + 1) / 2 * tails
+    return float(size)
 
 
 def estimate_independence(whitening: Whitening) -> float:

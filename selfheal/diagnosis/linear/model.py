@@ -1,7 +1,8 @@
 """Linear model: takes measured motion, gives equation errors and their derivatives.
 
-The equation error of a window is the mean of model acceleration less acceleration read,
-both along the measured motion. It is linear in forces, and does not accumulate.
+The equation error of a window is the mean of the torques by which a hypothesis does not
+make the motion that was read. It is linear in inertias and forces, and errors of one
+moment do not add up with those of the next.
 """
 
 from collections.abc import Mapping, Sequence

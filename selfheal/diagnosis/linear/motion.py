@@ -77,7 +77,7 @@ class MeasuredMotion:
 
     @cached_property
     def width(self) -> int:
-        """Errors of a window: J accelerations and K velocities."""
+        """Errors of a window: J torques and K velocities."""
         return len(self.joints) + self.read({}).mismatch.shape[1]
 
     def select(self, rows: np.ndarray) -> "MeasuredMotion":
@@ -182,19 +182,25 @@ def _find_prime(least: float) -> int:
     return n
 
 
+def _list_read_joints(simulator: Simulator) -> tuple[int, ...]:
+    """Ids of the hinges and slides whose positions are read."""
+    model = simulator.compiler.nominal
+    read = {c.target for c in simulator.channels if c.kind == "joint_position"}
+    return tuple(
+        j
+        for j in range(model.njnt)
+        if model.jnt_type[j] in (2, 3) and model.joint(j).name in read
+    )  # mjtJoint: slide, hinge
+
+
 def is_measured(simulator: Simulator) -> bool:
     """Whether all joints are hinges and slides that are read, and nothing touches.
 
     A robot without joints has no balance of torques.
     """
-    model = simulator.compiler.nominal
-    read = {c.target for c in simulator.channels if c.kind == "joint_position"}
-    if simulator.has_contact or not model.njnt:
-        return False
-    return all(
-        model.jnt_type[j] in (2, 3) and model.joint(j).name in read
-        for j in range(model.njnt)
-    )
+    count = simulator.compiler.nominal.njnt
+    is_read = len(_list_read_joints(simulator)) == count
+    return bool(count and is_read and not simulator.has_contact)
 
 
 def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMotion:
@@ -204,14 +210,7 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
         simulator: of the recordings, with the model's own step.
         rng: draws noise.
     """
-    model = simulator.compiler.nominal
-    read = {c.target for c in simulator.channels if c.kind == "joint_position"}
-    joints = tuple(
-        j
-        for j in range(model.njnt)
-        if model.jnt_type[j] in (2, 3) and model.joint(j).name in read
-    )
-    step = simulator.timestep
+    joints, step = _list_read_joints(simulator), simulator.timestep
     times = [e.sample_steps * step for e in simulator.episodes]
     gap = float(np.median(np.concatenate([np.diff(t) for t in times])))
     window = max(WINDOW_SECONDS, MIN_WINDOW_SAMPLES * gap)

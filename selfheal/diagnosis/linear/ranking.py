@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -54,16 +55,21 @@ class _Relaxed:
 
     def predict_gain(self, of: np.ndarray, coordinates: Floats) -> float:
         """Gain of the likelihood [nats] by coordinates (c) of directions `of` (c)."""
-        jacobian, whitening = self.fit.jacobian, self.fit.whitening
-        rows = max(len(self.fit.motion.windows), 1)
-        moved = self.step @ jacobian.values
-        volume = float(self.step @ jacobian.volume)
+        jacobian, rows = self.fit.jacobian, self.fit.rows
+        moved, volume, before = self._stepped
         answers = coordinates @ self.solved[of]
         change = coordinates @ self.columns[of] - answers @ jacobian.values[self.free]
         more = coordinates @ self.volumes[of] - answers @ jacobian.volume[self.free]
         more = rows * np.log1p(max(more / rows, LEAST_VOLUME))
-        before = whitening.predict_loss(moved, volume)
-        return before - whitening.predict_loss(moved + change, volume + float(more))
+        after = self.fit.whitening.predict_loss(moved + change, volume + float(more))
+        return before - after
+
+    @cached_property
+    def _stepped(self) -> tuple[Floats, float, float]:
+        """Changes of errors (R (J + K)) and volume by the step, and the loss [nats]."""
+        moved = self.step @ self.fit.jacobian.values
+        volume = float(self.step @ self.fit.jacobian.volume)
+        return moved, volume, self.fit.whitening.predict_loss(moved, volume)
 
 
 def _relax(fit: LinearFit, directions: Sequence[Direction]) -> _Relaxed:
@@ -75,8 +81,7 @@ def _relax(fit: LinearFit, directions: Sequence[Direction]) -> _Relaxed:
     )
     at, margin = fit.values + step, BOUND_MARGIN * scale
     free = np.flatnonzero((at > low + margin) & (at < high - margin))
-    rows = max(len(fit.motion.windows), 1)
-    x = np.vstack([d.columns for d in directions])
+    x, rows = np.vstack([d.columns for d in directions]), fit.rows
     volumes = np.concatenate([d.volumes for d in directions])
     whitening, own_volumes = fit.whitening, fit.jacobian.volume
     xw, jw = whitening.apply(x), whitening.apply(fit.jacobian.values)

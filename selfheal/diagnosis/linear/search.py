@@ -64,12 +64,9 @@ class Search:
 
     def run(self) -> LinearFit:
         """The set of effects at the end, fitted."""
-        directions, is_fresh = list[Direction](), False
+        self._directions, is_fresh = self._propose(), True
         while len(self.fit.named) < MOST_EFFECTS:
-            if not directions:
-                directions, is_fresh = self._propose(), True
-                self._directions = directions
-            new = self._select(directions)
+            new = self._select(self._directions)
             if new is not None:
                 before = {t.key for t in self.fit.named}
                 self.fit, is_fresh = self._eliminate(new), False
@@ -79,7 +76,8 @@ class Search:
                 break
             else:  # what was found may have made others visible
                 self.fit = refine(self.fit)
-                directions, self._excluded = [], set()
+                self._excluded = set()
+                self._directions, is_fresh = self._propose(), True
         self.fit = self._eliminate(refine(self.fit))
         for term in self.fit.named:
             self._exchange(term)
@@ -88,10 +86,9 @@ class Search:
     def _exchange(self, term: Term) -> None:
         """Put another form of a term in its place where that is likelier."""
         fit, (share, rows) = self.fit, self._independence()
-        others = find_other_forms(term, self.candidates)
-        others = [
-            t for t in others if is_distinct(t, [x for x in fit.named if x is not term])
-        ]
+        rest = [t for t in fit.named if t is not term]
+        forms = find_other_forms(term, self.candidates)
+        others = [t for t in forms if is_distinct(t, rest)]
         if not others:
             return
         less = remove_terms(fit, [fit.terms.index(term)])

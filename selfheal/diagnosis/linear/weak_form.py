@@ -12,9 +12,8 @@ import numpy as np
 
 from ...recording.data import Floats
 
-SUBTRACTED_DEGREE = (
-    5  # of a polynomial that is integrated exactly, so that sums see what is left
-)
+# of a polynomial that is integrated exactly, so that sums see what is left
+SUBTRACTED_DEGREE = 5
 WEAK_RIDGE = 1e-9  # of normal equations; a window without readings has a mean, too
 QUADRATURE = np.linspace(-1, 1, 201)  # of a window's own integrals
 
@@ -44,9 +43,8 @@ def average_derivative(
     gaps = np.gradient(time)[near] * used
     basis = s[..., None] ** np.arange(SUBTRACTED_DEGREE + 1) * used[..., None]
     y = np.where(used, y, 0.0)
-    normal = np.einsum("rki,rkj->rij", basis, basis) + 1e-9 * np.eye(
-        SUBTRACTED_DEGREE + 1
-    )
+    normal = np.einsum("rki,rkj->rij", basis, basis)
+    normal += WEAK_RIDGE * np.eye(SUBTRACTED_DEGREE + 1)
     if order == 1:
         weights = np.pi * np.sin(np.pi * s) / (2 * half**2)
     else:
@@ -65,7 +63,7 @@ def _average_powers(order: int) -> Floats:
     """Means of derivatives of s^k over a window, k up to the degree."""
     window = (1 + np.cos(np.pi * QUADRATURE)) / 2
     powers = np.polynomial.polynomial.polyvander(QUADRATURE, SUBTRACTED_DEGREE)
-    step = np.eye(SUBTRACTED_DEGREE + 1)
-    derived = np.polynomial.polynomial.polyder(step, order)  # of each power
+    each_power = np.eye(SUBTRACTED_DEGREE + 1)
+    derived = np.polynomial.polynomial.polyder(each_power, order)
     each = powers[:, : len(derived)] @ derived
     return np.asarray(np.trapezoid(window[:, None] * each, QUADRATURE, axis=0))
