@@ -160,6 +160,7 @@ class Effect:
             when a step began.
         looks_ahead: how far ahead `transform_command` may look [s].
         writes_forcerange: whether `apply_forces` writes `StepState.forcerange`.
+        reads_torques: whether `apply_forces` reads `StepState.actuator_torque`.
         reads_actuators: whether `apply_forces` reads laws and lengths of actuators from
             `StepState`.
         native_is_stepwise: whether MuJoCo's native form acts by whole time steps, so
@@ -193,6 +194,7 @@ class Effect:
     holds_previous_command = False
     looks_ahead = 0.0
     writes_forcerange = False
+    reads_torques = False
     reads_actuators = False
     native_is_stepwise = False
     rounds_readings = False

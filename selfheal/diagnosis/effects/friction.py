@@ -229,6 +229,7 @@ class LoadDependentFriction(FrictionEffect):
     )
     finding_fields = (FindingField("side", (BOTH,), is_required=False),)
     is_common = True
+    reads_torques = True
 
     def make_parameters(self, robot, joint):
         return (self.make_parameter("load_coefficient", low=0.0, high=1.5, scale=0.1),)

@@ -1,14 +1,15 @@
 """Accelerations: takes hypotheses and states, gives what each makes of every joint."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
+from ...recording import find_output
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Term
+from ..effects.base import Effect, StepState, Term, implements
 from ..simulation.batch import (
     BatchState,
     Hypotheses,
@@ -22,6 +23,22 @@ from ..simulation.simulator import MAX_BATCH_NUMBERS, Simulator
 from ..simulation.stepwise import EffectForces, list_actions
 
 
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """How joints of n hypotheses answer at W moments.
+
+    Attributes:
+        acceleration: (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one.
+        inertia: (n, W, nv, nv) [kg m^2 or kg].
+        impedance: (n, nv, 2) stiffness [N m/rad or N/m] and damping [N m s/rad or
+            N s/m] of the joints and their servos.
+    """
+
+    acceleration: Floats
+    inertia: Floats
+    impedance: Floats
+
+
 def compute_accelerations(
     simulator: Simulator,
     terms: Sequence[Term],
@@ -30,7 +47,7 @@ def compute_accelerations(
     state_offset: Floats,
     *,
     in_steps: bool = False,
-) -> tuple[Floats, Floats]:
+) -> Dynamics:
     """Accelerations of n hypotheses where W segments begin: forward dynamics.
 
     In continuous time: no integrator's damping, no error of a time step.
@@ -46,9 +63,6 @@ def compute_accelerations(
         in_steps: whether they are the change of velocity in a step of the simulation,
             over its length, rather than those of continuous time.
 
-    Returns:
-        (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one. And the
-        inertia matrices (n, W, nv, nv) [kg m^2 or kg].
     """
     values = np.atleast_2d(values)
     model = simulator.compiler.nominal
@@ -56,31 +70,106 @@ def compute_accelerations(
     size = max(1, int(MAX_BATCH_NUMBERS / numbers))
     out = np.empty((len(values), len(moments), model.nv))
     inertia = np.empty((*out.shape, model.nv))
-    around = simulator.cache.load_or_compute(
-        moments, "steps around", lambda: _shift_back(moments)
-    )
+    impedance = np.empty((len(values), model.nv, 2))
     for i in range(0, len(values), size):
         some = values[i : i + size]
         simulator.counter.add(len(some))
-        hypotheses = simulator.build_hypotheses(terms, some, centered=False)
-        offset = state_offset[i : i + size]
-        initial = InitialStates(
-            simulator, simulator.cache, hypotheses, moments
-        ).compute(offset)
-        commands = compute_commands(
-            simulator, simulator.cache, hypotheses, around, centered=True, mean=True
-        )[:, : int(moments.lengths.max())]
+        hypotheses, initial, ctrl = _begin(
+            simulator, terms, some, moments, state_offset[i : i + size]
+        )
         found = _forward(
-            hypotheses,
-            moments,
-            initial,
-            commands.mean(axis=1),
-            simulator.timestep,
-            in_steps,
+            hypotheses, moments, initial, ctrl, simulator.timestep, in_steps
         )
         for whole, part in zip((out, inertia), found, strict=True):
             whole[i : i + size] = part.reshape(len(some), len(moments), *part.shape[1:])
-    return out, inertia
+        dofs = hypotheses.variant.dof
+        impedance[i : i + size] = [_find_impedance(m)[dofs] for m in hypotheses.models]
+    return Dynamics(out, inertia, impedance)
+
+
+def _find_impedance(model) -> Floats:
+    """(nv, 2) stiffness and damping of joints, with those of their servos."""
+    out = np.zeros((model.nv, 2))
+    out[:, 1] = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+    for j in range(model.njnt):
+        stiffness = np.ravel(np.array(model.jnt_stiffness[j]))[0]
+        out[model.jnt_dofadr[j], 0] += stiffness
+    for a in range(model.nactuator):
+        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
+            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
+            gear = model.actuator_gear[find_output(model, a), 0]
+            out[dof] -= gear**2 * model.actuator_biasprm[a, 1:3]
+    return out
+
+
+def is_force_law(effect: Effect) -> bool:
+    """Whether an effect adds forces that follow from states and commands alone."""
+    others = ("edit_model", "edit_spec", "transform_command", "transform_reading")
+    return (
+        implements(effect, "apply_forces")
+        and not any(implements(effect, way) for way in others)
+        and not (effect.reads_torques or effect.reads_actuators)
+        and not effect.writes_forcerange
+    )
+
+
+def compute_applied_forces(
+    simulator: Simulator,
+    terms: Sequence[Term],
+    values: Floats,
+    moments: Segments,
+    state_offset: Floats,
+) -> Floats:
+    """Forces that the last of some terms adds, a force law.
+
+    Args:
+        simulator: of the recordings.
+        terms: effects that the given model lacks, none of which adds a joint.
+        values: (n, P) of all terms' parameters, a row a hypothesis.
+        moments: W segments, in whose first states they are.
+        state_offset: (n, W, 2 nv) as of `compute_accelerations`.
+
+    Returns:
+        (n, W, nv) [N m or N].
+    """
+    hypotheses, initial, ctrl = _begin(simulator, terms, values, moments, state_offset)
+    applied, none = np.zeros_like(initial.qvel), np.zeros(0)
+    state = StepState(
+        np.tile(moments.first_step * simulator.timestep, len(values)),
+        initial.qpos, initial.qvel, ctrl, none, none, applied, none, None,
+        initial.integral_errors, simulator.timestep,
+    )  # fmt: skip
+    actions = list_actions(hypotheses, len(moments))
+    for action in actions[-len(terms[-1].places) :]:
+        action.effect.apply_forces(state, action.place, action.values)
+    return applied[:, hypotheses.variant.dof].reshape(len(values), len(moments), -1)
+
+
+def _begin(
+    simulator: Simulator,
+    terms: Sequence[Term],
+    values: Floats,
+    moments: Segments,
+    state_offset: Floats,
+) -> tuple[Hypotheses, BatchState, Floats]:
+    """Hypotheses, their states and their mean commands (n W, nu) at the moments.
+
+    Args:
+        simulator: of the recordings.
+        terms: effects that the given model lacks.
+        values: (n, P) of all terms' parameters.
+        moments: W segments.
+        state_offset: (n, W, 2 nv) as of `compute_accelerations`.
+    """
+    hypotheses = simulator.build_hypotheses(terms, values, centered=False)
+    initial = InitialStates(simulator, simulator.cache, hypotheses, moments)
+    around = simulator.cache.load_or_compute(
+        moments, "steps around", lambda: _shift_back(moments)
+    )
+    commands = compute_commands(
+        simulator, simulator.cache, hypotheses, around, centered=True, mean=True
+    )[:, : int(moments.lengths.max())]
+    return hypotheses, initial.compute(state_offset), commands.mean(axis=1)
 
 
 def _shift_back(moments: Segments) -> Segments:
@@ -116,12 +205,12 @@ def _forward(
     stage = mujoco.mjtStage.mjSTAGE_ACC
     actions = list_actions(hypotheses, len(moments))
     if actions:
-        batch.forward(stage=stage)  # for the torques that effects read
         time = np.tile(moments.first_step * step, len(hypotheses.models))
         bound = batch.bind("ctrl") if ctrl.shape[-1] else None
-        EffectForces(batch, actions, initial.integral_errors, step).apply(
-            batch.bind("qpos"), batch.bind("qvel"), bound, time
-        )
+        forces = EffectForces(batch, actions, initial.integral_errors, step)
+        if any(action.effect.reads_torques for action in actions):
+            batch.forward(stage=stage)  # fills what is bound before
+        forces.apply(batch.bind("qpos"), batch.bind("qvel"), bound, time)
     if in_steps:
         before = batch.bind("qvel").copy()
         batch.step()

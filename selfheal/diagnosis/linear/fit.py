@@ -117,8 +117,8 @@ class LinearFit:
     def quadratic_model(self) -> tuple[Floats, Floats]:
         """Curvature (P + K, P + K) and gradient (P + K) of the cost.
 
-        That of -log det M is the square of its gradient, as of the logarithm of a
-        single inertia.
+        That of minus the volume is the square of its gradient, as of the logarithm of
+        a single inertia.
         """
         precision, mean = self._prior
         j = self.whitening.apply(self.jacobian.values)
@@ -153,8 +153,8 @@ class LinearFit:
         def cut(errors: Errors) -> Errors:
             x = errors.values
             x = x.reshape(*x.shape[:-1], -1, width)[..., rows, :]
-            inertia = None if errors.inertia is None else errors.inertia[rows]
-            return Errors(x.reshape(*x.shape[:-2], -1), share * errors.volume, inertia)
+            noise = None if errors.noise is None else errors.noise[rows]
+            return Errors(x.reshape(*x.shape[:-2], -1), share * errors.volume, noise)
 
         return replace(
             self,

@@ -1,9 +1,8 @@
-"""Likelihood of equation errors: noise of accelerations, and torques that are missing.
+"""Likelihood of equation errors: noise of what was read, and torques that are missing.
 
-The balance of torques of a window is e = M n + d, with inertia M, noise n of the
-accelerations that were read, and discrepancies d of each joint's torque. Its covariance
-is C = M S M' + D with diagonal S, which is known, and D. Whitened by a root of C errors
-have Student's t, so that blows do not count.
+The balance of torques of a window has the covariance C = N + D: of noise of the
+readings, which is known, and of each joint's discrepancies, with a diagonal D. Whitened
+by a root of C errors have Student's t, so that blows do not count.
 """
 
 from dataclasses import dataclass
@@ -67,15 +66,13 @@ def whiten(motion: MeasuredMotion, errors: Errors) -> Whitening:
     e = errors.values.reshape(-1, motion.width)
     joints = len(motion.joints)
     roots = np.zeros((len(e), motion.width, motion.width))
-    if not np.isfinite(e).all() or errors.inertia is None:
+    if not np.isfinite(e).all() or errors.noise is None:
         return Whitening(roots, np.zeros_like(e), e, np.inf)
-    noise = errors.inertia * motion.noise
-    noise = noise @ noise.swapaxes(-1, -2)
-    known = np.einsum("rjj->rj", noise)
+    known = np.einsum("rjj->rj", errors.noise)
     spread = estimate_scale(e) ** 2
     missing = np.maximum(spread[:joints] - np.median(known, axis=0), 0.0)
     missing += 1e-6 * spread[:joints] + np.finfo(float).tiny
-    covariance = noise + missing * np.eye(joints)
+    covariance = errors.noise + missing * np.eye(joints)
     root = np.linalg.cholesky(covariance)
     roots[:, :joints, :joints] = np.linalg.inv(root)
     other = np.arange(joints, motion.width)

@@ -16,7 +16,11 @@ from ..effects.terms import find_restated
 from ..simulation.batch import allow_divergence
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
-from .accelerations import compute_accelerations
+from .accelerations import (
+    compute_accelerations,
+    compute_applied_forces,
+    is_force_law,
+)
 from .motion import MOMENTS_PER_WINDOW, MeasuredMotion, Readings
 
 # share of a column's norm that has to be its own, beside those before it; chosen: what
@@ -34,14 +38,14 @@ class Errors:
     Attributes:
         values: (..., R (J + K)) balance of torques [N m or N] of J joints in R windows,
             and K mismatches of velocities [rad/s or m/s].
-        volume: (...) sum of log det M over the windows, M the joints' inertia.
-        inertia: (R, J, J) M of a single hypothesis in each window; of several it is
-            not kept.
+        volume: (...) half the sum of log det N over the windows.
+        noise: (R, J, J) N, covariance of what noise of the readings makes of the
+            balance in each window, of a single hypothesis; of several it is not kept.
     """
 
     values: Floats
     volume: Floats
-    inertia: Floats | None = None
+    noise: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +81,6 @@ def can_be_linear(term: Term) -> bool:
     return not implements(term.effect, "edit_spec") and not is_late
 
 
-@allow_divergence()
 def compute_errors(
     motion: MeasuredMotion,
     terms: Sequence[Term],
@@ -92,9 +95,11 @@ def compute_errors(
 
         e = M (a_model - a_read) = tau - M a_read - c,
 
-    is linear in masses, rotors, forces and gains, however far off they are. As it is
-    a_read that has the noise, the log-likelihood of e has a term log det M: without it
-    a free robot would be explained by having no mass.
+    is linear in masses, rotors, forces and gains, however far off they are. But it is
+    what was read that has the noise: the density of the readings is that of e times
+    |de / dreadings|, whose logarithm is half of log det N up to a constant, N the
+    covariance of e by noise of the readings. Without it a free robot would be explained
+    by having no mass.
 
     Args:
         motion: as measured.
@@ -103,15 +108,54 @@ def compute_errors(
         shift: further changes of signals, as `MeasuredMotion.read` has them.
         in_steps: as `compute_accelerations` has it.
     """
-    acting, acts, read = _split(motion, terms, np.atleast_2d(values), shift or {})
-    a, inertia = compute_accelerations(
+    values = np.atleast_2d(values)
+    if not any(t.onset for t in terms):
+        return _compute_errors(motion, terms, values, shift or {}, in_steps)
+    out = np.empty((len(values), len(motion.windows), motion.width))
+    volume = np.zeros(len(values))
+    count = len(motion.joints)
+    noise = np.empty((len(motion.windows), count, count))
+    is_active = motion.find_active_terms(terms)
+    owner = np.repeat(np.arange(len(terms)), [len(t.parameters) for t in terms])
+    for active in np.unique(is_active, axis=0):
+        rows = np.flatnonzero((is_active == active).all(axis=1))
+        acting = [t for t, acts in zip(terms, active, strict=True) if acts]
+        part = _compute_errors(
+            motion.select(rows), acting, values[:, active[owner]], shift or {}, in_steps
+        )
+        out[:, rows] = part.values.reshape(len(values), len(rows), -1)
+        volume += part.volume
+        if part.noise is not None:
+            noise[rows] = part.noise
+    known = noise if len(values) == 1 else None
+    return Errors(out.reshape(len(values), -1), volume, known)
+
+
+@allow_divergence()
+def _compute_errors(
+    motion: MeasuredMotion,
+    terms: Sequence[Term],
+    values: Floats,
+    shift: Mapping[str, Mapping[str, float]],
+    in_steps: bool,
+) -> Errors:
+    """Equation errors of n hypotheses whose terms act all the time.
+
+    Args:
+        motion: as measured.
+        terms: of the hypotheses.
+        values: (n, P) of them [units of the parameters].
+        shift: further changes of signals.
+        in_steps: as `compute_accelerations` has it.
+    """
+    acting, acts, read = _split(motion, terms, values, shift)
+    found = compute_accelerations(
         motion.simulator, acting, acts, motion.moments,
         np.stack([r.offset for r in read]), in_steps=in_steps,
     )  # fmt: skip
-    a = a[..., motion.dofs]
-    errors = a - np.stack([r.acceleration for r in read])
+    errors = found.acceleration[..., motion.dofs] - np.stack([r.acceleration for r in read])
     errors *= np.stack([r.gain for r in read])
-    m = inertia[..., motion.dofs[:, None], motion.dofs]
+    m = found.inertia[..., motion.dofs[:, None], motion.dofs]
     torque = np.einsum("nwij,nwj->nwi", m, errors)
     mismatch = np.stack([r.mismatch for r in read])
     averaged = motion.average(np.concatenate([torque, mismatch], axis=-1))
@@ -119,9 +163,29 @@ def compute_errors(
     mean = m[:, middle]  # it varies little in a window
     missed = np.stack([r.missed * r.gain[middle] for r in read])
     averaged[..., : len(motion.dofs)] -= np.einsum("nrij,nrj->nri", mean, missed)
-    volume = np.linalg.slogdet(mean)[1].sum(axis=1)
-    known = mean[0] if len(mean) == 1 else None
+    noise = _propagate_noise(motion.noise, mean, found.impedance[:, motion.dofs])
+    volume = 0.5 * np.linalg.slogdet(noise)[1].sum(axis=1)
+    known = noise[0] if len(noise) == 1 else None
     return Errors(averaged.reshape(len(averaged), -1), volume, known)
+
+
+def _propagate_noise(noise: Floats, inertia: Floats, impedance: Floats) -> Floats:
+    """Covariance (n, R, J, J) of what noise of the readings makes of equation errors.
+
+    To first order, by accelerations that inertia multiplies, and by positions and
+    velocities that servos answer to.
+
+    Args:
+        noise: (J, 3, 3) covariance of a joint's position, velocity and acceleration.
+        inertia: (n, R, J, J).
+        impedance: (n, J, 2) stiffness and damping.
+    """
+    count = len(noise)
+    slopes = np.zeros((*inertia.shape, 3))
+    joints = np.arange(count)
+    slopes[:, :, joints, joints, :2] = impedance[:, None]
+    slopes[..., 2] = inertia
+    return np.einsum("nrikx,kxy,nrjky->nrij", slopes, noise, slopes, optimize=True)
 
 
 def _split(
@@ -290,8 +354,12 @@ def _propose(
         steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
     tried = np.vstack([nominal + steps, points]) if is_finite else points
     beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
-    found = compute_errors(motion, (*terms, term), beside)
-    changes, volumes = found.values - errors.values, found.volume - errors.volume
+    if is_force_law(term.effect) and not any(t.onset for t in (*terms, term)):
+        changes = _compute_forces(motion, (*terms, term), beside)
+        volumes = np.zeros(len(changes))
+    else:
+        found = compute_errors(motion, (*terms, term), beside)
+        changes, volumes = found.values - errors.values, found.volume - errors.volume
     start = nominal if is_finite else np.full(len(nominal), np.nan)
     count, out = len(steps), []
     size = np.linalg.norm(changes, axis=1)
@@ -316,6 +384,26 @@ def _propose(
         unit_steps = tried[a] - start if is_finite else tried[a]
         out.append(Direction(term, start, unit_steps, columns, volumes[a]))
     return out
+
+
+def _compute_forces(
+    motion: MeasuredMotion, terms: Sequence[Term], values: Floats
+) -> Floats:
+    """Changes (n, R (J + K)) of equation errors by the last term, a force law.
+
+    Args:
+        motion: as measured.
+        terms: of the hypotheses.
+        values: (n, P) of them [units of the parameters].
+    """
+    acting, acts, read = _split(motion, terms, values, {})
+    offset = np.stack([r.offset for r in read])
+    forces = compute_applied_forces(
+        motion.simulator, acting, acts, motion.moments, offset
+    )
+    out = np.zeros((len(values), len(motion.windows), motion.width))
+    out[..., : len(motion.dofs)] = motion.average(forces[..., motion.dofs])
+    return out.reshape(len(values), -1)
 
 
 def _is_new(columns: Floats, known: Floats) -> bool:

@@ -1,6 +1,6 @@
 """Measured motion: takes recordings, gives states and accelerations at many moments."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,6 +9,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
+from ..effects.base import Term
 from ..simulation.batch import BatchState
 from ..simulation.initial_states import InitialStates
 from ..simulation.simulator import Simulator
@@ -18,6 +19,8 @@ from .weak_form import average_derivative
 # [s] and samples of a window, the longer of which counts: a robot's motion has a
 # bandwidth of some hertz, and a polynomial needs its samples
 WINDOW_SECONDS, MIN_WINDOW_SAMPLES = 0.1, 12
+NOISE_WINDOWS = 1000  # of which noise is drawn: its variance is known within 5 %
+ROUNDING_SHARE = 1e-9  # of variances, which keeps their logarithms finite
 MAX_KNOWN = 200  # derivatives of signals at some delay, kept at once
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
@@ -29,6 +32,8 @@ class Readings:
     Attributes:
         offset: (W, 2 nv) from the states that a simulation begins at to those of the
             polynomials [rad or m, and per s].
+        position: (W, J) [rad or m].
+        velocity: (W, J) [rad/s or m/s].
         acceleration: (W, J) [rad/s^2 or m/s^2].
         missed: (R, J) by how much the mean acceleration of a window is larger than that
             of its moments [rad/s^2 or m/s^2].
@@ -38,6 +43,8 @@ class Readings:
     """
 
     offset: Floats
+    position: Floats
+    velocity: Floats
     acceleration: Floats
     missed: Floats
     gain: Floats
@@ -55,8 +62,8 @@ class MeasuredMotion:
         half_widths: of each signal's polynomials [samples].
         windows: (R, k) moments of each window.
         weights: (k) of the moments in a window, 1 in sum.
-        noise: (J) standard deviation of the noise of a window's acceleration
-            [rad/s^2 or m/s^2].
+        noise: (J, 3, 3) covariance of the noise of a window's mean position, velocity
+            and acceleration.
     """
 
     simulator: Simulator
@@ -68,6 +75,7 @@ class MeasuredMotion:
     noise: Floats
     _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
     _known: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
+    _parts: dict[bytes, "MeasuredMotion"] = field(default_factory=dict)
 
     @cached_property
     def dofs(self) -> np.ndarray:
@@ -81,24 +89,41 @@ class MeasuredMotion:
         return len(self.joints) + self.read({}).mismatch.shape[1]
 
     def select(self, rows: np.ndarray) -> "MeasuredMotion":
-        """The motion in windows `rows` (r)."""
-        used, windows = np.unique(self.windows[rows], return_inverse=True)
-        return replace(
-            self,
-            moments=self.moments.select(used),
-            windows=windows.reshape(len(rows), -1),
-            _known={},
-        )
+        """The motion in windows `rows` (r); the same object again for the same rows."""
+        key = rows.tobytes()
+        if key not in self._parts:
+            used, windows = np.unique(self.windows[rows], return_inverse=True)
+            self._parts[key] = replace(
+                self,
+                moments=self.moments.select(used),
+                windows=windows.reshape(len(rows), -1),
+                _known={},
+                _parts={},
+            )
+        return self._parts[key]
+
+    def find_active_terms(self, terms: Sequence[Term]) -> np.ndarray:
+        """(R, T) whether each term holds in most of each window."""
+        middles = self.windows[:, MOMENTS_PER_WINDOW // 2]
+        return self.simulator.find_active_terms(terms, self.moments.select(middles))
 
     def average(self, values: Floats) -> Floats:
         """(..., R, J) means over the windows of values (..., W, J) at the moments."""
         return np.einsum("...rkj,k->...rj", values[..., self.windows, :], self.weights)
 
     def estimate_noise(self, rng: np.random.Generator) -> Floats:
-        """(J) standard deviation of what noise makes of a window's acceleration.
+        """(J, 3, 3) covariance of what noise makes of the motion in a window.
 
-        By more noise of the readings' size, which `rng` draws.
+        By more noise of the readings' size, which `rng` draws, of a number of windows.
         """
+        draws = -(-NOISE_WINDOWS // len(self.windows))
+        changes = np.concatenate([self._draw_noise(rng) for _ in range(draws)])
+        out = np.einsum("rjk,rjl->jkl", changes, changes) / len(changes)
+        size = np.einsum("jkk->jk", out).mean(axis=0)
+        return out + ROUNDING_SHARE * np.diag(size + np.finfo(float).tiny)
+
+    def _draw_noise(self, rng: np.random.Generator) -> Floats:
+        """(R, J, 3) changes of mean position, velocity, acceleration by more noise."""
         simulator = self.simulator
         size = np.concatenate([c.noise for c in simulator.channels])
         episodes = tuple(
@@ -110,11 +135,13 @@ class MeasuredMotion:
             simulator=replace(simulator, episodes=episodes),
             _quartics={},
             _known={},
+            _parts={},
         )
         ours, theirs = self.read({}), noisy.read({})
+        moved = (theirs.position - ours.position, theirs.velocity - ours.velocity)
         change = self.average(theirs.acceleration - ours.acceleration)
         change += theirs.missed - ours.missed
-        return np.sqrt((change**2).mean(axis=0))
+        return np.stack([*map(self.average, moved), change], axis=-1)
 
     @cached_property
     def given(self) -> BatchState:
@@ -314,7 +341,9 @@ def _read_joints(
     signals = {(c.kind, c.target): c for c in simulator.channels}
     state = motion.given
     offset = np.zeros((len(moments), 2 * model.nv))
-    acceleration = np.full((len(moments), len(motion.joints)), np.nan)
+    positions, velocities, acceleration = (
+        np.full((len(moments), len(motion.joints)), np.nan) for _ in range(3)
+    )
     mean = np.zeros((len(motion.windows), len(motion.joints)))
     gain, mismatch = np.ones_like(acceleration), []
     for k, j in enumerate(motion.joints):
@@ -340,12 +369,14 @@ def _read_joints(
             gain[:, k] = 1 / _combine(
                 1 / gain[:, k], variance[:, 2], 1 / own, other[:, 1]
             )
-        acceleration[:, k] = a
+        positions[:, k], velocities[:, k], acceleration[:, k] = q, v, a
         dof = int(model.jnt_dofadr[j])
         offset[:, dof] = q - state.qpos[:, model.jnt_qposadr[j]]
         offset[:, model.nv + dof] = v - state.qvel[:, dof]
     return Readings(
         offset,
+        positions,
+        velocities,
         acceleration,
         mean - motion.average(acceleration),
         gain,

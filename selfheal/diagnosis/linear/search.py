@@ -25,7 +25,6 @@ from .ranking import Move, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 SCREENED_MOMENTS = 500  # in which all candidates are tried
-FINALISTS = 30  # of them, that are tried in all moments
 TRIED = 3  # moves that are fitted beyond the best one
 MOST_EFFECTS = 60
 
@@ -142,17 +141,27 @@ class Search:
         return share, share * whitening.errors.size
 
     def _propose(self) -> list[Direction]:
-        """Directions of the candidates that seem best in a part of the windows."""
-        fit = self.fit
+        """Directions of the candidates that may be asked for, seen in some windows.
+
+        Of a gain g in a part the noise has one standard error: what two more of them
+        would not make enough is not looked at in all windows.
+        """
+        fit, (_, rows) = self.fit, self._independence()
         share = len(fit.motion.moments) / SCREENED_MOMENTS
         open_terms = [t for t in self.candidates if is_distinct(t, fit.named)]
-        if share > 1.5 and len(open_terms) > FINALISTS:
-            rows = np.unique(np.arange(0, len(fit.motion.windows), share).astype(int))
-            part = fit.select(rows)
+        if share > 1.5:
+            chosen = np.arange(0, len(fit.motion.windows), share).astype(int)
+            part = fit.select(np.unique(chosen))
             ranked = rank(part, [(d,) for d in _differentiate(part, open_terms)])
-            best = {move[0].term.key for _, move, _ in ranked[:FINALISTS]}
+            independence = estimate_independence(part.whitening)
+            hopeful = set()
+            for gain, move, _ in ranked:
+                term = move[0].term
+                most = share * (np.sqrt(max(2 * independence * gain, 0.0)) + 2) ** 2 / 2
+                if most > self._penalty(term, rows):
+                    hopeful.add(term.key)
             open_terms = [
-                t for t in open_terms if t.key in best or t.effect.is_usual(t)
+                t for t in open_terms if t.key in hopeful or t.effect.is_usual(t)
             ]
         return _differentiate(fit, open_terms)
 

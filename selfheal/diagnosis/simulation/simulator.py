@@ -86,7 +86,7 @@ class Simulator(RecordedSystem):
             return self._simulate_in_batches(
                 terms, values, segments, initial_state_offset, centered
             )
-        is_active = self._find_active_terms(terms, segments)
+        is_active = self.find_active_terms(terms, segments)
         term_of_value = np.repeat(
             np.arange(len(terms)), [len(t.parameters) for t in terms]
         )
@@ -104,7 +104,7 @@ class Simulator(RecordedSystem):
             )
         return predicted
 
-    def _find_active_terms(
+    def find_active_terms(
         self, terms: Sequence[Term], segments: Segments
     ) -> np.ndarray:
         """(W, T) whether each term holds in most of each segment."""
