@@ -30,12 +30,14 @@ class Dynamics:
     Attributes:
         acceleration: (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one.
         inertia: (n, W, nv, nv) [kg m^2 or kg].
+        frictionloss: (n, W, nv) dry friction [N m or N].
         impedance: (n, nv, 2) stiffness [N m/rad or N/m] and damping [N m s/rad or
             N s/m] of the joints and their servos.
     """
 
     acceleration: Floats
     inertia: Floats
+    frictionloss: Floats
     impedance: Floats
 
 
@@ -69,7 +71,7 @@ def compute_accelerations(
     numbers = len(moments) * (2 * model.nv**2 + 20 * (model.nv + model.nbody))
     size = max(1, int(MAX_BATCH_NUMBERS / numbers))
     out = np.empty((len(values), len(moments), model.nv))
-    inertia = np.empty((*out.shape, model.nv))
+    inertia, friction = np.empty((*out.shape, model.nv)), np.empty_like(out)
     impedance = np.empty((len(values), model.nv, 2))
     for i in range(0, len(values), size):
         some = values[i : i + size]
@@ -80,11 +82,11 @@ def compute_accelerations(
         found = _forward(
             hypotheses, moments, initial, ctrl, simulator.timestep, in_steps
         )
-        for whole, part in zip((out, inertia), found, strict=True):
+        for whole, part in zip((out, inertia, friction), found, strict=True):
             whole[i : i + size] = part.reshape(len(some), len(moments), *part.shape[1:])
         dofs = hypotheses.variant.dof
         impedance[i : i + size] = [_find_impedance(m)[dofs] for m in hypotheses.models]
-    return Dynamics(out, inertia, impedance)
+    return Dynamics(out, inertia, friction, impedance)
 
 
 def _find_impedance(model) -> Floats:
@@ -186,8 +188,8 @@ def _forward(
     ctrl: Floats,
     step: float,
     in_steps: bool,
-) -> tuple[Floats, Floats]:
-    """Accelerations (n W, nv) of the given model's joints, and inertia (n W, nv, nv).
+) -> tuple[Floats, Floats, Floats]:
+    """Accelerations (n W, nv) of the given model's joints, inertia, dry friction.
 
     Args:
         hypotheses: n of them.
@@ -204,6 +206,8 @@ def _forward(
     acceleration, packed = batch.bind("qacc"), batch.bind("M")
     stage = mujoco.mjtStage.mjSTAGE_ACC
     actions = list_actions(hypotheses, len(moments))
+    losses = [np.array(m.dof_frictionloss) for m in hypotheses.models]
+    friction = np.repeat(losses, len(moments), axis=0)
     if actions:
         time = np.tile(moments.first_step * step, len(hypotheses.models))
         bound = batch.bind("ctrl") if ctrl.shape[-1] else None
@@ -211,6 +215,7 @@ def _forward(
         if any(action.effect.reads_torques for action in actions):
             batch.forward(stage=stage)  # fills what is bound before
         forces.apply(batch.bind("qpos"), batch.bind("qvel"), bound, time)
+        friction = forces.frictionloss
     if in_steps:
         before = batch.bind("qvel").copy()
         batch.step()
@@ -221,7 +226,7 @@ def _forward(
     out = np.array(acceleration[:, dofs])
     out[find_diverged(batch)] = np.nan
     inertia = _unpack(hypotheses.variant.model, packed)
-    return out, inertia[:, dofs[:, None], dofs]
+    return out, inertia[:, dofs[:, None], dofs], friction[:, dofs]
 
 
 def _unpack(model, packed: Floats) -> Floats:

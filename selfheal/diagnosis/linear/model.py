@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import erf
 
 from ...recording.data import Floats
 from ..effects.base import Term, implements
@@ -40,7 +41,8 @@ class Errors:
             and K mismatches of velocities [rad/s or m/s].
         volume: (...) half the sum of log det N over the windows.
         noise: (R, J, J) N, covariance of what noise of the readings makes of the
-            balance in each window, of a single hypothesis; of several it is not kept.
+            balance in each window, and variance of what it hides of dry friction, of a
+            single hypothesis; of several it is not kept.
     """
 
     values: Floats
@@ -165,8 +167,28 @@ def _compute_errors(
     averaged[..., : len(motion.dofs)] -= np.einsum("nrij,nrj->nri", mean, missed)
     noise = _propagate_noise(motion.noise, mean, found.impedance[:, motion.dofs])
     volume = 0.5 * np.linalg.slogdet(noise)[1].sum(axis=1)
-    known = noise[0] if len(noise) == 1 else None
+    known = None
+    if len(noise) == 1:
+        known = noise[0]
+        joints = np.arange(len(motion.dofs))
+        loss = found.frictionloss[0][:, motion.dofs]
+        known[:, joints, joints] += _spread_friction(motion, read[0].velocity, loss)
     return Errors(averaged.reshape(len(averaged), -1), volume, known)
+
+
+def _spread_friction(motion: MeasuredMotion, velocity: Floats, loss: Floats) -> Floats:
+    """Variance (R, J) of the torque of dry friction, for the noise of velocities.
+
+    Where noise hides which way a joint moves, or whether it does, friction may have
+    any value up to its loss.
+
+    Args:
+        motion: as measured.
+        velocity: (W, J) as read.
+        loss: (W, J) dry friction.
+    """
+    known = erf(velocity / (np.sqrt(2) * motion.speed_noise))
+    return motion.average(loss**2 * (1 - known**2))
 
 
 def _propagate_noise(noise: Floats, inertia: Floats, impedance: Floats) -> Floats:

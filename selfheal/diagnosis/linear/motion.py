@@ -64,6 +64,8 @@ class MeasuredMotion:
         weights: (k) of the moments in a window, 1 in sum.
         noise: (J, 3, 3) covariance of the noise of a window's mean position, velocity
             and acceleration.
+        speed_noise: (J) standard deviation of the noise of a moment's velocity [rad/s
+            or m/s].
     """
 
     simulator: Simulator
@@ -73,6 +75,7 @@ class MeasuredMotion:
     windows: np.ndarray
     weights: Floats
     noise: Floats
+    speed_noise: Floats
     _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
     _known: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
     _parts: dict[bytes, "MeasuredMotion"] = field(default_factory=dict)
@@ -111,19 +114,27 @@ class MeasuredMotion:
         """(..., R, J) means over the windows of values (..., W, J) at the moments."""
         return np.einsum("...rkj,k->...rj", values[..., self.windows, :], self.weights)
 
-    def estimate_noise(self, rng: np.random.Generator) -> Floats:
-        """(J, 3, 3) covariance of what noise makes of the motion in a window.
+    def with_noise(self, rng: np.random.Generator) -> "MeasuredMotion":
+        """The motion that knows its noise.
 
         By more noise of the readings' size, which `rng` draws, of a number of windows.
         """
         draws = -(-NOISE_WINDOWS // len(self.windows))
-        changes = np.concatenate([self._draw_noise(rng) for _ in range(draws)])
+        each = [self._draw_noise(rng) for _ in range(draws)]
+        changes = np.concatenate([c for c, _ in each])
         out = np.einsum("rjk,rjl->jkl", changes, changes) / len(changes)
         size = np.einsum("jkk->jk", out).mean(axis=0)
-        return out + ROUNDING_SHARE * np.diag(size + np.finfo(float).tiny)
+        out += ROUNDING_SHARE * np.diag(size + np.finfo(float).tiny)
+        speeds = np.concatenate([speed for _, speed in each])
+        return replace(self, noise=out, speed_noise=np.sqrt((speeds**2).mean(axis=0)))
 
-    def _draw_noise(self, rng: np.random.Generator) -> Floats:
-        """(R, J, 3) changes of mean position, velocity, acceleration by more noise."""
+    def _draw_noise(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Changes by more noise.
+
+        Returns:
+            (R, J, 3) of a window's mean position, velocity and acceleration, and (W, J)
+            of a moment's velocity.
+        """
         simulator = self.simulator
         size = np.concatenate([c.noise for c in simulator.channels])
         episodes = tuple(
@@ -141,7 +152,7 @@ class MeasuredMotion:
         moved = (theirs.position - ours.position, theirs.velocity - ours.velocity)
         change = self.average(theirs.acceleration - ours.acceleration)
         change += theirs.missed - ours.missed
-        return np.stack([*map(self.average, moved), change], axis=-1)
+        return np.stack([*map(self.average, moved), change], axis=-1), moved[1]
 
     @cached_property
     def given(self) -> BatchState:
@@ -259,7 +270,7 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
     widths = _choose_widths(simulator, window)
     motion = MeasuredMotion(
         simulator, joints, moments, widths, np.concatenate(windows),
-        hann / hann.sum(), np.zeros(0),
+        hann / hann.sum(), np.zeros(0), np.zeros(0),
     )  # fmt: skip
     read_all = motion.read({})
     at_moments = read_all.offset, read_all.acceleration, read_all.mismatch
@@ -268,7 +279,7 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
     motion = motion.select(rows)
     if not len(rows):
         return motion
-    return replace(motion, noise=motion.estimate_noise(rng))
+    return motion.with_noise(rng)
 
 
 def _choose_widths(simulator: Simulator, window: float) -> dict[str, int]:

@@ -177,8 +177,8 @@ class EffectForces:
         self.reset_integral_errors()
         self._applied = batch.bind("qfrc_applied")
         self._torque, self._bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
-        self._frictionloss = batch.expand("dof_frictionloss")
-        self._nominal_frictionloss = self._frictionloss.copy()
+        self.frictionloss = batch.expand("dof_frictionloss")
+        self._nominal_frictionloss = self.frictionloss.copy()
         self._batch, self._law = batch, {}
         if any(action.effect.reads_actuators for action in actions):
             fields = ("actuator_gainprm", "actuator_biasprm")
@@ -210,14 +210,14 @@ class EffectForces:
             time: (B) in each episode [s].
         """
         self._applied[:] = 0
-        self._frictionloss[:] = self._nominal_frictionloss
+        self.frictionloss[:] = self._nominal_frictionloss
         if self._forcerange is not None:
             self._forcerange[:] = self._nominal_forcerange
         if self._law:  # lengths of this state, not of the step before
             self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS)
         state = StepState(
             time, qpos, qvel, ctrl, self._torque, self._bias, self._applied,
-            self._frictionloss, self._forcerange, self._errors, self.timestep,
+            self.frictionloss, self._forcerange, self._errors, self.timestep,
             **self._law,
         )  # fmt: skip
         for action in self.actions:
