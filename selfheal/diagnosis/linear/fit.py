@@ -14,15 +14,8 @@ from ..estimation.quadratic_model import (
     stack_bounds,
 )
 from ..simulation.model_variants import split_values
-from .likelihood import Whitening, whiten
-from .model import (
-    Direction,
-    Errors,
-    compute_errors,
-    compute_nuisance,
-    differentiate,
-)
-from .motion import MeasuredMotion
+from .errors import Direction, ErrorModel, Errors, differentiate
+from .likelihood import Whitening
 
 NUISANCE_BOUND = 1.0  # deviations; more than half a step is a finding
 DAMPING = 1e-7  # share of the diagonal: what nothing tells stays where it is
@@ -37,7 +30,7 @@ class LinearFit:
     """Stated values and effects fitted to equation errors.
 
     Attributes:
-        motion: as measured.
+        model: of the errors.
         terms: stated ones first.
         stated: how many of them are.
         values: (P) [units of the parameters], and (K) of nuisances.
@@ -45,7 +38,7 @@ class LinearFit:
         jacobian: (P + K, ...) derivatives of the errors, near the values.
     """
 
-    motion: MeasuredMotion
+    model: ErrorModel
     terms: tuple[Term, ...]
     stated: int
     values: Floats
@@ -64,8 +57,8 @@ class LinearFit:
 
     @property
     def rows(self) -> int:
-        """How many windows the errors have, at least 1."""
-        return max(len(self.motion.windows), 1)
+        """How many rows the errors have, at least 1."""
+        return max(self.model.rows, 1)
 
     @property
     def slices(self) -> list[slice]:
@@ -88,7 +81,7 @@ class LinearFit:
     @cached_property
     def whitening(self) -> Whitening:
         """Of the errors."""
-        return whiten(self.motion, self.errors)
+        return self.model.whiten(self.errors)
 
     @cached_property
     def cost(self) -> float:
@@ -131,37 +124,45 @@ class LinearFit:
         """The fit at other values (P + K), perhaps of other terms."""
         terms = self.terms if terms is None else tuple(terms)
         p, old = sum(len(t.parameters) for t in terms), self.count
-        found = compute_errors(self.motion, terms, values[None, :p])
+        found = self.model.compute_errors(terms, values[None, :p])
         nuisance = values[p:] @ self.jacobian.values[old:]
         errors = _take_first(found)
         errors = replace(errors, values=errors.values + nuisance)
         return replace(self, terms=terms, values=values, errors=errors)
 
     def linearized(self) -> "LinearFit":
-        """The fit with a Jacobian at its values."""
-        p, plain = self.count, self.plain_errors
-        values = self.values[:p]
-        own = differentiate(self.motion, self.terms, values, plain)
-        other = compute_nuisance(self.motion, self.terms, values[None], plain)
-        errors = replace(plain, values=plain.values + self.values[p:] @ other.values)
-        return replace(self, jacobian=join(own, other), errors=errors)
+        """The fit with a Jacobian at its values, and errors that suit them."""
+        p = self.count
+        values, nuisance = self.values[:p], self.values[p:]
+        new = _linearize(self.model.adapt(self.terms, values), self.terms, values)
+        change = nuisance @ new.jacobian.values[p:]
+        errors = replace(new.errors, values=new.errors.values + change)
+        return replace(new, stated=self.stated, values=self.values, errors=errors)
 
-    def select(self, rows: np.ndarray) -> "LinearFit":
-        """The fit in windows `rows` (r)."""
-        width, share = self.motion.width, len(rows) / len(self.motion.windows)
+    def thin(self, share: float) -> "LinearFit":
+        """The fit in so many times fewer rows."""
+        model, rows = self.model.thin(share)
+        count = self.rows
 
         def cut(errors: Errors) -> Errors:
             x = errors.values
-            x = x.reshape(*x.shape[:-1], -1, width)[..., rows, :]
+            x = x.reshape(*x.shape[:-1], count, -1)[..., rows, :]
             noise = None if errors.noise is None else errors.noise[rows]
-            return Errors(x.reshape(*x.shape[:-2], -1), share * errors.volume, noise)
+            volume = len(rows) / count * errors.volume
+            return Errors(x.reshape(*x.shape[:-2], -1), volume, noise)
 
         return replace(
-            self,
-            motion=self.motion.select(rows),
-            errors=cut(self.errors),
-            jacobian=cut(self.jacobian),
+            self, model=model, errors=cut(self.errors), jacobian=cut(self.jacobian)
         )
+
+
+def _linearize(model: ErrorModel, terms: Sequence[Term], values: Floats) -> LinearFit:
+    """A fit at values (P), without nuisances, all of its terms stated ones."""
+    errors = _take_first(model.compute_errors(terms, values[None]))
+    own = differentiate(model, terms, values, errors)
+    other = model.compute_nuisance(terms, values[None], errors)
+    values = np.append(values, np.zeros(len(other.values)))
+    return LinearFit(model, tuple(terms), len(terms), values, errors, join(own, other))
 
 
 def _take_first(errors: Errors) -> Errors:
@@ -177,21 +178,14 @@ def join(*parts: Errors) -> Errors:
     )
 
 
-def start_fit(motion: MeasuredMotion, stated: Sequence[Term]) -> LinearFit:
+def start_fit(model: ErrorModel, stated: Sequence[Term]) -> LinearFit:
     """The fit of a model as it is given.
 
     Args:
-        motion: as measured.
+        model: of the errors.
         stated: terms of the values that the model states.
     """
-    values = np.ones(len(stated))
-    found = compute_errors(motion, stated, values[None])
-    errors = _take_first(found)
-    own = differentiate(motion, stated, values, errors)
-    other = compute_nuisance(motion, stated, values[None], errors)
-    values = np.append(values, np.zeros(len(other.values)))
-    jacobian = join(own, other)
-    return LinearFit(motion, tuple(stated), len(stated), values, errors, jacobian)
+    return _linearize(model, stated, np.ones(len(stated)))
 
 
 def descend(fit: LinearFit, iterations: int = DESCENT_ITERATIONS) -> LinearFit:
@@ -268,7 +262,7 @@ def add_terms(
     jacobian = join(old, empty, other)
     added = replace(added, jacobian=jacobian)
     found = differentiate(
-        fit.motion, terms, values[: p + len(own)], added.plain_errors, which
+        fit.model, terms, values[: p + len(own)], added.plain_errors, which
     )
     jacobian.values[which], jacobian.volume[which] = found.values, found.volume
     return descend(added)

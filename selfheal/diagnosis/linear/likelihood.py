@@ -11,8 +11,6 @@ from functools import cached_property
 import numpy as np
 
 from ...recording.data import Floats
-from .model import Errors
-from .motion import MeasuredMotion
 
 FREEDOM = 4.0  # degrees of freedom of Student's t (Lange, Little and Taylor 1989)
 SCALE_ITERATIONS = 20  # of its scale; each halves the error, or more
@@ -20,26 +18,33 @@ SCALE_ITERATIONS = 20  # of its scale; each halves the error, or more
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """What makes errors independent and of unit variance, by window.
+    """What makes errors independent and of unit variance, row by row.
 
     Attributes:
-        roots: (R, C, C) inverse roots of the covariance, in Student's scale.
+        roots: (R, J, J) inverse roots of the covariance of the first J columns.
+        scale: (C) Student's scale of each column, the first J after their roots.
         weights: (R, C) roots of Student's weights of the errors.
         errors: (R, C) whitened.
         loss: negative log-likelihood [nats] of the errors, up to a constant.
     """
 
     roots: Floats
+    scale: Floats
     weights: Floats
     errors: Floats
     loss: float
 
     def apply(self, changes: Floats) -> Floats:
         """(..., R C) changes of errors, whitened and weighted."""
-        shape = changes.shape
-        x = changes.reshape(*shape[:-1], *self.errors.shape)
-        x = np.einsum("rij,...rj->...ri", self.roots, x) * self.weights
-        return x.reshape(shape)
+        return (self._divide(changes) * self.weights).reshape(changes.shape)
+
+    def _divide(self, changes: Floats) -> Floats:
+        """(..., R, C) changes (..., R C), whitened."""
+        x = changes.reshape(*changes.shape[:-1], *self.errors.shape).copy()
+        count = self.roots.shape[-1]
+        x[..., :count] = np.einsum("rij,...rj->...ri", self.roots, x[..., :count])
+        x /= self.scale
+        return x
 
     def predict_loss(self, change: Floats, volume: float) -> float:
         """The loss [nats] with other errors, in the same covariance.
@@ -48,8 +53,7 @@ class Whitening:
             change: (R C) of the errors.
             volume: its change.
         """
-        x = change.reshape(self.errors.shape)
-        r = self.errors + np.einsum("rij,rj->ri", self.roots, x)
+        r = self.errors + self._divide(change)
         return self.loss + _compute_size(r, estimate_scale(r)) - self._size - volume
 
     @cached_property
@@ -58,32 +62,34 @@ class Whitening:
         return _compute_size(self.errors, estimate_scale(self.errors))
 
 
-def whiten(motion: MeasuredMotion, errors: Errors) -> Whitening:
+def whiten(errors: Floats, noise: Floats | None, volume: float) -> Whitening:
     """The whitening of a hypothesis's errors, with the likeliest discrepancies.
 
     The loss is infinite where errors are not finite.
+
+    Args:
+        errors: (R, C) in columns.
+        noise: (R, J, J) covariance of the first J by noise of the readings.
+        volume: of the errors [nats].
     """
-    e = errors.values.reshape(-1, motion.width)
-    joints = len(motion.joints)
-    roots = np.zeros((len(e), motion.width, motion.width))
-    if not np.isfinite(e).all() or errors.noise is None:
-        return Whitening(roots, np.zeros_like(e), e, np.inf)
-    known = np.einsum("rjj->rj", errors.noise)
-    spread = estimate_scale(e) ** 2
-    missing = np.maximum(spread[:joints] - np.median(known, axis=0), 0.0)
-    missing += 1e-6 * spread[:joints] + np.finfo(float).tiny
-    covariance = errors.noise + missing * np.eye(joints)
-    root = np.linalg.cholesky(covariance)
-    roots[:, :joints, :joints] = np.linalg.inv(root)
-    other = np.arange(joints, motion.width)
-    roots[:, other, other] = 1 / np.sqrt(spread[joints:])
-    r = np.einsum("rij,rj->ri", roots, e)
+    if not np.isfinite(errors).all() or noise is None:
+        none, count = np.zeros_like(errors), errors.shape[1]
+        roots = np.zeros((len(errors), 0, 0))
+        return Whitening(roots, np.ones(count), none, none, np.inf)
+    joints = noise.shape[-1]
+    known = np.einsum("rjj->rj", noise)
+    spread = estimate_scale(errors[:, :joints]) ** 2
+    missing = np.maximum(spread - np.median(known, axis=0), 0.0)
+    missing += 1e-6 * spread + np.finfo(float).tiny
+    roots = np.linalg.inv(np.linalg.cholesky(noise + missing * np.eye(joints)))
+    r = errors.copy()
+    r[:, :joints] = np.einsum("rij,rj->ri", roots, errors[:, :joints])
     scale = estimate_scale(r)
-    volume = np.log(np.einsum("rjj->rj", roots)).sum() + errors.volume
+    volume = np.log(np.einsum("rjj->rj", roots)).sum() + volume
     loss = _compute_size(r, scale) - volume
-    r, roots = r / scale, roots / scale[:, None]
+    r = r / scale
     weights = np.sqrt((FREEDOM + 1) / (FREEDOM + r**2))
-    return Whitening(roots, weights, r, float(loss))
+    return Whitening(roots, scale, weights, r, float(loss))
 
 
 def estimate_scale(errors: Floats) -> Floats:

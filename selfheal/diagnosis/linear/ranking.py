@@ -8,8 +8,8 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..estimation.quadratic_model import solve_bounded_step
+from .errors import Direction
 from .fit import LinearFit, invert
-from .model import Direction
 
 RANKED = 60  # moves whose likelihood is computed, those best by its curvature
 LEAST_VOLUME = -0.9  # change of log det M, in its first order
@@ -35,7 +35,7 @@ class _Relaxed:
         fit: as it is.
         free: (f) numbers of its values that are not at a bound.
         step: (P + K) to its lowest cost.
-        columns: (k, R (J + K)) changes of the errors by all directions.
+        columns: (k, R C) changes of the errors by all directions.
         volumes: (k) those of their volume.
         own: (k, k) curvature beside the free values.
         whole: (k) its diagonal alone.
@@ -66,7 +66,7 @@ class _Relaxed:
 
     @cached_property
     def _stepped(self) -> tuple[Floats, float, float]:
-        """Changes of errors (R (J + K)) and volume by the step, and the loss [nats]."""
+        """Changes of errors (R C) and volume by the step, and the loss [nats]."""
         moved = self.step @ self.fit.jacobian.values
         volume = float(self.step @ self.fit.jacobian.volume)
         return moved, volume, self.fit.whitening.predict_loss(moved, volume)

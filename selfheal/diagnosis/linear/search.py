@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import find_other_forms, is_distinct
+from .errors import Direction, ErrorModel, propose_directions
 from .fit import (
     LinearFit,
     add_terms,
@@ -19,12 +20,9 @@ from .fit import (
     start_fit,
 )
 from .likelihood import estimate_independence
-from .model import Direction, propose_directions
-from .motion import MeasuredMotion
 from .ranking import Move, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
-SCREENED_MOMENTS = 500  # in which all candidates are tried
 TRIED = 3  # moves that are fitted beyond the best one
 MOST_EFFECTS = 60
 
@@ -42,7 +40,7 @@ class Search:
 
     def __init__(
         self,
-        motion: MeasuredMotion,
+        model: ErrorModel,
         stated: Sequence[Term],
         candidates: Sequence[Term],
         progress: Progress = lambda what, share: None,
@@ -50,13 +48,13 @@ class Search:
         """What is searched.
 
         Args:
-            motion: as measured.
+            model: of the errors.
             stated: terms of the values that the model states.
             candidates: terms that may be added.
             progress: called with a message and a share (0 to 1).
         """
         self.candidates, self.say = candidates, progress
-        self.fit = start_fit(motion, stated)
+        self.fit = start_fit(model, stated)
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
         self.first_ranking: tuple[tuple[Term, float], ...] = ()
@@ -141,17 +139,16 @@ class Search:
         return share, share * whitening.errors.size
 
     def _propose(self) -> list[Direction]:
-        """Directions of the candidates that may be asked for, seen in some windows.
+        """Directions of the candidates that may be asked for, seen in some rows.
 
         Of a gain g in a part the noise has one standard error: what two more of them
-        would not make enough is not looked at in all windows.
+        would not make enough is not looked at in all rows.
         """
         fit, (_, rows) = self.fit, self._independence()
-        share = len(fit.motion.moments) / SCREENED_MOMENTS
+        share = fit.model.screening_share
         open_terms = [t for t in self.candidates if is_distinct(t, fit.named)]
         if share > 1.5:
-            chosen = np.arange(0, len(fit.motion.windows), share).astype(int)
-            part = fit.select(np.unique(chosen))
+            part = fit.thin(share)
             ranked = rank(part, [(d,) for d in _differentiate(part, open_terms)])
             independence = estimate_independence(part.whitening)
             hopeful = set()
@@ -263,7 +260,7 @@ class Search:
 def _differentiate(fit: LinearFit, terms: Sequence[Term]) -> list[Direction]:
     """Directions of some terms beside a fit."""
     values = fit.values[: fit.count]
-    return propose_directions(fit.motion, fit.terms, values, fit.plain_errors, terms)
+    return propose_directions(fit.model, fit.terms, values, fit.plain_errors, terms)
 
 
 def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:

@@ -13,9 +13,9 @@ import numpy as np
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
-from ..linear.model import can_be_linear
 from ..linear.motion import is_measured, measure_motion
 from ..linear.search import Search
+from ..linear.torque_balance import TorqueBalance, can_be_linear
 from .backward import exchange_equivalent
 from .criteria import Claim
 from .cross_validation import ScoredFit
@@ -54,7 +54,7 @@ def search_linear_model(
     if len(motion.windows) < MIN_WINDOWS:
         return None
     stated = state.best.fit.terms[: state.nominal_count]
-    search = Search(motion, stated, candidates, record)
+    search = Search(TorqueBalance(motion), stated, candidates, record)
     linear = search.run()
     record.add_tried(candidates)
     state = replace(state, direction="linear", first_round=search.first_ranking)

@@ -1,4 +1,4 @@
-"""Linear model: takes measured motion, gives equation errors and their derivatives.
+"""Balance of torques: takes measured motion, gives equation errors of hypotheses.
 
 The equation error of a window is the mean of the torques by which a hypothesis does not
 make the motion that was read. It is linear in inertias and forces, and errors of one
@@ -13,7 +13,6 @@ from scipy.special import erf
 
 from ...recording.data import Floats
 from ..effects.base import Term, implements
-from ..effects.terms import find_restated
 from ..simulation.batch import allow_divergence
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
@@ -22,52 +21,11 @@ from .accelerations import (
     compute_applied_forces,
     is_force_law,
 )
+from .errors import Errors
+from .likelihood import Whitening, whiten
 from .motion import MOMENTS_PER_WINDOW, MeasuredMotion, Readings
 
-# share of a column's norm that has to be its own, beside those before it; chosen: what
-# is less is the same direction
-OWN_SHARE = 1e-3
-# of the scale of a parameter, the step of a derivative; its square is below rounding
-DERIVATIVE_STEP = 1e-2
-ERROR_ROUNDING = 1e-9  # share of the errors below which a change of them is none
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """Equation errors of a hypothesis, or of n, and their volume.
-
-    Attributes:
-        values: (..., R (J + K)) balance of torques [N m or N] of J joints in R windows,
-            and K mismatches of velocities [rad/s or m/s].
-        volume: (...) half the sum of log det N over the windows.
-        noise: (R, J, J) N, covariance of what noise of the readings makes of the
-            balance in each window, and variance of what it hides of dry friction, of a
-            single hypothesis; of several it is not kept.
-    """
-
-    values: Floats
-    volume: Floats
-    noise: Floats | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Direction:
-    """A way in which a term's values may leave the nominal ones, and its response.
-
-    Attributes:
-        term: of the values.
-        start: (p) values at its origin; NaN where these are infinite [units of the
-            parameters].
-        steps: (k, p) change of the values by one unit of each coordinate.
-        columns: (k, R (J + K)) change of the equation errors.
-        volumes: (k) change of their volume.
-    """
-
-    term: Term
-    start: Floats
-    steps: Floats
-    columns: Floats
-    volumes: Floats
+SCREENED_MOMENTS = 500  # in which all candidates are tried
 
 
 def can_be_linear(term: Term) -> bool:
@@ -81,6 +39,89 @@ def can_be_linear(term: Term) -> bool:
         place.get("kind") == "joint_position" for place in term.places
     )
     return not implements(term.effect, "edit_spec") and not is_late
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueBalance:
+    """Errors by which hypotheses miss the motion that was read.
+
+    Of each window, the balances of torques [N m or N] of J joints, and K mismatches of
+    their velocities [rad/s or m/s].
+
+    Attributes:
+        motion: as measured.
+    """
+
+    motion: MeasuredMotion
+
+    # of the scale of a parameter; its square is below rounding
+    derivative_step = 1e-2
+
+    @property
+    def rows(self) -> int:
+        """How many windows."""
+        return len(self.motion.windows)
+
+    @property
+    def screening_share(self) -> float:
+        """How many times as many moments there are as candidates are first tried in."""
+        return len(self.motion.moments) / SCREENED_MOMENTS
+
+    def compute_errors(self, terms: Sequence[Term], values: Floats) -> Errors:
+        """Errors of n hypotheses with values (n, P); see `compute_errors`."""
+        return compute_errors(self.motion, terms, values)
+
+    def compute_changes(
+        self, terms: Sequence[Term], values: Floats, errors: Errors
+    ) -> Errors:
+        """Changes of the errors by the last term, at n values (n, P)."""
+        if is_force_law(terms[-1].effect) and not any(t.onset for t in terms):
+            return _compute_forces(self.motion, terms, values)
+        found = self.compute_errors(terms, values)
+        return Errors(found.values - errors.values, found.volume - errors.volume)
+
+    def compute_nuisance(
+        self, terms: Sequence[Term], values: Floats, errors: Errors
+    ) -> Errors:
+        """Changes (K, ...) of errors by what nobody knows, each of one deviation.
+
+        Commands that act half a step later, velocities that are read half a step later,
+        and motion in steps of the simulation rather than in continuous time.
+
+        Args:
+            terms: of the hypothesis.
+            values: (P) of them [units of the parameters].
+            errors: with them.
+        """
+        motion, simulator = self.motion, self.motion.simulator
+        late = replace(motion, simulator=simulator.with_late_commands)
+        shift = {
+            c.name: {"delay": simulator.timestep / 2}
+            for c in simulator.channels
+            if c.kind == "joint_velocity"
+        }
+        found = [
+            compute_errors(late, terms, values),
+            compute_errors(motion, terms, values, shift),
+            compute_errors(motion, terms, values, in_steps=True),
+        ]
+        size = np.array([0.5 / COMMAND_LATENESS, 1.0, 1.0])
+        changes = np.concatenate([f.values - errors.values for f in found])
+        return Errors(size[:, None] * changes, np.zeros(len(found)))
+
+    def whiten(self, errors: Errors) -> Whitening:
+        """The whitening of a hypothesis's errors."""
+        values = errors.values.reshape(-1, self.motion.width)
+        return whiten(values, errors.noise, errors.volume)
+
+    def thin(self, share: float) -> "tuple[TorqueBalance, np.ndarray]":
+        """The balance in so many times fewer windows, and their numbers (r)."""
+        rows = np.unique(np.arange(0, self.rows, share).astype(int))
+        return TorqueBalance(self.motion.select(rows)), rows
+
+    def adapt(self, terms: Sequence[Term], values: Floats) -> "TorqueBalance":
+        """The balance itself, for motion was measured without any hypothesis."""
+        return self
 
 
 def compute_errors(
@@ -155,7 +196,9 @@ def _compute_errors(
         motion.simulator, acting, acts, motion.moments,
         np.stack([r.offset for r in read]), in_steps=in_steps,
     )  # fmt: skip
-    errors = found.acceleration[..., motion.dofs] - np.stack([r.acceleration for r in read])
+    errors = found.acceleration[..., motion.dofs] - np.stack(
+        [r.acceleration for r in read]
+    )
     errors *= np.stack([r.gain for r in read])
     m = found.inertia[..., motion.dofs[:, None], motion.dofs]
     torque = np.einsum("nwij,nwj->nwi", m, errors)
@@ -268,150 +311,10 @@ def _list_changes(
     return out
 
 
-def differentiate(
-    motion: MeasuredMotion,
-    terms: Sequence[Term],
-    values: Floats,
-    errors: Errors,
-    which: Sequence[int] | None = None,
-) -> Errors:
-    """Derivatives (p, R (J + K)) and (p) of a hypothesis's errors by each value.
-
-    Args:
-        motion: as measured.
-        terms: of the hypothesis.
-        values: (P) [units of the parameters].
-        errors: there.
-        which: (p) numbers of the values; None: all.
-    """
-    chosen = np.arange(len(values)) if which is None else np.array(which, int)
-    scale = np.concatenate([t.scale for t in terms])
-    high = np.concatenate([t.high for t in terms])
-    step = DERIVATIVE_STEP * scale
-    step = np.where(values + step > high, -step, step)[chosen]
-    points = np.tile(values, (len(chosen), 1))
-    points[np.arange(len(chosen)), chosen] += step
-    moved = compute_errors(motion, terms, points)
-    return Errors(
-        (moved.values - errors.values) / step[:, None],
-        (moved.volume - errors.volume) / step,
-    )
-
-
-def compute_nuisance(
-    motion: MeasuredMotion, terms: Sequence[Term], values: Floats, errors: Errors
-) -> Errors:
-    """Changes (K, ...) of errors by what nobody knows, each of one deviation.
-
-    Commands that act half a step later, velocities that are read half a step later,
-    and motion in steps of the simulation rather than in continuous time.
-
-    Args:
-        motion: as measured.
-        terms: of the hypothesis.
-        values: (P) of them [units of the parameters].
-        errors: with them.
-    """
-    simulator = motion.simulator
-    late = replace(motion, simulator=simulator.with_late_commands)
-    shift = {
-        c.name: {"delay": simulator.timestep / 2}
-        for c in simulator.channels
-        if c.kind == "joint_velocity"
-    }
-    found = [
-        compute_errors(late, terms, values),
-        compute_errors(motion, terms, values, shift),
-        compute_errors(motion, terms, values, in_steps=True),
-    ]
-    size = np.array([0.5 / COMMAND_LATENESS, 1.0, 1.0])
-    changes = np.concatenate([f.values - errors.values for f in found])
-    return Errors(size[:, None] * changes, np.zeros(len(found)))
-
-
-def propose_directions(
-    motion: MeasuredMotion,
-    terms: Sequence[Term],
-    values: Floats,
-    errors: Errors,
-    candidates: Sequence[Term],
-) -> list[Direction]:
-    """The directions of all candidates beside a hypothesis.
-
-    Of each candidate there are the derivatives at nominal values, where these are
-    finite, and what each of its initial values changes.
-
-    Args:
-        motion: as measured.
-        terms: of the hypothesis.
-        values: (P) of them [units of the parameters].
-        errors: with them.
-        candidates: terms that may be added.
-    """
-    return [
-        direction
-        for term in candidates
-        for direction in _propose(motion, terms, values, errors, term)
-    ]
-
-
-def _propose(
-    motion: MeasuredMotion,
-    terms: Sequence[Term],
-    values: Floats,
-    errors: Errors,
-    term: Term,
-) -> list[Direction]:
-    """The directions of one candidate; arguments as of `propose_directions`."""
-    nominal = np.array([p.nominal for p in term.parameters])
-    first = np.cumsum([0, *(len(t.parameters) for t in terms)])
-    for k, i in find_restated(term, terms).items():  # which is no more as given
-        nominal[k] *= values[first[i]]
-    points = np.array([np.array(x) for x in dict.fromkeys(term.initial_values)])
-    is_finite = bool(np.isfinite(nominal).all())
-    steps = np.zeros((0, len(nominal)))
-    if is_finite:
-        steps = np.diag(DERIVATIVE_STEP * term.scale)
-        inside = np.clip(nominal, term.low, term.high)
-        steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
-    tried = np.vstack([nominal + steps, points]) if is_finite else points
-    beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
-    if is_force_law(term.effect) and not any(t.onset for t in (*terms, term)):
-        changes = _compute_forces(motion, (*terms, term), beside)
-        volumes = np.zeros(len(changes))
-    else:
-        found = compute_errors(motion, (*terms, term), beside)
-        changes, volumes = found.values - errors.values, found.volume - errors.volume
-    start = nominal if is_finite else np.full(len(nominal), np.nan)
-    count, out = len(steps), []
-    size = np.linalg.norm(changes, axis=1)
-    is_shown = size > ERROR_ROUNDING * np.linalg.norm(errors.values)  # and no NaN
-    shown = np.flatnonzero(is_shown[:count])
-    if len(shown):
-        unit = 1 / DERIVATIVE_STEP
-        out.append(
-            Direction(
-                term, start, unit * steps[shown],
-                unit * changes[shown], unit * volumes[shown],
-            )
-        )  # fmt: skip
-    width = 2 if term.effect.is_periodic else 1
-    for i in range(count, len(tried) - width + 1, width):
-        a = slice(i, i + width)
-        columns = changes[a]
-        if not is_shown[a].all():
-            continue
-        if len(shown) and not _is_new(columns, changes[shown]):
-            continue
-        unit_steps = tried[a] - start if is_finite else tried[a]
-        out.append(Direction(term, start, unit_steps, columns, volumes[a]))
-    return out
-
-
 def _compute_forces(
     motion: MeasuredMotion, terms: Sequence[Term], values: Floats
-) -> Floats:
-    """Changes (n, R (J + K)) of equation errors by the last term, a force law.
+) -> Errors:
+    """Changes of equation errors by the last term, a force law, at n values.
 
     Args:
         motion: as measured.
@@ -425,12 +328,4 @@ def _compute_forces(
     )
     out = np.zeros((len(values), len(motion.windows), motion.width))
     out[..., : len(motion.dofs)] = motion.average(forces[..., motion.dofs])
-    return out.reshape(len(values), -1)
-
-
-def _is_new(columns: Floats, known: Floats) -> bool:
-    """Whether columns (k, n) are no combination of known ones (m, n); NaN are not."""
-    basis, _ = np.linalg.qr(known.T)
-    rest = columns - (columns @ basis) @ basis.T
-    share = np.linalg.norm(rest, axis=1) / np.linalg.norm(columns, axis=1)
-    return bool((share > OWN_SHARE).any())
+    return Errors(out.reshape(len(values), -1), np.zeros(len(values)))

@@ -1,0 +1,213 @@
+"""Errors of hypotheses: what a linear model is made of, and its derivatives.
+
+An error model says how far hypotheses miss what was read: by the balance of torques
+(`torque_balance`), or by predictions of segments (`segment_errors`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..effects.base import Term
+from ..effects.terms import find_restated
+from .likelihood import Whitening
+
+# share of a column's norm that has to be its own, beside those before it; chosen: what
+# is less is the same direction
+OWN_SHARE = 1e-3
+ERROR_ROUNDING = 1e-9  # share of the errors below which a change of them is none
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of a hypothesis, or of n, and their volume.
+
+    Attributes:
+        values: (..., R C) of C columns in R rows.
+        volume: (...) [nats] logarithm of how far the readings move for a change of the
+            errors, up to a constant: their density is that of the errors times it.
+        noise: (R, J, J) covariance of what noise of the readings makes of the first J
+            columns in each row, of a single hypothesis; of several it is not kept.
+    """
+
+    values: Floats
+    volume: Floats
+    noise: Floats | None = None
+
+
+class ErrorModel(Protocol):
+    """What a linear fit asks of the errors of hypotheses.
+
+    Attributes:
+        derivative_step: of a derivative by a parameter [scales].
+        rows: R, in order of time.
+        screening_share: how many times as many rows there are as tell which of many
+            candidates are worth more.
+    """
+
+    @property
+    def derivative_step(self) -> float: ...
+
+    @property
+    def rows(self) -> int: ...
+
+    @property
+    def screening_share(self) -> float: ...
+
+    def compute_errors(self, terms: Sequence[Term], values: Floats) -> Errors:
+        """Errors of n hypotheses with values (n, P) [units of the parameters]."""
+
+    def compute_changes(
+        self, terms: Sequence[Term], values: Floats, errors: Errors
+    ) -> Errors:
+        """Changes of the errors of a hypothesis by its last term, at n values (n, P)."""
+
+    def compute_nuisance(
+        self, terms: Sequence[Term], values: Floats, errors: Errors
+    ) -> Errors:
+        """Changes (K, ...) by what nobody knows, each of one deviation."""
+
+    def whiten(self, errors: Errors) -> Whitening:
+        """The whitening of a hypothesis's errors."""
+
+    def thin(self, share: float) -> "tuple[ErrorModel, np.ndarray]":
+        """A model with so many times fewer rows, and their numbers (r)."""
+
+    def adapt(self, terms: Sequence[Term], values: Floats) -> "ErrorModel":
+        """The model made for a hypothesis with values (P)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A way in which a term's values may leave the nominal ones, and its response.
+
+    Attributes:
+        term: of the values.
+        start: (p) values at its origin; NaN where these are infinite [units of the
+            parameters].
+        steps: (k, p) change of the values by one unit of each coordinate.
+        columns: (k, R C) change of the errors.
+        volumes: (k) change of their volume.
+    """
+
+    term: Term
+    start: Floats
+    steps: Floats
+    columns: Floats
+    volumes: Floats
+
+
+def differentiate(
+    model: ErrorModel,
+    terms: Sequence[Term],
+    values: Floats,
+    errors: Errors,
+    which: Sequence[int] | None = None,
+) -> Errors:
+    """Derivatives (p, R C) and (p) of a hypothesis's errors by each value.
+
+    Args:
+        model: of the errors.
+        terms: of the hypothesis.
+        values: (P) [units of the parameters].
+        errors: there.
+        which: (p) numbers of the values; None: all.
+    """
+    chosen = np.arange(len(values)) if which is None else np.array(which, int)
+    scale = np.concatenate([t.scale for t in terms])
+    high = np.concatenate([t.high for t in terms])
+    step = model.derivative_step * scale
+    step = np.where(values + step > high, -step, step)[chosen]
+    points = np.tile(values, (len(chosen), 1))
+    points[np.arange(len(chosen)), chosen] += step
+    moved = model.compute_errors(terms, points)
+    return Errors(
+        (moved.values - errors.values) / step[:, None],
+        (moved.volume - errors.volume) / step,
+    )
+
+
+def propose_directions(
+    model: ErrorModel,
+    terms: Sequence[Term],
+    values: Floats,
+    errors: Errors,
+    candidates: Sequence[Term],
+) -> list[Direction]:
+    """The directions of all candidates beside a hypothesis.
+
+    Of each candidate there are the derivatives at nominal values, where these are
+    finite, and what each of its initial values changes.
+
+    Args:
+        model: of the errors.
+        terms: of the hypothesis.
+        values: (P) of them [units of the parameters].
+        errors: with them.
+        candidates: terms that may be added.
+    """
+    return [
+        direction
+        for term in candidates
+        for direction in _propose(model, terms, values, errors, term)
+    ]
+
+
+def _propose(
+    model: ErrorModel,
+    terms: Sequence[Term],
+    values: Floats,
+    errors: Errors,
+    term: Term,
+) -> list[Direction]:
+    """The directions of one candidate; arguments as of `propose_directions`."""
+    nominal = np.array([p.nominal for p in term.parameters])
+    first = np.cumsum([0, *(len(t.parameters) for t in terms)])
+    for k, i in find_restated(term, terms).items():  # which is no more as given
+        nominal[k] *= values[first[i]]
+    points = np.array([np.array(x) for x in dict.fromkeys(term.initial_values)])
+    is_finite = bool(np.isfinite(nominal).all())
+    steps = np.zeros((0, len(nominal)))
+    if is_finite:
+        steps = np.diag(model.derivative_step * term.scale)
+        inside = np.clip(nominal, term.low, term.high)
+        steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
+    tried = np.vstack([nominal + steps, points]) if is_finite else points
+    beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
+    found = model.compute_changes((*terms, term), beside, errors)
+    changes, volumes = found.values, found.volume
+    start = nominal if is_finite else np.full(len(nominal), np.nan)
+    count, out = len(steps), []
+    size = np.linalg.norm(changes, axis=1)
+    is_shown = size > ERROR_ROUNDING * np.linalg.norm(errors.values)  # and no NaN
+    shown = np.flatnonzero(is_shown[:count])
+    if len(shown):
+        unit = 1 / model.derivative_step
+        out.append(
+            Direction(
+                term, start, unit * steps[shown],
+                unit * changes[shown], unit * volumes[shown],
+            )
+        )  # fmt: skip
+    width = 2 if term.effect.is_periodic else 1
+    for i in range(count, len(tried) - width + 1, width):
+        a = slice(i, i + width)
+        columns = changes[a]
+        if not is_shown[a].all():
+            continue
+        if len(shown) and not _is_new(columns, changes[shown]):
+            continue
+        unit_steps = tried[a] - start if is_finite else tried[a]
+        out.append(Direction(term, start, unit_steps, columns, volumes[a]))
+    return out
+
+
+def _is_new(columns: Floats, known: Floats) -> bool:
+    """Whether columns (k, n) are no combination of known ones (m, n); NaN are not."""
+    basis, _ = np.linalg.qr(known.T)
+    rest = columns - (columns @ basis) @ basis.T
+    share = np.linalg.norm(rest, axis=1) / np.linalg.norm(columns, axis=1)
+    return bool((share > OWN_SHARE).any())
