@@ -178,14 +178,24 @@ def join(*parts: Errors) -> Errors:
     )
 
 
-def start_fit(model: ErrorModel, stated: Sequence[Term]) -> LinearFit:
-    """The fit of a model as it is given.
+def start_fit(
+    model: ErrorModel,
+    stated: Sequence[Term],
+    named: Sequence[Term] = (),
+    values: Floats | None = None,
+) -> LinearFit:
+    """A fit to begin with.
 
     Args:
         model: of the errors.
         stated: terms of the values that the model states.
+        named: of effects.
+        values: (P) of all of them [units of the parameters]; None: the model as it is
+            given.
     """
-    return _linearize(model, stated, np.ones(len(stated)))
+    at = np.ones(len(stated)) if values is None else values
+    fit = _linearize(model.adapt((*stated, *named), at), (*stated, *named), at)
+    return replace(fit, stated=len(stated))
 
 
 def descend(fit: LinearFit, iterations: int = DESCENT_ITERATIONS) -> LinearFit:

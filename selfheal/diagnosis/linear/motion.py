@@ -21,6 +21,8 @@ from .weak_form import average_derivative
 WINDOW_SECONDS, MIN_WINDOW_SAMPLES = 0.1, 12
 NOISE_WINDOWS = 1000  # of which noise is drawn: its variance is known within 5 %
 ROUNDING_SHARE = 1e-9  # of variances, which keeps their logarithms finite
+# [s] of a window in which a servo's own motion, of some hertz, still shows
+MAX_WINDOW_SECONDS = 0.15
 MAX_KNOWN = 200  # derivatives of signals at some delay, kept at once
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
@@ -234,11 +236,20 @@ def _list_read_joints(simulator: Simulator) -> tuple[int, ...]:
 def is_measured(simulator: Simulator) -> bool:
     """Whether all joints are hinges and slides that are read, and nothing touches.
 
-    A robot without joints has no balance of torques.
+    And whether that is so often that windows are hardly longer than motion asks for. A
+    robot without joints has no balance of torques.
     """
     count = simulator.compiler.nominal.njnt
     is_read = len(_list_read_joints(simulator)) == count
-    return bool(count and is_read and not simulator.has_contact)
+    is_fast = _choose_window(simulator) <= MAX_WINDOW_SECONDS
+    return bool(count and is_read and is_fast and not simulator.has_contact)
+
+
+def _choose_window(simulator: Simulator) -> float:
+    """Length of a window [s]."""
+    steps = [np.diff(e.sample_steps) for e in simulator.episodes]
+    gap = float(np.median(np.concatenate(steps))) * simulator.timestep
+    return max(WINDOW_SECONDS, MIN_WINDOW_SAMPLES * gap)
 
 
 def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMotion:
@@ -249,9 +260,7 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
         rng: draws noise.
     """
     joints, step = _list_read_joints(simulator), simulator.timestep
-    times = [e.sample_steps * step for e in simulator.episodes]
-    gap = float(np.median(np.concatenate([np.diff(t) for t in times])))
-    window = max(WINDOW_SECONDS, MIN_WINDOW_SAMPLES * gap)
+    window = _choose_window(simulator)
     apart = _find_prime(window / MOMENTS_PER_WINDOW / step)
     firsts = [np.arange(0, int(e.sample_steps[-1]), apart) for e in simulator.episodes]
     count, windows = 0, [np.zeros((0, MOMENTS_PER_WINDOW), int)]

@@ -10,14 +10,13 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import find_other_forms, is_distinct
-from .errors import Direction, ErrorModel, propose_directions
+from .errors import Direction, propose_directions
 from .fit import (
     LinearFit,
     add_terms,
     invert,
     refine,
     remove_terms,
-    start_fit,
 )
 from .likelihood import estimate_independence
 from .ranking import Move, name_move, rank
@@ -40,21 +39,18 @@ class Search:
 
     def __init__(
         self,
-        model: ErrorModel,
-        stated: Sequence[Term],
+        start: LinearFit,
         candidates: Sequence[Term],
         progress: Progress = lambda what, share: None,
     ) -> None:
         """What is searched.
 
         Args:
-            model: of the errors.
-            stated: terms of the values that the model states.
+            start: fit to begin with.
             candidates: terms that may be added.
             progress: called with a message and a share (0 to 1).
         """
-        self.candidates, self.say = candidates, progress
-        self.fit = start_fit(model, stated)
+        self.candidates, self.say, self.fit = candidates, progress, start
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
         self.first_ranking: tuple[tuple[Term, float], ...] = ()

@@ -154,11 +154,10 @@ def name_effects(
     start = lengthen_segments(start, longer)
     if start.is_complete:
         return [_finish_search(_add_plain(start, start, record), problem)]
-    linear = search_linear_model(start, longer, rng, record)
-    if linear is not None:
-        states = _search_measured(start, linear, longer, rng, record)
-    else:
-        states = _search_by_simulation(start, longer, rng, record)
+    if not problem.regime.has_rough_cost:
+        found = search_linear_model(start, longer, rng, record)
+        return [_finish_search(found, problem)]
+    states = _search_by_simulation(start, longer, rng, record)
     plain = states[0].plain or states[-1].plain
     return [_finish_search(replace(s, plain=plain), problem) for s in states]
 
@@ -182,34 +181,6 @@ def finish_early(
     """
     states = list(record.states.values())[::-1] or [start]
     return [_finish_search(vet_untested(state, rng), problem) for state in states]
-
-
-def _search_measured(
-    start: SearchState,
-    linear: SearchState,
-    longer: Sequence[Problem],
-    rng: np.random.Generator,
-    record: SearchRecord,
-) -> list[SearchState]:
-    """Search on from what the linear model says.
-
-    What it cannot have, as play inside a gear, is searched by simulations; and all is,
-    where its effects leave something.
-
-    Args:
-        start: state in which nothing has a name yet.
-        linear: with the effects of the linear model.
-        longer: longer and longer segments.
-        rng: draws segments and resamples.
-        record: of what was tried and found.
-
-    Returns:
-        The states at the end, the likelier first.
-    """
-    if linear.named and linear.is_explained:
-        return [linear]
-    found = _search_to_end(linear, longer, rng, record)
-    return [_add_plain(found, start, record)]
 
 
 def _search_by_simulation(

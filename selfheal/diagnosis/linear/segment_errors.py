@@ -1,0 +1,117 @@
+"""Errors of predictions: takes a problem in segments, gives errors of hypotheses.
+
+Where the state at a sample is not known, since not all joints are read, something
+touches, or samples lie far apart beside what servos do, segments are simulated from
+their beginnings. What errors of the initial states explain is removed from them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..effects.base import Term
+from ..estimation.fit import Fit
+from ..estimation.marginalization import marginalize_initial_states
+from ..estimation.problem import Problem
+from ..simulation.simulator import COMMAND_LATENESS
+from .errors import Errors
+from .likelihood import Whitening, whiten
+
+SCREENED_SEGMENTS = 20  # in which all candidates are tried
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentErrors:
+    """Residuals of predictions of segments, in their own standard deviations.
+
+    Attributes:
+        problem: of the residuals.
+    """
+
+    problem: Problem
+
+    @property
+    def derivative_step(self) -> float:
+        """Of a derivative by a parameter [scales]."""
+        return self.problem.regime.difference_step
+
+    @property
+    def rows(self) -> int:
+        """How many samples."""
+        return len(self.problem.segments.readings)
+
+    @property
+    def screening_share(self) -> float:
+        """How many times as many segments there are as candidates are tried in."""
+        return len(self.problem.segments) / SCREENED_SEGMENTS
+
+    def compute_errors(self, terms: Sequence[Term], values: Floats) -> Errors:
+        """Errors of n hypotheses with values (n, P) [units of the parameters]."""
+        residuals = self.problem.compute_residuals(terms, values)
+        noise = np.zeros((self.rows, 0, 0)) if len(values) == 1 else None
+        return Errors(residuals, np.full(len(values), self._volume), noise)
+
+    @property
+    def _volume(self) -> float:
+        """[nats] by which residuals are smaller than readings, for their density."""
+        is_read = np.isfinite(self.problem.segments.readings)
+        shares = [share for _, share in self.problem.marginal_bases]
+        removed = np.log1p(-np.concatenate([*shares, np.zeros(0)])).sum()
+        return float(removed - is_read.sum(axis=0) @ np.log(self.problem.sigma))
+
+    def compute_changes(
+        self, terms: Sequence[Term], values: Floats, errors: Errors
+    ) -> Errors:
+        """Changes of the errors by the last term, at n values (n, P)."""
+        found = self.compute_errors(terms, values)
+        return Errors(found.values - errors.values, found.volume - errors.volume)
+
+    def compute_nuisance(
+        self, terms: Sequence[Term], values: Floats, errors: Errors
+    ) -> Errors:
+        """Changes (K, ...) of errors by what nobody knows, each of one deviation.
+
+        Commands that act half a step later and, where nothing touches, the error of the
+        time step.
+
+        Args:
+            terms: of the hypothesis.
+            values: (1, P) of them [units of the parameters].
+            errors: with them.
+        """
+        count = values.shape[1]
+        jacobian = np.zeros((errors.values.size, count))
+        fit = Fit(self.problem, tuple(terms), values[0], errors.values, jacobian)
+        found = [0.5 / COMMAND_LATENESS * fit.clock_error()]
+        if not self.problem.regime.has_rough_cost:
+            found.append(fit.timestep_error())
+        return Errors(np.array(found), np.zeros(len(found)))
+
+    def whiten(self, errors: Errors) -> Whitening:
+        """The whitening of a hypothesis's errors."""
+        values = errors.values.reshape(self.rows, -1)
+        return whiten(values, errors.noise, float(np.sum(errors.volume)))
+
+    def thin(self, share: float) -> "tuple[SegmentErrors, np.ndarray]":
+        """The errors of so many times fewer segments, and numbers of their samples."""
+        segments = self.problem.segments
+        chosen = np.unique(np.arange(0, len(segments), share).astype(int))
+        part = SegmentErrors(self.problem.select(chosen))
+        return part, segments.find_sample_rows(chosen)
+
+    def adapt(self, terms: Sequence[Term], values: Floats) -> "SegmentErrors":
+        """The errors with initial states and weights that suit a hypothesis.
+
+        Args:
+            terms: of it.
+            values: (P) [units of the parameters].
+        """
+        problem = self.problem
+        scale = self.whiten(self.compute_errors(terms, values[None])).scale
+        noise = np.concatenate([c.noise for c in problem.simulator.channels])
+        sigma = np.fmax(problem.sigma * scale, noise)  # noise may be unknown, NaN
+        is_read = np.isfinite(problem.segments.readings).any(axis=0)
+        weighted = replace(problem, sigma=np.where(is_read, sigma, problem.sigma))
+        return SegmentErrors(marginalize_initial_states(weighted, terms, values))
