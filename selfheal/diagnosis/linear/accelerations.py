@@ -28,7 +28,8 @@ class Dynamics:
     """How joints of n hypotheses answer at W moments.
 
     Attributes:
-        acceleration: (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad one.
+        acceleration: (n, W, nv) [rad/s^2 or m/s^2]; NaN where MuJoCo warns of a bad
+            one.
         inertia: (n, W, nv, nv) [kg m^2 or kg].
         frictionloss: (n, W, nv) dry friction [N m or N].
         impedance: (n, nv, 2) stiffness [N m/rad or N/m] and damping [N m s/rad or

@@ -39,23 +39,19 @@ class Errors:
 
 
 class ErrorModel(Protocol):
-    """What a linear fit asks of the errors of hypotheses.
-
-    Attributes:
-        derivative_step: of a derivative by a parameter [scales].
-        rows: R, in order of time.
-        screening_share: how many times as many rows there are as tell which of many
-            candidates are worth more.
-    """
+    """What a linear fit asks of the errors of hypotheses."""
 
     @property
-    def derivative_step(self) -> float: ...
+    def derivative_step(self) -> float:
+        """Of a derivative by a parameter [scales]."""
 
     @property
-    def rows(self) -> int: ...
+    def rows(self) -> int:
+        """R, in order of time."""
 
     @property
-    def screening_share(self) -> float: ...
+    def screening_share(self) -> float:
+        """How many times as many rows there are as candidates are first tried in."""
 
     def compute_errors(self, terms: Sequence[Term], values: Floats) -> Errors:
         """Errors of n hypotheses with values (n, P) [units of the parameters]."""
@@ -63,7 +59,7 @@ class ErrorModel(Protocol):
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes of the errors of a hypothesis by its last term, at n values (n, P)."""
+        """Changes of a hypothesis's errors by its last term, at n values (n, P)."""
 
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors

@@ -309,8 +309,13 @@ def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
 
 
 def invert(curvature: Floats) -> Floats:
-    """Inverse of a positive definite matrix (n, n) whose rows have their own units."""
-    size = 1 / np.sqrt(np.maximum(np.diag(curvature), np.finfo(float).tiny))
+    """Inverse of a positive definite matrix (n, n) whose rows have their own units.
+
+    Rows of what changes nothing are zero in it, too.
+    """
+    diagonal = np.diag(curvature)
+    is_felt = diagonal > np.finfo(float).tiny
+    size = np.where(is_felt, 1 / np.sqrt(np.where(is_felt, diagonal, 1.0)), 0.0)
     scaled = curvature * size * size[:, None]
     return (
         np.linalg.inv(scaled + INVERSE_RIDGE * np.eye(len(size))) * size * size[:, None]

@@ -37,11 +37,11 @@ class Readings:
         position: (W, J) [rad or m].
         velocity: (W, J) [rad/s or m/s].
         acceleration: (W, J) [rad/s^2 or m/s^2].
-        missed: (R, J) by how much the mean acceleration of a window is larger than that
-            of its moments [rad/s^2 or m/s^2].
+        missed: (R, J, 3) by how much means of position, velocity and acceleration of a
+            window are larger than those of its moments.
         gain: (W, J) [1] from an acceleration to what is read of it.
-        mismatch: (W, K) velocity read less slope of the positions, as it is read [rad/s
-            or m/s].
+        mismatch: (R, K) mean velocity read less mean slope of the positions, as it is
+            read [rad/s or m/s].
     """
 
     offset: Floats
@@ -151,10 +151,12 @@ class MeasuredMotion:
             _parts={},
         )
         ours, theirs = self.read({}), noisy.read({})
-        moved = (theirs.position - ours.position, theirs.velocity - ours.velocity)
-        change = self.average(theirs.acceleration - ours.acceleration)
-        change += theirs.missed - ours.missed
-        return np.stack([*map(self.average, moved), change], axis=-1), moved[1]
+        moved = [
+            getattr(theirs, name) - getattr(ours, name)
+            for name in ("position", "velocity", "acceleration")
+        ]
+        change = np.stack([self.average(x) for x in moved], axis=-1)
+        return change + theirs.missed - ours.missed, moved[1]
 
     @cached_property
     def given(self) -> BatchState:
@@ -193,7 +195,7 @@ class MeasuredMotion:
         Args:
             channel: of the signal.
             delay: by which it is read later [s].
-            order: of the derivative, 1 or 2.
+            order: of the derivative, 0 to 2.
         """
         return self._recall((order, channel.name, delay), lambda: _average(
             self, channel, delay, order
@@ -282,7 +284,7 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
         hann / hann.sum(), np.zeros(0), np.zeros(0),
     )  # fmt: skip
     read_all = motion.read({})
-    at_moments = read_all.offset, read_all.acceleration, read_all.mismatch
+    at_moments = read_all.offset, read_all.acceleration
     known = np.asarray(np.isfinite(np.hstack(at_moments)).all(axis=1))
     rows = np.flatnonzero(known[motion.windows].all(axis=1))
     motion = motion.select(rows)
@@ -364,44 +366,64 @@ def _read_joints(
     positions, velocities, acceleration = (
         np.full((len(moments), len(motion.joints)), np.nan) for _ in range(3)
     )
-    mean = np.zeros((len(motion.windows), len(motion.joints)))
+    means = np.zeros((3, len(motion.windows), len(motion.joints)))
     gain, mismatch = np.ones_like(acceleration), []
     for k, j in enumerate(motion.joints):
         name = model.joint(j).name
         position = signals["joint_position", name]
         change = changes.get(position.name, {})
         (q, v, a), variance = _undo(motion, position, change)
-        delay, scale = change.get("delay", 0.0), change.get("gain", 1.0)
-        mean[:, k], spread = motion.average_derivative(position, delay, 2)
-        mean[:, k] /= scale
-        gain[:, k] = scale
+        gain[:, k] = scale = change.get("gain", 1.0)
+        mean, spread = _average_all(motion, position, change, (0, 1, 2))
         if velocity := signals.get(("joint_velocity", name)):
             change = changes.get(velocity.name, {})
             (speed, slope, _), other = _undo(motion, velocity, change)
-            own = np.full(len(a), change.get("gain", 1.0))
-            mismatch.append(own * (speed - v))
+            own = change.get("gain", 1.0)
+            (fast, turn), faith = _average_all(motion, velocity, change, (0, 1))
+            mismatch.append(own * (fast - mean[1]))
             v = _combine(v, variance[:, 1], speed, other[:, 0])
             a = _combine(a, variance[:, 2], slope, other[:, 1])
-            slopes, faith = motion.average_derivative(
-                velocity, change.get("delay", 0.0), 1
-            )
-            mean[:, k] = _combine(mean[:, k], spread, slopes / own[0], faith)
-            gain[:, k] = 1 / _combine(
-                1 / gain[:, k], variance[:, 2], 1 / own, other[:, 1]
-            )
+            mean[1] = _combine(mean[1], spread[1], fast, faith[0])
+            mean[2] = _combine(mean[2], spread[2], turn, faith[1])
+            gain[:, k] = 1 / _combine(1 / scale, variance[:, 2], 1 / own, other[:, 1])
+        means[..., k] = mean
         positions[:, k], velocities[:, k], acceleration[:, k] = q, v, a
         dof = int(model.jnt_dofadr[j])
         offset[:, dof] = q - state.qpos[:, model.jnt_qposadr[j]]
         offset[:, model.nv + dof] = v - state.qvel[:, dof]
+    at_moments = motion.average(np.stack([positions, velocities, acceleration]))
+    count = len(motion.windows)
     return Readings(
         offset,
         positions,
         velocities,
         acceleration,
-        mean - motion.average(acceleration),
+        np.moveaxis(means - at_moments, 0, -1),
         gain,
-        np.stack(mismatch, axis=1) if mismatch else np.zeros((len(moments), 0)),
+        np.stack(mismatch, axis=1) if mismatch else np.zeros((count, 0)),
     )
+
+
+def _average_all(
+    motion: MeasuredMotion,
+    channel: Channel,
+    change: Mapping[str, float],
+    orders: Sequence[int],
+) -> tuple[Floats, Floats]:
+    """Means (k, R) of derivatives of what a signal was of, and their variances (k, R).
+
+    Args:
+        motion: as measured.
+        channel: of the signal.
+        change: its "gain", "bias" and "delay".
+        orders: of the derivatives.
+    """
+    delay, bias = change.get("delay", 0.0), np.ravel(change.get("bias", 0.0))[0]
+    each = [motion.average_derivative(channel, delay, order) for order in orders]
+    means = np.stack(
+        [m - (bias if n == 0 else 0.0) for n, (m, _) in zip(orders, each, strict=True)]
+    )
+    return means / change.get("gain", 1.0), np.stack([v for _, v in each])
 
 
 def _undo(

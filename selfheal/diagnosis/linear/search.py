@@ -22,7 +22,8 @@ from .likelihood import estimate_independence
 from .ranking import Move, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
-TRIED = 3  # moves that are fitted beyond the best one
+TRIED = 5  # moves that are fitted in vain, or beyond the best one
+FINALISTS = 30  # candidates that are tried in all rows, and the usual ones
 MOST_EFFECTS = 60
 
 Progress = Callable[[str, float], None]
@@ -128,9 +129,13 @@ class Search:
             + RARITY_NATS * rank
         )
 
-    def _independence(self) -> tuple[float, float]:
-        """Share of independent errors, and their number."""
-        whitening = self.fit.whitening
+    def _independence(self, fit: LinearFit | None = None) -> tuple[float, float]:
+        """Share of independent errors of a fit, and their number; None: of the best.
+
+        What a fit misses is alike from row to row. So whether a move is worth it, the
+        errors with it tell, for without it they are no noise.
+        """
+        whitening = (fit or self.fit).whitening
         share = estimate_independence(whitening)
         return share, share * whitening.errors.size
 
@@ -140,19 +145,18 @@ class Search:
         Of a gain g in a part the noise has one standard error: what two more of them
         would not make enough is not looked at in all rows.
         """
-        fit, (_, rows) = self.fit, self._independence()
+        fit, size = self.fit, self.fit.whitening.errors.size
         share = fit.model.screening_share
         open_terms = [t for t in self.candidates if is_distinct(t, fit.named)]
         if share > 1.5:
             part = fit.thin(share)
-            ranked = rank(part, [(d,) for d in _differentiate(part, open_terms)])
-            independence = estimate_independence(part.whitening)
             hopeful = set()
-            for gain, move, _ in ranked:
-                term = move[0].term
-                most = share * (np.sqrt(max(2 * independence * gain, 0.0)) + 2) ** 2 / 2
-                if most > self._penalty(term, rows):
-                    hopeful.add(term.key)
+            for gain, move, _ in rank(
+                part, [(d,) for d in _differentiate(part, open_terms)]
+            )[:FINALISTS]:
+                most = share * (np.sqrt(max(2 * gain, 0.0)) + 2) ** 2 / 2
+                if most > self._penalty(move[0].term, size):
+                    hopeful.add(move[0].term.key)
             open_terms = [
                 t for t in open_terms if t.key in hopeful or t.effect.is_usual(t)
             ]
@@ -160,27 +164,26 @@ class Search:
 
     def _select(self, directions: Sequence[Direction]) -> LinearFit | None:
         """The fit with the move that lowers the cost most, beyond its penalty."""
-        fit, (share, rows) = self.fit, self._independence()
+        fit, size = self.fit, self.fit.whitening.errors.size
         moves = [m for m in _list_moves(fit, directions) if self._is_open(m)]
-        least = {id(m): sum(self._penalty(d.term, rows) for d in m) for m in moves}
         ranked = rank(fit, moves)
         if not self.first_ranking:
             singles = ((m[0].term, gain) for gain, m, _ in ranked if len(m) == 1)
-            size = fit.whitening.errors.size
             self.first_ranking = tuple((t, np.exp(-2 * g / size)) for t, g in singles)
-        ranked.sort(key=lambda each: least[id(each[1])] - share * each[0])
+        most = {id(m): gain - self._sum_penalties(m, size) for gain, m, _ in ranked}
+        ranked.sort(key=lambda each: -most[id(each[1])])
         if ranked:
             gain, move, _ = ranked[0]
             self.say(
                 f"trying {move[0].term.label}, which explains {gain:.0f} nats", 0.0
             )
         new, best, worse = None, 0.0, 0
-        for gain, move, coordinates in ranked:
-            if share * gain < least[id(move)] or worse == TRIED or (new and worse):
+        for _, move, coordinates in ranked:
+            if most[id(move)] < best or worse == TRIED:
                 break
             tried = add_terms(fit, move, coordinates)
-            gained = fit.cost - tried.cost
-            net = share * gained - least[id(move)]
+            share, rows = self._independence(tried)
+            net = share * (fit.cost - tried.cost) - self._sum_penalties(move, rows)
             values = tried.named_values[len(fit.named) :]
             is_small = all(
                 d.term.is_negligible(v) for d, v in zip(move, values, strict=True)
@@ -189,9 +192,12 @@ class Search:
                 self._excluded.add(name_move(move))
             if net > best and not is_small:
                 new, best = tried, net
-            else:
-                worse += bool(new)
+            worse += new is not tried
         return new
+
+    def _sum_penalties(self, move: Move, rows: float) -> float:
+        """[nats] by which a move has to lower the cost."""
+        return sum(self._penalty(d.term, rows) for d in move)
 
     def _is_open(self, move: Move) -> bool:
         """Whether a move was not tried in vain since the directions were computed."""

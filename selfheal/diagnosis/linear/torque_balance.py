@@ -202,13 +202,16 @@ def _compute_errors(
     errors *= np.stack([r.gain for r in read])
     m = found.inertia[..., motion.dofs[:, None], motion.dofs]
     torque = np.einsum("nwij,nwj->nwi", m, errors)
-    mismatch = np.stack([r.mismatch for r in read])
-    averaged = motion.average(np.concatenate([torque, mismatch], axis=-1))
     middle = motion.windows[:, MOMENTS_PER_WINDOW // 2]
     mean = m[:, middle]  # it varies little in a window
-    missed = np.stack([r.missed * r.gain[middle] for r in read])
-    averaged[..., : len(motion.dofs)] -= np.einsum("nrij,nrj->nri", mean, missed)
-    noise = _propagate_noise(motion.noise, mean, found.impedance[:, motion.dofs])
+    missed = np.stack([r.missed * r.gain[middle, :, None] for r in read])
+    impedance = found.impedance[:, motion.dofs]
+    averaged = motion.average(torque)
+    averaged -= np.einsum("nrij,nrj->nri", mean, missed[..., 2])
+    averaged -= (impedance[:, None] * missed[..., :2]).sum(axis=-1)
+    mismatch = np.stack([r.mismatch for r in read])
+    averaged = np.concatenate([averaged, mismatch], axis=-1)
+    noise = _propagate_noise(motion.noise, mean, impedance)
     volume = 0.5 * np.linalg.slogdet(noise)[1].sum(axis=1)
     known = None
     if len(noise) == 1:

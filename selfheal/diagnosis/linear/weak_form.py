@@ -28,7 +28,7 @@ def average_derivative(
         readings: (T) [unit]; NaN where missing.
         centers: (R) of the windows [s].
         half: their half width [s].
-        order: of the derivative, 1 or 2.
+        order: of the derivative, 0 to 2.
 
     Returns:
         (R) means [unit per s^order], and their variances (R) by noise of unit variance.
@@ -45,7 +45,9 @@ def average_derivative(
     y = np.where(used, y, 0.0)
     normal = np.einsum("rki,rkj->rij", basis, basis)
     normal += WEAK_RIDGE * np.eye(SUBTRACTED_DEGREE + 1)
-    if order == 1:
+    if order == 0:
+        weights = (1 + np.cos(np.pi * s)) / (2 * half)
+    elif order == 1:
         weights = np.pi * np.sin(np.pi * s) / (2 * half**2)
     else:
         weights = -(np.pi**2) * np.cos(np.pi * s) / (2 * half**3)

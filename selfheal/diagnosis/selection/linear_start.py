@@ -14,7 +14,7 @@ from ..effects.base import Term
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
-from ..linear.fit import start_fit
+from ..linear.fit import LinearFit, start_fit
 from ..linear.motion import is_measured, measure_motion
 from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
@@ -22,7 +22,6 @@ from ..linear.torque_balance import TorqueBalance, can_be_linear
 from .backward import exchange_equivalent
 from .criteria import Claim
 from .cross_validation import ScoredFit
-from .screening import Progress
 from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
@@ -38,32 +37,66 @@ def search_linear_model(
     rng: np.random.Generator,
     record: SearchRecord,
 ) -> SearchState:
-    """The state with the effects that the linear model asks for, fitted and tested.
+    """The state with the effects that linear models ask for, fitted and tested.
+
+    By the balance of torques where all joints are read often; by predictions of
+    segments else, and where that leaves more than noise.
 
     Args:
         state: in which nothing has a name.
         longer: the problem in longer and longer segments.
+        rng: draws noise and resamples.
+        record: of what was tried and found.
+    """
+    state = replace(state, direction="linear")
+    simulator, problem = state.problem.simulator, state.problem
+    stated = state.best.fit.terms[: state.nominal_count]
+    if is_measured(simulator):
+        record("measuring accelerations", 0.0)
+        motion = measure_motion(simulator.native, rng)
+        if len(motion.windows) >= MIN_WINDOWS:
+            start = start_fit(TorqueBalance(motion), stated)
+            shown = [t for t in state.candidates if can_be_linear(t)]
+            state = _search(state, start, shown, longer, rng, record)
+            if state.named and state.is_explained:
+                return state
+    record("predicting segments", 0.0)
+    values = state.best.fit.values
+    start = start_fit(SegmentErrors(problem), stated, state.named, values)
+    return _search(state, start, state.candidates, longer, rng, record)
+
+
+def _search(
+    state: SearchState,
+    start: LinearFit,
+    candidates: Sequence[Term],
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    record: SearchRecord,
+) -> SearchState:
+    """The state with what an error model asks for, fitted to simulations and tested.
+
+    Args:
+        state: to begin with.
+        start: fit to errors, with the same names.
+        candidates: that may be added.
+        longer: the problem in longer and longer segments.
         rng: draws resamples.
         record: of what was tried and found.
     """
-    searches = _search(state, rng, record)
-    linear = searches[-1].fit
-    record.add_tried(state.candidates)
-    state = replace(state, direction="linear", first_round=searches[0].first_ranking)
-    if not linear.named:
+    search = Search(start, candidates, record)
+    linear = search.run()
+    record.add_tried(candidates)
+    if not state.first_round:
+        state = replace(state, first_round=search.first_ranking)
+    if not linear.named or {t.key for t in linear.named} == {
+        t.key for t in state.named
+    }:
         return state
     record(f"fitting {len(linear.named)} effects to simulations", 0.0)
-    terms, values = linear.terms, linear.values[: linear.count]
-    problem = marginalize_initial_states(state.problem, terms, values)
-    fit = fit_parameters(problem, terms, values, iterations=4)
-    for _ in range(SELECTION.reweightings_of_all):
-        fit = reweight_and_fit(fit, 4, tries_multiples=False).fit
-    record.keep(state.with_fit(ScoredFit.from_fit(fit)))
-    fit = fit_longer(fit, longer)
-    state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))
-    record.keep(state)
+    state = _fit_to_simulations(state, linear, longer, record)
     state, _ = remove_and_exchange(state)
-    rivals = {t.key: _find_rivals(searches, t) for t in linear.named}
+    rivals = {t.key: search.find_rivals(t) for t in linear.named}
     for term in state.named:  # over longer segments they may differ
         best = exchange_equivalent(state.best, term, rivals.get(term.key, ()))
         if best is not state.best:
@@ -79,41 +112,27 @@ def search_linear_model(
     return state
 
 
-def _find_rivals(searches: Sequence[Search], term: Term) -> tuple[Term, ...]:
-    """Candidates that explain as much in a name's place, in any of some searches."""
-    each = [s.find_rivals(term) for s in searches if term in s.fit.named]
-    return tuple({t.key: t for rivals in each for t in rivals}.values())
-
-
-def _search(
-    state: SearchState, rng: np.random.Generator, say: Progress
-) -> list[Search]:
-    """Searches for what is missing, of which the last one has found it.
-
-    By the balance of torques where all joints are read often; what that cannot show, or
-    else everything, by predictions of segments.
+def _fit_to_simulations(
+    state: SearchState,
+    linear: LinearFit,
+    longer: Sequence[Problem],
+    record: SearchRecord,
+) -> SearchState:
+    """The state with the effects of a linear fit, in segments as long as they inform.
 
     Args:
-        state: in which nothing has a name.
-        rng: draws noise.
-        say: called with a message and a share (0 to 1).
+        state: whose segments are fitted first.
+        linear: with effects and their values.
+        longer: the problem in longer and longer segments.
+        record: of what was found.
     """
-    problem, left = state.problem, state.candidates
-    stated = state.best.fit.terms[: state.nominal_count]
-    named: tuple[Term, ...] = ()
-    values, searches = state.best.fit.values, []
-    if is_measured(problem.simulator):
-        say("measuring accelerations", 0.0)
-        motion = measure_motion(problem.simulator.native, rng)
-        if len(motion.windows) >= MIN_WINDOWS:
-            shown = [t for t in left if can_be_linear(t)]
-            left = [t for t in left if not can_be_linear(t)]
-            searches = [Search(start_fit(TorqueBalance(motion), stated), shown, say)]
-            found = searches[0].run()
-            named, values = found.named, found.values[: found.count]
-    if left:
-        say("predicting segments", 0.0)
-        start = start_fit(SegmentErrors(problem), stated, named, values)
-        searches.append(Search(start, left, say))
-        searches[-1].run()
-    return searches
+    terms, values = linear.terms, linear.values[: linear.count]
+    problem = marginalize_initial_states(state.problem, terms, values)
+    fit = fit_parameters(problem, terms, values, iterations=4)
+    for _ in range(SELECTION.reweightings_of_all):
+        fit = reweight_and_fit(fit, 4, tries_multiples=False).fit
+    record.keep(state.with_fit(ScoredFit.from_fit(fit)))
+    fit = fit_longer(fit, longer)
+    state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))
+    record.keep(state)
+    return state
